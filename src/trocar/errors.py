@@ -1,0 +1,97 @@
+"""What can go wrong, each error keeping the numbers it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class TrocarError(Exception):
+    """Root of every error that trocar raises on purpose."""
+
+
+class InputError(TrocarError):
+    """A file, message or argument that cannot be used; nothing was changed."""
+
+
+class UnknownNameError(InputError):
+    """A name that nobody has.
+
+    Args:
+        kind: what was looked for ("arm", "rig", "joint", ...)
+        name: what was got
+        known: every name that would have been accepted
+        where: the file or object that was searched, if that helps
+    """
+
+    def __init__(self, kind: str, name: str, known: Iterable[str], where: str = "") -> None:
+        self.kind = kind
+        self.name = name
+        self.known = tuple(known)
+        near = get_close_matches(str(name), self.known, n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        place = f"{where}: " if where else ""
+        super().__init__(
+            f"{place}unknown {kind} {name!r}{hint}; known: {', '.join(self.known) or 'none'}"
+        )
+
+
+class DescriptionError(InputError):
+    """A description that is broken or contradicts itself.
+
+    Args:
+        file: where it was read
+        key: the entry, as a path such as ``joint[2].lower_mm``
+        problem: what is wrong, with what was got and what is allowed
+    """
+
+    def __init__(self, file: str, key: str, problem: str) -> None:
+        self.file = file
+        self.key = key
+        self.problem = problem
+        super().__init__(f"{file}: {key}: {problem}" if key else f"{file}: {problem}")
+
+
+class LogError(InputError):
+    """A recording that cannot be read; `row` counts from 1."""
+
+    def __init__(self, file: str, problem: str, row: int | None = None) -> None:
+        self.file = file
+        self.row = row
+        place = f"{file}: row {row}" if row is not None else file
+        super().__init__(f"{place}: {problem}")
+
+
+class UnreachableError(TrocarError):
+    """A pose that the arm cannot take."""
+
+
+class SingularError(TrocarError):
+    """A pose where the arm's joints are not determined."""
+
+
+class LoopError(TrocarError):
+    """A linkage whose loops do not close, or close by the wrong branch."""
+
+
+class DivergedError(TrocarError):
+    """A simulation that left the finite numbers, with when, where and what it was told last."""
+
+    def __init__(self, time: float, joint: str, target: float | None, detail: str = "") -> None:
+        self.time = time
+        self.joint = joint
+        self.target = target
+        told = "no target" if target is None else f"last target {target:.6g}"
+        tail = f": {detail}" if detail else ""
+        super().__init__(f"simulation diverged at t = {time:.6f} s in joint {joint} ({told}){tail}")
+
+
+class MissingExtraError(TrocarError):
+    """An optional library that is not installed."""
+
+    def __init__(self, library: str, extra: str, purpose: str) -> None:
+        self.library = library
+        self.extra = extra
+        super().__init__(
+            f"{purpose} needs {library}, which is not installed: pip install 'trocar[{extra}]'"
+        )

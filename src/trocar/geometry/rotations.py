@@ -1,0 +1,215 @@
+"""Rotations: matrices, quaternions (wxyz), rotation vectors and angles.
+
+Every function works over leading axes: (..., 3, 3), (..., 4), (..., 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InputError
+
+Array = NDArray[np.float64]
+
+# Source: our choice; wide enough for matrices that were stored as float32 or with seven digits.
+TOLERANCE = 1e-6
+
+# Source: below it the next term of atan(x) / x, x**2 / 3, is under the float64 rounding step.
+_SMALL = 1e-8
+
+
+def rotation_x(angle: ArrayLike) -> Array:
+    """Turn about the x axis.
+
+    Args:
+        angle: (...) [rad]
+
+    Returns:
+        rotation matrices, (..., 3, 3)
+    """
+    return _rotation_about(angle, 0)
+
+
+def rotation_y(angle: ArrayLike) -> Array:
+    """Turn about the y axis; see `rotation_x`."""
+    return _rotation_about(angle, 1)
+
+
+def rotation_z(angle: ArrayLike) -> Array:
+    """Turn about the z axis; see `rotation_x`."""
+    return _rotation_about(angle, 2)
+
+
+def _rotation_about(angle: ArrayLike, axis: int) -> Array:
+    theta = np.asarray(angle, dtype=np.float64)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    matrix = np.zeros((*theta.shape, 3, 3))
+    matrix[..., axis, axis] = 1.0
+    matrix[..., i, i] = matrix[..., j, j] = np.cos(theta)
+    matrix[..., j, i] = np.sin(theta)
+    matrix[..., i, j] = -np.sin(theta)
+    return matrix
+
+
+def skew(v: ArrayLike) -> Array:
+    """Give the matrix K with K @ x = v x x (cross product).
+
+    Args:
+        v: (..., 3)
+
+    Returns:
+        (..., 3, 3)
+    """
+    v = np.asarray(v, dtype=np.float64)
+    matrix = np.zeros((*v.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j] = v[..., i]
+        matrix[..., j, k] = -v[..., i]
+    return matrix
+
+
+def matrix_from_rpy(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
+    """Turn about the fixed axes x, then y, then z, as URDF does: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+    Args:
+        roll, pitch, yaw: (...) [rad]
+
+    Returns:
+        (..., 3, 3)
+    """
+    return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+
+
+def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
+    """Give the rotation matrix of a quaternion.
+
+    Args:
+        q_wxyz: (..., 4), scalar first; any length but zero, it is normalised
+
+    Returns:
+        (..., 3, 3)
+
+    Raises:
+        InputError: a quaternion that is not finite or has no length
+    """
+    q = np.asarray(q_wxyz, dtype=np.float64)
+    if q.ndim == 0 or q.shape[-1] != 4:
+        raise InputError(f"quaternion: shape (..., 4) wanted, got {q.shape}")
+    length = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not (np.isfinite(length).all() and (length > 0.0).all()):
+        raise InputError(f"quaternion: finite and of non-zero length wanted, got {q.tolist()}")
+    q = q / length
+    w, v = q[..., :1, None], q[..., 1:]
+    # R = (w^2 - v.v) I + 2 v v^T + 2 w [v]x, with w^2 - v.v written so that R(1, 0, 0, 0) is exact.
+    square = np.sum(v * v, axis=-1)[..., None, None]
+    outer = v[..., :, None] * v[..., None, :]
+    return np.eye(3) * (1.0 - 2.0 * square) + 2.0 * outer + 2.0 * w * skew(v)
+
+
+def quaternion_from_matrix(R: ArrayLike) -> Array:
+    """Give the unit quaternion of a rotation matrix.
+
+    Builds the matrix 4 q q^T from R and takes its longest column, so no angle loses digits.
+
+    Args:
+        R: (..., 3, 3), a rotation (not checked, see `check_rotation`)
+
+    Returns:
+        (..., 4), wxyz, w >= 0; for half turns (w = 0) the first component that is not 0 is positive
+
+    Source: S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
+    """
+    m = np.asarray(R, dtype=np.float64)
+    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
+    outer = np.empty((*m.shape[:-2], 4, 4))
+    outer[..., 1:, 1:] = m + np.swapaxes(m, -1, -2)
+    outer[..., 0, 0] = 1.0 + trace
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        outer[..., 1 + i, 1 + i] = 1.0 - trace + 2.0 * m[..., i, i]
+        outer[..., 0, 1 + i] = outer[..., 1 + i, 0] = m[..., k, j] - m[..., j, k]
+    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    lead = np.take_along_axis(q, np.argmax(q != 0.0, axis=-1)[..., None], axis=-1)
+    q[lead[..., 0] < 0.0] *= -1.0
+    return q + 0.0  # no negative zeros
+
+
+def matrix_from_rotation_vector(v: ArrayLike) -> Array:
+    """Turn by |v| about v (exponential map of SO(3)).
+
+    R = cos|v| I + (sin|v| / |v|) [v]x + ((1 - cos|v|) / |v|^2) v v^T
+
+    Args:
+        v: (..., 3) [rad]
+
+    Returns:
+        (..., 3, 3)
+    """
+    v = np.asarray(v, dtype=np.float64)
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    sine = np.sinc(angle / np.pi)  # sin(angle) / angle, 1 at 0
+    versine = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2  # (1 - cos(angle)) / angle**2, 1/2 at 0
+    outer = v[..., :, None] * v[..., None, :]
+    return np.cos(angle) * np.eye(3) + sine * skew(v) + versine * outer
+
+
+def rotation_vector_from_matrix(R: ArrayLike) -> Array:
+    """Give axis times angle, angle in [0, pi] (logarithm of SO(3)).
+
+    Goes through the quaternion, so it keeps its digits at angles near 0 and near pi. At pi exactly
+    the axis whose first component that is not 0 is positive is taken.
+
+    Args:
+        R: (..., 3, 3), a rotation (not checked)
+
+    Returns:
+        (..., 3) [rad]
+    """
+    q = quaternion_from_matrix(R)
+    w, v = q[..., :1], q[..., 1:]
+    half_sine = np.linalg.norm(v, axis=-1, keepdims=True)
+    small = half_sine < _SMALL
+    safe = np.where(small, 1.0, half_sine)
+    return v * np.where(small, 2.0, 2.0 * np.arctan2(safe, w) / safe)
+
+
+def angle_between(Ra: ArrayLike, Rb: ArrayLike) -> Array:
+    """Measure the angle of the turn that takes Ra to Rb.
+
+    Args:
+        Ra, Rb: (..., 3, 3), leading axes broadcast
+
+    Returns:
+        (...) [rad] in [0, pi]
+    """
+    back = np.swapaxes(np.asarray(Ra, dtype=np.float64), -1, -2)
+    q = quaternion_from_matrix(back @ np.asarray(Rb, dtype=np.float64))
+    return 2.0 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0])
+
+
+def check_rotation(R: ArrayLike, name: str = "rotation") -> Array:
+    """Check that R is a rotation to `TOLERANCE`, and return it as float64.
+
+    Args:
+        R: (..., 3, 3)
+        name: what to call it in the message
+
+    Raises:
+        InputError: wrong shape, not finite, not orthonormal, or a reflection
+    """
+    m = np.asarray(R, dtype=np.float64)
+    if m.ndim < 2 or m.shape[-2:] != (3, 3):
+        raise InputError(f"{name}: shape (..., 3, 3) wanted, got {m.shape}")
+    if not np.isfinite(m).all():
+        raise InputError(f"{name}: finite numbers wanted, got {m.tolist()}")
+    residual = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3))
+    if residual.size and residual.max() > TOLERANCE:
+        raise InputError(
+            f"{name}: not orthonormal, R^T R differs from the identity by {residual.max():.3g} "
+            f"(allowed {TOLERANCE:g})"
+        )
+    if (np.linalg.det(m) < 0.0).any():
+        raise InputError(f"{name}: a reflection (determinant -1), a rotation wanted")
+    return m

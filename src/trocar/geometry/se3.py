@@ -1,0 +1,192 @@
+"""Poses: (4, 4) matrices T_ab with p_a = T_ab @ p_b, and their twists (linear; angular).
+
+Every function works over leading axes: (..., 4, 4), (..., 6), (..., 3).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trocar.errors import InputError
+from trocar.geometry.rotations import (
+    TOLERANCE,
+    Array,
+    angle_between,
+    check_rotation,
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+    skew,
+)
+
+# Source: below it the series in `_left_jacobian` and `_inverse_left_jacobian` stop short by less
+# than 1e-17; above it the closed forms lose nothing that matters, as they are multiplied by angle^2.
+_SMALL_ANGLE = 1e-2
+
+
+def transform(R: ArrayLike, p: ArrayLike) -> Array:
+    """Put a rotation and a position together.
+
+    Args:
+        R: (..., 3, 3)
+        p: (..., 3) [m]; leading axes broadcast with those of R
+
+    Returns:
+        (..., 4, 4)
+    """
+    turn, shift = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    matrix = np.zeros((*np.broadcast_shapes(turn.shape[:-2], shift.shape[:-1]), 4, 4))
+    matrix[..., :3, :3] = turn
+    matrix[..., :3, 3] = shift
+    matrix[..., 3, 3] = 1.0
+    return matrix
+
+
+def translation(p: ArrayLike) -> Array:
+    """Shift without turning.
+
+    Args:
+        p: (..., 3) [m]
+
+    Returns:
+        (..., 4, 4)
+    """
+    return transform(np.eye(3), p)
+
+
+def inverse(T: ArrayLike) -> Array:
+    """Invert poses: T_ba from T_ab.
+
+    Args:
+        T: (..., 4, 4)
+
+    Returns:
+        (..., 4, 4)
+    """
+    m = np.asarray(T, dtype=np.float64)
+    Rt = np.swapaxes(m[..., :3, :3], -1, -2)
+    return transform(Rt, -(Rt @ m[..., :3, 3:])[..., 0])
+
+
+def transform_points(T: ArrayLike, p: ArrayLike) -> Array:
+    """Express points in another frame: p_a = T_ab p_b.
+
+    Args:
+        T: (..., 4, 4)
+        p: (..., 3) [m]; leading axes broadcast with those of T
+
+    Returns:
+        (..., 3) [m]
+    """
+    m, points = np.asarray(T, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    return (m[..., :3, :3] @ points[..., None])[..., 0] + m[..., :3, 3]
+
+
+def adjoint(T: ArrayLike) -> Array:
+    """Give the matrix that expresses twists in another frame: xi_a = Ad(T_ab) xi_b.
+
+    Ad(T) = [[R, [p]x R], [0, R]] for twists (linear; angular).
+
+    Args:
+        T: (..., 4, 4)
+
+    Returns:
+        (..., 6, 6)
+    """
+    m = np.asarray(T, dtype=np.float64)
+    R = m[..., :3, :3]
+    matrix = np.zeros((*m.shape[:-2], 6, 6))
+    matrix[..., :3, :3] = R
+    matrix[..., 3:, 3:] = R
+    matrix[..., :3, 3:] = skew(m[..., :3, 3]) @ R
+    return matrix
+
+
+def exp_twist(xi: ArrayLike) -> Array:
+    """Move along a twist for one unit of time (exponential map of SE(3)).
+
+    Args:
+        xi: (linear; angular), (..., 6) [m; rad]
+
+    Returns:
+        (..., 4, 4)
+    """
+    xi = np.asarray(xi, dtype=np.float64)
+    linear, angular = xi[..., :3], xi[..., 3:]
+    p = (_left_jacobian(angular) @ linear[..., None])[..., 0]
+    return transform(matrix_from_rotation_vector(angular), p)
+
+
+def log_transform(T: ArrayLike) -> Array:
+    """Give the twist that leads from the identity to T, its turn in [0, pi]; undoes `exp_twist`.
+
+    Args:
+        T: (..., 4, 4)
+
+    Returns:
+        (linear; angular), (..., 6) [m; rad]
+    """
+    m = np.asarray(T, dtype=np.float64)
+    angular = rotation_vector_from_matrix(m[..., :3, :3])
+    linear = (_inverse_left_jacobian(angular) @ m[..., :3, 3:])[..., 0]
+    return np.concatenate([linear, angular], axis=-1)
+
+
+def _left_jacobian(v: Array) -> Array:
+    """V = I + (1 - cos a) / a^2 [v]x + (a - sin a) / a^3 [v]x^2 with a = |v|."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    square = angle * angle
+    small = angle < _SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    first = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    series = 1.0 / 6.0 - square / 120.0 + square * square / 5040.0
+    second = np.where(small, series, (safe - np.sin(safe)) / safe**3)
+    K = skew(v)
+    return np.eye(3) + first * K + second * (K @ K)
+
+
+def _inverse_left_jacobian(v: Array) -> Array:
+    """V^-1 = I - [v]x / 2 + (1 - (a / 2) cot(a / 2)) / a^2 [v]x^2 with a = |v| <= pi."""
+    angle = np.linalg.norm(v, axis=-1)[..., None, None]
+    square = angle * angle
+    small = angle < _SMALL_ANGLE
+    half = np.where(small, 1.0, 0.5 * angle)
+    series = 1.0 / 12.0 + square / 720.0 + square * square / 30240.0
+    closed = (1.0 - half * np.cos(half) / np.sin(half)) / (4.0 * half * half)
+    K = skew(v)
+    return np.eye(3) - 0.5 * K + np.where(small, series, closed) * (K @ K)
+
+
+def pose_difference(Ta: ArrayLike, Tb: ArrayLike) -> tuple[Array, Array]:
+    """Measure how far two poses lie apart.
+
+    Args:
+        Ta, Tb: (..., 4, 4), leading axes broadcast
+
+    Returns:
+        distance of the origins (...) [m], angle between the axes (...) [rad]
+    """
+    a, b = np.asarray(Ta, dtype=np.float64), np.asarray(Tb, dtype=np.float64)
+    distance = np.linalg.norm(a[..., :3, 3] - b[..., :3, 3], axis=-1)
+    return np.asarray(distance), angle_between(a[..., :3, :3], b[..., :3, :3])
+
+
+def check_transform(T: ArrayLike, name: str = "pose") -> Array:
+    """Check that T is a pose to `rotations.TOLERANCE`, and return it as float64.
+
+    Args:
+        T: (..., 4, 4)
+        name: what to call it in the message
+
+    Raises:
+        InputError: wrong shape, not finite, last row not (0, 0, 0, 1), or a bad rotation part
+    """
+    m = np.asarray(T, dtype=np.float64)
+    if m.ndim < 2 or m.shape[-2:] != (4, 4):
+        raise InputError(f"{name}: shape (..., 4, 4) wanted, got {m.shape}")
+    if not np.isfinite(m).all():
+        raise InputError(f"{name}: finite numbers wanted, got {m.tolist()}")
+    if (np.abs(m[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > TOLERANCE).any():
+        raise InputError(f"{name}: last row (0, 0, 0, 1) wanted, got {m[..., 3, :].tolist()}")
+    check_rotation(m[..., :3, :3], name=f"{name}: rotation part")
+    return m

@@ -1,0 +1,66 @@
+# trocar for people who have make; `pip install .` and `trocar sim` do without it.
+#
+#   make run ARGS="--rig psm"      hand arguments to trocar sim
+#   make PYTHON=/opt/python3.12    choose the Python that .venv is built from
+
+.DEFAULT_GOAL := help
+SHELL := /bin/bash
+
+BIN := .venv/bin
+ARGS ?=
+# Tests run in this many processes; JOBS=0 runs them in one.
+JOBS ?= 2
+# The first Python that is new enough, the usual one before the others.
+PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python; do \
+	"$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	&& { echo "$$python"; break; }; done)
+
+# What is installed beside trocar itself, for each thing one may want to do.
+EXTRAS_run :=
+EXTRAS_test := [test,browser]
+EXTRAS_dev := [dev]
+
+.PHONY: help venv run test check lint bench clean
+
+help: ## say what can be made
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+
+venv: .venv/.ready-dev ## build the environment in .venv, with everything that make check needs
+
+run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and the like)
+	$(BIN)/trocar sim $(ARGS)
+
+test: .venv/.ready-test ## run all tests (browser tests where there is a Chromium)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(ARGS)
+
+check: lint ## format, lint, types, then all tests with the wheel's among them
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile $(ARGS)
+
+lint: .venv/.ready-dev ## format, lint and types alone
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
+	$(BIN)/trocar bench $(ARGS)
+
+clean: ## throw away .venv and the caches
+	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
+
+# Each stamp says for whom the environment is ready, and grows old with what it was made from.
+.venv/.ready-%: .venv/.created pyproject.toml constraints.txt src/trocar/__init__.py
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt \
+		--build-constraint constraints.txt --editable '.$(EXTRAS_$*)'
+	@touch $@
+
+.venv/.created: constraints.txt
+	@test -n "$(PYTHON)" || { echo "trocar needs Python 3.11 or newer, and none was found;" \
+		"name one: make PYTHON=/path/to/python3.12 ..." >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "trocar needs" \
+		"Python 3.11 or newer; $(PYTHON) is $$("$(PYTHON)" --version 2>&1)" >&2; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot build an" \
+		"environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
+	@$(BIN)/python -c 'import sys, pip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+		|| "$(PYTHON)" -m venv --clear .venv
+	$(BIN)/python -m pip install --quiet --upgrade --constraint constraints.txt pip
+	@touch $@

@@ -1,0 +1,129 @@
+"""What stands in the repository beside the code: no addresses of one machine, one version."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import tomllib
+from collections.abc import Iterator
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import trocar
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+# Written so that no pattern matches its own line.
+HOSTS = (
+    r"py[p]i\.org|python[h]osted\.org|npm[j]s\.(org|com)|deb[.]debian\.org|ana[c]onda\.(org|com)"
+)
+INDEXES = r"--(extra-)?in[d]ex-url|--find-l[i]nks|https?://[^\"'\s]*/si[m]ple/"
+HOMES = r"(?<![\w.])/(home|Users)/[a-z]\w*/|(?<![\w.])/ro[o]t/|[A-Z]:\\+Us[e]rs\\"
+
+
+def tracked_texts() -> Iterator[tuple[str, str]]:
+    """Each text file under version control: its path and what stands in it."""
+    if shutil.which("git") is None or not (ROOT / ".git").exists():
+        pytest.skip("not a clone: nobody says which files belong to the repository")
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, check=True)
+    for name in filter(None, listed.stdout.decode().split("\0")):
+        content = (ROOT / name).read_bytes() if (ROOT / name).is_file() else b"\0"
+        if b"\0" not in content:
+            yield name, content.decode("utf-8")
+
+
+def matches(pattern: str) -> list[str]:
+    return [
+        f"{name}:{number}: {line.strip()}"
+        for name, text in tracked_texts()
+        for number, line in enumerate(text.splitlines(), 1)
+        if re.search(pattern, line)
+    ]
+
+
+def test_no_file_names_the_host_of_a_registry() -> None:
+    assert not matches(HOSTS)
+    assert not matches(INDEXES)
+
+
+def test_no_file_names_the_home_of_a_person() -> None:
+    assert not matches(HOMES)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "line"),
+    [
+        (HOSTS, "https://files.python" + "hosted.org/a.whl"),
+        (INDEXES, "pip install --extra-" + "index-url x"),
+        (HOMES, "/ho" + "me/ann/trocar"),
+        (HOMES, "C:\\Us" + "ers\\ann"),
+    ],
+)
+def test_the_patterns_find_what_they_are_for(pattern: str, line: str) -> None:
+    assert re.search(pattern, line)
+
+
+def test_the_version_has_one_home() -> None:
+    assert "version" not in PROJECT
+    assert PROJECT["dynamic"] == ["version"]
+    assert re.fullmatch(r"\d+\.\d+\.\d+", trocar.__version__)
+
+
+def test_the_changelog_speaks_of_this_version_or_of_the_next() -> None:
+    headings = re.findall(
+        r"^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )
+    assert headings
+    assert headings[0] in ("Unreleased", trocar.__version__)
+
+
+def pins() -> dict[str, str]:
+    """The version that constraints.txt gives each package."""
+    lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    found = [Requirement(line) for line in lines if line and not line.startswith("#")]
+    for requirement in found:
+        assert re.fullmatch(r"==[^*,]+", str(requirement.specifier)), str(requirement)
+    return {canonicalize_name(r.name): str(r.specifier)[2:] for r in found}
+
+
+def requirements() -> list[Requirement]:
+    """Each direct requirement of trocar, those of its extras included."""
+    extras = PROJECT["optional-dependencies"].values()
+    lines = PROJECT["dependencies"] + [line for lines in extras for line in lines]
+    return [r for r in map(Requirement, lines) if r.name != PROJECT["name"]]
+
+
+def installed_requirements(requirement: Requirement, seen: set[str]) -> None:
+    """Add the names of a requirement and of all that it needs here, as far as installed."""
+    name = canonicalize_name(requirement.name)
+    try:
+        needed = metadata.requires(name) or []
+    except metadata.PackageNotFoundError:
+        return
+    seen.add(name)
+    for line in needed:
+        below = Requirement(line)
+        wanted = below.marker is None or any(
+            below.marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}
+        )
+        if wanted and canonicalize_name(below.name) not in seen:
+            installed_requirements(below, seen)
+
+
+@pytest.mark.parametrize("requirement", requirements(), ids=str)
+def test_each_pin_is_a_version_that_is_asked_for(requirement: Requirement) -> None:
+    assert requirement.specifier.contains(pins()[canonicalize_name(requirement.name)])
+
+
+def test_whatever_an_installation_pulls_in_is_pinned() -> None:
+    seen: set[str] = set()
+    for requirement in requirements():
+        installed_requirements(requirement, seen)
+    assert {"numpy", "mujoco", "websockets", "pluggy"} <= seen
+    assert seen <= set(pins())

@@ -1,0 +1,99 @@
+"""What the pages show works: their examples run, their links lead somewhere."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+# Short enough to run here; the others want a browser, a recording or a quiet machine.
+QUICK = ("fk", "ik", "list", "show")
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The code blocks of a page that are marked as being in some language ("" for none)."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+def commands() -> list[str]:
+    """Each trocar command of the README, its remark cut off."""
+    lines = "".join(blocks(README, "")).splitlines()
+    return [line.split(" #")[0].strip() for line in lines if line.startswith("trocar ")]
+
+
+def exports(module: str, name: str) -> bool:
+    if importlib.util.find_spec(module) is None:
+        return False
+    return hasattr(importlib.import_module(module), name)
+
+
+def trocar(*arguments: str) -> str:
+    """Run the command line of this checkout and return what it prints."""
+    result = subprocess.run(
+        [sys.executable, "-c", "from trocar.cli import main; raise SystemExit(main())", *arguments],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    return result.stdout
+
+
+needs_command_line = pytest.mark.skipif(
+    importlib.util.find_spec("trocar.cli") is None, reason="there is no command line yet"
+)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_inside_the_repository_lead_somewhere(page: Path) -> None:
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    missing = [link for link in links if not (page.parent / link).exists()]
+    assert not missing
+
+
+def test_the_readme_says_what_every_command_is() -> None:
+    assert {line.split()[1] for line in commands()} >= {
+        "sim", "replay", "fk", "ik", "list", "show", "bench",
+    }  # fmt: skip
+
+
+@needs_command_line
+def test_every_command_of_the_readme_exists() -> None:
+    known = trocar("--help")
+    assert not [line for line in commands() if line.split()[1] not in known]
+
+
+@needs_command_line
+@pytest.mark.parametrize("line", [c for c in commands() if c.split()[1] in QUICK])
+def test_a_quick_command_of_the_readme_answers(line: str) -> None:
+    assert trocar(*shlex.split(line)[1:]).strip()
+
+
+@pytest.mark.skipif(not exports("trocar.simulation", "World"), reason="there is no World yet")
+def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -> None:
+    (example,) = blocks(README, "python")
+    exec(compile(example, "README.md", "exec"), {})
+    assert capsys.readouterr().out
+
+
+@pytest.mark.skipif(not exports("trocar.descriptions", "load_rig"), reason="no descriptions yet")
+def test_the_files_shown_to_contributors_load(tmp_path: Path) -> None:
+    descriptions = importlib.import_module("trocar.descriptions")
+    arm, rig = blocks((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"), "toml")
+    (tmp_path / "two_link.toml").write_text(arm, encoding="utf-8")
+    (tmp_path / "bench.toml").write_text(rig, encoding="utf-8")
+    assert descriptions.load_arm(tmp_path / "two_link.toml").name == "two_link"
+    assert descriptions.load_rig(tmp_path / "bench.toml").name == "bench"

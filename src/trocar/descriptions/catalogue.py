@@ -1,0 +1,81 @@
+"""Find descriptions by name among those that come with the package, or by path."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
+
+from trocar.descriptions.arms import ToolDescription, read_arm, read_tool, tool_wanted
+from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.descriptions.rigs import read_rig
+from trocar.errors import DescriptionError, UnknownNameError
+
+Shelf = Literal["arms", "tools", "rigs"]
+
+DATA = Path(__file__).parent / "data"
+
+
+def names(shelf: Shelf) -> tuple[str, ...]:
+    """Return the names of the built-in arms, tools or rigs, sorted."""
+    found = sorted(path.stem for path in (DATA / shelf).glob("*.toml"))
+    return tuple(_tool_name(stem) if shelf == "tools" else stem for stem in found)
+
+
+def load_arm(name: str | Path, tool: str | Path | None = None) -> ArmDescription:
+    """Load an arm with its tool.
+
+    Args:
+        name: a built-in arm ("psm"), or the path of a TOML file
+        tool: a built-in tool ("LARGE_NEEDLE_DRIVER:400006"), a path, "none" for a bare arm;
+            the arm's own default when omitted
+
+    Raises:
+        UnknownNameError: no such arm or tool; the known ones are listed
+        DescriptionError: the file is broken; file, key, got and allowed are named
+    """
+    return _load_arm(_find("arms", name), tool if tool is None else str(tool))
+
+
+def load_tool(name: str | Path) -> ToolDescription:
+    """Load a tool by its name or path."""
+    return read_tool(_find("tools", name))
+
+
+def load_rig(name: str | Path) -> RigDescription:
+    """Load a rig by its name or path; paths inside it are relative to its folder."""
+    path = _find("rigs", name)
+    return _load_rig(path)
+
+
+@lru_cache(maxsize=64)
+def _load_arm(path: Path, tool: str | None) -> ArmDescription:
+    wanted = tool_wanted(path) if tool is None else tool
+    mounted = None if wanted in ("", "none") else load_tool(wanted)
+    return read_arm(path, mounted)
+
+
+@lru_cache(maxsize=16)
+def _load_rig(path: Path) -> RigDescription:
+    def beside(name: str) -> str:
+        return str(path.parent / name) if name.endswith(".toml") else name
+
+    return read_rig(path, lambda arm, tool: load_arm(beside(arm), beside(tool) if tool else tool))
+
+
+def _find(shelf: Shelf, name: str | Path) -> Path:
+    text = str(name)
+    if text.endswith(".toml") or isinstance(name, Path):
+        path = Path(name).expanduser().resolve()
+        if not path.is_file():
+            raise DescriptionError(str(name), "", "there is no such file")
+        return path
+    path = DATA / shelf / f"{text.replace(':', '_')}.toml"
+    if text not in names(shelf) or not path.is_file():
+        raise UnknownNameError(shelf[:-1], text, names(shelf))
+    return path
+
+
+def _tool_name(stem: str) -> str:
+    head, _, code = stem.rpartition("_")
+    return f"{head}:{code}" if head else stem

@@ -1,0 +1,27 @@
+"""What surfaces look like: colour and gloss by the name that shapes use."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Material:
+    """Colour (r, g, b, a) in 0..1, and how glossy and metallic it is, 0..1."""
+
+    rgba: tuple[float, float, float, float]
+    gloss: float = 0.3
+    metal: float = 0.0
+
+
+#: Our own choice, after photographs of the da Vinci Classic.
+MATERIALS = {
+    "cover": Material((0.90, 0.91, 0.92, 1.0), 0.35),
+    "casting": Material((0.66, 0.69, 0.73, 1.0), 0.4, 0.2),
+    "joint": Material((0.24, 0.26, 0.30, 1.0), 0.3),
+    "steel": Material((0.74, 0.76, 0.79, 1.0), 0.7, 0.8),
+    "black": Material((0.10, 0.10, 0.12, 1.0), 0.5),
+    "accent": Material((0.18, 0.42, 0.66, 1.0), 0.35),
+    "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
+    "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
+}

@@ -1,0 +1,265 @@
+"""What a description holds: frozen records in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import UnknownNameError
+from trocar.kinematics.mechanism import JointKind, Mechanism
+
+Array = NDArray[np.float64]
+ShapeKind = Literal["box", "capsule", "cylinder", "sphere"]
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A primitive solid on a frame.
+
+    Attributes:
+        kind: box, capsule, cylinder or sphere
+        pose: T_frame_shape (4, 4); a capsule or cylinder lies along its z axis
+        size: box: half edges (x, y, z); capsule, cylinder: (radius, half length of the straight
+            part, 0); sphere: (radius, 0, 0) [m]
+        material: name of a row in `materials`
+        rounding: radius of a box's edges as it is drawn [m]
+        collide: takes part in contacts
+        weigh: counts for mass properties that come from the shape
+    """
+
+    kind: ShapeKind
+    pose: Array
+    size: Array
+    material: str
+    rounding: float = 0.0
+    collide: bool = True
+    weigh: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Mass and shape that move with a frame.
+
+    Attributes:
+        frame: the frame it moves with
+        mass: [kg]
+        com: centre of mass in the frame, (3,) [m]
+        inertia: about the centre of mass in the frame's axes, (3, 3) [kg m^2]
+        shapes: what it looks like and collides with
+        inertia_from: "source" or "shape"
+        source: where the numbers are from
+        part: the file's name: the arm's or the tool's
+    """
+
+    frame: str
+    mass: float
+    com: Array
+    inertia: Array
+    shapes: tuple[Shape, ...]
+    inertia_from: str
+    source: str
+    part: str
+
+
+@dataclass(frozen=True)
+class JointDescription:
+    """What a motor and its servo know of a public joint; SI units.
+
+    Attributes:
+        name, kind, lower, upper: as in `kinematics.Joint` [rad or m]
+        effort_max: [N m or N]
+        velocity_max, acceleration_max: of move_* [per s, per s^2]
+        tracking_tolerance: measured against set-point [rad or m]
+        stop_lower, stop_upper: mechanical stops, where they lie inside the limits [rad or m]
+        source: where the numbers are from
+    """
+
+    name: str
+    kind: JointKind
+    lower: float
+    upper: float
+    effort_max: float
+    velocity_max: float
+    acceleration_max: float
+    tracking_tolerance: float
+    drive: tuple[tuple[str, float], ...]
+    stop_lower: float
+    stop_upper: float
+    source: str
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry and viscous friction [N m, N m s/rad] or [N, N s/m]."""
+
+    coulomb: float
+    viscous: float
+
+
+@dataclass(frozen=True)
+class Gains:
+    """PID gains of a joint [N m/rad, N m/(rad s), N m s/rad], or in N and m."""
+
+    p: float
+    i: float
+    d: float
+
+
+@dataclass(frozen=True)
+class Control:
+    """A named set of gains and what goes with it."""
+
+    name: str
+    pid: Mapping[str, Gains]
+    gravity_compensation: bool
+    effort_limits: bool
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """Actuators to joints of a tool: q = matrix @ actuator position, (n, n)."""
+
+    joints: tuple[str, ...]
+    actuator_to_joint: Array
+
+
+@dataclass(frozen=True)
+class Counterweight:
+    """A body that balances what rides on a joint: mass = riding mass / ratio."""
+
+    body: str
+    joint: str
+    ratio: float
+
+
+@dataclass(frozen=True)
+class Missing:
+    """Something that nobody has published of this arm."""
+
+    what: str
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
+class ArmDescription:
+    """One arm with its mounted tool: the only truth about it.
+
+    Attributes:
+        name, type, generation, title, source: who it is; `type` is PSM, ECM, SUJ or MTM
+        file: the TOML file
+        mechanism: frames, joints and loops, with the tool's
+        joints: what is known of each public joint, in the mechanism's order
+        bodies: masses and shapes
+        friction: {"identified" | "paper": {frame or joint: Friction}}
+        rotor: {frame: reflected inertia [kg m^2] or mass [kg]}
+        control: {"dvrk" | "paper": Control}
+        poses: {name: q (n,)}
+        tool: name of the mounted tool, "" when none
+        coupling: the tool's actuators, None without a tool
+        inverse_kinematics: structure that has a closed form, "" when none
+        missing: what is not known
+        row_sources: {frame: source}
+    """
+
+    name: str
+    type: str
+    generation: str
+    title: str
+    source: str
+    file: str
+    mechanism: Mechanism
+    joints: tuple[JointDescription, ...]
+    bodies: tuple[Body, ...]
+    friction: Mapping[str, Mapping[str, Friction]]
+    rotor: Mapping[str, float]
+    control: Mapping[str, Control]
+    poses: Mapping[str, Array]
+    tool: str
+    coupling: Coupling | None
+    inverse_kinematics: str
+    missing: tuple[Missing, ...]
+    row_sources: Mapping[str, str]
+
+    @property
+    def root(self) -> str:
+        """The frame that is mounted."""
+        return self.mechanism.frames[0].name
+
+    @property
+    def has_jaw(self) -> bool:
+        """Whether the last joint is a jaw."""
+        return self.joints[-1].name == "jaw"
+
+    def joint(self, name: str) -> JointDescription:
+        """Return the joint called `name`.
+
+        Raises:
+            UnknownNameError: no such joint; the known ones are listed
+        """
+        for joint in self.joints:
+            if joint.name == name:
+                return joint
+        raise UnknownNameError("joint", name, self.mechanism.joint_names, self.name)
+
+    def pose(self, name: str) -> Array:
+        """Return the joint positions of a named pose, (n,) [rad or m]."""
+        if name not in self.poses:
+            raise UnknownNameError("pose", name, self.poses, self.name)
+        return self.poses[name].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class RigArm:
+    """An arm in a rig.
+
+    Attributes:
+        name: "PSM1", "SUJ_PSM1", "ECM", ...
+        arm: its description with its tool
+        on: the arm that carries it, "" for the world
+        frame: the frame of that arm that it is mounted on, "" for the world
+        pose: T_mount_root, the arm's root in that frame (4, 4)
+    """
+
+    name: str
+    arm: ArmDescription
+    on: str
+    frame: str
+    pose: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Prop:
+    """A body that stands in the world."""
+
+    name: str
+    pose: Array
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RigDescription:
+    """Which arms stand where, with named poses {pose: {arm: q}}."""
+
+    name: str
+    title: str
+    source: str
+    file: str
+    arms: tuple[RigArm, ...]
+    props: tuple[Prop, ...]
+    poses: Mapping[str, Mapping[str, Array]]
+
+    def arm(self, name: str) -> RigArm:
+        """Return the arm called `name`.
+
+        Raises:
+            UnknownNameError: no such arm; the known ones are listed
+        """
+        for arm in self.arms:
+            if arm.name == name:
+                return arm
+        raise UnknownNameError("arm", name, (a.name for a in self.arms), f"rig {self.name}")

@@ -1,0 +1,110 @@
+"""Rigs from TOML: which arms stand where."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.arms import SCHEMA, check_turn
+from trocar.descriptions.records import ArmDescription, Prop, RigArm, RigDescription
+from trocar.descriptions.shapes import read_shape
+from trocar.descriptions.table import Table, read_table
+from trocar.geometry.rotations import matrix_from_rpy
+from trocar.geometry.se3 import inverse, transform
+from trocar.kinematics.forward import pose
+
+Array = NDArray[np.float64]
+
+#: Reads an arm by name (or path beside the rig) with a tool's name.
+ArmLoader = Callable[[str, str | None], ArmDescription]
+
+
+def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
+    """Read a rig.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    table = read_table(path)
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    name, title = table.text("name"), table.text("title", "")
+    source = table.text("source")
+    arms: list[RigArm] = []
+    for row in table.tables("arm"):
+        arms.append(_read_arm(row, arms, load_arm))
+    if not arms:
+        raise table.fail("arm", "is missing; a rig needs at least one arm")
+    props = tuple(_read_prop(row) for row in table.tables("prop"))
+    poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
+    if "start" not in poses:
+        raise table.fail("pose", f"got {', '.join(poses) or 'none'}; a rig needs the pose \"start\"")
+    table.done()
+    return RigDescription(name, title, source, str(path), tuple(arms), props, poses)
+
+
+def _read_arm(row: Table, before: list[RigArm], load_arm: ArmLoader) -> RigArm:
+    name = row.text("name")
+    if name in [arm.name for arm in before]:
+        raise row.fail("name", f"got {name!r} a second time")
+    tool = row.text("tool", "") or None
+    arm = load_arm(row.text("description"), tool)
+    on = row.text("on", "world")
+    carriers = [a.name for a in before]
+    if on != "world" and on not in carriers:
+        raise row.fail("on", f"got {on!r}; allowed: world, {', '.join(carriers)} (earlier arms)")
+    carrier = next((a for a in before if a.name == on), None)
+    frame = row.text("frame", "mount" if carrier else "")
+    if carrier is not None:
+        carrier.arm.mechanism.frame(frame)
+    place = row.text("place", arm.root)
+    rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
+    root_place = pose(arm.mechanism, rest, place, arm.root)
+    at = read_pose(row) @ inverse(root_place)
+    row.text("source", "")
+    row.done()
+    return RigArm(name, arm, "" if on == "world" else on, frame, at)
+
+
+def read_pose(row: Table) -> Array:
+    """Return a pose given as xyz and rpy or rotation, identity when absent, (4, 4)."""
+    turn = np.eye(3)
+    if "rotation" in row:
+        turn = check_turn(row, row.matrix("rotation", 3, 3))
+    elif row.has("rpy", "angle"):
+        turn = matrix_from_rpy(*row.vector("rpy", 3, "angle"))
+    return transform(turn, row.vector("xyz", 3, "length", default=np.zeros(3)))
+
+
+def _read_prop(row: Table) -> Prop:
+    prop = Prop(row.text("name"), read_pose(row), tuple(read_shape(s) for s in row.tables("shape")))
+    row.text("source", "")
+    row.done()
+    return prop
+
+
+def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:
+    name = row.text("name")
+    row.text("source", "")
+    table = row.table("q_rad_m", required=True)
+    assert table is not None
+    found: dict[str, Array] = {}
+    for arm in arms:
+        if arm.name in table:
+            mechanism = arm.arm.mechanism
+            q = table.numbers(arm.name, len(mechanism.joints))
+            if (q < mechanism.lower).any() or (q > mechanism.upper).any():
+                raise table.fail(
+                    arm.name,
+                    f"got {q.tolist()}; allowed: {mechanism.lower.tolist()} to"
+                    f" {mechanism.upper.tolist()}",
+                )
+            found[arm.name] = q
+        elif name == "start":
+            raise table.fail(arm.name, "is missing; \"start\" places every arm")
+    table.done()
+    row.done()
+    return name, found

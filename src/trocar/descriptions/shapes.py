@@ -1,0 +1,150 @@
+"""Shapes from TOML, and the mass properties of bodies made of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.records import Body, Shape
+from trocar.descriptions.table import Table
+from trocar.geometry.rotations import matrix_from_rpy
+from trocar.geometry.se3 import transform
+
+Array = NDArray[np.float64]
+
+KINDS = ("box", "capsule", "cylinder", "sphere")
+#: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
+INERTIA_SLACK = 1e-3
+
+
+def read_shape(table: Table) -> Shape:
+    """Return a shape.
+
+    Raises:
+        DescriptionError: unknown kind or material, a size that is not positive
+    """
+    kind = table.text("kind", allowed=KINDS)
+    material = table.text("material", "casting", allowed=tuple(MATERIALS))
+    if kind == "box":
+        size = 0.5 * table.vector("size", 3, "length")
+        rpy = table.vector("rpy", 3, "angle", default=np.zeros(3))
+        pose = transform(matrix_from_rpy(*rpy), table.vector("center", 3, "length"))
+    elif kind == "sphere":
+        size = np.array([table.quantity("radius", "length"), 0.0, 0.0])
+        pose = transform(np.eye(3), table.vector("center", 3, "length"))
+    else:
+        start, end = table.vector("from", 3, "length"), table.vector("to", 3, "length")
+        length = float(np.linalg.norm(end - start))
+        if length <= 0.0:
+            raise table.fail("to", "got the same point as `from`; allowed: another point")
+        size = np.array([table.quantity("radius", "length"), 0.5 * length, 0.0])
+        pose = transform(_rotation_to(end - start), 0.5 * (start + end))
+    if not (size[: {"box": 3, "sphere": 1}.get(kind, 2)] > 0.0).all():
+        raise table.fail("size" if kind == "box" else "radius", "must be positive")
+    rounding = table.quantity("round", "length", default=0.0)
+    if not 0.0 <= rounding <= (size.min() if kind == "box" else 0.0):
+        raise table.fail("round_mm", "allowed: 0 to half of a box's smallest edge")
+    shape = Shape(
+        kind=kind,  # type: ignore[arg-type]  # checked against KINDS above
+        pose=pose,
+        size=size,
+        material=material,
+        rounding=rounding,
+        collide=table.flag("collide", True),
+        weigh=table.flag("weigh", True),
+    )
+    table.done()
+    return shape
+
+
+def read_body(table: Table, part: str) -> Body:
+    """Return a body; what the table does not give comes from its shapes at the given mass.
+
+    Raises:
+        DescriptionError: an impossible body (mass, positive definiteness, triangle inequality)
+    """
+    frame = table.text("frame")
+    mass = table.quantity("mass", "mass")
+    if mass <= 0.0:
+        raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
+    shapes = tuple(read_shape(row) for row in table.tables("shape"))
+    weighed = [s for s in shapes if s.weigh]
+    given = "inertia_kgm2" in table
+    if not weighed and not given:
+        raise table.fail("inertia_kgm2", "is missing, and there is no shape to compute it from")
+    com, inertia = mass_properties(weighed, mass) if weighed else (np.zeros(3), np.eye(3))
+    com = table.vector("com", 3, "length", default=com)
+    if given:
+        xx, yy, zz, xy, xz, yz = table.vector("inertia", 6, "inertia")
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    problem = impossible(inertia)
+    if problem:
+        raise table.fail("inertia_kgm2", problem)
+    source = table.text("source", "")
+    table.done()
+    return Body(frame, mass, com, inertia, shapes, "source" if given else "shape", source, part)
+
+
+def impossible(inertia: Array) -> str:
+    """Say why an inertia about the centre of mass belongs to no body, or return ""."""
+    low, middle, high = np.linalg.eigvalsh(inertia)
+    if low <= 0.0:
+        return f"no possible body: smallest principal inertia {low:.3g}, allowed above 0"
+    if high > (low + middle) * (1.0 + INERTIA_SLACK):
+        return (
+            f"no possible body: principal inertia {high:.3g} exceeds the sum of the others"
+            f" {low + middle:.3g}"
+        )
+    return ""
+
+
+def mass_properties(shapes: list[Shape], mass: float) -> tuple[Array, Array]:
+    """Return (com (3,), inertia about it (3, 3)) of uniform solids that weigh `mass` together."""
+    volumes = np.array([volume(s) for s in shapes])
+    density = mass / volumes.sum()
+    centres = np.stack([s.pose[:3, 3] for s in shapes])
+    com = volumes @ centres / volumes.sum()
+    inertia = np.zeros((3, 3))
+    for shape, size, centre in zip(shapes, volumes, centres, strict=True):
+        turn = shape.pose[:3, :3]
+        offset = centre - com
+        own = turn @ np.diag(unit_inertia(shape)) @ turn.T
+        inertia += density * size * (own + offset @ offset * np.eye(3) - np.outer(offset, offset))
+    return com, inertia
+
+
+def volume(shape: Shape) -> float:
+    """Return the volume of a shape [m^3]."""
+    a, b, c = shape.size
+    if shape.kind == "box":
+        return float(8.0 * a * b * c)
+    ball = 4.0 / 3.0 * np.pi * a**3
+    if shape.kind == "sphere":
+        return float(ball)
+    return float(2.0 * np.pi * a * a * b + (ball if shape.kind == "capsule" else 0.0))
+
+
+def unit_inertia(shape: Shape) -> Array:
+    """Return the principal inertia of a solid of 1 kg about its centre, (3,) [m^2]."""
+    a, b, c = shape.size
+    if shape.kind == "box":
+        return np.array([b * b + c * c, a * a + c * c, a * a + b * b]) / 3.0
+    if shape.kind == "sphere":
+        return np.full(3, 0.4 * a * a)
+    side = a * a / 4.0 + b * b / 3.0
+    rod = np.array([side, side, a * a / 2.0])
+    if shape.kind == "cylinder":
+        return rod
+    share = (4.0 / 3.0 * np.pi * a**3) / volume(shape)
+    cap = 0.4 * a * a
+    across = cap + b * b + 0.75 * a * b  # two half balls, shifted by b: 2/5 a^2 + b^2 + 3/4 a b
+    return (1.0 - share) * rod + share * np.array([across, across, cap])
+
+
+def _rotation_to(direction: Array) -> Array:
+    """Return a rotation whose z axis points along `direction`, (3, 3)."""
+    z = direction / np.linalg.norm(direction)
+    x = np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])

@@ -1,0 +1,204 @@
+"""Read TOML tables strictly: units from the key's suffix, every unknown key an error."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import DescriptionError
+
+Array = NDArray[np.float64]
+
+#: Key suffixes of each dimension and their factors to SI.
+UNITS: dict[str, dict[str, float]] = {
+    "length": {"m": 1.0, "mm": 1e-3},
+    "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+    "mass": {"kg": 1.0},
+    "inertia": {"kgm2": 1.0},
+    "torque": {"nm": 1.0},
+    "force": {"n": 1.0},
+    "angular damping": {"nms": 1.0},
+    "linear damping": {"ns_per_m": 1.0},
+    "angular velocity": {"rad_s": 1.0, "deg_s": math.pi / 180.0},
+    "linear velocity": {"m_s": 1.0},
+    "angular acceleration": {"rad_s2": 1.0, "deg_s2": math.pi / 180.0},
+    "linear acceleration": {"m_s2": 1.0},
+    "position": {"rad_m": 1.0},
+}
+
+
+class Table:
+    """A TOML table that remembers which keys were read, and where it stands in the file."""
+
+    def __init__(self, data: Mapping[str, Any], file: str, path: str = "") -> None:
+        self.file = file
+        self.path = path
+        self._data = data
+        self._read: set[str] = set()
+
+    def fail(self, key: str, problem: str) -> DescriptionError:
+        """Return the error that names this file, this place and what is wrong there."""
+        return DescriptionError(self.file, f"{self.path}.{key}".strip("."), problem)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def raw(self, key: str, default: Any = None) -> Any:
+        """Return an entry as TOML has it."""
+        self._read.add(key)
+        return self._data.get(key, default)
+
+    def text(self, key: str, default: str | None = None, allowed: tuple[str, ...] = ()) -> str:
+        """Return a string; without a default the key must be there."""
+        value = self.raw(key, default)
+        if value is None:
+            raise self.fail(key, "is missing; a text is needed")
+        if not isinstance(value, str):
+            raise self.fail(key, f"got {value!r}; allowed: a text")
+        if allowed and value not in allowed:
+            raise self.fail(key, f"got {value!r}; allowed: {', '.join(allowed)}")
+        return value.strip()
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of strings, empty when absent."""
+        value = self.raw(key, [])
+        if not isinstance(value, list) or not all(isinstance(v, str) for v in cast(list[Any], value)):
+            raise self.fail(key, f"got {value!r}; allowed: a list of texts")
+        return tuple(cast(list[str], value))
+
+    def flag(self, key: str, default: bool) -> bool:
+        """Return true or false."""
+        value = self.raw(key, default)
+        if not isinstance(value, bool):
+            raise self.fail(key, f"got {value!r}; allowed: true, false")
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float:
+        """Return a finite number without a unit."""
+        value = self.raw(key, default)
+        if value is None:
+            raise self.fail(key, "is missing; a number is needed")
+        return self._finite(key, value)
+
+    def has(self, name: str, *dimensions: str) -> bool:
+        """Tell whether `name` is given in any unit of these dimensions."""
+        return bool(self._keys(name, dimensions))
+
+    def quantity(self, name: str, *dimensions: str, default: float | None = None) -> float:
+        """Return `name` in SI, whatever unit its key carries."""
+        found = self._one(name, dimensions)
+        if found is None:
+            if default is None:
+                raise self.fail(name, f"is missing; allowed keys: {self._spelled(name, dimensions)}")
+            return default
+        key, factor = found
+        return factor * self._finite(key, self.raw(key))
+
+    def vector(
+        self, name: str, size: int, *dimensions: str, default: Array | None = None
+    ) -> Array:
+        """Return a list of `size` numbers in SI, (size,)."""
+        found = self._one(name, dimensions)
+        if found is None:
+            if default is None:
+                raise self.fail(name, f"is missing; allowed keys: {self._spelled(name, dimensions)}")
+            return default
+        key, factor = found
+        return factor * self.numbers(key, size)
+
+    def numbers(self, key: str, size: int | None = None) -> Array:
+        """Return a list of finite numbers, (size,)."""
+        value = self.raw(key)
+        wanted = "numbers" if size is None else f"{size} numbers"
+        if not isinstance(value, list) or (size is not None and len(cast(list[Any], value)) != size):
+            raise self.fail(key, f"got {value!r}; allowed: a list of {wanted}")
+        return np.array([self._finite(key, v) for v in cast(list[Any], value)], dtype=np.float64)
+
+    def matrix(self, key: str, rows: int, columns: int) -> Array:
+        """Return a list of rows as an array, (rows, columns)."""
+        value = self.raw(key)
+        if not isinstance(value, list) or len(cast(list[Any], value)) != rows:
+            raise self.fail(key, f"got {value!r}; allowed: {rows} rows of {columns} numbers")
+        lines = [Table({key: row}, self.file, self.path).numbers(key, columns)
+                 for row in cast(list[Any], value)]
+        return np.stack(lines)
+
+    def table(self, key: str, required: bool = False) -> Table | None:
+        """Return a sub-table, or None when absent."""
+        value = self.raw(key)
+        if value is None and not required:
+            return None
+        if not isinstance(value, dict):
+            problem = "is missing; a table is needed" if value is None else f"got {value!r}; allowed: a table"
+            raise self.fail(key, problem)
+        return Table(cast(dict[str, Any], value), self.file, f"{self.path}.{key}".strip("."))
+
+    def tables(self, key: str) -> list[Table]:
+        """Return a list of sub-tables, empty when absent."""
+        value = self.raw(key, [])
+        rows = cast(list[Any], value) if isinstance(value, list) else [None]
+        if not all(isinstance(row, dict) for row in rows):
+            raise self.fail(key, f"got {value!r}; allowed: [[{key}]] tables")
+        where = f"{self.path}.{key}".strip(".")
+        return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
+
+    def entries(self) -> Iterator[str]:
+        """Yield the keys that were not read yet; reading them is up to the caller."""
+        yield from [key for key in self._data if key not in self._read]
+
+    def done(self) -> None:
+        """Refuse keys that nobody asked for.
+
+        Raises:
+            DescriptionError: naming the unknown key and those that this table knows
+        """
+        for key in self.entries():
+            known = ", ".join(sorted(self._read))
+            raise self.fail(key, f"unknown key; this table knows: {known}")
+
+    def _keys(self, name: str, dimensions: tuple[str, ...]) -> list[tuple[str, float]]:
+        found: list[tuple[str, float]] = []
+        for dimension in dimensions:
+            for suffix, factor in UNITS[dimension].items():
+                key = f"{name}_{suffix}"
+                self._read.add(key)
+                if key in self._data:
+                    found.append((key, factor))
+        return found
+
+    def _one(self, name: str, dimensions: tuple[str, ...]) -> tuple[str, float] | None:
+        found = self._keys(name, dimensions)
+        if len(found) > 1:
+            raise self.fail(found[1][0], f"contradicts {found[0][0]}; give one of them")
+        return found[0] if found else None
+
+    def _finite(self, key: str, value: Any) -> float:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise self.fail(key, f"got {value!r}; allowed: a finite number")
+        return float(value)
+
+    @staticmethod
+    def _spelled(name: str, dimensions: tuple[str, ...]) -> str:
+        return ", ".join(f"{name}_{unit}" for d in dimensions for unit in UNITS[d])
+
+
+def read_table(path: Path) -> Table:
+    """Return the root table of a TOML file.
+
+    Raises:
+        DescriptionError: the file is not there, or is not TOML; line and column are named
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
+    try:
+        return Table(tomllib.loads(text), str(path))
+    except tomllib.TOMLDecodeError as problem:
+        raise DescriptionError(str(path), "", f"is not TOML: {problem}") from problem

@@ -1,0 +1,219 @@
+"""Closed loops: how far they gape, which branch they are on, and where they flatten.
+
+A point that two links share gives a residual r = p_b - p_a. Its derivative by the coordinates of
+the two frames that the hinge determines spans the plane of the loop; the sine of the angle
+between the two columns is the branch determinant. It vanishes where the loop flattens, and its
+sign tells the parallelogram from the anti-parallelogram.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import LoopError
+from trocar.kinematics.mechanism import Closure, Mechanism
+from trocar.kinematics.tree import frame_poses, hinge_axis, point_velocity
+
+Array = NDArray[np.float64]
+
+#: Couplings close a loop when it gapes less than this; decisions.md, Loops. [m]
+PARALLELOGRAM_TOLERANCE_M = 1e-9
+#: Newton stops here; a tenth of a picometre is rounding at these sizes. [m]
+CLOSED_M = 1e-13
+NEWTON_STEPS = 40
+
+
+def coupled_coordinates(mechanism: Mechanism, q: Array) -> Array:
+    """Return each frame's coordinate by its couplings alone, (..., n_frames)."""
+    return q @ mechanism.ratios.T
+
+
+def residuals(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Return p_b - p_a of every closure in the root, (..., n_closures, 3) [m]."""
+    poses = frame_poses(mechanism, coordinates)
+    gaps = [_point(mechanism, c, poses, "b") - _point(mechanism, c, poses, "a")
+            for c in mechanism.closures]
+    if not gaps:
+        return np.zeros((*coordinates.shape[:-1], 0, 3))
+    return np.stack(gaps, axis=-2)
+
+
+def gaps(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Return how far each loop gapes, (..., n_closures) [m]."""
+    return np.linalg.norm(residuals(mechanism, coordinates), axis=-1)
+
+
+@lru_cache(maxsize=256)
+def loops_are_parallelograms(mechanism: Mechanism) -> bool:
+    """Tell whether the couplings alone close every loop over the joints' range, to 1e-9 m."""
+    if not mechanism.closures:
+        return True
+    share = np.linspace(0.0, 1.0, 33)[:, None]
+    q = mechanism.lower + share * (mechanism.upper - mechanism.lower)
+    worst = gaps(mechanism, coupled_coordinates(mechanism, q)).max()
+    return bool(worst <= PARALLELOGRAM_TOLERANCE_M)
+
+
+def closed_coordinates(mechanism: Mechanism, q: Array) -> Array:
+    """Return every frame's coordinate with the loops closed, (..., n_frames) [rad or m].
+
+    Parallelograms close by their couplings; any other loop is closed by Newton's method from
+    there, which keeps the branch.
+
+    Raises:
+        LoopError: the loops cannot be closed at these joint positions
+    """
+    start = coupled_coordinates(mechanism, q)
+    if loops_are_parallelograms(mechanism):
+        return start
+    flat = start.reshape(-1, start.shape[-1]).copy()
+    passive = passive_frames(mechanism)
+    for _ in range(NEWTON_STEPS):
+        miss = residuals(mechanism, flat).reshape(len(flat), -1)
+        if np.abs(miss).max(initial=0.0) < CLOSED_M:
+            break
+        slope = residual_jacobian(mechanism, flat)[..., passive]
+        step = np.linalg.pinv(slope, rcond=1e-9) @ miss[..., None]
+        flat[:, passive] -= np.clip(step[..., 0], -0.2, 0.2)
+    worst = float(gaps(mechanism, flat).max(initial=0.0))
+    if not worst <= PARALLELOGRAM_TOLERANCE_M:
+        raise LoopError(
+            f"{mechanism.name}: the loops gape by {worst:.3e} m at these joint positions;"
+            f" allowed {PARALLELOGRAM_TOLERANCE_M:.0e} m"
+        )
+    return flat.reshape(start.shape)
+
+
+def coordinate_rates(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Return d coordinate / d q with the loops closed, (..., n_frames, n_joints)."""
+    lead = coordinates.shape[:-1]
+    rates = np.broadcast_to(mechanism.ratios, (*lead, *mechanism.ratios.shape))
+    if loops_are_parallelograms(mechanism):
+        return rates
+    rates = rates.copy()
+    passive = passive_frames(mechanism)
+    rates[..., passive, :] = 0.0
+    slope = residual_jacobian(mechanism, coordinates)
+    rates[..., passive, :] = -np.linalg.pinv(slope[..., passive], rcond=1e-9) @ (slope @ rates)
+    return rates
+
+
+def residual_jacobian(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Return d residuals / d coordinates, (..., 3 * n_closures, n_frames)."""
+    poses = frame_poses(mechanism, coordinates)
+    slope = np.zeros((*coordinates.shape[:-1], 3 * len(mechanism.closures), len(mechanism.frames)))
+    for row, closure in enumerate(mechanism.closures):
+        for side, sign in (("a", -1.0), ("b", 1.0)):
+            point = _point(mechanism, closure, poses, side)
+            frame = closure.frame_a if side == "a" else closure.frame_b
+            for index in mechanism.chain(frame):
+                if mechanism.frames[index].motion != "fixed":
+                    velocity = point_velocity(mechanism, index, poses, point)
+                    slope[..., 3 * row : 3 * row + 3, index] += sign * velocity
+    return slope
+
+
+def branch_determinants(mechanism: Mechanism, coordinates: Array) -> Array:
+    """Return the sine of the angle at which each loop stands, (..., n_closures).
+
+    Zero where the loop is flat; its sign is the branch.
+    """
+    if not mechanism.closures:
+        return np.zeros((*coordinates.shape[:-1], 0))
+    poses = frame_poses(mechanism, coordinates)
+    slope = residual_jacobian(mechanism, coordinates)
+    found: list[Array] = []
+    for row, closure in enumerate(mechanism.closures):
+        first, second = (mechanism.frame_index[name] for name in closure.passive)
+        one = slope[..., 3 * row : 3 * row + 3, first]
+        two = slope[..., 3 * row : 3 * row + 3, second]
+        _, normal = hinge_axis(mechanism, first, poses)
+        size = np.linalg.norm(one, axis=-1) * np.linalg.norm(two, axis=-1)
+        found.append(np.sum(np.cross(one, two) * normal, axis=-1) / size)
+    return np.stack(found, axis=-1)
+
+
+def passive_frames(mechanism: Mechanism) -> list[int]:
+    """Return the indices of the frames whose coordinates the closures determine."""
+    return [mechanism.frame_index[name] for c in mechanism.closures for name in c.passive]
+
+
+@dataclass(frozen=True)
+class Flattening:
+    """Where a loop flattens as one joint moves.
+
+    Attributes:
+        closure: name of the closing point
+        joint: the joint that folds the loop
+        below, above: joint positions of the nearest flattening on either side [rad]; -inf, inf
+            when there is none within half a turn
+        margin: smallest distance from the joint's range, negative inside it [rad]
+    """
+
+    closure: str
+    joint: str
+    below: float
+    above: float
+    margin: float
+
+
+def flattenings(mechanism: Mechanism) -> tuple[Flattening, ...]:
+    """Find where each loop flattens, for each revolute joint that folds it."""
+    found: list[Flattening] = []
+    for row, closure in enumerate(mechanism.closures):
+        names = [mechanism.frame_index[name] for name in closure.passive]
+        for column, joint in enumerate(mechanism.joints):
+            if joint.kind != "revolute" or not mechanism.ratios[names, column].any():
+                continue
+            middle = 0.5 * (joint.lower + joint.upper)
+            if joint.lower <= 0.0 <= joint.upper:
+                middle = 0.0
+            below = _nearest_flat(mechanism, row, column, middle, -1.0)
+            above = _nearest_flat(mechanism, row, column, middle, 1.0)
+            margin = min(joint.lower - below, above - joint.upper)
+            found.append(Flattening(closure.name, joint.name, below, above, margin))
+    return tuple(found)
+
+
+def _nearest_flat(
+    mechanism: Mechanism, row: int, column: int, start: float, direction: float
+) -> float:
+    """Walk a joint from `start` until a loop's determinant changes sign, then bisect."""
+
+    def determinant(position: float) -> float:
+        q = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+        q[column] = position
+        try:
+            coordinates = closed_coordinates(mechanism, q)
+        except LoopError:
+            return 0.0
+        return float(branch_determinants(mechanism, coordinates)[row])
+
+    sign = np.sign(determinant(start))
+    inside, outside = start, start
+    for step in np.linspace(0.0, np.pi, 181)[1:]:
+        outside = start + direction * float(step)
+        if np.sign(determinant(outside)) != sign:
+            break
+        inside = outside
+    else:
+        return direction * np.inf
+    for _ in range(50):
+        middle = 0.5 * (inside + outside)
+        if np.sign(determinant(middle)) == sign:
+            inside = middle
+        else:
+            outside = middle
+    return inside
+
+
+def _point(mechanism: Mechanism, closure: Closure, poses: dict[int, Array], side: str) -> Array:
+    frame, point = (
+        (closure.frame_a, closure.point_a) if side == "a" else (closure.frame_b, closure.point_b)
+    )
+    pose = poses[mechanism.frame_index[frame]]
+    return pose[..., :3, :3] @ point + pose[..., :3, 3]

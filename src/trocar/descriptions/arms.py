@@ -144,10 +144,6 @@ def _read_parts(table: Table, part: str) -> Parts:
     frames = tuple(_read_frame(row) for row in rows)
     closures = tuple(_read_closure(row) for row in table.tables("closure"))
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
-    names = {j.name for j in joints} | set(sources)
-    for row, body in zip(table.tables("body"), bodies, strict=True):
-        if body.frame not in names and table.path == "" and part == "":
-            raise row.fail("frame", f"got {body.frame!r}; allowed: a frame of this file")
     return Parts(joints, frames, closures, bodies, _read_friction(table), _read_rotor(table),
                  _read_control(table), _read_poses(table, len(joints)), sources)
 
@@ -160,8 +156,7 @@ def _read_joint(row: Table) -> JointDescription:
     lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
     if not lower < upper:
         raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
-    drive = row.table("drive", required=True)
-    assert drive is not None  # required=True raises otherwise
+    drive = row.table("drive")
     joint = JointDescription(
         name=name,
         kind="revolute" if turns else "prismatic",
@@ -200,9 +195,8 @@ def _read_frame(row: Table) -> Frame:
     before, after = _read_placement(row)
     if motion == "fixed":
         before, after = before @ after, np.eye(4)
-    coupling = row.table("q")
-    couplings = () if coupling is None else tuple(
-        (joint, coupling.number(joint)) for joint in coupling.entries())
+    coupling = row.optional_table("q")
+    couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
     if (motion == "fixed") != (not couplings):
         raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
     frame = Frame(name, parent, motion, before, after, couplings,  # type: ignore[arg-type]
@@ -260,16 +254,14 @@ def _read_closure(row: Table) -> Closure:
 
 
 def _read_friction(table: Table) -> dict[str, dict[str, Friction]]:
-    models = table.table("friction")
+    models = table.optional_table("friction")
     found: dict[str, dict[str, Friction]] = {}
-    for name in [] if models is None else list(models.entries()):
-        model = models.table(name) if models else None
-        assert model is not None
+    for name in models.entries():
+        model = models.table(name)
         model.text("source", "")
         found[name] = {}
-        for key in list(model.entries()):
-            row = model.table(key, required=True)
-            assert row is not None
+        for key in model.entries():
+            row = model.table(key)
             found[name][key] = Friction(
                 row.quantity("coulomb", "torque", "force", default=0.0),
                 row.quantity("viscous", "angular damping", "linear damping", default=0.0))
@@ -280,28 +272,23 @@ def _read_friction(table: Table) -> dict[str, dict[str, Friction]]:
 
 
 def _read_rotor(table: Table) -> dict[str, float]:
-    rotors = table.table("rotor")
-    if rotors is None:
-        return {}
+    rotors = table.optional_table("rotor")
     rotors.text("source", "")
     found: dict[str, float] = {}
-    for key in list(rotors.entries()):
-        row = rotors.table(key, required=True)
-        assert row is not None
+    for key in rotors.entries():
+        row = rotors.table(key)
         found[key] = row.quantity("inertia" if "inertia_kgm2" in row else "mass", "inertia", "mass")
         row.done()
     return found
 
 
 def _read_control(table: Table) -> dict[str, Control]:
-    presets = table.table("control")
+    presets = table.optional_table("control")
     found: dict[str, Control] = {}
-    for name in [] if presets is None else list(presets.entries()):
-        row = presets.table(name, required=True) if presets else None
-        assert row is not None
-        pid = row.table("pid", required=True)
-        assert pid is not None
-        gains = {joint: Gains(*pid.numbers(joint, 3)) for joint in list(pid.entries())}
+    for name in presets.entries():
+        row = presets.table(name)
+        pid = row.table("pid")
+        gains = {joint: Gains(*pid.numbers(joint, 3)) for joint in pid.entries()}
         found[name] = Control(name, gains, row.flag("gravity_compensation", True),
                               row.flag("effort_limits", True), row.text("source", ""))
         row.done()
@@ -318,9 +305,9 @@ def _read_poses(table: Table, count: int) -> dict[str, Array]:
 
 
 def _read_coupling(table: Table) -> Coupling | None:
-    row = table.table("coupling")
-    if row is None:
+    if "coupling" not in table:
         return None
+    row = table.table("coupling")
     joints = row.texts("joints")
     matrix = row.matrix("actuator_to_joint", len(joints), len(joints))
     row.text("source", "")
@@ -329,9 +316,9 @@ def _read_coupling(table: Table) -> Coupling | None:
 
 
 def _read_counterweight(table: Table) -> Counterweight | None:
-    row = table.table("counterweight")
-    if row is None:
+    if "counterweight" not in table:
         return None
+    row = table.table("counterweight")
     found = Counterweight(row.text("body"), row.text("joint"), row.number("ratio"))
     row.done()
     return found

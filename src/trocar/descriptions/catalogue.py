@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -34,7 +33,9 @@ def load_arm(name: str | Path, tool: str | Path | None = None) -> ArmDescription
         UnknownNameError: no such arm or tool; the known ones are listed
         DescriptionError: the file is broken; file, key, got and allowed are named
     """
-    return _load_arm(_find("arms", name), tool if tool is None else str(tool))
+    path = _find("arms", name)
+    wanted = tool_wanted(path) if tool is None else str(tool)
+    return read_arm(path, None if wanted in ("", "none") else load_tool(wanted))
 
 
 def load_tool(name: str | Path) -> ToolDescription:
@@ -45,22 +46,17 @@ def load_tool(name: str | Path) -> ToolDescription:
 def load_rig(name: str | Path) -> RigDescription:
     """Load a rig by its name or path; paths inside it are relative to its folder."""
     path = _find("rigs", name)
-    return _load_rig(path)
+    loaded: dict[tuple[str, str | None], ArmDescription] = {}
 
+    def beside(entry: str) -> str:
+        return str(path.parent / entry) if entry.endswith(".toml") else entry
 
-@lru_cache(maxsize=64)
-def _load_arm(path: Path, tool: str | None) -> ArmDescription:
-    wanted = tool_wanted(path) if tool is None else tool
-    mounted = None if wanted in ("", "none") else load_tool(wanted)
-    return read_arm(path, mounted)
+    def load(arm: str, tool: str | None) -> ArmDescription:
+        if (arm, tool) not in loaded:
+            loaded[arm, tool] = load_arm(beside(arm), tool if tool is None else beside(tool))
+        return loaded[arm, tool]
 
-
-@lru_cache(maxsize=16)
-def _load_rig(path: Path) -> RigDescription:
-    def beside(name: str) -> str:
-        return str(path.parent / name) if name.endswith(".toml") else name
-
-    return read_rig(path, lambda arm, tool: load_arm(beside(arm), beside(tool) if tool else tool))
+    return read_rig(path, load)
 
 
 def _find(shelf: Shelf, name: str | Path) -> Path:

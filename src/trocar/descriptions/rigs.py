@@ -89,8 +89,7 @@ def _read_prop(row: Table) -> Prop:
 def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:
     name = row.text("name")
     row.text("source", "")
-    table = row.table("q_rad_m", required=True)
-    assert table is not None
+    table = row.table("q_rad_m")
     found: dict[str, Array] = {}
     for arm in arms:
         if arm.name in table:

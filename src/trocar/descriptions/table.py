@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -129,15 +129,21 @@ class Table:
                  for row in cast(list[Any], value)]
         return np.stack(lines)
 
-    def table(self, key: str, required: bool = False) -> Table | None:
-        """Return a sub-table, or None when absent."""
+    def table(self, key: str) -> Table:
+        """Return a sub-table that must be there."""
         value = self.raw(key)
-        if value is None and not required:
-            return None
+        if value is None:
+            raise self.fail(key, "is missing; a table is needed")
         if not isinstance(value, dict):
-            problem = "is missing; a table is needed" if value is None else f"got {value!r}; allowed: a table"
-            raise self.fail(key, problem)
+            raise self.fail(key, f"got {value!r}; allowed: a table")
         return Table(cast(dict[str, Any], value), self.file, f"{self.path}.{key}".strip("."))
+
+    def optional_table(self, key: str) -> Table:
+        """Return a sub-table, an empty one when absent."""
+        if key in self:
+            return self.table(key)
+        self.raw(key)
+        return Table({}, self.file, f"{self.path}.{key}".strip("."))
 
     def tables(self, key: str) -> list[Table]:
         """Return a list of sub-tables, empty when absent."""
@@ -148,9 +154,9 @@ class Table:
         where = f"{self.path}.{key}".strip(".")
         return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
 
-    def entries(self) -> Iterator[str]:
-        """Yield the keys that were not read yet; reading them is up to the caller."""
-        yield from [key for key in self._data if key not in self._read]
+    def entries(self) -> list[str]:
+        """Return the keys that were not read yet; reading them is up to the caller."""
+        return [key for key in self._data if key not in self._read]
 
     def done(self) -> None:
         """Refuse keys that nobody asked for.

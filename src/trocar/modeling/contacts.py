@@ -1,0 +1,41 @@
+"""Which bodies may touch: an arm touches other arms and props, never itself or its carrier."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from trocar.descriptions.records import RigDescription
+
+
+@dataclass(frozen=True)
+class ContactMask:
+    """MuJoCo's contype (who I am) and conaffinity (whom I touch)."""
+
+    contype: int
+    conaffinity: int
+
+
+#: The bit of everything that is no arm.
+WORLD_BIT = 1
+
+
+def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
+    """Return the mask of every arm by name, and of the props under "".
+
+    Setup joints share the cart's column and touch neither it nor each other; an arm does not touch
+    the setup joints that carry it.
+    """
+    bits = {arm.name: 2 << index for index, arm in enumerate(rig.arms)}
+    setup = sum(bits[a.name] for a in rig.arms if a.arm.type == "SUJ")
+    everything = WORLD_BIT | sum(bits.values())
+    masks = {"": ContactMask(WORLD_BIT, everything & ~WORLD_BIT & ~setup)}
+    for arm in rig.arms:
+        touches = everything & ~bits[arm.name]
+        if arm.arm.type == "SUJ":
+            touches &= ~setup & ~WORLD_BIT
+            for carried in rig.arms:
+                touches &= ~bits[carried.name] if carried.on == arm.name else -1
+        elif arm.on:
+            touches &= ~bits[arm.on]
+        masks[arm.name] = ContactMask(bits[arm.name], touches)
+    return masks

@@ -1,0 +1,68 @@
+"""A rig as a MuJoCo model: a pure function of its description and a few options."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import mujoco
+import numpy as np
+
+from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
+from trocar.geometry.rotations import quaternion_from_matrix
+from trocar.modeling.arm_model import Anchor, add_arm, add_shape
+from trocar.modeling.contacts import contact_masks
+from trocar.modeling.options import IMPRATIO, ModelOptions
+
+
+def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco.MjSpec:
+    """Return the model of a rig, ready to compile or to be written as MJCF.
+
+    Source of the settings: mujoco-findings, sections 0 and 1 (integrator `discrete`, Newton, dense
+    Jacobian: the sparse one of MuJoCo 4.0.0 diverges on these chains).
+
+    Raises:
+        InputError: an arm has no masses
+    """
+    chosen = options or ModelOptions()
+    spec = new_spec(chosen)
+    spec.modelname = rig.name
+    masks = contact_masks(rig)
+    world = Anchor(cast(mujoco.MjsBody, spec.worldbody), np.eye(4))
+    for prop in rig.props:
+        body = world.body.add_body(name=prop.name, pos=prop.pose[:3, 3],
+                                   quat=quaternion_from_matrix(prop.pose[:3, :3]))
+        for number, shape in enumerate(prop.shapes):
+            add_shape(body, f"{prop.name}/{number}", shape, masks[""], chosen)
+    frames: dict[str, dict[str, Anchor]] = {}
+    for arm in rig.arms:
+        mount = frames[arm.on][arm.frame] if arm.on else world
+        at = Anchor(mount.body, mount.pose @ arm.pose)
+        frames[arm.name] = add_arm(spec, arm.name, arm.arm, at, masks[arm.name], chosen)
+    return spec
+
+
+def lone_rig(arm: ArmDescription, name: str = "arm") -> RigDescription:
+    """Return a rig of one arm whose root stands at the world's origin."""
+    rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
+    return RigDescription(arm.name, arm.title, arm.source, arm.file,
+                          (RigArm(name, arm, "", "", np.eye(4)),), (), {"start": {name: rest}})
+
+
+def new_spec(options: ModelOptions) -> mujoco.MjSpec:
+    """Return an empty model with the solver's settings."""
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.compiler.autolimits = True
+    spec.compiler.boundmass = 0.0
+    option = cast(Any, spec.option)
+    option.timestep = options.timestep
+    option.gravity = [0.0, 0.0, -9.81]
+    option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = IMPRATIO
+    option.disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_REFSAFE
+    )
+    return spec

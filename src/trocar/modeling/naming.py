@@ -1,0 +1,23 @@
+"""How things are called in compiled models: "PSM1/pitch_back", "PSM1/pin/yaw"."""
+
+from __future__ import annotations
+
+
+def scoped(arm: str, name: str) -> str:
+    """Return the name of an arm's body, hinge, actuator, tendon or closing point."""
+    return f"{arm}/{name}"
+
+
+def closing_site(arm: str, closure: str, side: str) -> str:
+    """Return the name of the site on side "a" or "b" of a loop's closing hinge."""
+    return f"{arm}/{closure}/{side}"
+
+
+def guard(arm: str, closure: str) -> str:
+    """Return the name of the equality that keeps a loop on its branch."""
+    return f"{arm}/guard/{closure}"
+
+
+def pin(arm: str, joint: str) -> str:
+    """Return the name of the equality that holds a joint: a brake, or the kinematic mode."""
+    return f"{arm}/pin/{joint}"

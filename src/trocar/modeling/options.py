@@ -1,0 +1,40 @@
+"""What can be chosen when a rig becomes a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """Choices that change the compiled model.
+
+    Attributes:
+        timestep: physics period [s]
+        friction: "identified" (dry and viscous, from recordings) or "paper" (damping 0.1)
+        collisions: whether bodies touch
+        locked: {arm: q (n,)}: arms that are welded at these joint positions
+    """
+
+    timestep: float = 0.001
+    friction: Literal["identified", "paper"] = "identified"
+    collisions: bool = True
+    locked: Mapping[str, Array] = field(default_factory=dict[str, Array])
+
+
+#: Time constant of loops, pins and stops, in physics periods. Source: mujoco-findings, section 1:
+#: solref (0.001, 1) at 1 ms with solimp 0.9999 leaves a gap of 0.04 um under 10 N.
+STIFF_PERIODS = 1.0
+STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+#: Time constant of contacts in physics periods, and the cone's ratio. Source: the same, section 4.
+CONTACT_PERIODS = 2.0
+CONTACT_IMPEDANCE = (0.9999, 0.9999, 0.0001, 0.5, 2.0)
+IMPRATIO = 10.0
+CONTACT_FRICTION = (1.0, 0.002, 0.0005)

@@ -160,8 +160,10 @@ def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
 def add_shape(
     body: mujoco.MjsBody, name: str, shape: Shape, mask: ContactMask, options: ModelOptions
 ) -> None:
-    """Add a massless geom for a shape; it collides when the shape and the options say so."""
-    collide = shape.collide and options.collisions
+    """Add a massless geom for a shape, if it collides or decoration is wanted."""
+    collide = shape.collide and options.collisions and mask.conaffinity != 0
+    if not collide and not options.decoration:
+        return
     body.add_geom(
         name=name, type=GEOMS[shape.kind], size=shape.size, pos=shape.pose[:3, 3],
         quat=quaternion_from_matrix(shape.pose[:3, :3]), mass=0.0,
@@ -232,7 +234,7 @@ def _add_servo(
         for frame, weight in joint.drive:
             tendon.wrap_joint(naming.scoped(name, frame), weight)
     servo = spec.add_actuator(name=naming.scoped(name, joint.name), target=target, trntype=kind)
-    servo.gear = [1.0 / joint.drive[0][1] if len(joint.drive) == 1 else 1.0, 0, 0, 0, 0, 0]
+    servo.gear = [joint.drive[0][1] if len(joint.drive) == 1 else 1.0, 0, 0, 0, 0, 0]
     servo.set_to_pid(kp=1.0, kv=1.0, ki=1.0, ctrlspec=SERVO_INPUTS)
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.forcerange = [-joint.effort_max, joint.effort_max]

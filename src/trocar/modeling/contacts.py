@@ -28,6 +28,8 @@ def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
     bits = {arm.name: 2 << index for index, arm in enumerate(rig.arms)}
     setup = sum(bits[a.name] for a in rig.arms if a.arm.type == "SUJ")
     everything = WORLD_BIT | sum(bits.values())
+    if not any(shape.collide for prop in rig.props for shape in prop.shapes):
+        everything &= ~WORLD_BIT
     masks = {"": ContactMask(WORLD_BIT, everything & ~WORLD_BIT & ~setup)}
     for arm in rig.arms:
         touches = everything & ~bits[arm.name]

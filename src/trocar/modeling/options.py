@@ -20,12 +20,15 @@ class ModelOptions:
         timestep: physics period [s]
         friction: "identified" (dry and viscous, from recordings) or "paper" (damping 0.1)
         collisions: whether bodies touch
+        decoration: whether shapes that collide with nothing are in the model (for renderers; a
+            physics step is faster without)
         locked: {arm: q (n,)}: arms that are welded at these joint positions
     """
 
     timestep: float = 0.001
     friction: Literal["identified", "paper"] = "identified"
     collisions: bool = True
+    decoration: bool = False
     locked: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 

@@ -1,0 +1,84 @@
+"""Where an arm's joints are in a compiled model: names resolved to indices once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import RigArm
+from trocar.modeling import naming
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Binding:
+    """Indices of an arm in a model.
+
+    Attributes:
+        hinges: frame indices of the arm's hinges, (h,)
+        qpos, dof: addresses of the hinges, (h,)
+        drive: q = drive @ qpos[hinges], (n, h)
+        share: generalised force on q = share @ force on hinges, (n, h); loops as parallelograms
+        actuators, act, pins: ids of servos, their integral states, and pins, (n,)
+        pin_scale: pin target = pin_scale * q, (n,)
+        bodies: ids of the arm's own bodies
+        frame_bodies: {frame: body id} of frames that are bodies
+    """
+
+    hinges: Index
+    qpos: Index
+    dof: Index
+    drive: Array
+    share: Array
+    actuators: Index
+    act: Index
+    pins: Index
+    pin_scale: Array
+    bodies: Index
+    frame_bodies: dict[str, int]
+
+
+def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
+    """Resolve an arm's names in a model; a locked arm has no hinges."""
+    arm, mechanism = rig_arm.arm, rig_arm.arm.mechanism
+    joints = {model.joint(i).name: i for i in range(model.njnt)}
+    hinges: list[int] = []
+    ids: list[int] = []
+    for index, frame in enumerate(mechanism.frames):
+        found = joints.get(naming.scoped(rig_arm.name, frame.name))
+        if found is not None:
+            hinges.append(index)
+            ids.append(found)
+    column = {mechanism.frames[h].name: k for k, h in enumerate(hinges)}
+    live = arm.joints if hinges else ()
+    drive = np.zeros((len(live), len(hinges)))
+    for row, joint in enumerate(live):
+        for frame, weight in joint.drive:
+            drive[row, column[frame]] = weight
+    actuators = [model.actuator(naming.scoped(rig_arm.name, j.name)).id for j in live]
+    pins = [model.equality(naming.pin(rig_arm.name, j.name)).id for j in live]
+    scale = [1.0 / j.drive[0][1] if len(j.drive) == 1 else 1.0 for j in live]
+    bodies: dict[str, int] = {}
+    for frame in mechanism.frames:
+        body = mujoco.mj_name2id(
+            model, mujoco.mjtObj.mjOBJ_BODY, naming.scoped(rig_arm.name, frame.name))
+        if body >= 0:
+            bodies[frame.name] = body
+    return Binding(
+        hinges=np.array(hinges, dtype=np.intp),
+        qpos=np.array([model.jnt_qposadr[i] for i in ids], dtype=np.intp),
+        dof=np.array([model.jnt_dofadr[i] for i in ids], dtype=np.intp),
+        drive=drive,
+        share=mechanism.ratios[hinges].T.copy() if hinges else np.zeros((0, 0)),
+        actuators=np.array(actuators, dtype=np.intp),
+        act=np.array([model.actuator_actadr[a] for a in actuators], dtype=np.intp),
+        pins=np.array(pins, dtype=np.intp),
+        pin_scale=np.array(scale),
+        bodies=np.array(list(bodies.values()), dtype=np.intp),
+        frame_bodies=bodies,
+    )

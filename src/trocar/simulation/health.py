@@ -1,0 +1,58 @@
+"""How well loops hold, from the coordinates that a simulation reached."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import ArmDescription
+from trocar.kinematics.loops import branch_determinants, coupled_coordinates, flattenings, gaps
+from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.tree import frame_poses
+from trocar.simulation.records import ArmHealth
+
+Array = NDArray[np.float64]
+
+
+def arm_health(arm: ArmDescription, coordinates: Array) -> ArmHealth:
+    """Return the worst over samples of every frame's coordinate, (..., n_frames)."""
+    mechanism = arm.mechanism
+    gap = gaps(mechanism, coordinates)
+    rcm = remote_centre_error(arm, coordinates)
+    right = branch_determinants(mechanism, coordinates) * _built_branch(mechanism) > 0.0
+    return ArmHealth(
+        loop_gap_m=float(gap.max(initial=0.0)),
+        rcm_error_m=float("nan") if rcm is None else float(rcm.max(initial=0.0)),
+        branch_ok=bool(right.all()),
+        flattening_margin_rad=flattening_margin(mechanism),
+    )
+
+
+def remote_centre_error(arm: ArmDescription, coordinates: Array) -> Array | None:
+    """Return the distance of the instrument's shaft from the remote centre, (...) [m].
+
+    The shaft is the z axis of the frame that the insertion moves. None when the arm has neither.
+    """
+    mechanism = arm.mechanism
+    if "rcm" not in mechanism.frame_index or "insertion" not in mechanism.frame_index:
+        return None
+    wanted = sorted({*mechanism.chain("rcm"), *mechanism.chain("insertion")})
+    poses = frame_poses(mechanism, coordinates, wanted)
+    centre = poses[mechanism.frame_index["rcm"]][..., :3, 3]
+    shaft = poses[mechanism.frame_index["insertion"]]
+    return np.linalg.norm(np.cross(centre - shaft[..., :3, 3], shaft[..., :3, 2]), axis=-1)
+
+
+@lru_cache(maxsize=64)
+def flattening_margin(mechanism: Mechanism) -> float:
+    """Return the distance of the joint range from a flat loop [rad], inf without loops."""
+    return min((f.margin for f in flattenings(mechanism)), default=float("inf"))
+
+
+@lru_cache(maxsize=64)
+def _built_branch(mechanism: Mechanism) -> Array:
+    """Return the sign of each loop's determinant at rest, (n_closures,)."""
+    rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+    return np.sign(branch_determinants(mechanism, coupled_coordinates(mechanism, rest)))

@@ -1,0 +1,133 @@
+"""Play tables of set-points: checked once, written row by row, sampled as it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import RigDescription
+from trocar.errors import InputError, UnknownNameError
+from trocar.simulation.arm import Arm
+from trocar.simulation.drives import INPUTS, UNLIMITED, Drives
+from trocar.simulation.records import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Checked set-points of every servo, (k, nu) each, and how many samples were clipped."""
+
+    positions: Array
+    velocities: Array
+    played: tuple[str, ...]
+    clipped: dict[str, int]
+
+
+class Player:
+    """Writes tables into the servos and keeps the motors' effort within limits."""
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, rig: RigDescription,
+        drives: Mapping[str, Drives],
+    ) -> None:
+        self._model, self._data = model, data
+        self._drives = {name: d for name, d in drives.items() if not d.welded}
+        self._names = tuple(a.name for a in rig.arms)
+        self._inputs = data.ctrl.reshape(model.nu // INPUTS, INPUTS)
+        self._share = np.zeros((model.nu // INPUTS, model.nv))
+        for d in self._drives.values():
+            self._share[np.ix_(d.binding.actuators, d.binding.dof)] = d.binding.share
+
+    def limit_efforts(self) -> None:
+        """Leave each servo what gravity compensation takes of its motor's limit."""
+        limit = np.full(len(self._share), UNLIMITED)
+        for d in self._drives.values():
+            limit[d.binding.actuators] = d.effort_limit
+        weight = self._share @ self._data.qfrc_gravcomp
+        self._model.actuator_forcerange[:, 0] = -limit - weight
+        self._model.actuator_forcerange[:, 1] = limit - weight
+
+    def table(
+        self, positions: Mapping[str, Array], velocities: Mapping[str, Array] | None
+    ) -> Table:
+        """Check and clip set-points of some arms; the others hold theirs.
+
+        Raises:
+            UnknownNameError: no such arm
+            InputError: wrong shape, NaN or infinity
+        """
+        rows = {len(np.asarray(p)) for p in positions.values()}
+        if len(rows) != 1:
+            raise InputError(f"play: got tables of {sorted(rows)} rows; allowed: one length")
+        count = rows.pop()
+        q = np.tile(self._inputs[:, 0], (count, 1))
+        v = np.zeros_like(q)
+        clipped: dict[str, int] = {}
+        for name, wanted in positions.items():
+            if name not in self._drives:
+                raise UnknownNameError("arm", name, self._drives, "play")
+            d = self._drives[name]
+            mechanism = d.arm.mechanism
+            target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
+            inside = np.clip(target, mechanism.lower, mechanism.upper)
+            clipped[name] = int((inside != target).any(axis=1).sum())
+            q[:, d.binding.actuators] = inside
+            if velocities is not None and name in velocities:
+                v[:, d.binding.actuators] = _checked(name, velocities[name], target.shape,
+                                                     "velocities")
+        return Table(q, v, tuple(positions), clipped)
+
+    def run(
+        self, table: Table, every: int, record: bool, advance: Callable[[int], None],
+        arms: Mapping[str, Arm],
+    ) -> Recording:
+        """Write each row, advance, sample."""
+        count = len(table.positions) if record else 0
+        times = np.zeros(count)
+        qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
+        force, weight = np.zeros((count, len(self._share))), np.zeros((count, self._model.nv))
+        data, inputs = self._data, self._inputs
+        for row, (q, v) in enumerate(zip(table.positions, table.velocities, strict=True)):
+            inputs[:, 0] = q
+            inputs[:, 1] = v
+            advance(every)
+            if record:
+                times[row] = data.time
+                qpos[row], qvel[row] = data.qpos, data.qvel
+                force[row], weight[row] = data.actuator_force, data.qfrc_gravcomp
+        for name in table.played:
+            used = self._drives[name].binding.actuators
+            arms[name].note_setpoint(table.positions[-1, used], table.velocities[-1, used])
+        return self._recording(times, (qpos, qvel, force, weight), table.clipped)
+
+    def _recording(
+        self, times: Array, samples: tuple[Array, Array, Array, Array], clipped: dict[str, int]
+    ) -> Recording:
+        qpos, qvel, force, weight = samples
+        positions: dict[str, Array] = {}
+        velocities: dict[str, Array] = {}
+        efforts: dict[str, Array] = {}
+        coordinates: dict[str, Array] = {}
+        for name, d in self._drives.items():
+            b = d.binding
+            positions[name] = qpos[:, b.qpos] @ b.drive.T
+            velocities[name] = qvel[:, b.dof] @ b.drive.T
+            efforts[name] = force[:, b.actuators] + weight[:, b.dof] @ b.share.T
+            coordinates[name] = np.zeros((len(times), len(d.arm.mechanism.frames)))
+            coordinates[name][:, b.hinges] = qpos[:, b.qpos]
+        return Recording(times, positions, velocities, efforts, coordinates, clipped)
+
+
+def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")
+    if not np.isfinite(array).all():
+        row = int(np.argmin(np.isfinite(array).all(axis=1)))
+        raise InputError(f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}")
+    return array

@@ -1,0 +1,129 @@
+"""What a world hands out: frozen copies of its state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mode = Literal["position", "effort", "set"]
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """Joint positions, velocities and efforts at a time [rad or m, per s, N m or N, s]."""
+
+    name: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A pose T (4, 4) in the frame `frame_id` at a time [s]."""
+
+    T: Array
+    frame_id: str
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSnapshot:
+    """One arm at a time; arrays follow `joint_names`, the jaw last."""
+
+    joint_names: tuple[str, ...]
+    q: Array
+    qd: Array
+    effort: Array
+    setpoint: Array
+    modes: tuple[Mode, ...]
+    locked: tuple[bool, ...]
+    busy: bool
+    remote_centre: Array | None
+    warnings: int
+    last_warning: str
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """A world at a time: where every body is, and every arm."""
+
+    time: float
+    positions: Array
+    quaternions: Array
+    arms: Mapping[str, ArmSnapshot]
+
+
+@dataclass(frozen=True)
+class ArmHealth:
+    """How well an arm's loops hold.
+
+    Attributes:
+        loop_gap_m: largest distance between the two sides of a closing hinge [m]
+        rcm_error_m: distance of the shaft's line from the remote centre [m], NaN without one
+        branch_ok: whether every loop is on the branch it was built on
+        flattening_margin_rad: distance of the joint range from a flat loop [rad], inf without loops
+    """
+
+    loop_gap_m: float
+    rcm_error_m: float
+    branch_ok: bool
+    flattening_margin_rad: float
+
+
+@dataclass(frozen=True)
+class Health:
+    """The worst over all arms, and each arm's."""
+
+    loop_gap_m: float
+    rcm_error_m: float
+    branch_ok: bool
+    flattening_margin_rad: float
+    per_arm: Mapping[str, ArmHealth]
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeRecord:
+    """A shape to draw: on which body, how big, which colour.
+
+    `size` as in `descriptions.Shape`: half edges of a box, (radius, half length, 0) of a capsule
+    or cylinder, (radius, 0, 0) of a sphere [m].
+    """
+
+    body: int
+    name: str
+    kind: str
+    size: Array
+    pose: Array
+    rgba: tuple[float, float, float, float]
+    gloss: float
+    metal: float
+    rounding: float
+    arm: str | None
+    frame: str
+    collide: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Samples of a played trajectory.
+
+    Attributes:
+        time: (k,) [s]
+        positions, velocities, efforts: {arm: (k, n_joints)}
+        coordinates: {arm: (k, n_frames)}: every frame's own coordinate, as the simulation had it
+        clipped: {arm: number of samples that lay beyond a limit}
+    """
+
+    time: Array
+    positions: Mapping[str, Array]
+    velocities: Mapping[str, Array]
+    efforts: Mapping[str, Array]
+    coordinates: Mapping[str, Array]
+    clipped: Mapping[str, int]

@@ -88,7 +88,7 @@ class Drives:
         here = self.positions()
         self.locked[chosen] = locked
         self._forget(chosen)
-        self._data.eq_data[self.binding.pins[chosen], 0] = (
+        self._model.eq_data[self.binding.pins[chosen], 0] = (
             self.binding.pin_scale[chosen] * here[chosen])
         self.apply()
 
@@ -105,7 +105,7 @@ class Drives:
         kinematic = np.array([m == "set" for m in self.modes]) & ~self.locked
         if kinematic.any():
             pins = self.binding.pins[kinematic]
-            self._data.eq_data[pins, 0] = (self.binding.pin_scale * q)[kinematic]
+            self._model.eq_data[pins, 0] = (self.binding.pin_scale * q)[kinematic]
             here, rate = self.positions(), self.velocities()
             self._put(np.where(kinematic, q, here), np.where(kinematic, v, rate))
 
@@ -124,7 +124,7 @@ class Drives:
             return
         self._put(q, v)
         self._forget(range(len(q)))
-        self._data.eq_data[self.binding.pins, 0] = self.binding.pin_scale * q
+        self._model.eq_data[self.binding.pins, 0] = self.binding.pin_scale * q
         self.command(q, v)
 
     def positions(self) -> Array:

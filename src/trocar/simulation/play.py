@@ -20,10 +20,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Checked set-points of every servo, (k, nu) each, and how many samples were clipped."""
+    """Checked inputs of every servo, (k, nu, 3), and how many samples were clipped."""
 
-    positions: Array
-    velocities: Array
+    inputs: Array
     played: tuple[str, ...]
     clipped: dict[str, int]
 
@@ -40,20 +39,26 @@ class Player:
         self._names = tuple(a.name for a in rig.arms)
         self._inputs = data.ctrl.reshape(model.nu // INPUTS, INPUTS)
         self._share = np.zeros((model.nu // INPUTS, model.nv))
+        self._limit = np.full(len(self._share), UNLIMITED)
+        self.read_limits()
         for d in self._drives.values():
             self._share[np.ix_(d.binding.actuators, d.binding.dof)] = d.binding.share
 
+    def read_limits(self) -> None:
+        """Take over the motors' effort limits."""
+        for d in self._drives.values():
+            self._limit[d.binding.actuators] = d.effort_limit
+
     def limit_efforts(self) -> None:
         """Leave each servo what gravity compensation takes of its motor's limit."""
-        limit = np.full(len(self._share), UNLIMITED)
-        for d in self._drives.values():
-            limit[d.binding.actuators] = d.effort_limit
+        limit = self._limit
         weight = self._share @ self._data.qfrc_gravcomp
         self._model.actuator_forcerange[:, 0] = -limit - weight
         self._model.actuator_forcerange[:, 1] = limit - weight
 
     def table(
-        self, positions: Mapping[str, Array], velocities: Mapping[str, Array] | None
+        self, positions: Mapping[str, Array], velocities: Mapping[str, Array],
+        efforts: Mapping[str, Array],
     ) -> Table:
         """Check and clip set-points of some arms; the others hold theirs.
 
@@ -65,8 +70,8 @@ class Player:
         if len(rows) != 1:
             raise InputError(f"play: got tables of {sorted(rows)} rows; allowed: one length")
         count = rows.pop()
-        q = np.tile(self._inputs[:, 0], (count, 1))
-        v = np.zeros_like(q)
+        inputs = np.tile(self._inputs, (count, 1, 1))
+        inputs[:, :, 1] = 0.0
         clipped: dict[str, int] = {}
         for name, wanted in positions.items():
             if name not in self._drives:
@@ -76,25 +81,28 @@ class Player:
             target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)
             clipped[name] = int((inside != target).any(axis=1).sum())
-            q[:, d.binding.actuators] = inside
-            if velocities is not None and name in velocities:
-                v[:, d.binding.actuators] = _checked(name, velocities[name], target.shape,
-                                                     "velocities")
-        return Table(q, v, tuple(positions), clipped)
+            used = d.binding.actuators
+            inputs[:, used, 0] = inside
+            if name in velocities:
+                inputs[:, used, 1] = _checked(name, velocities[name], target.shape, "velocities")
+            if name in efforts:
+                wanted_efforts = _checked(name, efforts[name], target.shape, "efforts")
+                open_loop = np.array([mode == "effort" for mode in d.modes])
+                inputs[:, used, 2] = np.where(open_loop, wanted_efforts, 0.0)
+        return Table(inputs, tuple(positions), clipped)
 
     def run(
         self, table: Table, every: int, record: bool, advance: Callable[[int], None],
         arms: Mapping[str, Arm],
     ) -> Recording:
         """Write each row, advance, sample."""
-        count = len(table.positions) if record else 0
+        count = len(table.inputs) if record else 0
         times = np.zeros(count)
         qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
         force, weight = np.zeros((count, len(self._share))), np.zeros((count, self._model.nv))
         data, inputs = self._data, self._inputs
-        for row, (q, v) in enumerate(zip(table.positions, table.velocities, strict=True)):
-            inputs[:, 0] = q
-            inputs[:, 1] = v
+        for row, wanted in enumerate(table.inputs):
+            inputs[:] = wanted
             advance(every)
             if record:
                 times[row] = data.time
@@ -102,7 +110,7 @@ class Player:
                 force[row], weight[row] = data.actuator_force, data.qfrc_gravcomp
         for name in table.played:
             used = self._drives[name].binding.actuators
-            arms[name].note_setpoint(table.positions[-1, used], table.velocities[-1, used])
+            arms[name].note_setpoint(table.inputs[-1, used, 0], table.inputs[-1, used, 1])
         return self._recording(times, (qpos, qvel, force, weight), table.clipped)
 
     def _recording(

@@ -129,7 +129,7 @@ class World:
 
     def play(
         self, positions: Mapping[str, Array], velocities: Mapping[str, Array] | None = None,
-        every: int = 5, record: bool = True,
+        efforts: Mapping[str, Array] | None = None, *, every: int = 5, record: bool = True,
     ) -> Recording:
         """Drive arms along tables of set-points, one row every few physics periods.
 
@@ -138,6 +138,7 @@ class World:
         Args:
             positions: {arm: (k, n)} [rad or m]
             velocities: {arm: (k, n)}, zero when omitted
+            efforts: {arm: (k, n)}, for joints in mode "effort" [N m or N]
             every: physics periods a row lasts
             record: whether to sample every row; else the recording is empty
 
@@ -148,7 +149,7 @@ class World:
             InputError: a wrong shape, NaN or infinity; nothing moves
             DivergedError: as for `step`
         """
-        table = self._player.table(positions, velocities)
+        table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self._advance, self.arms)
 
     def reset(self, seed: int | None = None, pose: str = "start") -> None:

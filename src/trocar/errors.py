@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 
 
@@ -63,7 +63,16 @@ class LogError(InputError):
 
 
 class UnreachableError(TrocarError):
-    """A pose that the arm cannot take."""
+    """A pose that the arm cannot take.
+
+    Args:
+        reason: why, and by how much
+        excess: by how much each thing in the way is passed, such as {"insertion": 0.021} [rad or m]
+    """
+
+    def __init__(self, reason: str, excess: Mapping[str, float] | None = None) -> None:
+        self.excess = dict(excess or {})
+        super().__init__(reason)
 
 
 class SingularError(TrocarError):

@@ -96,8 +96,6 @@ def nearest_point_to_lines(points: ArrayLike, directions: ArrayLike) -> tuple[Ar
     if len(p) < 2:
         raise InputError(f"lines: at least two wanted, got {len(p)}")
     d = _unit(d)
-    centre = p.mean(axis=0)
-    p = p - centre  # keeps digits when the lines are far from the origin
     projectors = np.eye(3) - d[:, :, None] * d[:, None, :]
     normal = projectors.mean(axis=0)
     values, vectors = np.linalg.eigh(normal)
@@ -106,7 +104,7 @@ def nearest_point_to_lines(points: ArrayLike, directions: ArrayLike) -> tuple[Ar
     right = (projectors @ p[:, :, None])[..., 0].mean(axis=0)
     x = vectors @ ((vectors.T @ right) / values)
     distances = point_line_distance(x, p, d)
-    return x + centre, float(np.sqrt(np.mean(distances**2)))
+    return x, float(np.sqrt(np.mean(distances**2)))
 
 
 def _unit(direction: ArrayLike) -> Array:

@@ -20,7 +20,7 @@ from trocar.geometry.rotations import (
 )
 
 # Source: below it the series in `_left_jacobian` and `_inverse_left_jacobian` stop short by less
-# than 1e-17; above it the closed forms lose nothing that matters, as they are multiplied by angle^2.
+# than 1e-17; above it the closed forms' lost digits vanish in the angle^2 that multiplies them.
 _SMALL_ANGLE = 1e-2
 
 

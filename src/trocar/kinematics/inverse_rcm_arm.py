@@ -1,0 +1,163 @@
+"""Inverse kinematics of a six-joint arm whose shaft passes through a remote centre, in closed form.
+
+Joints: yaw, pitch, insertion, roll, wrist pitch, wrist yaw. How it is solved: the wrist yaw axis
+and the tip are known from the pose. The x axis of the wrist (frame 5) is at right angles to that
+axis and lies in the plane that it spans with the remote centre, so two directions are left; each
+gives the point where roll and wrist pitch axes meet, which the shaft must run through, on either
+side of the remote centre. The angles follow without a further choice.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import SingularError
+from trocar.geometry.se3 import check_transform
+from trocar.kinematics.rcm_shaft import shaft_angles, shaft_axes
+from trocar.kinematics.solutions import (
+    JointRange,
+    inside,
+    joint_range,
+    nearest_first,
+    out_of_limits,
+    some_inside,
+)
+
+Array = NDArray[np.float64]
+
+JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+SLIDES = (False, False, True, False, False, False)
+
+# Source: issue #2 and decisions, "Frames, tips, inverse kinematics": nearer than this to the remote
+# centre the wrist no longer says where the shaft points.
+WRIST_AT_CENTRE = 1e-3
+
+# Source: our choice. With the tip this near [m] to the line through the remote centre along the
+# wrist yaw axis, a rounding of 1e-17 m in the pose would turn the arm by more than 1e-10 rad.
+TIP_ON_AXIS = 1e-7
+
+# Source: our choice, likewise for the cosine of the pitch when the shaft lies along the yaw axis.
+SHAFT_ON_YAW_AXIS = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class RcmArmGeometry:
+    """What the modified DH rows of the arm leave open.
+
+    Rows (a, alpha, d, theta), frame 0 at the remote centre:
+    (0, pi/2, 0, q1 + pi/2), (0, -pi/2, 0, q2 - pi/2), (0, pi/2, q3 - insertion_offset, 0),
+    (0, 0, tool_length, q4), (0, -pi/2, 0, q5 - pi/2), (wrist_length, -pi/2, 0, q6 - pi/2),
+    then the rotation `tip_rotation`.
+
+    Attributes:
+        insertion_offset: remote centre to the end of the insertion at q3 = 0, towards the arm [m]
+        tool_length: from there to the wrist pitch axis [m]
+        wrist_length: wrist pitch axis to wrist yaw axis [m], not 0
+        tip_rotation: axes of the tip in frame 6, (3, 3)
+    """
+
+    insertion_offset: float
+    tool_length: float
+    wrist_length: float
+    tip_rotation: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Branches:
+    """Joint positions (m, 6), and which branches (m,) are not determined, for which reason."""
+
+    q: Array
+    wrist_at_centre: NDArray[np.bool_]
+    shaft_on_yaw_axis: NDArray[np.bool_]
+    tip_on_axis: bool
+
+
+def inverse_rcm_arm(
+    geometry: RcmArmGeometry,
+    T: ArrayLike,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    seed: ArrayLike | None = None,
+) -> Array:
+    """Find all joint positions inside the limits that bring the tip to a pose.
+
+    Args:
+        geometry: lengths of the arm and its tool
+        T: pose of the tip in frame 0, the remote centre, (4, 4)
+        lower, upper: joint limits, (6,) [rad, insertion m]
+        seed: solutions come nearest to it first, (6,); None is the middle of the limits. Distance
+            as in `solutions.nearest_first`: each joint in shares of its range
+
+    Returns:
+        (k, 6) [rad, insertion m], k >= 1; every whole turn that the limits leave room for is there
+
+    Raises:
+        UnreachableError: no solution inside the limits; says which limit is passed, by how much
+        SingularError: every solution inside the limits has joints that are not determined: the
+            wrist pitch axis within 1 mm of the remote centre, the tip on the wrist yaw axis's
+            parallel through the remote centre, or the shaft along the yaw axis
+        InputError: a pose, limit or seed that is none
+    """
+    pose = check_transform(T)
+    joints = joint_range(JOINTS, SLIDES, lower, upper)
+    branches = _branches(geometry, pose)
+    singular = branches.wrist_at_centre | branches.shaft_on_yaw_axis | branches.tip_on_axis
+    solutions = inside(branches.q[~singular], joints)
+    if len(solutions) == 0:
+        _refuse_singular(branches, joints)
+        raise out_of_limits(branches.q, joints)
+    return nearest_first(solutions, joints, seed)
+
+
+def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:
+    """Solve without limits: wrist direction (2) by side of the remote centre (2) by pitch (2)."""
+    tip, R06 = T[:3, 3], T[:3, :3] @ geometry.tip_rotation.T
+    x6, z6 = R06[:, 0], R06[:, 2]
+    across = tip - (tip @ z6) * z6
+    distance = float(np.linalg.norm(across))
+    tip_on_axis = distance < TIP_ON_AXIS
+    # On the axis any direction at right angles to it will do: all have the same q3 and q5.
+    towards = x6 if tip_on_axis else across / distance
+    x5 = np.stack([towards, -towards])[:, None, None, :]
+    wrist = tip - geometry.wrist_length * x5
+    depth = np.linalg.norm(wrist, axis=-1) * np.array([1.0, -1.0])[:, None]
+    at_centre = np.abs(depth) < WRIST_AT_CENTRE
+    u = np.where(depth[..., None] == 0.0, x5, wrist / np.where(depth == 0.0, 1.0, depth)[..., None])
+    yaw, pitch, level = shaft_angles(u[..., 0, :])
+    q = np.empty((2, 2, 2, 6))
+    q[..., 0], q[..., 1] = yaw, pitch
+    q[..., 2] = depth + geometry.insertion_offset - geometry.tool_length
+    x3, y3, _ = shaft_axes(yaw, pitch)
+    z5 = np.cross(x5, z6)
+    q[..., 3] = np.arctan2(-np.sum(z5 * x3, axis=-1), np.sum(z5 * y3, axis=-1))
+    q[..., 4] = np.arctan2(-u @ z6, np.sum(u * x5, axis=-1))
+    q[..., 5] = np.arctan2(x5 @ x6, z5 @ x6)
+    shape = (2, 2, 2)
+    return _Branches(
+        q.reshape(8, 6),
+        np.broadcast_to(at_centre, shape).ravel(),
+        np.broadcast_to(level[..., None] < SHAFT_ON_YAW_AXIS, shape).ravel(),
+        tip_on_axis,
+    )
+
+
+def _refuse_singular(branches: _Branches, joints: JointRange) -> None:
+    """Raise SingularError where a branch keeps the limits of the joints that it does determine."""
+    if branches.tip_on_axis and some_inside(branches.q, joints, (2, 4)):
+        raise SingularError(
+            "singular pose: the tip lies on the line through the remote centre along the wrist yaw "
+            "axis, about which the whole arm could turn"
+        )
+    near = branches.q[branches.wrist_at_centre]
+    if some_inside(near, joints, (2,)):
+        raise SingularError(
+            f"singular pose: the wrist pitch axis is within {1e3 * WRIST_AT_CENTRE:g} mm of the "
+            "remote centre, so yaw, pitch and roll are not determined"
+        )
+    if some_inside(branches.q[branches.shaft_on_yaw_axis], joints, (1, 2, 4, 5)):
+        raise SingularError(
+            "singular pose: the shaft lies along the yaw axis, so yaw and roll are not determined"
+        )

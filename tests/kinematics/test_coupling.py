@@ -49,7 +49,7 @@ def test_one_disc_turns_one_finger():
 
 
 def test_efforts_go_by_the_transpose():
-    # 1 N m about the wrist yaw axis loads the wrist pitch disc and both finger discs: third row of A.
+    # 1 N m about the wrist yaw axis loads the wrist pitch disc and both finger discs: row 3 of A.
     wanted = [0.0, -0.8306, 0.6089, 0.6089]
     assert c.actuator_effort_from_joint(DRIVER, [0, 0, 1, 0]).tolist() == wanted
 

@@ -38,7 +38,7 @@ def tip(q):
     ("n", "limits"), [(10000, RIGHT), (2000, LEFT), (2000, WIDE)], ids=["right", "left", "wide"]
 )
 def test_every_solution_makes_the_pose_and_the_generating_one_is_among_them(n, limits):
-    q = np.random.default_rng(1).uniform(*limits, (n, 7))
+    q = np.random.default_rng(1).uniform(limits[0], limits[1], (n, 7))
     poses = tip(q)
     found = [
         inverse_gimbal_arm(MTM, T, *limits, platform_angle=own[3])
@@ -79,7 +79,7 @@ def test_every_whole_turn_of_roll_is_there_and_the_seed_picks_one():
 @pytest.mark.parametrize("limits", [RIGHT, LEFT], ids=["right", "left"])
 def test_own_platform_choice_reaches_every_orientation_at_every_reachable_position(limits):
     rng = np.random.default_rng(3)
-    q = rng.uniform(*limits, (1000, 7))
+    q = rng.uniform(limits[0], limits[1], (1000, 7))
     turns = matrix_from_quaternion(rng.standard_normal((1000, 4)))
     poses = transform(turns, tip(q)[:, :3, 3])
     level = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +27,14 @@ from trocar.errors import DescriptionError, TrocarError
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.rotations import check_rotation, matrix_from_rpy
 from trocar.geometry.se3 import transform
-from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_mechanism
+from trocar.kinematics.mechanism import (
+    Closure,
+    Frame,
+    Joint,
+    Mechanism,
+    Motion,
+    check_mechanism,
+)
 
 Array = NDArray[np.float64]
 
@@ -107,21 +115,38 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         parts, tip = _mount(parts, tool), tool.tip
     try:
         mechanism = check_mechanism(
-            Mechanism(name, tuple(_public(j) for j in parts.joints), parts.frames,
-                      parts.closures, reference, tip)
+            Mechanism(
+                name,
+                tuple(_public(j) for j in parts.joints),
+                parts.frames,
+                parts.closures,
+                reference,
+                tip,
+            )
         )
     except DescriptionError:
         raise
     except TrocarError as problem:
         raise DescriptionError(str(path), "frame", str(problem)) from problem
     return ArmDescription(
-        name=name, type=kind, generation=generation, title=title, source=source, file=str(path),
-        mechanism=mechanism, joints=parts.joints,
+        name=name,
+        type=kind,
+        generation=generation,
+        title=title,
+        source=source,
+        file=str(path),
+        mechanism=mechanism,
+        joints=parts.joints,
         bodies=_balanced(parts, mechanism, balance),
-        friction=parts.friction, rotor=parts.rotor, control=parts.control, poses=parts.poses,
+        friction=parts.friction,
+        rotor=parts.rotor,
+        control=parts.control,
+        poses=parts.poses,
         tool="" if tool is None else tool.name,
         coupling=None if tool is None else tool.coupling,
-        inverse_kinematics=structure, missing=missing, row_sources=parts.sources,
+        inverse_kinematics=structure,
+        missing=missing,
+        row_sources=parts.sources,
     )
 
 
@@ -144,8 +169,17 @@ def _read_parts(table: Table, part: str) -> Parts:
     frames = tuple(_read_frame(row) for row in rows)
     closures = tuple(_read_closure(row) for row in table.tables("closure"))
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
-    return Parts(joints, frames, closures, bodies, _read_friction(table), _read_rotor(table),
-                 _read_control(table), _read_poses(table, len(joints)), sources)
+    return Parts(
+        joints,
+        frames,
+        closures,
+        bodies,
+        _read_friction(table),
+        _read_rotor(table),
+        _read_control(table),
+        _read_poses(table, len(joints)),
+        sources,
+    )
 
 
 def _read_joint(row: Table) -> JointDescription:
@@ -164,10 +198,14 @@ def _read_joint(row: Table) -> JointDescription:
         upper=upper,
         effort_max=_positive(row, "effort_max", "torque" if turns else "force", np.inf),
         velocity_max=_positive(
-            row, "velocity_max", "angular velocity" if turns else "linear velocity", np.inf),
+            row, "velocity_max", "angular velocity" if turns else "linear velocity", np.inf
+        ),
         acceleration_max=_positive(
-            row, "acceleration_max",
-            "angular acceleration" if turns else "linear acceleration", np.inf),
+            row,
+            "acceleration_max",
+            "angular acceleration" if turns else "linear acceleration",
+            np.inf,
+        ),
         tracking_tolerance=_positive(row, "tracking_tolerance", measure, np.inf),
         drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
         stop_lower=row.quantity("stop_lower", measure, default=lower),
@@ -190,7 +228,7 @@ def _positive(row: Table, name: str, dimension: str, default: float) -> float:
 def _read_frame(row: Table) -> Frame:
     name = row.text("name")
     parent = row.text("parent", "") or None
-    motion = row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic"))
+    motion = cast(Motion, row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic")))
     row.text("source", "")
     before, after = _read_placement(row)
     if motion == "fixed":
@@ -199,8 +237,15 @@ def _read_frame(row: Table) -> Frame:
     couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
     if (motion == "fixed") != (not couplings):
         raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
-    frame = Frame(name, parent, motion, before, after, couplings,  # type: ignore[arg-type]
-                  row.flag("virtual", False))
+    frame = Frame(
+        name,
+        parent,
+        motion,
+        before,
+        after,
+        couplings,
+        row.flag("virtual", False),
+    )
     row.done()
     return frame
 
@@ -246,9 +291,15 @@ def _read_closure(row: Table) -> Closure:
     if len(guard) not in (0, 2):
         raise row.fail("guard", f"got {list(guard)}; allowed: two frames, or none")
     row.text("source", "")
-    closure = Closure(name, row.text("frame_a"), row.vector("point_a", 3, "length"),
-                      row.text("frame_b"), row.vector("point_b", 3, "length"),
-                      (passive[0], passive[1]), guard)
+    closure = Closure(
+        name,
+        row.text("frame_a"),
+        row.vector("point_a", 3, "length"),
+        row.text("frame_b"),
+        row.vector("point_b", 3, "length"),
+        (passive[0], passive[1]),
+        guard,
+    )
     row.done()
     return closure
 
@@ -264,7 +315,8 @@ def _read_friction(table: Table) -> dict[str, dict[str, Friction]]:
             row = model.table(key)
             found[name][key] = Friction(
                 row.quantity("coulomb", "torque", "force", default=0.0),
-                row.quantity("viscous", "angular damping", "linear damping", default=0.0))
+                row.quantity("viscous", "angular damping", "linear damping", default=0.0),
+            )
             if min(found[name][key].coulomb, found[name][key].viscous) < 0.0:
                 raise row.fail("", "friction must not be negative")
             row.done()
@@ -289,8 +341,13 @@ def _read_control(table: Table) -> dict[str, Control]:
         row = presets.table(name)
         pid = row.table("pid")
         gains = {joint: Gains(*pid.numbers(joint, 3)) for joint in pid.entries()}
-        found[name] = Control(name, gains, row.flag("gravity_compensation", True),
-                              row.flag("effort_limits", True), row.text("source", ""))
+        found[name] = Control(
+            name,
+            gains,
+            row.flag("gravity_compensation", True),
+            row.flag("effort_limits", True),
+            row.text("source", ""),
+        )
         row.done()
     return found
 
@@ -333,7 +390,8 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
     extra = tool.parts
     control = {
         name: replace(preset, pid={**preset.pid, **extra.control[name].pid})
-        if name in extra.control else preset
+        if name in extra.control
+        else preset
         for name, preset in arm.control.items()
     }
     friction = {
@@ -341,11 +399,18 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
         for name in {**arm.friction, **extra.friction}
     }
     still = np.zeros(len(extra.joints))
-    poses = {name: np.concatenate([q, extra.poses.get(name, still)])
-             for name, q in arm.poses.items()}
+    poses = {
+        name: np.concatenate([q, extra.poses.get(name, still)]) for name, q in arm.poses.items()
+    }
     return Parts(
-        arm.joints + extra.joints, arm.frames + extra.frames, arm.closures + extra.closures,
-        arm.bodies + extra.bodies, friction, {**arm.rotor, **extra.rotor}, control, poses,
+        arm.joints + extra.joints,
+        arm.frames + extra.frames,
+        arm.closures + extra.closures,
+        arm.bodies + extra.bodies,
+        friction,
+        {**arm.rotor, **extra.rotor},
+        control,
+        poses,
         {**arm.sources, **extra.sources},
     )
 

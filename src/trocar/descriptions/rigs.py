@@ -41,7 +41,7 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     props = tuple(_read_prop(row) for row in table.tables("prop"))
     poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
     if "start" not in poses:
-        raise table.fail("pose", f"got {', '.join(poses) or 'none'}; a rig needs the pose \"start\"")
+        raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     table.done()
     return RigDescription(name, title, source, str(path), tuple(arms), props, poses)
 
@@ -103,7 +103,7 @@ def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:
                 )
             found[arm.name] = q
         elif name == "start":
-            raise table.fail(arm.name, "is missing; \"start\" places every arm")
+            raise table.fail(arm.name, 'is missing; "start" places every arm')
     table.done()
     row.done()
     return name, found

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.records import Body, Shape
+from trocar.descriptions.records import Body, Shape, ShapeKind
 from trocar.descriptions.table import Table
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
@@ -46,7 +48,7 @@ def read_shape(table: Table) -> Shape:
     if not 0.0 <= rounding <= (size.min() if kind == "box" else 0.0):
         raise table.fail("round_mm", "allowed: 0 to half of a box's smallest edge")
     shape = Shape(
-        kind=kind,  # type: ignore[arg-type]  # checked against KINDS above
+        kind=cast(ShapeKind, kind),
         pose=pose,
         size=size,
         material=material,

@@ -68,7 +68,9 @@ class Table:
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of strings, empty when absent."""
         value = self.raw(key, [])
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in cast(list[Any], value)):
+        if not isinstance(value, list) or not all(
+            isinstance(v, str) for v in cast(list[Any], value)
+        ):
             raise self.fail(key, f"got {value!r}; allowed: a list of texts")
         return tuple(cast(list[str], value))
 
@@ -95,19 +97,21 @@ class Table:
         found = self._one(name, dimensions)
         if found is None:
             if default is None:
-                raise self.fail(name, f"is missing; allowed keys: {self._spelled(name, dimensions)}")
+                raise self.fail(
+                    name, f"is missing; allowed keys: {self._spelled(name, dimensions)}"
+                )
             return default
         key, factor = found
         return factor * self._finite(key, self.raw(key))
 
-    def vector(
-        self, name: str, size: int, *dimensions: str, default: Array | None = None
-    ) -> Array:
+    def vector(self, name: str, size: int, *dimensions: str, default: Array | None = None) -> Array:
         """Return a list of `size` numbers in SI, (size,)."""
         found = self._one(name, dimensions)
         if found is None:
             if default is None:
-                raise self.fail(name, f"is missing; allowed keys: {self._spelled(name, dimensions)}")
+                raise self.fail(
+                    name, f"is missing; allowed keys: {self._spelled(name, dimensions)}"
+                )
             return default
         key, factor = found
         return factor * self.numbers(key, size)
@@ -116,7 +120,9 @@ class Table:
         """Return a list of finite numbers, (size,)."""
         value = self.raw(key)
         wanted = "numbers" if size is None else f"{size} numbers"
-        if not isinstance(value, list) or (size is not None and len(cast(list[Any], value)) != size):
+        if not isinstance(value, list) or (
+            size is not None and len(cast(list[Any], value)) != size
+        ):
             raise self.fail(key, f"got {value!r}; allowed: a list of {wanted}")
         return np.array([self._finite(key, v) for v in cast(list[Any], value)], dtype=np.float64)
 
@@ -125,8 +131,10 @@ class Table:
         value = self.raw(key)
         if not isinstance(value, list) or len(cast(list[Any], value)) != rows:
             raise self.fail(key, f"got {value!r}; allowed: {rows} rows of {columns} numbers")
-        lines = [Table({key: row}, self.file, self.path).numbers(key, columns)
-                 for row in cast(list[Any], value)]
+        lines = [
+            Table({key: row}, self.file, self.path).numbers(key, columns)
+            for row in cast(list[Any], value)
+        ]
         return np.stack(lines)
 
     def table(self, key: str) -> Table:
@@ -148,7 +156,7 @@ class Table:
     def tables(self, key: str) -> list[Table]:
         """Return a list of sub-tables, empty when absent."""
         value = self.raw(key, [])
-        rows = cast(list[Any], value) if isinstance(value, list) else [None]
+        rows: list[Any] = cast(list[Any], value) if isinstance(value, list) else [None]
         if not all(isinstance(row, dict) for row in rows):
             raise self.fail(key, f"got {value!r}; allowed: [[{key}]] tables")
         where = f"{self.path}.{key}".strip(".")
@@ -185,7 +193,11 @@ class Table:
         return found[0] if found else None
 
     def _finite(self, key: str, value: Any) -> float:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
             raise self.fail(key, f"got {value!r}; allowed: a finite number")
         return float(value)
 

@@ -1,0 +1,1 @@
+"""How mechanisms move: trees with loops, forward and inverse kinematics, couplings."""

@@ -42,9 +42,7 @@ def coordinates(mechanism: Mechanism, q: ArrayLike) -> Array:
     return closed_coordinates(mechanism, check_positions(mechanism, q))
 
 
-def poses(
-    mechanism: Mechanism, q: ArrayLike, relative_to: str | None = None
-) -> dict[str, Array]:
+def poses(mechanism: Mechanism, q: ArrayLike, relative_to: str | None = None) -> dict[str, Array]:
     """Return the pose of every frame and closing point.
 
     Args:
@@ -75,8 +73,12 @@ def pose(
     point = next((c for c in mechanism.closures if c.name == name), None)
     end = _index(mechanism, point.frame_a if point else name)
     base = _index(mechanism, relative_to or mechanism.reference)
-    wanted = sorted({*mechanism.chain(mechanism.frames[end].name),
-                     *mechanism.chain(mechanism.frames[base].name)})
+    wanted = sorted(
+        {
+            *mechanism.chain(mechanism.frames[end].name),
+            *mechanism.chain(mechanism.frames[base].name),
+        }
+    )
     at = frame_poses(mechanism, coordinates(mechanism, q), wanted)
     result = inverse(at[base]) @ at[end]
     return result @ _shift(point.point_a) if point else result

@@ -35,8 +35,10 @@ def coupled_coordinates(mechanism: Mechanism, q: Array) -> Array:
 def residuals(mechanism: Mechanism, coordinates: Array) -> Array:
     """Return p_b - p_a of every closure in the root, (..., n_closures, 3) [m]."""
     poses = frame_poses(mechanism, coordinates)
-    gaps = [_point(mechanism, c, poses, "b") - _point(mechanism, c, poses, "a")
-            for c in mechanism.closures]
+    gaps = [
+        _point(mechanism, c, poses, "b") - _point(mechanism, c, poses, "a")
+        for c in mechanism.closures
+    ]
     if not gaps:
         return np.zeros((*coordinates.shape[:-1], 0, 3))
     return np.stack(gaps, axis=-2)

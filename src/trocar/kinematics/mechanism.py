@@ -1,4 +1,4 @@
-"""A mechanism: a tree of frames, the coordinates that move them, and the points that close loops."""
+"""A mechanism: a tree of frames, what moves them, and the points that close loops."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class Mechanism:
 
     @cached_property
     def ratios(self) -> Array:
-        """d coordinate / d q for loops that are parallelograms, (n_frames, n_joints)."""
+        """D coordinate / d q for loops that are parallelograms, (n_frames, n_joints)."""
         table = np.zeros((len(self.frames), len(self.joints)))
         for row, frame in enumerate(self.frames):
             for joint, ratio in frame.couplings:

@@ -62,7 +62,9 @@ def motion_z(frame: Frame, coordinate: Array) -> Array:
 def hinge_axis(mechanism: Mechanism, index: int, poses: dict[int, Array]) -> tuple[Array, Array]:
     """Return (point, unit direction) of a moving frame's axis in the root, (..., 3) each."""
     frame = mechanism.frames[index]
-    axis = poses[mechanism.frame_index[frame.parent]] @ frame.before if frame.parent else frame.before
+    axis = (
+        poses[mechanism.frame_index[frame.parent]] @ frame.before if frame.parent else frame.before
+    )
     return axis[..., :3, 3], axis[..., :3, 2]
 
 

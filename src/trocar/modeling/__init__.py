@@ -1,0 +1,1 @@
+"""The mechanism as a model: pure functions of descriptions."""

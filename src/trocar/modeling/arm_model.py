@@ -50,7 +50,11 @@ class Anchor:
 
 
 def add_arm(
-    spec: mujoco.MjSpec, name: str, arm: ArmDescription, mount: Anchor, mask: ContactMask,
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmDescription,
+    mount: Anchor,
+    mask: ContactMask,
     options: ModelOptions,
 ) -> dict[str, Anchor]:
     """Add an arm to a model and return where each of its frames is.
@@ -70,7 +74,7 @@ def add_arm(
         reason = "; ".join(m.what for m in arm.missing) or "no bodies"
         raise InputError(f"{arm.name}: cannot be simulated, the description lacks: {reason}")
     locked = options.locked.get(name)
-    anchors = _add_frames(spec, name, arm, mount, mask, options)
+    anchors = _add_frames(name, arm, mount, mask, options)
     if locked is None:
         _add_loops(spec, name, arm, anchors, options)
         _add_couplings(spec, name, arm, options)
@@ -80,7 +84,10 @@ def add_arm(
 
 
 def _add_frames(
-    spec: mujoco.MjSpec, name: str, arm: ArmDescription, mount: Anchor, mask: ContactMask,
+    name: str,
+    arm: ArmDescription,
+    mount: Anchor,
+    mask: ContactMask,
     options: ModelOptions,
 ) -> dict[str, Anchor]:
     locked = options.locked.get(name)
@@ -92,18 +99,25 @@ def _add_frames(
     anchors: dict[str, Anchor] = {}
     for index, frame in enumerate(arm.mechanism.frames):
         parent = mount if frame.parent is None else anchors.get(frame.parent)
-        if parent is None or frame.virtual and frame.motion != "fixed":
+        if parent is None or (frame.virtual and frame.motion != "fixed"):
             continue  # nothing moves with it, nor with what hangs on it
-        zero = np.float64(0.0) if at is None else at[index]
+        zero = np.zeros(()) if at is None else at[index]
         pose = parent.pose @ local_pose(frame, zero)
         moves = frame.motion != "fixed" and at is None
         if not moves and frame.name not in massed and frame.parent is not None and at is None:
             anchors[frame.name] = Anchor(parent.body, pose)
-            parent.body.add_site(name=naming.scoped(name, frame.name), pos=pose[:3, 3],
-                                 quat=quaternion_from_matrix(pose[:3, :3]), size=[0.002] * 3)
+            parent.body.add_site(
+                name=naming.scoped(name, frame.name),
+                pos=pose[:3, 3],
+                quat=quaternion_from_matrix(pose[:3, :3]),
+                size=[0.002] * 3,
+            )
             continue
-        made = parent.body.add_body(name=naming.scoped(name, frame.name), pos=pose[:3, 3],
-                                    quat=quaternion_from_matrix(pose[:3, :3]))
+        made = parent.body.add_body(
+            name=naming.scoped(name, frame.name),
+            pos=pose[:3, 3],
+            quat=quaternion_from_matrix(pose[:3, :3]),
+        )
         anchors[frame.name] = Anchor(made, np.eye(4))
         if moves:
             _add_hinge(made, name, frame, arm, friction)
@@ -115,7 +129,10 @@ def _add_frames(
 
 
 def _add_hinge(
-    body: mujoco.MjsBody, name: str, frame: Frame, arm: ArmDescription,
+    body: mujoco.MjsBody,
+    name: str,
+    frame: Frame,
+    arm: ArmDescription,
     friction: Mapping[str, Friction],
 ) -> None:
     """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`."""
@@ -128,8 +145,11 @@ def _add_hinge(
     hinge = body.add_joint(
         name=naming.scoped(name, frame.name),
         type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
-        pos=back[:3, 3], axis=back[:3, 2], armature=arm.rotor.get(frame.name, 0.0),
-        damping=[loss.viscous, 0.0, 0.0], frictionloss=loss.coulomb,
+        pos=back[:3, 3],
+        axis=back[:3, 2],
+        armature=arm.rotor.get(frame.name, 0.0),
+        damping=[loss.viscous, 0.0, 0.0],
+        frictionloss=loss.coulomb,
     )
     if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
         weight = joint.drive[0][1]
@@ -153,8 +173,14 @@ def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
         inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     made.mass = mass
     made.ipos = com
-    made.fullinertia = [inertia[0, 0], inertia[1, 1], inertia[2, 2],
-                        inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    made.fullinertia = [
+        inertia[0, 0],
+        inertia[1, 1],
+        inertia[2, 2],
+        inertia[0, 1],
+        inertia[0, 2],
+        inertia[1, 2],
+    ]
 
 
 def add_shape(
@@ -165,35 +191,63 @@ def add_shape(
     if not collide and not options.decoration:
         return
     body.add_geom(
-        name=name, type=GEOMS[shape.kind], size=shape.size, pos=shape.pose[:3, 3],
-        quat=quaternion_from_matrix(shape.pose[:3, :3]), mass=0.0,
-        rgba=MATERIALS[shape.material].rgba, group=1 if shape.collide else 2,
-        contype=mask.contype if collide else 0, conaffinity=mask.conaffinity if collide else 0,
-        condim=4, friction=CONTACT_FRICTION, solref=[CONTACT_PERIODS * options.timestep, 1.0],
+        name=name,
+        type=GEOMS[shape.kind],
+        size=shape.size,
+        pos=shape.pose[:3, 3],
+        quat=quaternion_from_matrix(shape.pose[:3, :3]),
+        mass=0.0,
+        rgba=MATERIALS[shape.material].rgba,
+        group=1 if shape.collide else 2,
+        contype=mask.contype if collide else 0,
+        conaffinity=mask.conaffinity if collide else 0,
+        condim=4,
+        friction=CONTACT_FRICTION,
+        solref=[CONTACT_PERIODS * options.timestep, 1.0],
         solimp=CONTACT_IMPEDANCE,
     )
 
 
 def _add_loops(
-    spec: mujoco.MjSpec, name: str, arm: ArmDescription, anchors: Mapping[str, Anchor],
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmDescription,
+    anchors: Mapping[str, Anchor],
     options: ModelOptions,
 ) -> None:
     parallel = loops_are_parallelograms(arm.mechanism)
     for closure in arm.mechanism.closures:
-        for side, frame, point in (("a", closure.frame_a, closure.point_a),
-                                   ("b", closure.frame_b, closure.point_b)):
+        for side, frame, point in (
+            ("a", closure.frame_a, closure.point_a),
+            ("b", closure.frame_b, closure.point_b),
+        ):
             anchor = anchors[frame]
             at = anchor.pose @ transform(np.eye(3), point)
-            anchor.body.add_site(name=naming.closing_site(name, closure.name, side), pos=at[:3, 3],
-                                 quat=quaternion_from_matrix(at[:3, :3]), size=[0.002] * 3)
-        _add_equality(spec, naming.scoped(name, closure.name), mujoco.mjtEq.mjEQ_CONNECT, options,
-                      objtype=mujoco.mjtObj.mjOBJ_SITE,
-                      name1=naming.closing_site(name, closure.name, "a"),
-                      name2=naming.closing_site(name, closure.name, "b"))
+            anchor.body.add_site(
+                name=naming.closing_site(name, closure.name, side),
+                pos=at[:3, 3],
+                quat=quaternion_from_matrix(at[:3, :3]),
+                size=[0.002] * 3,
+            )
+        _add_equality(
+            spec,
+            naming.scoped(name, closure.name),
+            mujoco.mjtEq.mjEQ_CONNECT,
+            options,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            name1=naming.closing_site(name, closure.name, "a"),
+            name2=naming.closing_site(name, closure.name, "b"),
+        )
         if closure.guard and parallel:
-            _add_equality(spec, naming.guard(name, closure.name), mujoco.mjtEq.mjEQ_JOINT, options,
-                          name1=naming.scoped(name, closure.guard[0]),
-                          name2=naming.scoped(name, closure.guard[1]), data=[0.0, 1.0])
+            _add_equality(
+                spec,
+                naming.guard(name, closure.name),
+                mujoco.mjtEq.mjEQ_JOINT,
+                options,
+                name1=naming.scoped(name, closure.guard[0]),
+                name2=naming.scoped(name, closure.guard[1]),
+                data=[0.0, 1.0],
+            )
 
 
 def _add_couplings(
@@ -206,17 +260,28 @@ def _add_couplings(
         if frame.motion == "fixed" or frame.virtual or frame.name in driven | passive:
             continue
         if len(frame.couplings) != 1:
-            raise InputError(f"{arm.name}: frame {frame.name!r} follows more than one joint, which"
-                             " only frames inside a loop may do")
+            raise InputError(
+                f"{arm.name}: frame {frame.name!r} follows more than one joint, which"
+                " only frames inside a loop may do"
+            )
         follows, ratio = frame.couplings[0]
         hinge, weight = arm.joint(follows).drive[0]
-        _add_equality(spec, naming.scoped(name, frame.name), mujoco.mjtEq.mjEQ_JOINT, options,
-                      name1=naming.scoped(name, frame.name), name2=naming.scoped(name, hinge),
-                      data=[0.0, ratio * weight])
+        _add_equality(
+            spec,
+            naming.scoped(name, frame.name),
+            mujoco.mjtEq.mjEQ_JOINT,
+            options,
+            name1=naming.scoped(name, frame.name),
+            name2=naming.scoped(name, hinge),
+            data=[0.0, ratio * weight],
+        )
 
 
 def _add_servo(
-    spec: mujoco.MjSpec, name: str, arm: ArmDescription, joint: JointDescription,
+    spec: mujoco.MjSpec,
+    name: str,
+    arm: ArmDescription,
+    joint: JointDescription,
     options: ModelOptions,
 ) -> None:
     """Add a joint's actuator (PID with feed-forward), its pin and, for two hinges, its tendon."""
@@ -227,9 +292,13 @@ def _add_servo(
         kind, equality = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtEq.mjEQ_TENDON
         loss = arm.friction.get(options.friction, {}).get(joint.name, Friction(0.0, 0.0))
         tendon = spec.add_tendon(
-            name=target, limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            range=[joint.stop_lower, joint.stop_upper], damping=[loss.viscous, 0.0, 0.0],
-            frictionloss=loss.coulomb, solref_limit=_stiff(options), solimp_limit=STIFF_IMPEDANCE,
+            name=target,
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            range=[joint.stop_lower, joint.stop_upper],
+            damping=[loss.viscous, 0.0, 0.0],
+            frictionloss=loss.coulomb,
+            solref_limit=_stiff(options),
+            solimp_limit=STIFF_IMPEDANCE,
         )
         for frame, weight in joint.drive:
             tendon.wrap_joint(naming.scoped(name, frame), weight)
@@ -238,19 +307,41 @@ def _add_servo(
     servo.set_to_pid(kp=1.0, kv=1.0, ki=1.0, ctrlspec=SERVO_INPUTS)
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.forcerange = [-joint.effort_max, joint.effort_max]
-    _add_equality(spec, naming.pin(name, joint.name), equality, options, name1=target,
-                  data=[0.0], active=False)
+    _add_equality(
+        spec,
+        naming.pin(name, joint.name),
+        equality,
+        options,
+        name1=target,
+        data=[0.0],
+        active=False,
+    )
 
 
 def _add_equality(
-    spec: mujoco.MjSpec, name: str, kind: mujoco.mjtEq, options: ModelOptions, *, name1: str,
-    name2: str = "", data: list[float] | None = None, active: bool = True,
+    spec: mujoco.MjSpec,
+    name: str,
+    kind: mujoco.mjtEq,
+    options: ModelOptions,
+    *,
+    name1: str,
+    name2: str = "",
+    data: list[float] | None = None,
+    active: bool = True,
     objtype: mujoco.mjtObj = mujoco.mjtObj.mjOBJ_UNKNOWN,
 ) -> None:
     padded = np.zeros(12)
     padded[: len(data or [])] = data or []
-    equality = spec.add_equality(name=name, type=kind, name1=name1, name2=name2, data=padded,
-                                 active=active, solref=_stiff(options), solimp=STIFF_IMPEDANCE)
+    equality = spec.add_equality(
+        name=name,
+        type=kind,
+        name1=name1,
+        name2=name2,
+        data=padded,
+        active=active,
+        solref=_stiff(options),
+        solimp=STIFF_IMPEDANCE,
+    )
     if objtype != mujoco.mjtObj.mjOBJ_UNKNOWN:
         equality.objtype = objtype
 

@@ -29,8 +29,9 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
     masks = contact_masks(rig)
     world = Anchor(cast(mujoco.MjsBody, spec.worldbody), np.eye(4))
     for prop in rig.props:
-        body = world.body.add_body(name=prop.name, pos=prop.pose[:3, 3],
-                                   quat=quaternion_from_matrix(prop.pose[:3, :3]))
+        body = world.body.add_body(
+            name=prop.name, pos=prop.pose[:3, 3], quat=quaternion_from_matrix(prop.pose[:3, :3])
+        )
         for number, shape in enumerate(prop.shapes):
             add_shape(body, f"{prop.name}/{number}", shape, masks[""], chosen)
     frames: dict[str, dict[str, Anchor]] = {}
@@ -44,8 +45,15 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
 def lone_rig(arm: ArmDescription, name: str = "arm") -> RigDescription:
     """Return a rig of one arm whose root stands at the world's origin."""
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
-    return RigDescription(arm.name, arm.title, arm.source, arm.file,
-                          (RigArm(name, arm, "", "", np.eye(4)),), (), {"start": {name: rest}})
+    return RigDescription(
+        arm.name,
+        arm.title,
+        arm.source,
+        arm.file,
+        (RigArm(name, arm, "", "", np.eye(4)),),
+        (),
+        {"start": {name: rest}},
+    )
 
 
 def new_spec(options: ModelOptions) -> mujoco.MjSpec:

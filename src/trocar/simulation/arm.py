@@ -69,8 +69,10 @@ class Arm:
         self._drives = drives
         self._clock = clock
         self._count = len(self.joint_names) - rig_arm.arm.has_jaw
-        self._limits = (np.array([j.velocity_max for j in rig_arm.arm.joints]),
-                        np.array([j.acceleration_max for j in rig_arm.arm.joints]))
+        self._limits = (
+            np.array([j.velocity_max for j in rig_arm.arm.joints]),
+            np.array([j.acceleration_max for j in rig_arm.arm.joints]),
+        )
         self._setpoint = np.zeros(len(self.joint_names))
         self._velocity = np.zeros(len(self.joint_names))
         self._acceleration = np.zeros(len(self.joint_names))
@@ -131,9 +133,17 @@ class Arm:
         """Return a frozen copy of everything about this arm."""
         q, qd, effort = self.readings()
         return ArmSnapshot(
-            self.joint_names, q, qd, effort, self._setpoint.copy(), tuple(self._drives.modes),
-            tuple(bool(v) for v in self._drives.locked), self.busy, remote_centre,
-            self.warnings, self.last_warning,
+            self.joint_names,
+            q,
+            qd,
+            effort,
+            self._setpoint.copy(),
+            tuple(self._drives.modes),
+            tuple(bool(v) for v in self._drives.locked),
+            self.busy,
+            remote_centre,
+            self.warnings,
+            self.last_warning,
         )
 
     # ------------------------------------------------------------------ commands
@@ -190,8 +200,10 @@ class Arm:
         if mode not in MODES:
             raise InputError(f"{self.name}: got mode {mode!r}; allowed: {', '.join(MODES)}")
         if self._drives.welded:
-            raise InputError(f"{self.name}: is welded into the model; build the world with"
-                             " setup_joints=\"braked\" to move it")
+            raise InputError(
+                f"{self.name}: is welded into the model; build the world with"
+                ' setup_joints="braked" to move it'
+            )
         which = self._which(joints)
         self._end_moves(slice(0, len(self.joint_names)))
         self._setpoint[which] = np.clip(self.readings()[0], self.lower, self.upper)[which]
@@ -216,7 +228,9 @@ class Arm:
         for column, value in enumerate((p, i, d)):
             if value is not None:
                 if not np.isfinite(value) or value < 0.0:
-                    raise InputError(f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more")
+                    raise InputError(
+                        f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more"
+                    )
                 row[column] = value
         self._drives.gains[self._index(joint)] = row
         self._drives.apply()
@@ -232,7 +246,9 @@ class Arm:
         """{joint: whether its brake is locked}; empty for arms without brakes."""
         if not self._drives.brakes:
             return {}
-        return {name: bool(v) for name, v in zip(self.joint_names, self._drives.locked, strict=True)}
+        return {
+            name: bool(v) for name, v in zip(self.joint_names, self._drives.locked, strict=True)
+        }
 
     def release_brakes(self, joints: Sequence[str] | None = None) -> None:
         """Release brakes (all when omitted); the joints then follow their servos from here.
@@ -247,7 +263,9 @@ class Arm:
         self._set_brakes(True, joints)
 
     def potentiometers(
-        self, noise: float = 0.0, offset: ArrayLike = 0.0,
+        self,
+        noise: float = 0.0,
+        offset: ArrayLike = 0.0,
         rng: np.random.Generator | None = None,
     ) -> Array:
         """Return what the setup joints' potentiometers read, (n,) [rad or m].
@@ -302,8 +320,11 @@ class Arm:
 
     def _servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         target = self._checked(q, part, verb, "positions")
-        speed = np.zeros(part.stop - part.start) if v is None else self._checked(
-            v, part, verb, "velocities")
+        speed = (
+            np.zeros(part.stop - part.start)
+            if v is None
+            else self._checked(v, part, verb, "velocities")
+        )
         if target is None or speed is None or self._refused_by_brakes(verb):
             return False
         self._end_moves(part)
@@ -318,7 +339,7 @@ class Arm:
         if wanted is None:
             return False
         if not any(m == "effort" for m in self._drives.modes[part]):
-            self._warn(f"{verb}: no joint is in mode \"effort\"; nothing is applied")
+            self._warn(f'{verb}: no joint is in mode "effort"; nothing is applied')
             return False
         limit = self._drives.effort_limit[part]
         if (np.abs(wanted) > limit).any():
@@ -352,8 +373,10 @@ class Arm:
             self._warn(f"{verb}: got {what} that are no numbers; allowed: {len(names)} numbers")
             return None
         if array.shape != (len(names),):
-            self._warn(f"{verb}: got {what} of shape {array.shape}; allowed: ({len(names)},) for"
-                       f" {', '.join(names)}")
+            self._warn(
+                f"{verb}: got {what} of shape {array.shape}; allowed: ({len(names)},) for"
+                f" {', '.join(names)}"
+            )
             return None
         if not np.isfinite(array).all():
             self._warn(f"{verb}: got {what} {array.tolist()}; allowed: finite numbers")
@@ -387,8 +410,10 @@ class Arm:
         if not self._drives.brakes:
             raise InputError(f"{self.name}: has no brakes; only setup joints do")
         if self._drives.welded:
-            raise InputError(f"{self.name}: is welded into the model; build the world with"
-                             " setup_joints=\"braked\" to release its brakes")
+            raise InputError(
+                f"{self.name}: is welded into the model; build the world with"
+                ' setup_joints="braked" to release its brakes'
+            )
         which = self._which(joints)
         self._end_moves(slice(0, len(self.joint_names)))
         self._drives.set_brakes(locked, which)
@@ -406,8 +431,13 @@ class Arm:
 
     def _joint_state(self, q: Array, qd: Array, effort: Array) -> JointState:
         end = self._count
-        return JointState(self.joint_names[:end], q[:end].copy(), qd[:end].copy(),
-                          effort[:end].copy(), self._clock.time)
+        return JointState(
+            self.joint_names[:end],
+            q[:end].copy(),
+            qd[:end].copy(),
+            effort[:end].copy(),
+            self._clock.time,
+        )
 
     def _warn(self, reason: str) -> None:
         self.warnings += 1
@@ -462,5 +492,3 @@ class Jaw:
     def _state(self, values: tuple[Array, Array, Array]) -> JointState:
         q, qd, effort = (v[self._part].copy() for v in values)
         return JointState(("jaw",), q, qd, effort, self._arm._clock.time)
-
-

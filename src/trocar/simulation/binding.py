@@ -66,7 +66,8 @@ def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
     bodies: dict[str, int] = {}
     for frame in mechanism.frames:
         body = mujoco.mj_name2id(
-            model, mujoco.mjtObj.mjOBJ_BODY, naming.scoped(rig_arm.name, frame.name))
+            model, mujoco.mjtObj.mjOBJ_BODY, naming.scoped(rig_arm.name, frame.name)
+        )
         if body >= 0:
             bodies[frame.name] = body
     return Binding(

@@ -49,10 +49,12 @@ class Drives:
 
     def limit_efforts(self, on: bool) -> None:
         """Switch the motors' effort limits; a jaw's grip is always limited."""
-        self.effort_limit = np.array([
-            j.effort_max if (on or j.name == "jaw") and np.isfinite(j.effort_max) else UNLIMITED
-            for j in self.arm.joints
-        ])
+        self.effort_limit = np.array(
+            [
+                j.effort_max if (on or j.name == "jaw") and np.isfinite(j.effort_max) else UNLIMITED
+                for j in self.arm.joints
+            ]
+        )
         if not self.welded:
             limits = np.column_stack([-self.effort_limit, self.effort_limit])
             self._model.actuator_forcerange[self.binding.actuators] = limits
@@ -89,7 +91,8 @@ class Drives:
         self.locked[chosen] = locked
         self._forget(chosen)
         self._model.eq_data[self.binding.pins[chosen], 0] = (
-            self.binding.pin_scale[chosen] * here[chosen])
+            self.binding.pin_scale[chosen] * here[chosen]
+        )
         self.apply()
 
     def command(self, q: Array, v: Array) -> None:

@@ -49,7 +49,10 @@ class Profile:
     """
 
     def __init__(
-        self, start: tuple[Array, Array, Array], goal: Array, limits: tuple[Array, Array],
+        self,
+        start: tuple[Array, Array, Array],
+        goal: Array,
+        limits: tuple[Array, Array],
         time: float,
     ) -> None:
         count = len(goal)

@@ -31,7 +31,10 @@ class Player:
     """Writes tables into the servos and keeps the motors' effort within limits."""
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, rig: RigDescription,
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        rig: RigDescription,
         drives: Mapping[str, Drives],
     ) -> None:
         self._model, self._data = model, data
@@ -57,7 +60,9 @@ class Player:
         self._model.actuator_forcerange[:, 1] = limit - weight
 
     def table(
-        self, positions: Mapping[str, Array], velocities: Mapping[str, Array],
+        self,
+        positions: Mapping[str, Array],
+        velocities: Mapping[str, Array],
         efforts: Mapping[str, Array],
     ) -> Table:
         """Check and clip set-points of some arms; the others hold theirs.
@@ -92,7 +97,11 @@ class Player:
         return Table(inputs, tuple(positions), clipped)
 
     def run(
-        self, table: Table, every: int, record: bool, advance: Callable[[int], None],
+        self,
+        table: Table,
+        every: int,
+        record: bool,
+        advance: Callable[[int], None],
         arms: Mapping[str, Arm],
     ) -> Recording:
         """Write each row, advance, sample."""
@@ -137,5 +146,7 @@ def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Arr
         raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")
     if not np.isfinite(array).all():
         row = int(np.argmin(np.isfinite(array).all(axis=1)))
-        raise InputError(f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}")
+        raise InputError(
+            f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}"
+        )
     return array

@@ -29,13 +29,20 @@ class TipLoad:
     """Pushes every PSM's and ECM's tip with a force of constant size [N]."""
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, rig: RigDescription,
-        drives: Mapping[str, Drives], size: float,
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        rig: RigDescription,
+        drives: Mapping[str, Drives],
+        size: float,
     ) -> None:
         self.size = size
         self._model, self._data = model, data
-        self._tips = [(*_tip_body(arm, drives[arm.name]), drives[arm.name].binding.frame_bodies)
-                      for arm in rig.arms if arm.arm.type in ("PSM", "ECM")]
+        self._tips = [
+            (*_tip_body(arm, drives[arm.name]), drives[arm.name].binding.frame_bodies)
+            for arm in rig.arms
+            if arm.arm.type in ("PSM", "ECM")
+        ]
         self._roots = [arm.arm.root for arm in rig.arms if arm.arm.type in ("PSM", "ECM")]
 
     def apply(self) -> None:

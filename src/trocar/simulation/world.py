@@ -70,14 +70,19 @@ class World:
     ) -> None:
         self.rig = rig if isinstance(rig, RigDescription) else load_rig(rig)
         self.timestep = _checked_period(timestep_s)
-        for got, name, allowed in ((control, "control", ("dvrk", "paper")),
-                                   (friction, "friction", ("identified", "paper")),
-                                   (setup_joints, "setup_joints", ("braked", "locked"))):
+        for got, name, allowed in (
+            (control, "control", ("dvrk", "paper")),
+            (friction, "friction", ("identified", "paper")),
+            (setup_joints, "setup_joints", ("braked", "locked")),
+        ):
             if got not in allowed:
                 raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")
         start = self.rig.poses["start"]
-        locked = {a.name: start[a.name] for a in self.rig.arms
-                  if a.arm.type == "SUJ" and setup_joints == "locked"}
+        locked = {
+            a.name: start[a.name]
+            for a in self.rig.arms
+            if a.arm.type == "SUJ" and setup_joints == "locked"
+        }
         self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
         self._model = rig_spec(self.rig, self.options).compile()
         self._data = mujoco.MjData(self._model)
@@ -87,13 +92,19 @@ class World:
         for rig_arm in self.rig.arms:
             preset = _preset(rig_arm, control)
             drives = Drives(self._model, self._data, rig_arm, preset)
-            on = preset.gravity_compensation if gravity_compensation is None else gravity_compensation
+            on = (
+                preset.gravity_compensation
+                if gravity_compensation is None
+                else gravity_compensation
+            )
             drives.compensate_gravity(on)
             self._drives[rig_arm.name] = drives
             self.arms[rig_arm.name] = Arm(rig_arm, drives, self)
             self.arms[rig_arm.name].poses |= {
-                name: by_arm[rig_arm.name] for name, by_arm in self.rig.poses.items()
-                if rig_arm.name in by_arm}
+                name: by_arm[rig_arm.name]
+                for name, by_arm in self.rig.poses.items()
+                if rig_arm.name in by_arm
+            }
         self._player = Player(self._model, self._data, self.rig, self._drives)
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
         #: Waits for a move when a loop in another thread steps this world; None: step here.
@@ -128,8 +139,13 @@ class World:
             left -= count
 
     def play(
-        self, positions: Mapping[str, Array], velocities: Mapping[str, Array] | None = None,
-        efforts: Mapping[str, Array] | None = None, *, every: int = 5, record: bool = True,
+        self,
+        positions: Mapping[str, Array],
+        velocities: Mapping[str, Array] | None = None,
+        efforts: Mapping[str, Array] | None = None,
+        *,
+        every: int = 5,
+        record: bool = True,
     ) -> Recording:
         """Drive arms along tables of set-points, one row every few physics periods.
 
@@ -176,7 +192,7 @@ class World:
         mujoco.mj_forward(self._model, self._data)
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
-        """Wait for a move: step until it is over, or leave that to the loop that runs this world."""
+        """Step until a move is over, or leave the waiting to the loop that runs this world."""
         if self.waiter is not None:
             return self.waiter(motion, timeout_s)
         end = np.inf if timeout_s is None else self.time + timeout_s
@@ -184,14 +200,13 @@ class World:
             self.step()
         return motion.goal_reached
 
-    def set_state(
-        self, name: str, q: Array, v: Array | None = None
-    ) -> None:
+    def set_state(self, name: str, q: Array, v: Array | None = None) -> None:
         """Put one arm at joint positions and velocities, (n,) each, with its loops closed."""
         arm = self.arm(name)
         arm.start_at(np.clip(q, arm.lower, arm.upper))
-        self._drives[name].place(np.asarray(q, dtype=np.float64),
-                                 np.zeros(len(q)) if v is None else v)
+        self._drives[name].place(
+            np.asarray(q, dtype=np.float64), np.zeros(len(q)) if v is None else v
+        )
         self._drives[name].apply()
 
     # ------------------------------------------------------------------ looking
@@ -210,14 +225,19 @@ class World:
         """Return a frozen copy of where everything is."""
         centres = self.remote_centres()
         return Snapshot(
-            self.time, self._data.xpos.copy(), self._data.xquat.copy(),
+            self.time,
+            self._data.xpos.copy(),
+            self._data.xquat.copy(),
             {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items()},
         )
 
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
-        return {a.name: self.reference_pose(a.name)[:3, 3] for a in self.rig.arms
-                if "rcm" in a.arm.mechanism.frame_index}
+        return {
+            a.name: self.reference_pose(a.name)[:3, 3]
+            for a in self.rig.arms
+            if "rcm" in a.arm.mechanism.frame_index
+        }
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
@@ -232,8 +252,12 @@ class World:
         if not rig_arm.on:
             return rig_arm.pose
         carrier = self.rig.arm(rig_arm.on)
-        mount = pose(carrier.arm.mechanism, self.arms[rig_arm.on].readings()[0], rig_arm.frame,
-                     carrier.arm.root)
+        mount = pose(
+            carrier.arm.mechanism,
+            self.arms[rig_arm.on].readings()[0],
+            rig_arm.frame,
+            carrier.arm.root,
+        )
         return self.root_pose(rig_arm.on) @ mount @ rig_arm.pose
 
     def base_pose(self, name: str) -> tuple[Array, str]:
@@ -253,13 +277,16 @@ class World:
 
     def health(self) -> Health:
         """Return how well every arm's loops hold now."""
-        each = {name: arm.health() for name, arm in self.arms.items()
-                if not self._drives[name].welded}
+        each = {
+            name: arm.health() for name, arm in self.arms.items() if not self._drives[name].welded
+        }
         rcm = [h.rcm_error_m for h in each.values() if np.isfinite(h.rcm_error_m)]
         return Health(
-            max((h.loop_gap_m for h in each.values()), default=0.0), max(rcm, default=0.0),
+            max((h.loop_gap_m for h in each.values()), default=0.0),
+            max(rcm, default=0.0),
             all(h.branch_ok for h in each.values()),
-            min((h.flattening_margin_rad for h in each.values()), default=np.inf), each,
+            min((h.flattening_margin_rad for h in each.values()), default=np.inf),
+            each,
         )
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
@@ -275,7 +302,8 @@ class World:
                 for number, shape in enumerate(part.shapes):
                     name = f"{arm.name}/{part.frame}/{part.part}/{number}"
                     found.append(
-                        _shape_record(shape, where[part.frame], name, arm.name, part.frame))
+                        _shape_record(shape, where[part.frame], name, arm.name, part.frame)
+                    )
         return tuple(found)
 
     # ------------------------------------------------------------------ inside
@@ -320,11 +348,19 @@ def _preset(rig_arm: RigArm, name: str) -> Control:
     return next(iter(presets.values()))
 
 
-def _shape_record(
-    shape: Shape, body: int, name: str, arm: str | None, frame: str
-) -> ShapeRecord:
+def _shape_record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> ShapeRecord:
     look = MATERIALS[shape.material]
-    return ShapeRecord(body, name, shape.kind, shape.size, shape.pose, look.rgba, look.gloss,
-                       look.metal, shape.rounding, arm, frame, shape.collide)
-
-
+    return ShapeRecord(
+        body,
+        name,
+        shape.kind,
+        shape.size,
+        shape.pose,
+        look.rgba,
+        look.gloss,
+        look.metal,
+        shape.rounding,
+        arm,
+        frame,
+        shape.collide,
+    )

@@ -4,7 +4,6 @@
 #   make PYTHON=/opt/python3.12    choose the Python that .venv is built from
 
 .DEFAULT_GOAL := help
-SHELL := /bin/bash
 
 BIN := .venv/bin
 ARGS ?=

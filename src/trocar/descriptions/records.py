@@ -243,7 +243,16 @@ class Prop:
 
 @dataclass(frozen=True, eq=False)
 class RigDescription:
-    """Which arms stand where, with named poses {pose: {arm: q}}."""
+    """Which arms stand where.
+
+    Attributes:
+        name, title, source, file: who it is
+        arms: carriers before what they carry
+        props: bodies that stand in the world
+        poses: {pose: {arm: q (n,)}}; "start" has every arm
+        test_share: share of the test trajectory's amplitude at which the arms do not meet; they
+            then swing about the pose "test"
+    """
 
     name: str
     title: str
@@ -252,6 +261,7 @@ class RigDescription:
     arms: tuple[RigArm, ...]
     props: tuple[Prop, ...]
     poses: Mapping[str, Mapping[str, Array]]
+    test_share: float = 1.0
 
     def arm(self, name: str) -> RigArm:
         """Return the arm called `name`.

@@ -42,8 +42,11 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
+    share = _read_test_share(table)
     table.done()
-    return RigDescription(name, title, source, str(path), tuple(arms), props, poses)
+    if share < 1.0 and "test" not in poses:
+        raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
+    return RigDescription(name, title, source, str(path), tuple(arms), props, poses, share)
 
 
 def _read_arm(row: Table, before: list[RigArm], load_arm: ArmLoader) -> RigArm:
@@ -84,6 +87,16 @@ def _read_prop(row: Table) -> Prop:
     row.text("source", "")
     row.done()
     return prop
+
+
+def _read_test_share(table: Table) -> float:
+    row = table.optional_table("test_sine")
+    row.text("source", "")
+    share = row.number("share", 1.0)
+    if not 0.0 < share <= 1.0:
+        raise row.fail("share", f"got {share:g}; allowed: above 0 to 1")
+    row.done()
+    return share
 
 
 def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:

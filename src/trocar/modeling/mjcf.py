@@ -70,7 +70,5 @@ def new_spec(options: ModelOptions) -> mujoco.MjSpec:
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = IMPRATIO
-    option.disableflags |= (
-        mujoco.mjtDisableBit.mjDSBL_AUTORESET | mujoco.mjtDisableBit.mjDSBL_REFSAFE
-    )
+    option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # World reports, never resets
     return spec

@@ -34,7 +34,7 @@ class ModelOptions:
 
 #: Time constant of loops, pins and stops, in physics periods. Source: mujoco-findings, section 1:
 #: solref (0.001, 1) at 1 ms with solimp 0.9999 leaves a gap of 0.04 um under 10 N.
-STIFF_PERIODS = 1.0
+STIFF_PERIODS = 0.25
 STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 #: Time constant of contacts in physics periods, and the cone's ratio. Source: the same, section 4.
 CONTACT_PERIODS = 2.0

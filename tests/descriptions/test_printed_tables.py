@@ -131,19 +131,23 @@ def test_mended_table_is_the_arm_we_ship(name: str, tmp_path: Path) -> None:
         if name == "table3":
             wanted["suj_7"] = wanted["mount"]
         for frame in found.keys() & wanted.keys() - {"c1", "c2"}:
-            np.testing.assert_allclose(found[frame], wanted[frame], atol=EXACT, err_msg=frame)
+            np.testing.assert_allclose(
+                found[frame], wanted[frame], rtol=0, atol=EXACT, err_msg=frame
+            )
 
 
 def test_table4_as_printed_is_mirrored(tmp_path: Path) -> None:
-    np.testing.assert_allclose(virtual_centre(printed("table4")), [0, -0.4864, 0], atol=EXACT)
+    np.testing.assert_allclose(
+        virtual_centre(printed("table4")), [0, -0.4864, 0], rtol=0, atol=EXACT
+    )
     turned = mended("table4", tmp_path, ("pitch_plane", "alpha_deg"))
-    np.testing.assert_allclose(virtual_centre(turned), [0, 0.4864, 0], atol=EXACT)
+    np.testing.assert_allclose(virtual_centre(turned), [0, 0.4864, 0], rtol=0, atol=EXACT)
 
 
 def test_table4_beta2_moves_the_upper_link_and_flattens_its_loop(tmp_path: Path) -> None:
     turned = mended("table4", tmp_path, ("pitch_plane", "alpha_deg"))
     wrong, right = at_zero(turned)["pitch_top"][:3, 3], at_zero(load_arm("psm"))["pitch_top"][:3, 3]
-    np.testing.assert_allclose(wrong - right, [0.0, -0.0271, -0.0081], atol=1e-4)
+    np.testing.assert_allclose(wrong - right, [0.0, -0.0271, -0.0081], rtol=0, atol=1e-4)
     below = at_zero(turned)["pitch_bottom"][:3, 3]
     for upper in (wrong, right):  # 6 to 7 cannot tell: 36.5 mm either way
         assert np.linalg.norm(upper - below) == pytest.approx(0.0365, abs=5e-5)
@@ -158,9 +162,11 @@ def test_table4_rounding_leaves_the_shaft_beside_the_remote_centre(tmp_path: Pat
 
 
 def test_table5_as_printed_folds_back(tmp_path: Path) -> None:
-    np.testing.assert_allclose(virtual_centre(printed("table5")), [0, 0.0682, 0], atol=EXACT)
+    np.testing.assert_allclose(
+        virtual_centre(printed("table5")), [0, 0.0682, 0], rtol=0, atol=EXACT
+    )
     forward = mended("table5", tmp_path, ("yaw", "d_m"))
-    np.testing.assert_allclose(virtual_centre(forward), [0, 0.6126, 0], atol=EXACT)
+    np.testing.assert_allclose(virtual_centre(forward), [0, 0.6126, 0], rtol=0, atol=EXACT)
 
 
 def test_table5_a4_puts_the_back_link_in_front_and_flattens_near_the_range(tmp_path: Path) -> None:

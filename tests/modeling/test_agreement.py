@@ -13,7 +13,8 @@ from trocar.kinematics import forward
 from trocar.modeling import naming
 from trocar.modeling.mjcf import lone_rig, rig_spec
 
-SIMULATED = [name for name in names("arms") if load_arm(name).bodies]
+#: The Si arms are serial chains without masses (their [[missing]] says so).
+SIMULATED = [name for name in names("arms") if not name.endswith("_si")]
 #: Both sides compute in float64 over about twenty products of matrices of size 1.
 AGREED = 1e-9
 

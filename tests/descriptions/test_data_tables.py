@@ -1,0 +1,279 @@
+"""The data of the arms against the dVRK's own rows, written out here a second time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from trocar.descriptions import ArmDescription, load_arm, load_rig, names
+from trocar.geometry.dh import modified_dh, standard_dh
+from trocar.geometry.se3 import translation
+from trocar.kinematics import loops
+from trocar.kinematics.forward import pose, poses
+
+Array = NDArray[np.float64]
+Row = tuple[float, float, float, float]
+
+RIGHT = np.pi / 2
+#: Rounding of a product of ten transforms of metre size.
+EXACT = 1e-12
+SERIAL = {"psm_si", "ecm_si"}
+GRAVITY = 9.81
+
+#: (d2, a3, d4) of the setup joints. Source: sawIntuitiveResearchKit suj-simulated.json.
+SETUP = {
+    "suj_psm1": (0.4166, 0.4318, -0.1302),
+    "suj_psm2": (0.4166, 0.4318, -0.1302),
+    "suj_psm3": (0.3404, 0.5842, 0.2571),
+    "suj_ecm": (0.4166, 0.4318, -0.3459),
+}
+#: world_origin_to_SUJ: translation, then where x and y point. Source: the same file.
+WORLD_TO_SETUP = {
+    "suj_psm1": ((-0.1016, -0.1016, 0.43), (-1.0, 0.0)),
+    "suj_psm2": ((0.1016, -0.1016, 0.43), (1.0, 0.0)),
+    "suj_psm3": ((0.0, 0.0, 0.1264), (0.0, 1.0)),
+    "suj_ecm": ((0.0, 0.0, 0.43), (0.0, 1.0)),
+}
+
+
+def samples(arm: ArmDescription, count: int, seed: int = 7) -> Array:
+    lower, upper = arm.mechanism.lower, arm.mechanism.upper
+    return lower + (upper - lower) * np.random.default_rng(seed).random((count, len(lower)))
+
+
+def endoscope_chain(q: Array) -> Array:
+    """T_rcm_tip of the ECM. Source: sawIntuitiveResearchKit share/kinematic/ECM.json."""
+    return (
+        modified_dh(0.0, RIGHT, 0.0, q[0] + RIGHT)
+        @ modified_dh(0.0, -RIGHT, 0.0, q[1] - RIGHT)
+        @ modified_dh(0.0, RIGHT, q[2] - 0.3822, 0.0)
+        @ modified_dh(0.0, 0.0, 0.3829, q[3])
+    )
+
+
+def instrument_chain(q: Array, drop: float, shaft: float) -> Array:
+    """T_rcm_tip of a PSM with its tool. Source: SAW PSM.json, PSM_Si.json, share/tool."""
+    to_yaw = (
+        modified_dh(0.0, RIGHT, 0.0, q[0] + RIGHT)
+        @ modified_dh(0.0, -RIGHT, 0.0, q[1] - RIGHT)
+        @ modified_dh(0.0, RIGHT, q[2] - drop, 0.0)
+        @ modified_dh(0.0, 0.0, shaft, q[3])
+        @ modified_dh(0.0, -RIGHT, 0.0, q[4] - RIGHT)
+        @ modified_dh(0.0091, -RIGHT, 0.0, q[5] - RIGHT)
+    )
+    tooltip = np.array([[0.0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1]])
+    return to_yaw @ tooltip
+
+
+def setup_chain(name: str, q: Array) -> Array:
+    """T_cart_tip of a setup arm. Source: SAW suj-simulated.json."""
+    (at, (cosine, sine)) = WORLD_TO_SETUP[name]
+    place = translation(np.array(at)) @ modified_dh(0.0, 0.0, 0.0, np.arctan2(sine, cosine))
+    d2, a3, d4 = SETUP[name]
+    arm = (
+        place
+        @ modified_dh(0.0896, 0.0, q[0], 0.0)
+        @ modified_dh(0.0, 0.0, d2, q[1])
+        @ modified_dh(a3, 0.0, 0.1429, q[2])
+        @ modified_dh(0.4318, 0.0, d4, q[3] + RIGHT)
+    )
+    if name == "suj_ecm":
+        return arm @ modified_dh(0.0, -RIGHT / 2, 0.0, RIGHT) @ modified_dh(-0.0667, 0.0, 0.0, 0.0)
+    return (
+        arm
+        @ modified_dh(0.0, RIGHT, 0.4089, q[4])
+        @ modified_dh(0.0, -RIGHT, -0.1029, q[5] - RIGHT)
+    )
+
+
+def master_chain(q: Array) -> Array:
+    """T_base_tip of an MTM. Source: SAW MTML.json, MTMR.json (the same rows)."""
+    rows: list[Row] = [
+        (0.0, RIGHT, 0.0, -RIGHT),
+        (0.2794, 0.0, 0.0, -RIGHT),
+        (0.3645, -RIGHT, 0.0, RIGHT),
+        (0.0, RIGHT, 0.1506, 0.0),
+        (0.0, -RIGHT, 0.0, 0.0),
+        (0.0, RIGHT, 0.0, -RIGHT),
+        (0.0, 0.0, 0.0, RIGHT),
+    ]
+    reached = np.eye(4)
+    for (a, alpha, d, theta), angle in zip(rows, q, strict=True):
+        reached = reached @ standard_dh(a, alpha, d, theta + angle)
+    return reached
+
+
+@pytest.mark.parametrize("name", ["ecm", "ecm_si"])
+def test_endoscope_tip_is_the_dvrks(name: str) -> None:
+    arm = load_arm(name)
+    for q in samples(arm, 100):
+        np.testing.assert_allclose(pose(arm.mechanism, q), endoscope_chain(q), rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize(
+    ("name", "drop", "shaft"), [("psm", 0.4318, 0.4162), ("psm_si", 0.4826, 0.4670)]
+)
+def test_instrument_tip_is_the_dvrks(name: str, drop: float, shaft: float) -> None:
+    arm = load_arm(name)
+    for q in samples(arm, 100):
+        wanted = instrument_chain(q, drop, shaft)
+        np.testing.assert_allclose(pose(arm.mechanism, q), wanted, rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("name", ["mtml", "mtmr"])
+def test_master_tip_is_the_dvrks(name: str) -> None:
+    arm = load_arm(name)
+    for q in samples(arm, 100):
+        np.testing.assert_allclose(pose(arm.mechanism, q), master_chain(q), rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("name", sorted(SETUP))
+def test_setup_tip_and_remote_centre_are_the_dvrks(name: str) -> None:
+    arm = load_arm(name)
+    along, up = (0.6126, 0.1016) if name == "suj_ecm" else (0.4864, 0.1524)
+    for q in samples(arm, 100):
+        found = poses(arm.mechanism, q, "cart")
+        wanted = setup_chain(name, q)
+        np.testing.assert_allclose(found["tip"], wanted, rtol=0, atol=EXACT)
+        centre = found["mount"] @ np.array([0.0, along, 0.0, 1.0])
+        np.testing.assert_allclose(
+            centre, wanted @ np.array([along, 0.0, up, 1.0]), rtol=0, atol=EXACT
+        )
+
+
+def test_ecm_stands_where_the_mended_table_puts_it() -> None:
+    # Source: positions at q = 0 from the mended rows, rounded betas; 0.2 mm is their rounding
+    wanted = {
+        "pitch_front": (0.0, 0.2722, 0.0),
+        "pitch_back": (0.0, 0.23563, -0.0098),
+        "pitch_bottom": (0.0, 0.16921, 0.28677),
+        "pitch_top": (0.0, 0.16371, 0.32423),
+        "pitch_end": (0.0, 0.50961, 0.28677),
+        "insertion": (0.0, 0.61261, 0.38207),
+        "rcm": (0.0, 0.6126, 0.0),
+    }
+    arm = load_arm("ecm")
+    found = poses(arm.mechanism, np.zeros(4), "base")
+    for frame, at in wanted.items():
+        np.testing.assert_allclose(found[frame][:3, 3], at, rtol=0, atol=2e-4, err_msg=frame)
+
+
+def test_endoscope_shaft_passes_the_remote_centre_exactly() -> None:
+    arm = load_arm("ecm")
+    for q in samples(arm, 200):
+        shaft = pose(arm.mechanism, q, "insertion")
+        assert np.linalg.norm(np.cross(shaft[:3, 2], shaft[:3, 3])) < EXACT
+
+
+@pytest.mark.parametrize("name", ["ecm", "mtml", "mtmr"])
+def test_loops_are_exact_parallelograms_far_from_flat(name: str) -> None:
+    mechanism = load_arm(name).mechanism
+    q = samples(load_arm(name), 500)
+    assert loops.gaps(mechanism, loops.coupled_coordinates(mechanism, q)).max() < EXACT
+    assert min(place.margin for place in loops.flattenings(mechanism)) > 0.2
+
+
+@pytest.mark.parametrize("name", sorted(set(names("arms")) - SERIAL))
+def test_every_moving_frame_has_a_possible_body(name: str) -> None:
+    arm = load_arm(name)
+    loaded = {body.frame for body in arm.bodies}
+    for frame in arm.mechanism.frames:
+        assert frame.motion == "fixed" or frame.virtual or frame.name in loaded, frame.name
+    for body in arm.bodies:
+        low, middle, high = np.linalg.eigvalsh(body.inertia)
+        assert body.mass > 0.0 and low > 0.0, body.frame
+        assert high <= (low + middle) * 1.001, body.frame
+        assert body.source, body.frame
+
+
+@pytest.mark.parametrize("name", names("arms"))
+def test_every_frame_and_the_file_name_a_source(name: str) -> None:
+    arm = load_arm(name)
+    assert arm.source
+    assert all(arm.row_sources[frame.name] for frame in arm.mechanism.frames)
+
+
+@pytest.mark.parametrize(
+    ("name", "lean_deg"), [("ecm", 0), ("ecm", 45), ("ecm", -45), ("mtml", 0), ("mtmr", 0)]
+)
+def test_gravity_needs_at_most_half_of_each_effort_limit(name: str, lean_deg: float) -> None:
+    # the cart's scope leans by 45 degrees; the other way round for good measure
+    arm = load_arm(name)
+    limits = np.array([joint.effort_max for joint in arm.joints])
+    lean = np.radians(lean_deg)
+    down = np.array([0.0, -np.sin(lean), -np.cos(lean)])
+    for q in samples(arm, 30):
+        assert (np.abs(holding_efforts([arm], q, down)) <= 0.5 * limits).all()
+
+
+@pytest.mark.parametrize(
+    ("setup", "carried"), [("suj_psm1", "psm"), ("suj_psm3", "psm"), ("suj_ecm", "ecm")]
+)
+def test_setup_joints_hold_their_arm(setup: str, carried: str) -> None:
+    arms = [load_arm(setup), load_arm(carried)]
+    limits = np.array([joint.effort_max for joint in arms[0].joints])
+    both = np.concatenate([samples(arm, 25) for arm in arms], axis=1)
+    for q in both:
+        efforts = holding_efforts(arms, q, np.array([0.0, 0.0, -1.0]))[: len(limits)]
+        assert (np.abs(efforts) <= 0.5 * limits).all()
+
+
+def holding_efforts(arms: list[ArmDescription], q: Array, down: Array) -> Array:
+    """Return d(potential energy)/dq of arms that carry each other, by central differences."""
+
+    def energy(at: Array) -> float:
+        total, mount, first = 0.0, np.eye(4), 0
+        for arm in arms:
+            count = len(arm.joints)
+            placed = poses(arm.mechanism, at[first : first + count], arm.root)
+            for body in arm.bodies:
+                centre = mount @ placed[body.frame] @ np.append(body.com, 1.0)
+                total -= body.mass * GRAVITY * float(down @ centre[:3])
+            mount, first = mount @ placed.get("mount", np.eye(4)), first + count
+        return total
+
+    step = 1e-5
+    turn = step * np.eye(len(q))
+    return np.array([(energy(q + row) - energy(q - row)) / (2.0 * step) for row in turn])
+
+
+@pytest.mark.parametrize("name", names("rigs"))
+def test_rigs_without_setup_joints_keep_the_carts_spacing(name: str) -> None:
+    rig = load_rig(name)
+    centre = {arm.name: remote_centre(name, arm.name) for arm in rig.arms if "SUJ" not in arm.name}
+    if any(arm.on for arm in rig.arms):
+        return
+    first = next(iter(centre.values()))
+    np.testing.assert_allclose(first, translation(np.array([0.0, 0.0, 0.3])), rtol=0, atol=EXACT)
+    if len(centre) == 1:
+        return
+    cart = {arm: remote_centre("full_cart", arm) for arm in centre}
+    to_rig = first @ np.linalg.inv(cart["PSM1"])
+    for arm, found in centre.items():
+        np.testing.assert_allclose(found, to_rig @ cart[arm], rtol=0, atol=EXACT)
+
+
+def test_the_carts_remote_centres_are_saws() -> None:
+    rig = load_rig("full_cart")
+    above_floor = translation(np.array([0.0, 0.0, 0.167458]))
+    turn = modified_dh(0.0, 0.0, 0.0, -RIGHT)
+    for arm in ("PSM1", "PSM2", "PSM3", "ECM"):
+        q = rig.poses["start"][f"SUJ_{arm}"]
+        along, up = (0.6126, 0.1016) if arm == "ECM" else (0.4864, 0.1524)
+        tool_origin = translation(np.array([along, 0.0, up])) @ turn
+        wanted = above_floor @ setup_chain(f"suj_{arm.lower()}", q) @ tool_origin
+        np.testing.assert_allclose(remote_centre("full_cart", arm), wanted, rtol=0, atol=EXACT)
+
+
+def remote_centre(rig_name: str, arm_name: str) -> Array:
+    """T_world_rcm of an arm in a rig's start pose."""
+    rig = load_rig(rig_name)
+    place, arm = np.eye(4), rig.arm(arm_name)
+    mount = arm.pose
+    if arm.on:
+        carrier = rig.arm(arm.on)
+        q = rig.poses["start"][carrier.name]
+        place = carrier.pose @ poses(carrier.arm.mechanism, q, carrier.arm.root)[arm.frame]
+    q = rig.poses["start"][arm_name]
+    return place @ mount @ poses(arm.arm.mechanism, q, arm.arm.root)["rcm"]

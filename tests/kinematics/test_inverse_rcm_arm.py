@@ -131,11 +131,33 @@ def test_a_pose_beyond_two_limits_names_both():
     }
 
 
+def test_the_branch_that_comes_nearest_is_reported():
+    pose = tip([0.3, -0.4, -0.003, 1.0, 0.5, -0.7])  # wrist before the remote centre
+    with pytest.raises(UnreachableError) as caught:
+        inverse_rcm_arm(PSM, pose, LOWER, UPPER)
+    assert caught.value.excess == {"insertion": pytest.approx(0.003)}
+
+
+def test_wrist_at_the_remote_centre_is_out_of_reach_where_the_insertion_cannot_take_it_there():
+    pose = tip([0.3, -0.4, CENTRE, 1.0, 0.5, -0.7])
+    lower = np.where(np.arange(6) == 2, 0.02, LOWER)
+    with pytest.raises(UnreachableError, match="insertion"):
+        inverse_rcm_arm(PSM, pose, lower, UPPER)
+
+
 @pytest.mark.parametrize("gap", [0.0, 1e-15, 9.9e-4, -9.9e-4])
 def test_wrist_within_a_millimetre_of_the_remote_centre_is_singular(gap):
     pose = tip([0.3, -0.4, CENTRE + gap, 1.0, 0.5, -0.7])
     with pytest.raises(SingularError, match="wrist pitch axis is within 1 mm of the remote centre"):
         inverse_rcm_arm(PSM, pose, LOWER, UPPER)
+
+
+def test_no_pose_of_that_millimetre_slips_through():
+    q = np.random.default_rng(3).uniform(LOWER, UPPER, (1000, 6))
+    q[:, 2] = CENTRE + np.random.default_rng(4).uniform(-9.99e-4, 9.99e-4, 1000)
+    for T in tip(q):
+        with pytest.raises(SingularError, match="wrist pitch axis"):
+            inverse_rcm_arm(PSM, T, LOWER, UPPER)
 
 
 @pytest.mark.parametrize("gap", [1.01e-3, -1.01e-3])

@@ -15,6 +15,11 @@ def test_turning_joints_are_unwound_and_sliding_ones_are_not():
     assert (found[:, 1] == 0.1).all()
 
 
+def test_a_long_slide_is_not_taken_for_turns():
+    long = s.joint_range(("slide",), (True,), [0.0], [20.0])
+    assert s.inside(np.array([[1.0]]), long).tolist() == [[1.0]]
+
+
 def test_rounding_beyond_a_limit_is_set_to_the_limit():
     found = s.inside(np.array([[1.0, 0.2 + 9e-10], [1.0, -9e-10], [1.0, 0.2 + 2e-9]]), LIMITS)
     assert found[:, 1].tolist() == [0.2, 0.0]

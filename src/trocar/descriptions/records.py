@@ -28,6 +28,7 @@ class Shape:
         material: name of a row in `materials`
         rounding: radius of a box's edges as it is drawn [m]
         collide: takes part in contacts
+        hull: what it collides as: itself, or a "capsule" along its longest edge (ten times cheaper)
         weigh: counts for mass properties that come from the shape
     """
 
@@ -38,6 +39,7 @@ class Shape:
     rounding: float = 0.0
     collide: bool = True
     weigh: bool = True
+    hull: Literal["same", "capsule"] = "same"
 
 
 @dataclass(frozen=True, eq=False)

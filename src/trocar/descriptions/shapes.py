@@ -55,6 +55,7 @@ def read_shape(table: Table) -> Shape:
         rounding=rounding,
         collide=table.flag("collide", True),
         weigh=table.flag("weigh", True),
+        hull="capsule" if table.text("hull", "same", allowed=("same", "capsule")) != "same" else "same",
     )
     table.done()
     return shape

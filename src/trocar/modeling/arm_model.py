@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -70,9 +70,12 @@ def add_arm(
     Raises:
         InputError: the description has no masses, so it can only be moved kinematically
     """
-    if not arm.bodies:
-        reason = "; ".join(m.what for m in arm.missing) or "no bodies"
-        raise InputError(f"{arm.name}: cannot be simulated, the description lacks: {reason}")
+    massed = {body.frame for body in arm.bodies}
+    bare = [f.name for f in arm.mechanism.frames
+            if f.motion != "fixed" and not f.virtual and f.name not in massed]
+    if bare:
+        why = "".join(f"; {m.what}: {m.why}" for m in arm.missing)
+        raise InputError(f"{arm.name}: cannot be simulated, no mass for {', '.join(bare)}{why}")
     locked = options.locked.get(name)
     anchors = _add_frames(name, arm, mount, mask, options)
     if locked is None:
@@ -161,7 +164,6 @@ def _add_hinge(
 def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
     """Merge the bodies that move together into one inertia."""
     made.explicitinertial = True
-    made.gravcomp = 1.0
     if not bodies:
         made.mass = 0.0
         return
@@ -188,6 +190,8 @@ def add_shape(
 ) -> None:
     """Add a massless geom for a shape, if it collides or decoration is wanted."""
     collide = shape.collide and options.collisions and mask.conaffinity != 0
+    if collide and not options.decoration and shape.hull == "capsule":
+        shape = capsule_about(shape)
     if not collide and not options.decoration:
         return
     body.add_geom(
@@ -206,6 +210,24 @@ def add_shape(
         solref=[CONTACT_PERIODS * options.timestep, 1.0],
         solimp=CONTACT_IMPEDANCE,
     )
+
+
+def capsule_about(shape: Shape) -> Shape:
+    """Return the capsule along a box's longest edge (or a cylinder's axis), as thick as it is wide.
+
+    It has the length of the shape, so corners stick out and the middle of flat sides does not.
+    """
+    if shape.kind != "box":
+        radius, half, _ = shape.size
+        length = max(half - radius, 1e-4)
+        return replace(shape, kind="capsule", size=np.array([radius, length, 0.0]))
+    order = np.argsort(shape.size)
+    axis = int(order[2])
+    radius = float(shape.size[order[1]])
+    turn = np.roll(np.eye(3), 2 - axis, axis=1)
+    pose = shape.pose @ transform(turn, np.zeros(3))
+    half = max(float(shape.size[axis]) - radius, 1e-4)
+    return replace(shape, kind="capsule", pose=pose, size=np.array([radius, half, 0.0]))
 
 
 def _add_loops(

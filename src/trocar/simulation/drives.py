@@ -13,11 +13,10 @@ from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import coordinate_rates
 from trocar.simulation.binding import Binding, bind
 from trocar.simulation.records import Mode
+from trocar.simulation.servos import ServoInputs
 
 Array = NDArray[np.float64]
 
-#: A servo's inputs lie side by side in `ctrl`: position, velocity, feed-forward effort.
-INPUTS = 3
 #: Stands for "no limit" where MuJoCo wants a number. [N m or N]
 UNLIMITED = 1e6
 
@@ -34,11 +33,16 @@ class Drives:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, rig_arm: RigArm, control: Control
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        servos: ServoInputs,
+        rig_arm: RigArm,
+        control: Control,
     ) -> None:
         self.binding: Binding = bind(model, rig_arm)
         self.arm = rig_arm.arm
-        self._model, self._data = model, data
+        self._model, self._data, self._servos = model, data, servos
         joints = self.arm.joints
         self.welded = not len(self.binding.hinges)
         self.brakes = self.arm.type == "SUJ"
@@ -73,7 +77,10 @@ class Drives:
 
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
-        self._model.body_gravcomp[self.binding.bodies] = 1.0 if on or self.brakes else 0.0
+        self._servos.balanced[self.binding.actuators] = 1.0 if on or self.brakes else 0.0
+        if not on and not self.brakes:
+            self._servos.balance[self.binding.actuators] = 0.0
+            self._servos.write_efforts()
 
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""
@@ -102,9 +109,8 @@ class Drives:
         """
         if self.welded:
             return
-        address = INPUTS * self.binding.actuators
-        self._data.ctrl[address] = q
-        self._data.ctrl[address + 1] = v
+        self._servos.table[self.binding.actuators, 0] = q
+        self._servos.table[self.binding.actuators, 1] = v
         kinematic = np.array([m == "set" for m in self.modes]) & ~self.locked
         if kinematic.any():
             pins = self.binding.pins[kinematic]
@@ -117,9 +123,8 @@ class Drives:
         if self.welded:
             return
         open_loop = np.array([m == "effort" for m in self.modes])
-        limited = np.clip(effort, -self.effort_limit, self.effort_limit)
-        address = INPUTS * self.binding.actuators + 2
-        self._data.ctrl[address] = np.where(open_loop, limited, 0.0)
+        self._servos.commanded[self.binding.actuators] = np.where(open_loop, effort, 0.0)
+        self._servos.write_efforts()
 
     def place(self, q: Array, v: Array) -> None:
         """Put the arm at joint positions with velocities, at rest inside, (n,) each."""
@@ -140,8 +145,7 @@ class Drives:
 
     def efforts(self) -> Array:
         """Return what the motors exert, gravity compensation included, (n,) [N m or N]."""
-        motor = self._data.actuator_force[self.binding.actuators]
-        return motor + self.binding.share @ self._data.qfrc_gravcomp[self.binding.dof]
+        return self._data.actuator_force[self.binding.actuators].copy()
 
     def frame_coordinates(self) -> Array:
         """Return every frame's own coordinate as the simulation has it, (n_frames,)."""
@@ -160,4 +164,5 @@ class Drives:
         if self.welded or not len(chosen):
             return
         self._data.act[self.binding.act[chosen]] = 0.0
-        self._data.ctrl[INPUTS * self.binding.actuators[chosen] + 2] = 0.0
+        self._servos.commanded[self.binding.actuators[chosen]] = 0.0
+        self._servos.write_efforts()

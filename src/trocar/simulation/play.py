@@ -9,55 +9,38 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
-from trocar.simulation.drives import INPUTS, UNLIMITED, Drives
+from trocar.simulation.drives import Drives
 from trocar.simulation.records import Recording
+from trocar.simulation.servos import ServoInputs
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Checked inputs of every servo, (k, nu, 3), and how many samples were clipped."""
+    """Checked set-points of every servo, (k, n_servos, 2), and efforts, (k, n_servos) or None."""
 
-    inputs: Array
+    setpoints: Array
+    efforts: Array | None
     played: tuple[str, ...]
     clipped: dict[str, int]
 
 
 class Player:
-    """Writes tables into the servos and keeps the motors' effort within limits."""
+    """Writes tables into the servos and samples what comes of it."""
 
     def __init__(
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        rig: RigDescription,
+        servos: ServoInputs,
         drives: Mapping[str, Drives],
     ) -> None:
         self._model, self._data = model, data
         self._drives = {name: d for name, d in drives.items() if not d.welded}
-        self._names = tuple(a.name for a in rig.arms)
-        self._inputs = data.ctrl.reshape(model.nu // INPUTS, INPUTS)
-        self._share = np.zeros((model.nu // INPUTS, model.nv))
-        self._limit = np.full(len(self._share), UNLIMITED)
-        self.read_limits()
-        for d in self._drives.values():
-            self._share[np.ix_(d.binding.actuators, d.binding.dof)] = d.binding.share
-
-    def read_limits(self) -> None:
-        """Take over the motors' effort limits."""
-        for d in self._drives.values():
-            self._limit[d.binding.actuators] = d.effort_limit
-
-    def limit_efforts(self) -> None:
-        """Leave each servo what gravity compensation takes of its motor's limit."""
-        limit = self._limit
-        weight = self._share @ self._data.qfrc_gravcomp
-        self._model.actuator_forcerange[:, 0] = -limit - weight
-        self._model.actuator_forcerange[:, 1] = limit - weight
+        self._servos = servos
 
     def table(
         self,
@@ -75,26 +58,29 @@ class Player:
         if len(rows) != 1:
             raise InputError(f"play: got tables of {sorted(rows)} rows; allowed: one length")
         count = rows.pop()
-        inputs = np.tile(self._inputs, (count, 1, 1))
-        inputs[:, :, 1] = 0.0
+        setpoints = np.tile(self._servos.table[:, :2], (count, 1, 1))
+        setpoints[:, :, 1] = 0.0
+        open_loop = np.tile(self._servos.commanded, (count, 1))
         clipped: dict[str, int] = {}
         for name, wanted in positions.items():
             if name not in self._drives:
                 raise UnknownNameError("arm", name, self._drives, "play")
             d = self._drives[name]
+            if "set" in d.modes:
+                raise InputError(f"play: {name}: joints in mode \"set\" follow servo_jp only")
             mechanism = d.arm.mechanism
             target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)
             clipped[name] = int((inside != target).any(axis=1).sum())
             used = d.binding.actuators
-            inputs[:, used, 0] = inside
+            setpoints[:, used, 0] = inside
             if name in velocities:
-                inputs[:, used, 1] = _checked(name, velocities[name], target.shape, "velocities")
+                speed = _checked(name, velocities[name], target.shape, "velocities")
+                setpoints[:, used, 1] = speed
             if name in efforts:
-                wanted_efforts = _checked(name, efforts[name], target.shape, "efforts")
-                open_loop = np.array([mode == "effort" for mode in d.modes])
-                inputs[:, used, 2] = np.where(open_loop, wanted_efforts, 0.0)
-        return Table(inputs, tuple(positions), clipped)
+                effort = _checked(name, efforts[name], target.shape, "efforts")
+                open_loop[:, used] = np.where([m == "effort" for m in d.modes], effort, 0.0)
+        return Table(setpoints, open_loop if efforts else None, tuple(positions), clipped)
 
     def run(
         self,
@@ -105,27 +91,29 @@ class Player:
         arms: Mapping[str, Arm],
     ) -> Recording:
         """Write each row, advance, sample."""
-        count = len(table.inputs) if record else 0
+        count = len(table.setpoints) if record else 0
         times = np.zeros(count)
         qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
-        force, weight = np.zeros((count, len(self._share))), np.zeros((count, self._model.nv))
-        data, inputs = self._data, self._inputs
-        for row, wanted in enumerate(table.inputs):
+        force = np.zeros((count, len(self._servos.table)))
+        data, inputs = self._data, self._servos.table[:, :2]
+        for row, wanted in enumerate(table.setpoints):
             inputs[:] = wanted
+            if table.efforts is not None:
+                self._servos.commanded[:] = table.efforts[row]
+                self._servos.write_efforts()
             advance(every)
             if record:
                 times[row] = data.time
-                qpos[row], qvel[row] = data.qpos, data.qvel
-                force[row], weight[row] = data.actuator_force, data.qfrc_gravcomp
+                qpos[row], qvel[row], force[row] = data.qpos, data.qvel, data.actuator_force
         for name in table.played:
             used = self._drives[name].binding.actuators
-            arms[name].note_setpoint(table.inputs[-1, used, 0], table.inputs[-1, used, 1])
-        return self._recording(times, (qpos, qvel, force, weight), table.clipped)
+            arms[name].note_setpoint(table.setpoints[-1, used, 0], table.setpoints[-1, used, 1])
+        return self._recording(times, (qpos, qvel, force), table.clipped)
 
     def _recording(
-        self, times: Array, samples: tuple[Array, Array, Array, Array], clipped: dict[str, int]
+        self, times: Array, samples: tuple[Array, Array, Array], clipped: dict[str, int]
     ) -> Recording:
-        qpos, qvel, force, weight = samples
+        qpos, qvel, force = samples
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
@@ -134,7 +122,7 @@ class Player:
             b = d.binding
             positions[name] = qpos[:, b.qpos] @ b.drive.T
             velocities[name] = qvel[:, b.dof] @ b.drive.T
-            efforts[name] = force[:, b.actuators] + weight[:, b.dof] @ b.share.T
+            efforts[name] = force[:, b.actuators]
             coordinates[name] = np.zeros((len(times), len(d.arm.mechanism.frames)))
             coordinates[name][:, b.hinges] = qpos[:, b.qpos]
         return Recording(times, positions, velocities, efforts, coordinates, clipped)

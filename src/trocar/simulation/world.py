@@ -20,20 +20,23 @@ from trocar.modeling.mjcf import rig_spec
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm
 from trocar.simulation.drives import Drives
+from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
+from trocar.simulation.gravity import GravityCompensation
 from trocar.simulation.motion import Motion
 from trocar.simulation.play import Player
 from trocar.simulation.records import Health, Recording, ShapeRecord, Snapshot
+from trocar.simulation.servos import ServoInputs
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
 
 #: Set-points of moves are renewed this often, in physics periods. Source: our own choice.
 SETPOINT_PERIODS = 1
-BAD = (
-    mujoco.mjtWarning.mjWARN_BADQPOS,
-    mujoco.mjtWarning.mjWARN_BADQVEL,
-    mujoco.mjtWarning.mjWARN_BADQACC,
-)
+#: MuJoCo's warnings of a state that is no longer finite.
+BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
+BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
+BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
+
 
 
 class World:
@@ -87,11 +90,12 @@ class World:
         self._model = rig_spec(self.rig, self.options).compile()
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
+        self._servos = ServoInputs(self._model, self._data)
         self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
             preset = _preset(rig_arm, control)
-            drives = Drives(self._model, self._data, rig_arm, preset)
+            drives = Drives(self._model, self._data, self._servos, rig_arm, preset)
             on = (
                 preset.gravity_compensation
                 if gravity_compensation is None
@@ -105,7 +109,10 @@ class World:
                 for name, by_arm in self.rig.poses.items()
                 if rig_arm.name in by_arm
             }
-        self._player = Player(self._model, self._data, self.rig, self._drives)
+        self._player = Player(self._model, self._data, self._servos, self._drives)
+        self._gravity = GravityCompensation(
+            self._model, self._data, self._servos, self._drives.values()
+        )
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
@@ -183,6 +190,7 @@ class World:
         self._seed = self._seed if seed is None else seed
         self.rng = np.random.default_rng(self._seed)
         mujoco.mj_resetData(self._model, self._data)
+        self._servos.commanded[:] = 0.0
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         for name, arm in self.arms.items():
             if self.options.locked and name in self.options.locked:
@@ -190,6 +198,8 @@ class World:
             else:
                 arm.start_at(at[name])
         mujoco.mj_forward(self._model, self._data)
+        self._gravity.renew()
+        self._gravity_due = GRAVITY_PERIOD_S
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
         """Step until a move is over, or leave the waiting to the loop that runs this world."""
@@ -312,13 +322,16 @@ class World:
         """Step the physics, and stop when it is no longer finite."""
         if self._load.size > 0.0:
             self._load.apply()
-        self._player.limit_efforts()
+        if self._data.time >= self._gravity_due:
+            self._gravity.renew()
+            self._gravity_due = self._data.time + GRAVITY_PERIOD_S
         mujoco.mj_step(self._model, self._data, nstep=count)
-        if self._bad[BAD[0]] or self._bad[BAD[1]] or self._bad[BAD[2]]:
+        bad = self._bad
+        if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
             self._diverged()
 
     def _diverged(self) -> None:
-        kind = next(k for k in BAD if self._bad[k])
+        kind = next(k for k in (BAD_QPOS, BAD_QVEL, BAD_QACC) if self._bad[k])
         dof = int(self._data.warning.lastinfo[kind])
         joint = int(self._model.dof_jntid[min(dof, self._model.nv - 1)])
         name = self._model.joint(joint).name
@@ -329,7 +342,7 @@ class World:
             for index, described in enumerate(self.arms[owner].description.joints):
                 if hinge in dict(described.drive):
                     target = self.arms[owner].last_target(index)
-        raise DivergedError(self.time, name, target, kind.name)
+        raise DivergedError(self.time, name, target, mujoco.mjtWarning(kind).name)
 
 
 def _checked_period(timestep_s: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,7 @@ def read_shape(table: Table) -> Shape:
         rounding=rounding,
         collide=table.flag("collide", True),
         weigh=table.flag("weigh", True),
-        hull="capsule" if table.text("hull", "same", allowed=("same", "capsule")) != "same" else "same",
+        hull=cast(Literal["same", "capsule"], table.text("hull", "same", ("same", "capsule"))),
     )
     table.done()
     return shape

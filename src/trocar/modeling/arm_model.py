@@ -71,8 +71,11 @@ def add_arm(
         InputError: the description has no masses, so it can only be moved kinematically
     """
     massed = {body.frame for body in arm.bodies}
-    bare = [f.name for f in arm.mechanism.frames
-            if f.motion != "fixed" and not f.virtual and f.name not in massed]
+    bare = [
+        f.name
+        for f in arm.mechanism.frames
+        if f.motion != "fixed" and not f.virtual and f.name not in massed
+    ]
     if bare:
         why = "".join(f"; {m.what}: {m.why}" for m in arm.missing)
         raise InputError(f"{arm.name}: cannot be simulated, no mass for {', '.join(bare)}{why}")

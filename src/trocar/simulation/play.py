@@ -67,7 +67,7 @@ class Player:
                 raise UnknownNameError("arm", name, self._drives, "play")
             d = self._drives[name]
             if "set" in d.modes:
-                raise InputError(f"play: {name}: joints in mode \"set\" follow servo_jp only")
+                raise InputError(f'play: {name}: joints in mode "set" follow servo_jp only')
             mechanism = d.arm.mechanism
             target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)

@@ -22,7 +22,7 @@ class ServoInputs:
         balance: the compensation written last, (n_servos,) [N m or N]
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, data: mujoco.MjData) -> None:
         self.table: Array = data.ctrl.reshape(-1, INPUTS)
         count = len(self.table)
         self.commanded = np.zeros(count)

@@ -63,14 +63,14 @@ def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestT
     if not arms:
         raise InputError(f"rig {rig.name}: has no PSM or ECM to drive along the test trajectory")
     count = max(1, round(duration_s / period_s))
-    begin = period_s * np.arange(count)
+    begin = period_s * np.arange(count, dtype=np.float64)
     middles = {
         name: rig.poses["test"][name] if rig.test_share < 1.0 else middle_of_range(arm)
         for name, arm in arms.items()
     }
     swings = {name: rig.test_share * amplitudes(arm) for name, arm in arms.items()}
-    wave, slope = _ramped_sine(begin + 0.5 * period_s)
-    after, _ = _ramped_sine(begin + period_s)
+    wave, slope = _ramped_sine(np.asarray(begin + 0.5 * period_s))
+    after, _ = _ramped_sine(np.asarray(begin + period_s))
     return TestTrajectory(
         period_s,
         middles,

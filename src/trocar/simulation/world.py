@@ -38,7 +38,6 @@ BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
 
 
-
 class World:
     """A simulated rig. Time passes in `step` and `play` only.
 
@@ -90,7 +89,7 @@ class World:
         self._model = rig_spec(self.rig, self.options).compile()
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
-        self._servos = ServoInputs(self._model, self._data)
+        self._servos = ServoInputs(self._data)
         self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:

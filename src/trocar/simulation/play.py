@@ -108,7 +108,7 @@ class Player:
         count = len(table.inputs) if record else 0
         times = np.zeros(count)
         qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
-        force, weight = np.zeros((count, len(self._share))), np.zeros((count, self._model.nv))
+        act, weight = np.zeros((count, self._model.na)), np.zeros((count, self._model.nv))
         data, inputs = self._data, self._inputs
         for row, wanted in enumerate(table.inputs):
             inputs[:] = wanted
@@ -116,16 +116,17 @@ class Player:
             if record:
                 times[row] = data.time
                 qpos[row], qvel[row] = data.qpos, data.qvel
-                force[row], weight[row] = data.actuator_force, data.qfrc_gravcomp
+                act[row], weight[row] = data.act, data.qfrc_gravcomp
         for name in table.played:
             used = self._drives[name].binding.actuators
             arms[name].note_setpoint(table.inputs[-1, used, 0], table.inputs[-1, used, 1])
-        return self._recording(times, (qpos, qvel, force, weight), table.clipped)
+        return self._recording(times, (qpos, qvel, act, weight), table)
 
     def _recording(
-        self, times: Array, samples: tuple[Array, Array, Array, Array], clipped: dict[str, int]
+        self, times: Array, samples: tuple[Array, Array, Array, Array], table: Table
     ) -> Recording:
-        qpos, qvel, force, weight = samples
+        qpos, qvel, act, weight = samples
+        inputs = table.inputs[: len(times)]
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
@@ -134,10 +135,12 @@ class Player:
             b = d.binding
             positions[name] = qpos[:, b.qpos] @ b.drive.T
             velocities[name] = qvel[:, b.dof] @ b.drive.T
-            efforts[name] = force[:, b.actuators] + weight[:, b.dof] @ b.share.T
+            state = (positions[name], velocities[name], act[:, b.act])
+            weights = weight[:, b.dof] @ b.share.T
+            efforts[name] = d.servo_efforts(inputs[:, b.actuators], state, weights)
             coordinates[name] = np.zeros((len(times), len(d.arm.mechanism.frames)))
             coordinates[name][:, b.hinges] = qpos[:, b.qpos]
-        return Recording(times, positions, velocities, efforts, coordinates, clipped)
+        return Recording(times, positions, velocities, efforts, coordinates, table.clipped)
 
 
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:

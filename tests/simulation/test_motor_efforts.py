@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from trocar.simulation import World
 from trocar.simulation.records import Recording
 
+Array = NDArray[np.floating[Any]]
+
 INSERTION = 2
 # Moves on the insertion while everything else rests. Friction bends the loops by less.
 BALANCE_N = 0.01
 
 
-def slide(
-    world: World, depth: NDArray[np.float64], speed: NDArray[np.float64], every: int = 1
-) -> Recording:
+def slide(world: World, depth: Array, speed: Array) -> Recording:
     q = np.zeros((len(depth), 7))
     q[:, INSERTION] = depth
     q[:, -1] = 0.5
     v = np.zeros_like(q)
     v[:, INSERTION] = speed
     world.set_state("PSM1", q[0], v[0])
-    return world.play({"PSM1": q[1:]}, {"PSM1": v[1:]}, every=every)
+    return world.play({"PSM1": q[1:]}, {"PSM1": v[1:]}, every=1)
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.1, -0.2])

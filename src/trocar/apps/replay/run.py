@@ -123,7 +123,8 @@ class _Run:
     def __init__(
         self, world: World, arm: ArmDescription, name: str, mode: ReplayMode, periods: int
     ) -> None:
-        self.world, self.arm, self.name, self.mode = world, arm, name, mode
+        self.world, self.arm, self.name = world, arm, name
+        self.mode: ReplayMode = mode
         self.periods = periods
         self.sums = Sums(arm.mechanism.joint_names)
         self.clipped = 0

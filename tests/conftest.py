@@ -1,8 +1,10 @@
-"""What several rooms' tests share: seeded random joint positions."""
+"""What several rooms' tests share: seeded random joint positions, recordings."""
 
 from __future__ import annotations
 
+import gzip
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,3 +37,32 @@ def _random_positions(
     if arm.has_jaw:
         q[:, -1] = np.abs(q[:, -1])
     return q
+
+
+Rows = NDArray[np.float64]
+LogWriter = Callable[[Path, Rows, Rows, Rows], Path]
+
+# Wrist pitch, wrist yaw and jaw from their motors. Source: Wang 2019, the recording script.
+JOINT_FROM_MOTOR = np.array([[1.0186, 0.0, 0.0], [-0.8306, 0.6089, 0.6089], [0.0, -1.2177, 1.2177]])
+
+
+@pytest.fixture
+def write_psm_log() -> LogWriter:
+    """Return the function that writes positions, velocities and efforts, (k, 7) each.
+
+    As the recorder of a PSM does: wrist and jaw motor-side; gzip when the path says so.
+    """
+    return _write_psm_log
+
+
+def _write_psm_log(path: Path, positions: Rows, velocities: Rows, efforts: Rows) -> Path:
+    positions, velocities, efforts = positions.copy(), velocities.copy(), efforts.copy()
+    motor_from_joint = np.linalg.inv(JOINT_FROM_MOTOR)
+    positions[:, 4:] = positions[:, 4:] @ motor_from_joint.T
+    velocities[:, 4:] = velocities[:, 4:] @ motor_from_joint.T
+    efforts[:, 4:] = efforts[:, 4:] @ JOINT_FROM_MOTOR
+    rows = np.hstack([positions, velocities, efforts])
+    text = "".join(",".join(f"{value:.17g}" for value in row) + "\n" for row in rows)
+    packed = path.suffix == ".gz"
+    path.write_bytes(gzip.compress(text.encode()) if packed else text.encode())
+    return path

@@ -67,8 +67,7 @@ class Drives:
         """Write modes, gains and brakes into the model."""
         if self.welded:
             return
-        servo = np.array([m == "position" for m in self.modes]) & ~self.locked
-        ids, on = self.binding.actuators, self.gains * servo[:, None]
+        ids, on = self.binding.actuators, self.gains * self._servoed()[:, None]
         self._model.actuator_biasprm[ids, 1] = -on[:, 0]
         self._model.actuator_gainprm[ids, 0] = on[:, 1]
         self._model.actuator_biasprm[ids, 2] = -on[:, 2]
@@ -145,13 +144,38 @@ class Drives:
 
     def efforts(self) -> Array:
         """Return what the motors exert, gravity compensation included, (n,) [N m or N]."""
-        return self._data.actuator_force[self.binding.actuators].copy()
+        b = self.binding
+        state = (self.positions(), self.velocities(), self._data.act[b.act])
+        return self.servo_efforts(self._servos.table[b.actuators], state)
+
+    def servo_efforts(self, inputs: Array, state: tuple[Array, Array, Array]) -> Array:
+        """Return the motors' efforts in a state: the servos' law and what is fed forward.
+
+        The integrator is implicit in the servos: what acts during a period is their force at its
+        end. MuJoCo's `actuator_force` is the one at its beginning, which is wrong by
+        (P v + D a) dt: 1.2 N at 0.2 m/s on the insertion, more than its friction.
+
+        Args:
+            inputs: set-points and fed-forward effort, (..., n, 3)
+            state: positions, velocities, integrals of the position error, (..., n) each
+
+        Returns:
+            (..., n) [N m or N]
+        """
+        q, v, integral = state
+        p, i, d = (self.gains * self._servoed()[:, None]).T
+        servo = p * (inputs[..., 0] - q) + i * integral + d * (inputs[..., 1] - v)
+        return np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
 
     def frame_coordinates(self) -> Array:
         """Return every frame's own coordinate as the simulation has it, (n_frames,)."""
         found = np.zeros(len(self.arm.mechanism.frames))
         found[self.binding.hinges] = self._data.qpos[self.binding.qpos]
         return found
+
+    def _servoed(self) -> NDArray[np.bool_]:
+        """Return which joints their servos drive, (n,)."""
+        return np.array([m == "position" for m in self.modes]) & ~self.locked
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)

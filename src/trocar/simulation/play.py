@@ -94,26 +94,30 @@ class Player:
         count = len(table.setpoints) if record else 0
         times = np.zeros(count)
         qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
-        force = np.zeros((count, len(self._servos.table)))
-        data, inputs = self._data, self._servos.table[:, :2]
+        act, inputs = (
+            np.zeros((count, self._model.na)),
+            np.zeros((count, *self._servos.table.shape)),
+        )
+        data, setpoints = self._data, self._servos.table[:, :2]
         for row, wanted in enumerate(table.setpoints):
-            inputs[:] = wanted
+            setpoints[:] = wanted
             if table.efforts is not None:
                 self._servos.commanded[:] = table.efforts[row]
                 self._servos.write_efforts()
             advance(every)
             if record:
                 times[row] = data.time
-                qpos[row], qvel[row], force[row] = data.qpos, data.qvel, data.actuator_force
+                qpos[row], qvel[row], act[row] = data.qpos, data.qvel, data.act
+                inputs[row] = self._servos.table
         for name in table.played:
             used = self._drives[name].binding.actuators
             arms[name].note_setpoint(table.setpoints[-1, used, 0], table.setpoints[-1, used, 1])
-        return self._recording(times, (qpos, qvel, force), table.clipped)
+        return self._recording(times, (qpos, qvel, act, inputs), table.clipped)
 
     def _recording(
-        self, times: Array, samples: tuple[Array, Array, Array], clipped: dict[str, int]
+        self, times: Array, samples: tuple[Array, Array, Array, Array], clipped: dict[str, int]
     ) -> Recording:
-        qpos, qvel, force = samples
+        qpos, qvel, act, inputs = samples
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
@@ -122,7 +126,8 @@ class Player:
             b = d.binding
             positions[name] = qpos[:, b.qpos] @ b.drive.T
             velocities[name] = qvel[:, b.dof] @ b.drive.T
-            efforts[name] = force[:, b.actuators]
+            state = (positions[name], velocities[name], act[:, b.act])
+            efforts[name] = d.servo_efforts(inputs[:, b.actuators], state)
             coordinates[name] = np.zeros((len(times), len(d.arm.mechanism.frames)))
             coordinates[name][:, b.hinges] = qpos[:, b.qpos]
         return Recording(times, positions, velocities, efforts, coordinates, clipped)

@@ -1,0 +1,1 @@
+"""What it is for: each folder a leaf that knows none of its siblings."""

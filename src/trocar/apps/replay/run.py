@@ -1,0 +1,190 @@
+"""Drive a simulated arm along a recording, a piece at a time."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.replay.lone_arm import lone_arm_rig
+from trocar.apps.replay.report import ReplayMode, ReplayReport, Sums
+from trocar.descriptions import ArmDescription, load_arm
+from trocar.errors import InputError
+from trocar.simulation import World
+from trocar.simulation.logs import Wrist, count_rows, read_log
+
+Array = NDArray[np.float64]
+
+#: Physics periods that are played and kept at once. Source: our own choice; some 2 MB.
+PIECE_PERIODS = 2500
+#: Physics periods that a sample may last. Source: our own choice, 1 Hz at 1 ms.
+MOST_PERIODS = 1000
+
+
+@dataclass(frozen=True)
+class ReplaySettings:
+    """How to replay a recording.
+
+    Attributes:
+        mode: "position": the servos follow the recorded motion; "effort": the recorded efforts act
+            open loop, gravity compensation off because they contain it
+        window_s: in mode "effort" the arm restarts from the recorded state this often [s]
+        rate_hz: of the recording; 1000 divided by a whole number [Hz]
+        control, friction: as for `World`
+        wrist: as for `read_log`
+        tool: the mounted tool, the arm's default when omitted
+    """
+
+    mode: ReplayMode = "position"
+    window_s: float = 0.5
+    rate_hz: float = 200.0
+    control: Literal["dvrk", "paper"] = "dvrk"
+    friction: Literal["identified", "paper"] = "identified"
+    wrist: Wrist = "motor"
+    tool: str | None = None
+
+
+def replay(
+    log: str | Path,
+    arm: str | Path = "psm",
+    settings: ReplaySettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> ReplayReport:
+    """Replay a recording on a lone simulated arm.
+
+    Between two rows the set-points move evenly, once per physics period. The arm is compared with
+    the recording at every row but the first, which it starts from: positions at that time, efforts
+    as the mean since the row before, of both. Memory does not grow with the recording.
+
+    Args:
+        log: the recording, read twice: first all of it is checked
+        arm: a built-in arm, or the path of a description
+        settings: the defaults when omitted
+        progress: called with (rows done, rows) now and then
+
+    Raises:
+        LogError: the recording cannot be used; file and row are named
+        UnknownNameError, DescriptionError: the arm
+        InputError: a setting
+        DivergedError: the simulation left the finite numbers
+    """
+    how = settings or ReplaySettings()
+    described = load_arm(arm, how.tool)
+    rig = lone_arm_rig(described)
+    world = World(rig, control=how.control, friction=how.friction)
+    periods, restart = _periods(how, world.timestep), _restart(how)
+    total = count_rows(log, described, how.wrist)
+    run = _Run(world, described, rig.arms[0].name, how.mode, periods)
+    rows = read_log(log, described, how.wrist, max(1, PIECE_PERIODS // periods))
+    for piece, fresh in pieces(rows, restart):
+        run.play(piece, fresh)
+        if progress is not None:
+            progress(run.sums.count + 1, total)
+    return run.report(str(log))
+
+
+def pieces(chunks: Iterable[Array], restart: int) -> Iterator[tuple[Array, bool]]:
+    """Cut chunks of rows into pieces that begin with the last row of the piece before.
+
+    Args:
+        chunks: (k, ...) each
+        restart: rows after which a piece begins afresh
+
+    Yields:
+        rows (k + 1, ...), and whether the first of them is one to restart from
+    """
+    done, last = 0, None
+    for chunk in chunks:
+        rows = chunk if last is None else np.concatenate([last, chunk])
+        begin, end = 0, len(rows) - 1
+        while begin < end:
+            phase = (done + begin) % restart
+            stop = min(end, begin + restart - phase)
+            yield rows[begin : stop + 1], phase == 0
+            begin = stop
+        done, last = done + end, rows[-1:]
+
+
+def between(rows: Array, periods: int) -> Array:
+    """Fill in rows evenly: (k + 1, ...) become (k * periods, ...), the first row left out."""
+    share = (np.arange(1, periods + 1) / periods).reshape(1, -1, *(1,) * (rows.ndim - 1))
+    filled = rows[:-1, None] * (1.0 - share) + rows[1:, None] * share
+    return filled.reshape(-1, *rows.shape[1:])
+
+
+class _Run:
+    """A world on its way along a recording, and the sums so far."""
+
+    def __init__(
+        self, world: World, arm: ArmDescription, name: str, mode: ReplayMode, periods: int
+    ) -> None:
+        self.world, self.arm, self.name = world, arm, name
+        self.mode: ReplayMode = mode
+        self.periods = periods
+        self.sums = Sums(arm.mechanism.joint_names)
+        self.clipped = 0
+        if mode == "effort":
+            world.arm(name).set_mode("effort")
+            world.arm(name).use_gravity_compensation(False)
+
+    def play(self, rows: Array, fresh: bool) -> None:
+        """Play rows (k + 1, 3, n) from the first on, restarting there when `fresh`."""
+        lower, upper = self.arm.mechanism.lower, self.arm.mechanism.upper
+        beyond = (rows[:, 0] < lower) | (rows[:, 0] > upper)
+        self.clipped += int(beyond[1 if self.sums.count else 0 :].any(axis=1).sum())
+        targets = rows.copy()
+        targets[:, 0] = np.clip(rows[:, 0], lower, upper)
+        targets[:, 1][beyond] = 0.0  # a target that is held at a limit does not move
+        if fresh:
+            self.world.set_state(self.name, targets[0, 0], targets[0, 1])
+        fine = between(targets, self.periods)
+        q, v, effort = ({self.name: fine[:, k]} for k in range(3))
+        played = self.world.play(q, v, effort, every=1)
+        position = played.positions[self.name][self.periods - 1 :: self.periods]
+        exerted = self._mean(played.efforts[self.name])
+        recorded = self._mean(fine[:, 2])
+        self.sums.add(position - rows[1:, 0], exerted - recorded, recorded)
+
+    def _mean(self, values: Array) -> Array:
+        """Return means over each row's periods: (k * periods, n) become (k, n)."""
+        return values.reshape(-1, self.periods, values.shape[1]).mean(axis=1)
+
+    def report(self, log: str) -> ReplayReport:
+        """Return what was found."""
+        return ReplayReport(
+            log,
+            self.arm.name,
+            self.mode,
+            self.sums.count + 1,
+            self.clipped,
+            self.sums.tracking_rms(),
+            self.sums.effort_rms(),
+            self.sums.effort_relative_rms(),
+        )
+
+
+def _periods(settings: ReplaySettings, timestep_s: float) -> int:
+    """Return how many physics periods a sample lasts."""
+    periods = 1.0 / (settings.rate_hz * timestep_s) if settings.rate_hz > 0.0 else 0.0
+    whole = round(periods) if np.isfinite(periods) else 0
+    if not 1 <= whole <= MOST_PERIODS or abs(periods - whole) > 1e-9 * whole:
+        raise InputError(
+            f"rate: got {settings.rate_hz!r} Hz; allowed: {1.0 / timestep_s:g} Hz divided by a"
+            f" whole number up to {MOST_PERIODS}, as 200"
+        )
+    return whole
+
+
+def _restart(settings: ReplaySettings) -> int:
+    """Return after how many rows the arm restarts from the recording."""
+    if settings.mode not in ("position", "effort"):
+        raise InputError(f"mode: got {settings.mode!r}; allowed: position, effort")
+    least = 1.0 / settings.rate_hz
+    if not np.isfinite(settings.window_s) or settings.window_s < least * (1.0 - 1e-9):
+        raise InputError(f"window: got {settings.window_s!r} s; allowed: {least:g} s or more")
+    return round(settings.window_s * settings.rate_hz) if settings.mode == "effort" else sys.maxsize

@@ -1,0 +1,117 @@
+"""Drive an arm along a recording of a real one, and compare its motion and its efforts.
+
+LOG is comma-separated text without a header, plain or gzip, a row per sample: the positions of
+all joints, then their velocities, then their efforts (SI). docs/replay.md says more.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, number
+from trocar.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from trocar.apps.replay import ReplayReport
+
+BAR_WIDTH = 32
+WIPE = "\r\x1b[K"
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("log", metavar="LOG", help="the recording")
+    parser.add_argument(
+        "--arm", default="psm", help="a built-in arm (trocar list), or a TOML file; default: psm"
+    )
+    parser.add_argument("--tool", help="another tool, or its TOML file; default: the arm's")
+    parser.add_argument(
+        "--mode",
+        choices=("position", "effort"),
+        default="position",
+        help="follow the recorded motion, or apply the recorded efforts open loop",
+    )
+    parser.add_argument(
+        "--window",
+        type=number,
+        default=0.5,
+        metavar="S",
+        help="in mode effort, restart from the recorded state this often; default: 0.5 s",
+    )
+    parser.add_argument(
+        "--rate", type=number, default=200.0, metavar="HZ", help="rows a second; default: 200"
+    )
+    parser.add_argument(
+        "--wrist",
+        choices=("motor", "joint"),
+        default="motor",
+        help="which side of the coupling a PSM's wrist and jaw were recorded on; default: motor",
+    )
+    parser.add_argument(
+        "--control", choices=("dvrk", "paper"), default="dvrk", help="gains; default: dvrk"
+    )
+    parser.add_argument(
+        "--friction",
+        choices=("identified", "paper"),
+        default="identified",
+        help="of the joints; default: identified",
+    )
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Replay and print what was found."""
+    from trocar.apps.replay import ReplaySettings, replay
+
+    settings = ReplaySettings(
+        mode=args.mode,
+        window_s=args.window,
+        rate_hz=args.rate,
+        control=args.control,
+        friction=args.friction,
+        wrist=args.wrist,
+        tool=args.tool,
+    )
+    watched = sys.stderr.isatty() and not args.json
+    try:
+        report = replay(args.log, args.arm, settings, _draw_bar if watched else None)
+    finally:
+        if watched:
+            sys.stderr.write(WIPE)
+    if args.json:
+        print_json(report.as_dict())
+    else:
+        print(_tables(report, settings.rate_hz))
+    return 0
+
+
+def _draw_bar(done: int, total: int) -> None:
+    filled = BAR_WIDTH * done // total
+    bar = "#" * filled + "." * (BAR_WIDTH - filled)
+    sys.stderr.write(f"\r[{bar}] {done} of {total} rows")
+    sys.stderr.flush()
+
+
+def _tables(report: ReplayReport, rate_hz: float) -> str:
+    rows: list[list[str]] = []
+    for joint, tracking in report.tracking_rms.items():
+        slides = joint == "insertion"
+        share = report.effort_relative_rms[joint]
+        rows.append(
+            [
+                joint,
+                f"{1e3 * tracking:.3f}",
+                "mm" if slides else "mrad",
+                f"{report.effort_rms[joint]:.4f}",
+                "N" if slides else "N m",
+                "-" if share is None else f"{100.0 * share:.1f}",
+            ]
+        )
+    head = ["joint", "tracking RMS", "", "effort RMS", "", "% of recorded"]
+    return (
+        f"{report.arm} along {report.log}, mode {report.mode}: {report.samples} samples"
+        f" ({report.samples / rate_hz:.2f} s), {report.clipped} beyond a limit and clipped\n\n"
+        f"{table(head, rows)}"
+    )

@@ -1,0 +1,93 @@
+"""trocar replay: what it takes and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trocar.cli import replay
+from trocar.errors import LogError
+
+KEYS = [
+    "log", "arm", "mode", "samples", "clipped", "tracking_rms", "effort_rms", "effort_relative_rms",
+]  # fmt: skip
+JOINTS = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw", "jaw"]
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def run(*arguments: str) -> int:
+    parser = argparse.ArgumentParser()
+    replay.add_arguments(parser)
+    return replay.run(parser.parse_args(arguments))
+
+
+@pytest.fixture
+def log(write_psm_log: Callable[..., Path], tmp_path: Path) -> str:
+    time = 0.005 * np.arange(60)[:, None]
+    q = np.array([0.1, 0.1, 0.12, 0.0, 0.0, 0.0, 0.5]) + 0.02 * np.sin(time)
+    return str(write_psm_log(tmp_path / "log.csv", q, 0.02 * np.cos(time) + 0.0 * q, 0.0 * q + 0.1))
+
+
+@pytest.mark.parametrize("mode", ["position", "effort"])
+def test_json_is_one_document_with_these_keys(
+    log: str, mode: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    assert run(log, "--arm", "psm", "--mode", mode, "--json") == 0
+    report = json.loads(capsys.readouterr().out)
+    assert list(report) == KEYS
+    assert (report["log"], report["arm"], report["mode"]) == (log, "psm", mode)
+    assert (report["samples"], report["clipped"]) == (60, 0)
+    for figure in KEYS[5:]:
+        assert list(report[figure]) == JOINTS
+        assert all(isinstance(value, float) for value in report[figure].values())
+    assert not terminal.getvalue()
+
+
+def test_the_table_has_a_line_per_joint_with_units(
+    log: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(log, "--mode", "effort", "--window", "0.1") == 0
+    printed = capsys.readouterr()
+    head, _, *lines = printed.out.splitlines()
+    assert "60 samples (0.30 s), 0 beyond a limit" in head
+    assert [line.split()[0] for line in lines] == JOINTS
+    assert " mrad" in lines[0] and " N m" in lines[0]
+    assert " mm" in lines[2] and " N " in lines[2]
+    assert not printed.err  # no progress bar where there is no terminal
+
+
+def test_a_terminal_sees_how_far_it_is(log: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    assert run(log) == 0
+    assert "60 of 60 rows" in terminal.getvalue()
+
+
+def test_the_bar_is_wiped_before_an_error_is_told(
+    log: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "stderr", terminal := Terminal())
+    with pytest.raises(LogError):
+        run(log + ".missing")
+    assert terminal.getvalue().endswith("\r\x1b[K")
+
+
+@pytest.mark.parametrize("option", [("--mode", "fast"), ("--wrist", "left"), ("--window", "long")])
+def test_a_wrong_option_ends_with_status_2(
+    log: str, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        run(log, *option)
+    assert caught.value.code == 2
+    assert option[1] in capsys.readouterr().err

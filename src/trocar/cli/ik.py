@@ -79,6 +79,8 @@ def run(args: Namespace) -> int:
 def _pose(position: Sequence[float], quaternion: Sequence[float]) -> Array:
     from trocar.geometry import matrix_from_quaternion, transform
 
+    if not all(map(math.isfinite, position)):
+        raise InputError(f"X Y Z: got {', '.join(map(str, position))}; allowed: finite numbers")
     norm = math.hypot(*quaternion)
     if not abs(norm - 1.0) <= NORM_TOLERANCE:
         raise InputError(

@@ -6,8 +6,6 @@ from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_arm, add_json
 from trocar.cli.output import print_json
-from trocar.cli.show_document import document
-from trocar.cli.show_tables import report
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -18,6 +16,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Print all that the arm's description says."""
+    from trocar.cli.show_document import document
+    from trocar.cli.show_tables import report
     from trocar.descriptions import load_arm
 
     found = document(load_arm(args.arm, args.tool))

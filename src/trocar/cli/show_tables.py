@@ -194,7 +194,14 @@ def _sources(arm: Document) -> Iterator[str]:
 
 
 def _paragraph(text: str, indent: str) -> str:
-    return fill(" ".join(text.split()), WIDTH, initial_indent=indent, subsequent_indent=indent)
+    return fill(
+        " ".join(text.split()),
+        WIDTH,
+        initial_indent=indent,
+        subsequent_indent=indent,
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
 
 
 def _amount(value: float | None, unit: str) -> str:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
-
-import pytest
+from time import perf_counter
 
 SRC = Path(__file__).parents[1] / "src"
 HEAVY = {"mujoco", "viser", "scipy", "ruckig", "numpy"}
@@ -45,9 +43,6 @@ def test_importing_trocar_loads_no_other_library() -> None:
     assert not loaded & HEAVY
 
 
-@pytest.mark.skipif(
-    importlib.util.find_spec("trocar.cli") is None, reason="there is no command line yet"
-)
 def test_help_is_printed_before_any_heavy_library_is_loaded() -> None:
     loaded = loaded_by(HELP)
     assert "trocar.cli" in loaded
@@ -56,3 +51,14 @@ def test_help_is_printed_before_any_heavy_library_is_loaded() -> None:
 
 def test_a_heavy_library_would_be_seen() -> None:
     assert loaded_by("import numpy, sys; print(*sys.modules)") & HEAVY == {"numpy"}
+
+
+def test_help_is_there_at_once() -> None:
+    """Issue #2: within 0.3 s; the best of five, since other processes may be busy."""
+
+    def seconds() -> float:
+        start = perf_counter()
+        loaded_by(HELP)
+        return perf_counter() - start
+
+    assert min(seconds() for _ in range(5)) < 0.3

@@ -52,6 +52,19 @@ def test_rpy_turns_about_fixed_axes_x_then_y_then_z(rng):
     assert np.allclose(r.matrix_from_rpy(0.7, 0.0, 0.3)[:, 0], [np.cos(0.3), np.sin(0.3), 0])
 
 
+def test_rpy_is_read_back_from_its_matrix(rng):
+    rpy = rng.uniform(-1, 1, (3, 1000)) * np.array([[np.pi], [np.pi / 2], [np.pi]])
+    assert np.abs(r.rpy_from_matrix(r.matrix_from_rpy(*rpy)).T - rpy).max() < 1e-12
+
+
+@pytest.mark.parametrize("pitch", [np.pi / 2, -np.pi / 2])
+def test_upright_pitch_leaves_no_yaw_but_the_same_matrix(pitch):
+    R = r.matrix_from_rpy(0.7, pitch, 0.3)
+    rpy = r.rpy_from_matrix(R)
+    assert rpy[2] == 0.0
+    assert np.abs(r.matrix_from_rpy(*rpy) - R).max() < ROUNDING
+
+
 def test_skew_is_the_cross_product(rng):
     a, b = rng.standard_normal((2, 30, 3))
     assert np.abs((r.skew(a) @ b[..., None])[..., 0] - np.cross(a, b)).max() < ROUNDING

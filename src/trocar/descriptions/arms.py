@@ -56,6 +56,7 @@ class Parts:
     control: Mapping[str, Control]
     poses: Mapping[str, Array]
     sources: Mapping[str, str]
+    block_sources: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +148,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         inverse_kinematics=structure,
         missing=missing,
         row_sources=parts.sources,
+        block_sources=parts.block_sources,
     )
 
 
@@ -179,6 +181,7 @@ def _read_parts(table: Table, part: str) -> Parts:
         _read_control(table),
         _read_poses(table, len(joints)),
         sources,
+        _block_sources(table),
     )
 
 
@@ -361,6 +364,18 @@ def _read_poses(table: Table, count: int) -> dict[str, Array]:
     return found
 
 
+def _block_sources(table: Table) -> dict[str, str]:
+    """Return the source of each block that is no row, {block: source}."""
+    blocks = [(key, table.optional_table(key)) for key in ("rotor", "coupling")]
+    for key in ("friction", "control"):
+        several = table.optional_table(key)
+        blocks += [(f"{key} {name}", several.table(name)) for name in several.entries()]
+    blocks += [(f"loop {row.text('name')}", row) for row in table.tables("closure")]
+    blocks += [(f"pose {row.text('name')}", row) for row in table.tables("pose")]
+    found = {name: block.text("source", "") for name, block in blocks}
+    return {name: source for name, source in found.items() if source}
+
+
 def _read_coupling(table: Table) -> Coupling | None:
     if "coupling" not in table:
         return None
@@ -412,6 +427,11 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
         control,
         poses,
         {**arm.sources, **extra.sources},
+        {
+            **arm.block_sources,
+            tool.name: tool.source,
+            **{f"{tool.name} {block}": source for block, source in extra.block_sources.items()},
+        },
     )
 
 

@@ -166,6 +166,8 @@ class ArmDescription:
         inverse_kinematics: structure that has a closed form, "" when none
         missing: what is not known
         row_sources: {frame: source}
+        block_sources: {block: source} of the other blocks ("friction identified", "rotor", the
+            mounted tool, ...); a block of the tool has the tool's name in front
     """
 
     name: str
@@ -186,6 +188,7 @@ class ArmDescription:
     inverse_kinematics: str
     missing: tuple[Missing, ...]
     row_sources: Mapping[str, str]
+    block_sources: Mapping[str, str]
 
     @property
     def root(self) -> str:

@@ -1,6 +1,11 @@
 """Where things are: rotations, poses, screws and Denavit-Hartenberg rows, with numpy only."""
 
-from trocar.geometry.dh import modified_dh, standard_dh
+from trocar.geometry.dh import (
+    modified_dh,
+    modified_dh_parameters,
+    standard_dh,
+    standard_dh_parameters,
+)
 from trocar.geometry.rotations import (
     angle_between,
     check_rotation,
@@ -12,6 +17,7 @@ from trocar.geometry.rotations import (
     rotation_x,
     rotation_y,
     rotation_z,
+    rpy_from_matrix,
     skew,
 )
 from trocar.geometry.screws import (
@@ -45,6 +51,7 @@ __all__ = [
     "matrix_from_rotation_vector",
     "matrix_from_rpy",
     "modified_dh",
+    "modified_dh_parameters",
     "nearest_point_to_lines",
     "point_line_distance",
     "pose_difference",
@@ -55,9 +62,11 @@ __all__ = [
     "rotation_x",
     "rotation_y",
     "rotation_z",
+    "rpy_from_matrix",
     "screw_motion",
     "skew",
     "standard_dh",
+    "standard_dh_parameters",
     "transform",
     "transform_points",
     "translation",

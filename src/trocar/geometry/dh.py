@@ -8,7 +8,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from trocar.errors import InputError
 from trocar.geometry.rotations import Array
+
+# Source: our choice; an entry of a matrix made of sines and cosines is rounded by 1e-16 or so.
+ROW_TOLERANCE = 1e-9
 
 
 def modified_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) -> Array:
@@ -57,6 +61,44 @@ def standard_dh(a: ArrayLike, alpha: ArrayLike, d: ArrayLike, theta: ArrayLike) 
         [st, ct * ca, -ct * sa, a * st],
         [zero, sa, ca, d],
     )
+
+
+def modified_dh_parameters(T: ArrayLike) -> Array:
+    """Give the modified row that makes a pose; undoes `modified_dh`.
+
+    Args:
+        T: (4, 4)
+
+    Returns:
+        a [m], alpha [rad], d [m], theta [rad], (4,), angles in (-pi, pi]
+
+    Raises:
+        InputError: no modified row makes this pose
+    """
+    m = np.asarray(T, dtype=np.float64)
+    alpha, theta = np.arctan2(-m[1, 2], m[2, 2]), np.arctan2(-m[0, 1], m[0, 0])
+    d = m[2, 3] * np.cos(alpha) - m[1, 3] * np.sin(alpha)
+    row = np.array([m[0, 3], alpha, d, theta]) + 0.0
+    return _check_row(row, modified_dh(*row), m, "modified")
+
+
+def standard_dh_parameters(T: ArrayLike) -> Array:
+    """Give the standard row that makes a pose; undoes `standard_dh`.
+
+    Args, Returns and Raises as for `modified_dh_parameters`.
+    """
+    m = np.asarray(T, dtype=np.float64)
+    alpha, theta = np.arctan2(m[2, 1], m[2, 2]), np.arctan2(m[1, 0], m[0, 0])
+    a = m[0, 3] * np.cos(theta) + m[1, 3] * np.sin(theta)
+    row = np.array([a, alpha, m[2, 3], theta]) + 0.0
+    return _check_row(row, standard_dh(*row), m, "standard")
+
+
+def _check_row(row: Array, made: Array, wanted: Array, which: str) -> Array:
+    worst = float(np.abs(made - wanted).max())
+    if not worst <= ROW_TOLERANCE:
+        raise InputError(f"pose: no {which} DH row makes it, the nearest is off by {worst:.3g}")
+    return row
 
 
 def _broadcast(*values: ArrayLike) -> tuple[Array, ...]:

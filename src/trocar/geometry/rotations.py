@@ -81,6 +81,27 @@ def matrix_from_rpy(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Array:
     return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
 
 
+def rpy_from_matrix(R: ArrayLike) -> Array:
+    """Give the angles about the fixed axes x, y, z that make a rotation; undoes `matrix_from_rpy`.
+
+    Args:
+        R: (..., 3, 3), a rotation (not checked, see `check_rotation`)
+
+    Returns:
+        roll, pitch, yaw, (..., 3) [rad], pitch in [-pi/2, pi/2]; with pitch at +-pi/2, where only
+        roll -+ yaw is determined, yaw is 0
+    """
+    m = np.asarray(R, dtype=np.float64)
+    level = np.hypot(m[..., 0, 0], m[..., 1, 0])
+    pitch = np.arctan2(-m[..., 2, 0], level)
+    upright = level < 1e-9
+    yaw = np.where(upright, 0.0, np.arctan2(m[..., 1, 0], m[..., 0, 0]))
+    # With the yaw undone what is left is Ry Rx, whose second row is (0, cos roll, -sin roll).
+    cosine = np.cos(yaw) * m[..., 1, 1] - np.sin(yaw) * m[..., 0, 1]
+    sine = np.sin(yaw) * m[..., 0, 2] - np.cos(yaw) * m[..., 1, 2]
+    return np.stack([np.arctan2(sine, cosine), pitch, yaw], axis=-1) + 0.0
+
+
 def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
     """Give the rotation matrix of a quaternion.
 

@@ -1,0 +1,110 @@
+"""Where the tip of an arm, or any of its frames, is at given joint positions.
+
+Joint positions are in radians, the insertion (and a setup joint's slide) in metres, in the
+dVRK's order and with its signs. A PSM takes six, or seven with the jaw's opening angle last.
+"""
+
+from __future__ import annotations
+
+import math
+from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_arm, add_json, number
+from trocar.cli.output import fixed, print_json, short, table, title, warn
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from trocar.descriptions import ArmDescription
+
+    Array = NDArray[np.float64]
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    add_arm(parser)
+    parser.add_argument(
+        "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, slides m]"
+    )
+    parser.add_argument(
+        "--frame", metavar="NAME", help='a frame by its name, or "all"; default: the tip'
+    )
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Print the pose of a frame, or of all."""
+    from trocar.descriptions import load_arm
+    from trocar.kinematics import forward
+
+    arm = load_arm(args.arm, args.tool)
+    q = _positions(arm, args.q)
+    head = {"arm": arm.name, "tool": arm.tool or None, "relative_to": arm.mechanism.reference}
+    if args.frame == "all":
+        frames = forward.poses(arm.mechanism, q)
+        if args.json:
+            print_json({**head, "frames": frames})
+        else:
+            print(_all_frames(arm, frames))
+        return 0
+    name = args.frame or arm.mechanism.tip
+    pose = forward.pose(arm.mechanism, q, name)
+    if args.json:
+        print_json({**head, "frame": name, "pose": pose})
+    else:
+        print(_one_frame(arm, name, pose))
+    return 0
+
+
+def _positions(arm: ArmDescription, values: list[float]) -> list[float]:
+    """Return a value for each joint, the jaw shut where it is not given; warn beyond limits."""
+    joints = [joint.name for joint in arm.joints]
+    without_jaw = joints[:-1] if arm.has_jaw else joints
+    if len(values) not in (len(joints), len(without_jaw)):
+        more = f", or {len(joints)} with the jaw" if arm.has_jaw else ""
+        raise InputError(
+            f"{arm.name}: got {len(values)} joint positions; allowed: {len(without_jaw)} "
+            f"({', '.join(without_jaw)}){more}"
+        )
+    for joint, value in zip(arm.joints, values, strict=False):
+        if not joint.lower <= value <= joint.upper and math.isfinite(value):
+            unit = "m" if joint.kind == "prismatic" else "rad"
+            warn(
+                f"{joint.name} {short(value)} {unit} is beyond its limits "
+                f"{short(joint.lower)} to {short(joint.upper)} {unit}"
+            )
+    return values + [0.0] * (len(joints) - len(values))
+
+
+def _one_frame(arm: ArmDescription, name: str, pose: Array) -> str:
+    from trocar.geometry import quaternion_from_matrix
+
+    position = table(["x [m]", "y [m]", "z [m]"], [[fixed(v) for v in pose[:3, 3]]])
+    quaternion = [fixed(v) for v in quaternion_from_matrix(pose[:3, :3])]
+    return "\n".join(
+        [
+            f"{title(arm)}: {name} in {arm.mechanism.reference}\n",
+            position + "\n",
+            table(["qw", "qx", "qy", "qz"], [quaternion]) + "\n",
+            *("  " + "".join(f"{fixed(v):>14}" for v in row) for row in pose),
+        ]
+    )
+
+
+def _all_frames(arm: ArmDescription, frames: Mapping[str, Array]) -> str:
+    from trocar.geometry import quaternion_from_matrix
+
+    rows = [
+        [
+            name,
+            *(fixed(v) for v in pose[:3, 3]),
+            *(fixed(v) for v in quaternion_from_matrix(pose[:3, :3])),
+        ]
+        for name, pose in frames.items()
+    ]
+    head = ["frame", "x [m]", "y [m]", "z [m]", "qw", "qx", "qy", "qz"]
+    return f"{title(arm)}: every frame in {arm.mechanism.reference}\n\n{table(head, rows)}"

@@ -1,0 +1,183 @@
+"""Inverse kinematics of any mechanism that is built like an arm with a closed form.
+
+The closed form answers for a mechanism that is exactly its structure's chain. For one that is
+nearly so, such as a calibrated arm whose shaft misses the remote centre, its solutions are where
+Newton's method starts, on the mechanism's own forward kinematics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InputError, UnreachableError
+from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry.se3 import check_transform, inverse, log_transform, pose_difference
+from trocar.kinematics.forward import pose
+from trocar.kinematics.inverse_gimbal_arm import PLATFORM
+from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE, TIP_AT_CENTRE
+from trocar.kinematics.jacobian import jacobian_body
+from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.solutions import (
+    JointRange,
+    inside,
+    joint_range,
+    nearest_first,
+    out_of_limits,
+    seed_or_middle,
+)
+from trocar.kinematics.structures import Fit, fit_chain
+
+Array = NDArray[np.float64]
+
+# Source: our choice. A mechanism this near [m or rad] to its chain is the chain: rounding in a
+# description's numbers is smaller, and the pose comes back to 1e-9.
+EXACT = 1e-10
+
+# Source: our choice. How far beyond its limits Newton's method may start: the deviation by the
+# first figure (a start is off by the deviation over the distance from the remote centre, of which
+# 1 cm is near), up to the others [rad, m].
+SLACK_FACTOR, SLACK_RAD, SLACK_M = 100.0, 1.0, 0.1
+
+# Source: issue #2. A pose comes back to this [m or rad].
+POSE_TOLERANCE = 1e-9
+# Source: our choice. Newton's method has settled when its step is this small [rad or m]; a step
+# longer than the second figure is shortened, so that it does not leave the neighbourhood.
+SETTLED, LONGEST_STEP = 1e-12, 0.2
+NEWTON_STEPS = 30
+
+
+def inverse_kinematics(
+    mechanism: Mechanism,
+    structure: str,
+    T: ArrayLike,
+    seed: ArrayLike | None = None,
+    *,
+    platform_angle: float | None = None,
+) -> Array:
+    """Find all joint positions inside the limits that bring the tip to a pose.
+
+    Args:
+        mechanism: the arm; joints after those of the structure (a jaw) stay at 0
+        structure: how it is built: "rcm_arm", "rcm_scope" or "gimbal_arm"
+        T: pose of the tip in the mechanism's reference frame, (4, 4)
+        seed: solutions come nearest to it first, (n,) [rad or m]; None is the middle of the
+            limits. Distance as in `solutions.nearest_first`: each joint in shares of its range
+        platform_angle: of a gimbal arm's wrist platform [rad]; None makes trocar's own choice
+
+    Returns:
+        (k, n) [rad or m], k >= 1, n the joints of the structure (6, 4 or 7); every whole turn that
+        the limits leave room for is there
+
+    Raises:
+        UnreachableError: no solution inside the limits; says what is in the way, by how much
+        SingularError: joints are not determined at this pose
+        InputError: a pose, seed or angle that is none, or a mechanism that is not built so
+    """
+    fit = fit_chain(mechanism, structure)
+    wanted = check_transform(T)
+    if wanted.shape != (4, 4):
+        raise InputError(f"pose: shape (4, 4) wanted, got {wanted.shape}")
+    in_chain = inverse(fit.chain.base) @ wanted @ inverse(fit.tip)
+    joints = _range(mechanism, fit.count)
+    if fit.deviation <= EXACT:
+        return fit.chain.solve(in_chain, joints.lower, joints.upper, seed, platform_angle)
+    start = seed_or_middle(joints, seed)
+    moving = np.ones(fit.count, dtype=bool)
+    tolerance = POSE_TOLERANCE
+    if structure == "gimbal_arm":
+        moving[PLATFORM] = False
+    elif structure == "rcm_scope":
+        in_chain, tolerance = _pointed_at_centre(in_chain), DIRECTION_TOLERANCE
+    starts = _starts(fit, in_chain, joints, moving, (start, platform_angle))
+    polished = _polished(_Problem(mechanism, wanted, moving), starts, tolerance)
+    solutions = inside(polished, joints)
+    if len(solutions) == 0:
+        raise out_of_limits(polished, joints)
+    return nearest_first(solutions, joints, start)
+
+
+def _range(mechanism: Mechanism, count: int) -> JointRange:
+    joints = mechanism.joints[:count]
+    names = tuple(joint.name for joint in joints)
+    slides = tuple(joint.kind == "prismatic" for joint in joints)
+    return joint_range(names, slides, mechanism.lower[:count], mechanism.upper[:count])
+
+
+def _starts(
+    fit: Fit,
+    T: Array,
+    joints: JointRange,
+    moving: NDArray[np.bool_],
+    asked: tuple[Array, float | None],
+) -> Array:
+    """Solve in closed form, with some room beyond the limits of what moves afterwards, (k, n)."""
+    most = np.where(joints.slides, SLACK_M, SLACK_RAD)
+    slack = np.where(moving, np.minimum(SLACK_FACTOR * fit.deviation, most), 0.0)
+    try:
+        return fit.chain.solve(T, joints.lower - slack, joints.upper + slack, *asked)
+    except UnreachableError:  # not even then: say so with the limits as they are
+        return fit.chain.solve(T, joints.lower, joints.upper, *asked)
+
+
+def _pointed_at_centre(T: Array) -> Array:
+    """Turn a scope's pose, its tip staying, until it points away from the remote centre.
+
+    A scope that misses the centre has no pose that its closed form would take.
+    """
+    tip, z = T[:3, 3], T[:3, 2]
+    if np.linalg.norm(tip) < TIP_AT_CENTRE:
+        return T
+    towards = np.copysign(1.0, tip @ z) * tip / np.linalg.norm(tip)
+    across = np.cross(z, towards)
+    sine = float(np.linalg.norm(across))
+    angle = np.arctan2(sine, z @ towards)
+    turn = across * (angle / sine if sine > 0.0 else 1.0)
+    turned = T.copy()
+    turned[:3, :3] = matrix_from_rotation_vector(turn) @ T[:3, :3]
+    return turned
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Which mechanism is to take which pose (4, 4), and which joints (n,) may move for it."""
+
+    mechanism: Mechanism
+    T: Array
+    moving: NDArray[np.bool_]
+
+    def whole(self, q: Array) -> Array:
+        """Give all joints of the mechanism, those beyond the structure's at 0, (k, n_joints)."""
+        full = np.zeros((len(q), len(self.mechanism.joints)))
+        full[:, : q.shape[-1]] = q
+        return full
+
+
+def _polished(problem: _Problem, starts: Array, tolerance: float) -> Array:
+    """Bring starts (k, n) to the pose by Newton's method; those that do not come are left out.
+
+    Raises:
+        UnreachableError: none comes
+    """
+    q = starts.copy()
+    for _ in range(NEWTON_STEPS):
+        full = problem.whole(q)
+        miss = log_transform(inverse(pose(problem.mechanism, full)) @ problem.T)
+        slope = jacobian_body(problem.mechanism, full)[..., np.flatnonzero(problem.moving)]
+        step = (np.linalg.pinv(slope) @ miss[..., None])[..., 0]
+        longest = np.abs(step).max(axis=-1, keepdims=True)
+        q[:, problem.moving] += step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))
+        if longest.max() < SETTLED:
+            break
+    metres, radians = pose_difference(pose(problem.mechanism, problem.whole(q)), problem.T)
+    worst = np.maximum(metres, radians)
+    if not (worst <= tolerance).any():
+        best = int(np.argmin(worst))
+        raise UnreachableError(
+            f"pose out of reach: the nearest that {problem.mechanism.name} comes misses it by "
+            f"{metres[best]:.3g} m and {radians[best]:.3g} rad",
+            {"position": float(metres[best]), "orientation": float(radians[best])},
+        )
+    return q[worst <= tolerance]

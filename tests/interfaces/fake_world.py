@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
+from types import SimpleNamespace as Namespace
 
 import numpy as np
 
@@ -26,6 +27,9 @@ class Shape:
     pose: np.ndarray
     rgba: tuple[float, float, float, float]
     arm: str | None
+    gloss: float = 0.4
+    metal: float = 0.0
+    rounding: float = 0.0
     collide: bool = True
 
 
@@ -37,9 +41,11 @@ class ArmSnapshot:
     effort: np.ndarray
     setpoint: np.ndarray
     modes: tuple[str, ...]
+    locked: tuple[bool, ...]
     busy: bool
     remote_centre: np.ndarray | None
-    tip: np.ndarray
+    warnings: int
+    last_warning: str
 
 
 @dataclass(frozen=True)
@@ -72,14 +78,14 @@ class FakeJaw:
     def __init__(self, arm: FakeArm) -> None:
         self._arm = arm
 
-    def move_jp(self, q: float) -> None:
-        self._arm.goal[-1] = q
+    def move_jp(self, q) -> None:
+        self._arm.goal[-1:] = q
 
-    def servo_jp(self, q: float) -> None:
-        self._arm.goal[-1] = self._arm.setpoint[-1] = q
+    def servo_jp(self, q) -> None:
+        self._arm.goal[-1:] = self._arm.setpoint[-1:] = q
 
-    def servo_jf(self, effort: float) -> None:
-        self._arm.effort[-1] = effort
+    def servo_jf(self, effort) -> None:
+        self._arm.effort[-1:] = effort
 
 
 class FakeArm:
@@ -91,18 +97,21 @@ class FakeArm:
         self.lower = np.array([low for low, _ in joints.values()])
         self.upper = np.array([high for _, high in joints.values()])
         n = len(joints)
-        self.kinds = ["prismatic" if name in LENGTHS else "revolute" for name in joints]
-        self.effort_max = np.full(n, 3.316)
+        kinds = ["prismatic" if joint in LENGTHS else "revolute" for joint in joints]
+        self.description = Namespace(
+            mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds])
+        )
+        self.effort_limit = np.full(n, 3.316)
         self.has_jaw = "jaw" in joints
         self.jaw = FakeJaw(self) if self.has_jaw else None
         self.poses = {"home": np.clip(np.zeros(n), self.lower, self.upper)}
-        self.poses["ready"] = np.clip(self.poses["home"] + 0.1, self.lower, self.upper)
+        self.poses["start"] = np.clip(self.poses["home"] + 0.1, self.lower, self.upper)
         self.remote_centre = rcm
         self.calls: list[tuple] = []
         self.warnings = 0
-        self._gains = {joint: (100.0, 0.0, 5.0) for joint in joints}
+        self._gains = dict.fromkeys(joints, (100.0, 0.0, 5.0))
         self.gravity_compensation = True
-        self.brakes = {joint: True for joint in joints} if kind == "SUJ" else {}
+        self.brakes = dict.fromkeys(joints, True) if kind == "SUJ" else {}
         self.restart()
 
     def restart(self) -> None:
@@ -125,7 +134,10 @@ class FakeArm:
             self.joint_names[:n], self.q[:n].copy(), np.zeros(n), self.effort[:n].copy(), 0.0
         )
 
-    def servo_jp(self, q, v=None) -> None:
+    def local_measured_cp(self) -> Namespace:
+        return Namespace(T=np.eye(4))
+
+    def servo_jp(self, q, v=None) -> None:  # noqa: ARG002
         self.calls.append(("servo_jp", tuple(q)))
         self.goal[: len(q)] = self.setpoint[: len(q)] = self._inside(q)
 
@@ -136,6 +148,11 @@ class FakeArm:
     def move_jp(self, q) -> None:
         self.calls.append(("move_jp", tuple(q)))
         self.goal[: len(q)] = self._inside(q)
+
+    def move_to(self, name: str) -> None:
+        if name not in self.poses:
+            raise UnknownNameError("pose", name, self.poses, self.name)
+        self.goal[:] = self.poses[name]
 
     def hold(self) -> None:
         self.goal[:] = self.setpoint
@@ -151,7 +168,8 @@ class FakeArm:
     def set_gains(self, joint, p=None, i=None, d=None) -> None:
         new = (p, i, d)
         old = self._gains[joint]
-        self._gains[joint] = tuple(o if n is None else n for n, o in zip(new, old, strict=True))
+        p, i, d = (o if n is None else n for n, o in zip(new, old, strict=True))
+        self._gains[joint] = (p, i, d)
 
     def use_gravity_compensation(self, on: bool) -> None:
         self.gravity_compensation = on
@@ -191,6 +209,7 @@ class FakeWorld:
         self.fail_at = fail_at
         centres = {"PSM1": (0.15, -0.25, 0.9), "PSM2": (-0.15, -0.25, 0.9)}
         self.arms = {name: FakeArm(name, "PSM", PSM, np.array(p)) for name, p in centres.items()}
+        self.rig = Namespace(name="fake", title="A fake", poses={"start": dict.fromkeys(centres)})
         self.arms["SUJ1"] = FakeArm("SUJ1", "SUJ", SUJ, None)
 
     def arm(self, name: str) -> FakeArm:
@@ -207,10 +226,13 @@ class FakeWorld:
             if self.fail_at is not None and self.time > self.fail_at:
                 raise DivergedError(self.time, "PSM1/yaw", 0.3)
 
-    def reset(self, seed=None, pose: str = "start") -> None:
+    def reset(self, seed=None, pose: str = "start") -> None:  # noqa: ARG002
         self.time, self.steps = 0.0, 0
         for arm in self.arms.values():
             arm.restart()
+
+    def reference_pose(self, name: str) -> np.ndarray:
+        return _at(*self.arms[name].remote_centre)
 
     def health(self) -> Health:
         return Health()
@@ -242,9 +264,6 @@ class FakeWorld:
         return Snapshot(self.time, np.array(positions), np.array(quaternions), arms)
 
     def _arm_snapshot(self, arm: FakeArm) -> ArmSnapshot:
-        tip = np.eye(4)
-        if arm.remote_centre is not None:
-            tip[:3, 3] = arm.remote_centre
         return ArmSnapshot(
             joint_names=arm.joint_names,
             q=arm.q.copy(),
@@ -253,8 +272,10 @@ class FakeWorld:
             setpoint=arm.setpoint.copy(),
             modes=tuple(arm.modes),
             busy=bool(np.any(arm.goal != arm.setpoint)),
+            locked=tuple(arm.brakes.get(joint, False) for joint in arm.joint_names),
             remote_centre=arm.remote_centre,
-            tip=tip,
+            warnings=arm.warnings,
+            last_warning="",
         )
 
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from trocar.errors import InputError, UnknownNameError
+from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.simulation import Arm, World
+    from trocar.simulation import Arm, Jaw, World
 
 Numbers = tuple[float, ...]
 Mode = Literal["set", "position", "effort"]
@@ -44,6 +44,7 @@ class ServoJp:
     velocity: Numbers | None = None
 
     def apply(self, world: World) -> None:
+        """Call `servo_jp`."""
         velocity = None if self.velocity is None else np.array(self.velocity)
         world.arm(self.arm).servo_jp(np.array(self.position), velocity)
 
@@ -61,6 +62,7 @@ class ServoJf:
     effort: Numbers
 
     def apply(self, world: World) -> None:
+        """Call `servo_jf`."""
         world.arm(self.arm).servo_jf(np.array(self.effort))
 
 
@@ -77,6 +79,7 @@ class MoveJp:
     position: Numbers
 
     def apply(self, world: World) -> None:
+        """Call `move_jp`."""
         world.arm(self.arm).move_jp(np.array(self.position))
 
 
@@ -88,14 +91,8 @@ class MoveTo:
     pose: str
 
     def apply(self, world: World) -> None:
-        arm = world.arm(self.arm)
-        if self.pose not in arm.poses:
-            raise UnknownNameError("pose", self.pose, arm.poses, where=self.arm)
-        goal = np.asarray(arm.poses[self.pose], dtype=float)
-        joints = arm.measured_js().position.size
-        arm.move_jp(goal[:joints])
-        if arm.jaw is not None and goal.size > joints:
-            arm.jaw.move_jp(float(goal[joints]))
+        """Call `move_to`."""
+        world.arm(self.arm).move_to(self.pose)
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,8 @@ class JawMove:
     position: float
 
     def apply(self, world: World) -> None:
-        _jaw(world.arm(self.arm)).move_jp(self.position)
+        """Call the jaw's `move_jp`."""
+        _jaw(world.arm(self.arm)).move_jp([self.position])
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,8 @@ class JawServo:
     position: float
 
     def apply(self, world: World) -> None:
-        _jaw(world.arm(self.arm)).servo_jp(self.position)
+        """Call the jaw's `servo_jp`."""
+        _jaw(world.arm(self.arm)).servo_jp([self.position])
 
 
 @dataclass(frozen=True)
@@ -128,7 +127,8 @@ class JawServoJf:
     effort: float
 
     def apply(self, world: World) -> None:
-        _jaw(world.arm(self.arm)).servo_jf(self.effort)
+        """Call the jaw's `servo_jf`."""
+        _jaw(world.arm(self.arm)).servo_jf([self.effort])
 
 
 @dataclass(frozen=True)
@@ -138,6 +138,7 @@ class Hold:
     arm: str
 
     def apply(self, world: World) -> None:
+        """Call `hold`."""
         world.arm(self.arm).hold()
 
 
@@ -150,6 +151,7 @@ class SetMode:
     joints: tuple[str, ...] | None = None
 
     def apply(self, world: World) -> None:
+        """Call `set_mode`."""
         world.arm(self.arm).set_mode(self.mode, self.joints)
 
 
@@ -172,6 +174,7 @@ class SetGains:
     d: float | None = None
 
     def apply(self, world: World) -> None:
+        """Call `set_gains`."""
         world.arm(self.arm).set_gains(self.joint, p=self.p, i=self.i, d=self.d)
 
 
@@ -183,6 +186,7 @@ class SetGravityCompensation:
     on: bool
 
     def apply(self, world: World) -> None:
+        """Call `use_gravity_compensation`."""
         world.arm(self.arm).use_gravity_compensation(self.on)
 
 
@@ -195,6 +199,7 @@ class Brakes:
     joints: tuple[str, ...] | None = None
 
     def apply(self, world: World) -> None:
+        """Call `release_brakes` or `lock_brakes`."""
         arm = world.arm(self.arm)
         if self.released:
             arm.release_brakes(self.joints)
@@ -210,6 +215,7 @@ class Reset:
     seed: int | None = None
 
     def apply(self, world: World) -> None:
+        """Call `reset`."""
         world.reset(seed=self.seed, pose=self.pose)
 
 
@@ -229,7 +235,7 @@ class Resume:
         """Nothing: a world has no flow of time of its own."""
 
 
-def _jaw(arm: Arm):
+def _jaw(arm: Arm) -> Jaw:
     if arm.jaw is None:
         raise InputError(f"{arm.name} has no jaw")
     return arm.jaw

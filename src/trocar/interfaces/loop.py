@@ -39,9 +39,11 @@ class WallClock:
     """The machine's monotonic clock."""
 
     def now(self) -> float:
+        """Return seconds since some fixed moment."""
         return time.perf_counter()
 
     def sleep(self, seconds: float) -> None:
+        """Return after about this many seconds."""
         time.sleep(seconds)
 
 
@@ -164,6 +166,12 @@ class Loop:
         self._stopping.set()
         self.wait()
 
+    def close(self) -> None:
+        """End the loop and wait for it, whatever had stopped it before."""
+        self._stopping.set()
+        if self._outcome is not None:
+            self._outcome.exception()
+
     # What the loop's own thread does.
 
     def run(self, duration_s: float | None = None) -> None:
@@ -191,7 +199,7 @@ class Loop:
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:
             self.run(duration_s)
-        except Exception as error:  # handed over whole to whoever waits
+        except Exception as error:  # noqa: BLE001  handed over whole to whoever waits
             outcome.set_exception(error)
         else:
             outcome.set_result(None)

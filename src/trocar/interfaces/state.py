@@ -47,6 +47,7 @@ class Question:
     answer: Future[Any]
 
     def apply(self, world: World) -> None:
+        """Ask, and put down the answer."""
         try:
             self.answer.set_result(self.ask(world))
         except TrocarError as error:

@@ -1,4 +1,4 @@
-"""What the surfaces look like: a finish for each material of the descriptions."""
+"""What the surfaces look like."""
 
 from __future__ import annotations
 
@@ -11,10 +11,5 @@ if TYPE_CHECKING:
 
 
 def finish(shape: ShapeRecord) -> Finish:
-    """Choose how a shape answers to light, from its colour: grey without a tint is metal."""
-    red, green, blue, alpha = (float(value) for value in shape.rgba)
-    tint = max(red, green, blue) - min(red, green, blue)
-    metal = tint < 0.06 and 0.35 < green < 0.75
-    if metal:
-        return Finish((red, green, blue, alpha), metallic=0.75, roughness=0.38)
-    return Finish((red, green, blue, alpha), metallic=0.0, roughness=0.55)
+    """Say how a shape answers to light; what the descriptions call gloss is smoothness."""
+    return Finish(rgba=shape.rgba, metallic=shape.metal, roughness=1.0 - shape.gloss)

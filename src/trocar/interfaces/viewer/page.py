@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Literal
 
+import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.history import History
-from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames
+from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
 from trocar.interfaces.viewer.panel import Panel
 from trocar.interfaces.viewer.plots import JointPlots
 from trocar.interfaces.viewer.scene import Bodies, floor, light, look_at_all
-from trocar.interfaces.viewer.server import address, close_server, open_server
+from trocar.interfaces.viewer.server import address, serving
 from trocar.interfaces.viewer.sheet import read_sheet
 from trocar.interfaces.viewer.status import Notices, StatusTables
 
 if TYPE_CHECKING:
     from trocar.simulation import World
+
+Floats = NDArray[np.float64]
 
 PERIOD_S = 1 / 30
 """Time between two looks at the simulation [s]. Source: a fifth of a core for 73 bodies."""
@@ -51,11 +56,15 @@ class Page:
         floor(server.scene)
         look_at_all(server, shapes, now)
         self._bodies = Bodies(server.scene, shapes)
-        self._marks = RemoteCentres(server.scene, now), ToolFrames(server.scene, now)
+        self._centres = RemoteCentres(server.scene, now)
+        self._tools = ToolFrames(server.scene, tips_of(world))
+        self._tips: Future[dict[str, Floats]] | None = None
         self._history = History()
-        sheets = {name: read_sheet(world, name) for name in world.arms}
+        sheets = {name: read_sheet(world, name) for name in _tools_first(world)}
         _theme(server.gui)
-        self._panel = Panel(server.gui, loop, sheets, self._marks)
+        self._panel = Panel(
+            server.gui, loop, sheets, world.rig.poses, marks=(self._centres, self._tools)
+        )
         window = server.gui.add_panel()
         with window.add_tab("Measurements"):
             self._tables = StatusTables(server.gui, self.notices)
@@ -71,14 +80,22 @@ class Page:
             return
         with self._server.atomic():
             self._bodies.show(state.snapshot)
-            for marks in self._marks:
-                marks.show(state.snapshot)
+            self._centres.show(state.snapshot)
+            self._show_tools()
         if self._looks % PLOTS_EVERY == 0:
             self._panel.follow(state.snapshot)
             self._plots.show(self._history, self._panel.sheet)
         if self._looks % NUMBERS_EVERY == 0:
             self._tables.show(state, self._panel.sheet)
         self._looks += 1
+
+    def _show_tools(self) -> None:
+        if not self._tools.visible:
+            return
+        if self._tips is not None and self._tips.done() and not self._tips.cancelled():
+            self._tools.show(self._tips.result())
+        if self._tips is None or self._tips.done():
+            self._tips = self._loop.ask(tips_of)
 
     def fail(self, error: Exception) -> None:
         """Show what stopped the simulation."""
@@ -109,22 +126,14 @@ def serve(
         InputError: the host or the port cannot be used
         DivergedError: the simulation left the finite numbers
     """
-    server = open_server(host, port, label="trocar")
-    loop = Loop(world, speed=speed)
-    log = logging.getLogger("trocar")
-    page = Page(server, world, loop)
-    log.addHandler(page.notices)
-    try:
-        loop.start(duration_s)
-        if on_ready is not None:
-            on_ready(address(server))
-        _show_until_the_end(page, loop)
-        loop.stop()
-    except KeyboardInterrupt:
-        loop.stop()
-    finally:
-        log.removeHandler(page.notices)
-        close_server(server)
+    with serving(host, port, label=f"trocar: {world.rig.name}") as server:
+        loop = Loop(world, speed=speed)
+        page = Page(server, world, loop)
+        with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
+            loop.start(duration_s)
+            if on_ready is not None:
+                on_ready(address(server))
+            _show_until_the_end(page, loop)
 
 
 def _show_until_the_end(page: Page, loop: Loop) -> None:
@@ -135,6 +144,11 @@ def _show_until_the_end(page: Page, loop: Loop) -> None:
         page.fail(error)
         threading.Event().wait(FAREWELL_S)
         raise
+
+
+def _tools_first(world: World) -> list[str]:
+    """Order the arms' names as people look for them: setup arms last."""
+    return sorted(world.arms, key=lambda name: world.arms[name].type == "SUJ")
 
 
 def _theme(gui: viser.GuiApi) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
@@ -31,11 +32,11 @@ class ArmControls:
         with self._folder(gui, f"{sheet.name} joints"):
             self._sliders = JointSliders(gui, loop, sheet, arm)
             self._poses(gui, sheet)
-            if sheet.brakes:
+            if sheet.has_brakes:
                 BrakeButtons(gui, loop, sheet)
         with self._folder(gui, "Control"):
             self._mode = ModeChoice(gui, loop, sheet, arm)
-            self._gravity = GravityChoice(gui, loop, sheet)
+            self._gravity = None if sheet.has_brakes else GravityChoice(gui, loop, sheet)
             with gui.add_folder("Gains P, I, D", expand_by_default=False):
                 self._gains = GainsTable(gui, loop, sheet)
         self.follow_sheet(sheet)
@@ -48,10 +49,9 @@ class ArmControls:
 
     def follow_sheet(self, sheet: ArmSheet) -> None:
         """Show what is set, whoever set it."""
-        self._gravity.follow(sheet)
+        if self._gravity is not None:
+            self._gravity.follow(sheet)
         self._gains.follow(sheet)
-        if sheet.brakes:
-            self._sliders.set_locked(sheet.brakes)
 
     def remove(self) -> None:
         """Take everything off the page."""
@@ -83,12 +83,15 @@ class Panel:
         gui: viser.GuiApi,
         loop: Loop,
         sheets: dict[str, ArmSheet],
+        poses: Mapping[str, Mapping[str, object]],
+        *,
         marks: tuple[RemoteCentres, ToolFrames],
     ) -> None:
         self._gui, self._loop, self._sheets = gui, loop, sheets
         self._lock = threading.RLock()
         self._asked: Future[ArmSheet] | None = None
         _time_buttons(gui, loop)
+        _rig_poses(gui, loop, poses, sheets)
         self._choice = gui.add_dropdown("Arm", list(sheets))
         self._choice.on_update(lambda _: self._choose())
         self._controls = ArmControls(gui, loop, sheets[self.arm], loop.latest)
@@ -132,7 +135,26 @@ class Panel:
 def _time_buttons(gui: viser.GuiApi, loop: Loop) -> None:
     commands = {"Pause": Pause(), "Resume": Resume(), "Reset": Reset()}
     buttons = gui.add_button_group("Time", tuple(commands))
-    buttons.on_click(lambda event: loop.post(commands[event.target.value]) and None)
+
+    @buttons.on_click
+    def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+        loop.post(commands[event.target.value])
+
+
+def _rig_poses(
+    gui: viser.GuiApi,
+    loop: Loop,
+    poses: Mapping[str, Mapping[str, object]],
+    sheets: Mapping[str, ArmSheet],
+) -> None:
+    """Move every arm at once; setup arms stay where their brakes hold them."""
+    buttons = gui.add_button_group("All arms to", tuple(poses))
+
+    @buttons.on_click
+    def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+        for arm in poses[event.target.value]:
+            if not sheets[arm].has_brakes:
+                loop.post(MoveTo(arm, event.target.value))
 
 
 def _view_switches(gui: viser.GuiApi, marks: tuple[RemoteCentres, ToolFrames]) -> None:

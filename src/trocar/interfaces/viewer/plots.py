@@ -15,6 +15,9 @@ from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 Floats = NDArray[np.float64]
 
 COMMANDED, MEASURED, ERROR = "#f08c00", "#1c7ed6", "#c2255c"
+TIME = "ago"
+"""Name of the time scale; viser meddles with the range of one called "x"."""
+
 LINES = 5
 """About how many steps an axis is divided into."""
 
@@ -24,9 +27,9 @@ class JointPlots:
 
     def __init__(self, gui: viser.GuiApi, sheet: ArmSheet) -> None:
         self._sheet = sheet
-        self._choice = gui.add_dropdown("Joint", _names(sheet))
-        self._motion = _Plot(gui, (("commanded", COMMANDED), ("measured", MEASURED)), height=190)
-        self._error = _Plot(gui, (("measured - commanded", ERROR),), height=150)
+        self._choice = gui.add_dropdown("Last 10 s of", _names(sheet))
+        self._motion = _Plot(gui, (("commanded", COMMANDED), ("measured", MEASURED)), height=175)
+        self._error = _Plot(gui, (("measured - commanded", ERROR),), height=135)
 
     def show(self, history: History, sheet: ArmSheet) -> None:
         """Draw the chosen joint of an arm."""
@@ -41,10 +44,9 @@ class JointPlots:
         if trace.ago.size < 2:
             return
         commanded, measured = trace.commanded * joint.unit.scale, trace.measured * joint.unit.scale
-        title = f"{sheet.name} {joint.name} [{joint.unit.text}]"
-        self._motion.draw(title, trace.ago, (commanded, measured), least=_least(joint))
+        self._motion.draw(joint.unit.text, trace.ago, (commanded, measured), least=_least(joint))
         error = measured - commanded
-        self._error.draw(f"error [{joint.unit.text}]", trace.ago, (error,), least=_least(joint) / 50)
+        self._error.draw(joint.unit.text, trace.ago, (error,), least=_least(joint) / 50)
 
 
 @dataclass(frozen=True)
@@ -57,28 +59,37 @@ class Span:
 
 class _Plot:
     def __init__(self, gui: viser.GuiApi, lines: tuple[tuple[str, str], ...], height: int) -> None:
-        empty = np.zeros(2)
+        self._lines = lines
+        self._unit = ""
         self._span = Span(-1.0, 1.0)
         self._handle = gui.add_uplot(
-            data=tuple([np.array([-SPAN_S, 0.0])] + [empty] * len(lines)),
-            series=(
-                uplot.Series(label="s"),
-                *(uplot.Series(label=text, stroke=colour, width=1.6) for text, colour in lines),
-            ),
+            data=tuple([np.array([-SPAN_S, 0.0])] + [np.zeros(2)] * len(lines)),
+            series=self._series(),
             scales=_scales(self._span),
-            axes=(uplot.Axis(size=28), uplot.Axis(size=52)),
+            axes=(uplot.Axis(scale=TIME, size=30), uplot.Axis(size=54)),
             legend=uplot.Legend(show=True, live=False),
             height=height,
-            padding=(6, 12, 0, 0),
+            padding=(8, 14, 0, 0),
         )
 
-    def draw(self, title: str, ago: Floats, lines: tuple[Floats, ...], *, least: float) -> None:
+    def draw(self, unit: str, ago: Floats, lines: tuple[Floats, ...], *, least: float) -> None:
         span = wide_enough(np.concatenate(lines), self._span, least)
         if span != self._span:
             self._span = span
             self._handle.scales = _scales(span)
-        self._handle.title = title
+        if unit != self._unit:
+            self._unit = unit
+            self._handle.series = self._series()
         self._handle.data = (ago, *lines)
+
+    def _series(self) -> tuple[uplot.Series, ...]:
+        return (
+            uplot.Series(label="s", scale=TIME),
+            *(
+                uplot.Series(label=f"{text} [{self._unit}]", stroke=colour, width=1.6)
+                for text, colour in self._lines
+            ),
+        )
 
 
 def wide_enough(values: Floats, old: Span, least: float) -> Span:
@@ -102,7 +113,7 @@ def wide_enough(values: Floats, old: Span, least: float) -> Span:
 
 def _scales(span: Span) -> dict[str, uplot.Scale]:
     return {
-        "x": uplot.Scale(time=False, range=(-SPAN_S, 0.0)),
+        TIME: uplot.Scale(time=False, range=(-SPAN_S, 0.0)),
         "y": uplot.Scale(range=(span.low, span.high)),
     }
 

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-STILL_M = 1e-5
-"""A body that moved less than this is not sent again [m]. Source: a hundredth of a pixel."""
+STILL = 1e-5
+"""A pose whose numbers all changed less is not sent again: 10 um, 20 urad, far below a pixel."""
 
-STILL_QUATERNION = 1e-5
-"""The same for the parts of a quaternion (20 urad): 20 um at the end of a metre."""
+VIEW = np.array([0.85, 1.0, 0.38])
+"""From the middle of the arms towards the camera. Source: chosen by eye: across the patient."""
 
-VIEW = np.array([0.62, -1.0, 0.42])
-"""From the middle of the cart towards the camera. Source: chosen by eye: the patient's side."""
+MARGIN = 0.84
+"""Distance over the one at which a sphere around everything would just fit. Source: by eye."""
 
 FIELD_OF_VIEW = np.deg2rad(38.0)
 """Vertical angle of the camera [rad]. Source: chosen by eye."""
@@ -61,8 +61,7 @@ class Bodies:
     def _moved(self, poses: Floats) -> NDArray[np.bool_]:
         if self._sent is None:
             return np.ones(len(poses), dtype=bool)
-        change = np.abs(poses - self._sent)
-        return (change[:, :3] > STILL_M).any(axis=1) | (change[:, 3:] > STILL_QUATERNION).any(axis=1)
+        return np.any(np.abs(poses - self._sent) > STILL, axis=1)
 
 
 def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
@@ -72,7 +71,7 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
     for look, group in groupby(by_finish, key=finish):
         vertices, faces, count = [], [], 0
         for shape in group:
-            points, triangles = mesh(shape.kind, shape.size)
+            points, triangles = mesh(shape.kind, shape.size, shape.rounding)
             vertices.append(points @ shape.pose[:3, :3].T + shape.pose[:3, 3])
             faces.append(triangles + count)
             count += len(points)
@@ -83,15 +82,15 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
 def light(scene: viser.SceneApi) -> None:
     """A key light from the upper left that throws shadows, a soft sky, a studio's reflections."""
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.45)
+    scene.configure_environment_map("studio", environment_intensity=0.4)
     scene.add_light_directional(
-        "/light/key", color=(255, 247, 235), intensity=2.2, cast_shadow=True, position=(-2, -3, 5)
+        "/light/key", color=(255, 247, 235), intensity=1.9, cast_shadow=True, position=(3, 1.2, 4)
     )
     scene.add_light_directional(
-        "/light/fill", color=(214, 228, 255), intensity=0.5, position=(4, -2, 2)
+        "/light/fill", color=(214, 228, 255), intensity=0.5, position=(-2, 4, 1.5)
     )
     scene.add_light_hemisphere(
-        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.6
+        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.45
     )
 
 
@@ -117,10 +116,10 @@ def floor(scene: viser.SceneApi) -> None:
 
 
 def look_at_all(server: viser.ViserServer, shapes: Sequence[ShapeRecord], now: Snapshot) -> None:
-    """Point the camera of every new browser so that the whole cart is in sight."""
-    low, high = bounds(shapes, now)
+    """Point the camera of every new browser so that all arms are in sight."""
+    low, high = bounds([shape for shape in shapes if shape.arm] or shapes, now)
     middle = (low + high) / 2
-    distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(FIELD_OF_VIEW / 2) * 0.95
+    distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(FIELD_OF_VIEW / 2) * MARGIN
     camera = server.initial_camera
     camera.fov = FIELD_OF_VIEW
     camera.look_at = middle

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import io
 import socket
+import sys
+from collections.abc import Iterator
 
 import viser
 
@@ -16,13 +18,14 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 class LocalServer(viser.ViserServer):
     """viser's server without its tunnel to the outside: the page has no password."""
 
-    def request_share_url(self, verbose: bool = True) -> str | None:
+    def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
         return None
 
 
-def open_server(host: str, port: int, label: str) -> LocalServer:
-    """Start serving.
+@contextlib.contextmanager
+def serving(host: str, port: int, label: str) -> Iterator[LocalServer]:
+    """Serve while the `with` block lasts.
 
     Args:
         host: a loopback address; the page lets everybody drive, so no other is accepted
@@ -32,27 +35,17 @@ def open_server(host: str, port: int, label: str) -> LocalServer:
     Raises:
         InputError: the host is not this machine's loopback, or the port is taken or forbidden
     """
-    if host not in LOOPBACK:
-        raise InputError(
-            f"the page has no password and is served to this machine only: host is {host!r}, "
-            f"allowed are {', '.join(LOOPBACK)} (from elsewhere: ssh -L {port}:127.0.0.1:{port})"
-        )
-    host = "127.0.0.1" if host == "localhost" else host
-    if not 0 <= port <= 65535:
-        raise InputError(f"port {port} does not exist: 0 (any free one) to 65535")
+    host = _checked_host(host)
     _check_free(host, port)
-    with quiet():
+    with _quiet():
         server = LocalServer(host=host, port=port, label=label, verbose=False)
-    if port not in (0, server.get_port()):  # somebody took it in between; viser took the next
-        close_server(server)
-        raise _taken(host, port)
-    return server
-
-
-def close_server(server: LocalServer) -> None:
-    """Stop serving."""
-    with quiet():
-        server.stop()
+    try:
+        if port not in (0, server.get_port()):  # taken in between: viser went on to the next
+            raise _taken(host, port)
+        yield server
+    finally:
+        with _quiet():
+            server.stop()
 
 
 def address(server: LocalServer) -> str:
@@ -61,19 +54,28 @@ def address(server: LocalServer) -> str:
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
+def _checked_host(host: str) -> str:
+    if host not in LOOPBACK:
+        raise InputError(
+            f"the page has no password and is served to this machine only: got host {host!r}, "
+            f"allowed are {', '.join(LOOPBACK)}; to look from elsewhere, forward the port with ssh"
+        )
+    return LOOPBACK[0] if host == "localhost" else host
+
+
 @contextlib.contextmanager
-def quiet():
+def _quiet() -> Iterator[None]:
     """Keep viser's banners off the terminal: what is printed is the caller's business."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 def _check_free(host: str, port: int) -> None:
+    if not 0 <= port <= 65535:
+        raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
-        if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows: two could share a port otherwise
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
-        else:  # a port that was just closed is free
+        if sys.platform != "win32":  # a port that was just closed is free; Windows would share it
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((host, port))

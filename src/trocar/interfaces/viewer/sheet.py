@@ -20,10 +20,15 @@ class Unit:
     text: str
     scale: float
     effort_text: str
+    gain_text: str
 
 
-ANGLE = Unit("deg", 180 / np.pi, "N m")
-LENGTH = Unit("mm", 1000.0, "N")
+ANGLE = Unit("deg", 180 / np.pi, "N m", "N m/rad")
+LENGTH = Unit("mm", 1000.0, "N", "N/m")
+
+
+UNLIMITED = 100.0
+"""Largest effort offered when efforts are not limited [N m or N]. Source: our own choice."""
 
 
 @dataclass(frozen=True)
@@ -45,26 +50,27 @@ class JointSheet:
 
 @dataclass(frozen=True)
 class ArmSheet:
-    """One arm: its joints with the jaw last, its poses, its brakes (joint: locked)."""
+    """One arm: its joints with the jaw last, the names of its poses, whether it has brakes."""
 
     name: str
     type: str
     joints: tuple[JointSheet, ...]
     poses: tuple[str, ...]
-    brakes: dict[str, bool]
+    has_brakes: bool
     gravity_compensation: bool
 
 
 def read_sheet(world: World, name: str) -> ArmSheet:
     """Read an arm's sheet; to be called where the world may be called."""
     arm = world.arm(name)
+    kinds = [joint.kind for joint in arm.description.mechanism.joints]
     joints = tuple(
         JointSheet(
             name=joint,
-            unit=LENGTH if arm.kinds[k] == "prismatic" else ANGLE,
+            unit=LENGTH if kinds[k] == "prismatic" else ANGLE,
             lower=float(arm.lower[k]),
             upper=float(arm.upper[k]),
-            effort_max=float(arm.effort_max[k]),
+            effort_max=_effort_max(float(arm.effort_limit[k])),
             gains=arm.gains(joint),
         )
         for k, joint in enumerate(arm.joint_names)
@@ -74,6 +80,10 @@ def read_sheet(world: World, name: str) -> ArmSheet:
         type=arm.type,
         joints=joints,
         poses=tuple(arm.poses),
-        brakes=dict(arm.brakes),
+        has_brakes=bool(arm.brakes),
         gravity_compensation=arm.gravity_compensation,
     )
+
+
+def _effort_max(limit: float) -> float:
+    return min(limit, UNLIMITED)

@@ -51,6 +51,8 @@ class JointSliders:
             if tuple(now.modes) != self._modes:
                 self._effort[:] = 0.0
                 self._build(tuple(now.modes))
+            for handle, locked in zip(self._handles, now.locked, strict=True):
+                handle.disabled = locked  # a brake holds
             self._untouched += 1
             if self._untouched > HANDS_OFF and not now.busy:
                 self._mine = False
@@ -63,11 +65,6 @@ class JointSliders:
         with self._lock:
             self._mine = False
 
-    def set_locked(self, locked: dict[str, bool]) -> None:
-        """Grey out the joints whose brake holds."""
-        for joint, handle in zip(self._sheet.joints, self._handles, strict=True):
-            handle.disabled = locked.get(joint.name, False)
-
     def _build(self, modes: tuple[str, ...]) -> None:
         self._modes = modes
         for handle in self._handles:
@@ -79,10 +76,10 @@ class JointSliders:
         joint = self._sheet.joints[k]
         if self._modes[k] == "effort":
             low, high, step = effort_range(joint)
-            label, value = f"{joint.name} [{joint.unit.effort_text}]", float(self._effort[k])
+            label, value = f"{joint.name} {joint.unit.effort_text}", float(self._effort[k])
         else:
             low, high, step = goal_range(joint)
-            label, value = f"{joint.name} [{joint.unit.text}]", self._goal[k] * joint.unit.scale
+            label, value = f"{joint.name} {joint.unit.text}", self._goal[k] * joint.unit.scale
         handle = self._gui.add_slider(
             label, min=low, max=high, step=step, initial_value=_shown(value, low, high, step)
         )

@@ -93,11 +93,8 @@ class BrakeButtons:
 def _gains_row(
     gui: viser.GuiApi, loop: Loop, sheet: ArmSheet, joint: JointSheet
 ) -> viser.GuiVector3Handle:
-    unit = joint.unit
-    hint = (
-        f"P [{unit.effort_text}/{'m' if unit.text == 'mm' else 'rad'}], I (the same per second), "
-        f"D (the same times a second)"
-    )
+    unit = joint.unit.gain_text
+    hint = f"P [{unit}], I [{unit} per second], D [{unit} times second]"
     row = gui.add_vector3(joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=hint)
 
     @row.on_update

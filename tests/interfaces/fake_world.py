@@ -6,72 +6,23 @@ Its joints follow their set-points with a lag of 20 ms; nothing here is physics.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
 from types import SimpleNamespace as Namespace
 
 import numpy as np
 
 from trocar.errors import DivergedError, UnknownNameError
+from trocar.simulation.records import (
+    ArmSnapshot,
+    Health,
+    JointState,
+    Mode,
+    ShapeRecord,
+    Snapshot,
+)
 
 _log = logging.getLogger("trocar")
 LAG_S = 0.02
 LENGTHS = ("insertion", "lift")
-
-
-@dataclass(frozen=True)
-class Shape:
-    body: int
-    name: str
-    kind: str
-    size: tuple[float, ...]
-    pose: np.ndarray
-    rgba: tuple[float, float, float, float]
-    arm: str | None
-    gloss: float = 0.4
-    metal: float = 0.0
-    rounding: float = 0.0
-    collide: bool = True
-
-
-@dataclass(frozen=True)
-class ArmSnapshot:
-    joint_names: tuple[str, ...]
-    q: np.ndarray
-    qd: np.ndarray
-    effort: np.ndarray
-    setpoint: np.ndarray
-    modes: tuple[str, ...]
-    locked: tuple[bool, ...]
-    busy: bool
-    remote_centre: np.ndarray | None
-    warnings: int
-    last_warning: str
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    time: float
-    positions: np.ndarray
-    quaternions: np.ndarray
-    arms: dict[str, ArmSnapshot]
-
-
-@dataclass(frozen=True)
-class Health:
-    loop_gap_m: float = 4e-8
-    rcm_error_m: float = 7e-7
-    branch_ok: bool = True
-    flattening_margin_rad: float = 0.36
-    per_arm: dict = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class JointState:
-    name: tuple[str, ...]
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
-    time: float
 
 
 class FakeJaw:
@@ -119,7 +70,7 @@ class FakeArm:
         self.goal = self.q.copy()
         self.setpoint = self.q.copy()
         self.effort = np.zeros_like(self.q)
-        self.modes = ["position"] * self.q.size
+        self.modes: list[Mode] = ["position"] * self.q.size
 
     def advance(self, dt: float) -> None:
         reach = 0.6 * dt
@@ -235,20 +186,22 @@ class FakeWorld:
         return _at(*self.arms[name].remote_centre)
 
     def health(self) -> Health:
-        return Health()
+        return Health(4e-8, 7e-7, True, 0.36, {})
 
-    def shapes(self) -> tuple[Shape, ...]:
+    def shapes(self) -> tuple[ShapeRecord, ...]:
         grey, dark, steel = (0.8, 0.8, 0.82, 1.0), (0.15, 0.15, 0.17, 1.0), (0.7, 0.72, 0.75, 1.0)
-        column = Shape(0, "column", "box", (0.2, 0.15, 0.75), _at(0, 0.35, 0.75), grey, None)
+        column = _shape(0, "column", "box", (0.2, 0.15, 0.75), _at(0, 0.35, 0.75), grey, None)
         found = [column]
         for index, name in enumerate(("PSM1", "PSM2")):
             body = 1 + 3 * index
             found += [
-                Shape(body, "yaw", "capsule", (0.05, 0.2), _at(0, 0.2, 0.1), grey, name),
-                Shape(body, "hub", "cylinder", (0.07, 0.06), _at(0, 0.35, 0.1), dark, name),
-                Shape(body + 1, "carriage", "box", (0.03, 0.03, 0.12), _at(0, 0, 0.25), dark, name),
-                Shape(body + 2, "shaft", "cylinder", (0.0042, 0.2), _at(0, 0, 0), steel, name),
-                Shape(body + 2, "wrist", "sphere", (0.006,), _at(0, 0, -0.2), steel, name),
+                _shape(body, "yaw", "capsule", (0.05, 0.2), _at(0, 0.2, 0.1), grey, name),
+                _shape(body, "hub", "cylinder", (0.07, 0.06), _at(0, 0.35, 0.1), dark, name),
+                _shape(
+                    body + 1, "carriage", "box", (0.03, 0.03, 0.12), _at(0, 0, 0.25), dark, name
+                ),
+                _shape(body + 2, "shaft", "cylinder", (0.0042, 0.2), _at(0, 0, 0), steel, name),
+                _shape(body + 2, "wrist", "sphere", (0.006,), _at(0, 0, -0.2), steel, name),
             ]
         return tuple(found)
 
@@ -300,3 +253,20 @@ def _matrix(q: np.ndarray) -> np.ndarray:
     x, y, z = np.eye(3)
     turned = [v + 2 * np.cross(q[1:], np.cross(q[1:], v) + q[0] * v) for v in (x, y, z)]
     return np.array(turned).T
+
+
+def _shape(body, name, kind, size, pose, rgba, arm) -> ShapeRecord:
+    return ShapeRecord(
+        body=body,
+        name=name,
+        kind=kind,
+        size=np.array(size),
+        pose=pose,
+        rgba=rgba,
+        gloss=0.4,
+        metal=0.0,
+        rounding=0.0,
+        arm=arm,
+        frame=name,
+        collide=True,
+    )

@@ -15,7 +15,8 @@ import numpy as np
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.simulation import Arm, Jaw, World
+    from trocar.simulation import World
+    from trocar.simulation.arm import Arm, Jaw
 
 Numbers = tuple[float, ...]
 Mode = Literal["set", "position", "effort"]

@@ -19,11 +19,13 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.commands import Command, Pause, Reset, Resume
 from trocar.interfaces.inbox import Inbox
-from trocar.interfaces.pace import Clock, Pace, Speedometer
+from trocar.interfaces.pace import Clock, Pace, Speedometer, whole_steps
 from trocar.interfaces.state import LoopState, Question
 
 if TYPE_CHECKING:
-    from trocar.simulation import Health, Snapshot, World
+    from trocar.simulation import World
+    from trocar.simulation.motion import Motion
+    from trocar.simulation.records import Health, Snapshot
 
 _log = logging.getLogger("trocar")
 T = TypeVar("T")
@@ -166,6 +168,18 @@ class Loop:
         self._stopping.set()
         self.wait()
 
+    def wait_for(self, motion: Motion, timeout_s: float | None = None) -> bool:
+        """Wait for a move that somebody else's thread holds; return whether it arrived.
+
+        Args:
+            motion: the move
+            timeout_s: simulated time after which to give up [s]; None: never
+        """
+        end = float("inf") if timeout_s is None else self.latest.time + timeout_s
+        while not motion.done and self.running and self.latest.time < end:
+            self._clock.sleep(self._tick_s)
+        return motion.goal_reached
+
     def close(self) -> None:
         """End the loop and wait for it, whatever had stopped it before."""
         self._stopping.set()
@@ -178,6 +192,7 @@ class Loop:
         """Run in the calling thread, for a simulated time or until stopped [s]."""
         last = None if duration_s is None else self._ticks + round(duration_s / self._tick_s)
         self._restart()
+        self._world.waiter = self.wait_for
         try:
             while not self._stopping.is_set() and (last is None or self._ticks < last):
                 if self._realtime or self._paused:
@@ -185,6 +200,7 @@ class Loop:
                 self.tick()
                 self._publish_if_due()
         finally:
+            self._world.waiter = None
             self._inbox.dismiss()
         self._state = self._look(self._world.health())
 
@@ -242,13 +258,3 @@ class Loop:
             real_time_factor=self._speedometer.factor,
             refused=self._refused + self._inbox.refused,
         )
-
-
-def whole_steps(tick_s: float, timestep_s: float) -> int:
-    """Count the physics steps in a tick; refuse a tick that is no whole multiple of them."""
-    steps = round(tick_s / timestep_s)
-    if steps < 1 or abs(steps * timestep_s - tick_s) > 1e-9 * tick_s:
-        raise InputError(
-            f"a tick of {tick_s} s is no whole multiple of the timestep of {timestep_s} s"
-        )
-    return steps

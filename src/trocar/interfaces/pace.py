@@ -6,6 +6,8 @@ import logging
 from collections import deque
 from typing import Protocol
 
+from trocar.errors import InputError
+
 _log = logging.getLogger("trocar")
 
 GIVE_UP_S = 1.0
@@ -84,3 +86,13 @@ class Speedometer:
             return 0.0
         (wall_a, sim_a), (wall_b, sim_b) = self._marks[0], self._marks[-1]
         return (sim_b - sim_a) / (wall_b - wall_a) if wall_b > wall_a else 0.0
+
+
+def whole_steps(tick_s: float, timestep_s: float) -> int:
+    """Count the physics steps in a tick; refuse a tick that is no whole multiple of them."""
+    steps = round(tick_s / timestep_s)
+    if steps < 1 or abs(steps * timestep_s - tick_s) > 1e-9 * tick_s:
+        raise InputError(
+            f"a tick of {tick_s} s is no whole multiple of the timestep of {timestep_s} s"
+        )
+    return steps

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
-    from trocar.simulation import Health, Snapshot, World
+    from trocar.simulation import World
+    from trocar.simulation.records import Health, Snapshot
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,11 @@ class Drives:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self._model.body_gravcomp[self.binding.bodies] = 1.0 if on or self.brakes else 0.0
 
+    @property
+    def gravity_compensated(self) -> bool:
+        """Whether the motors carry the links' weight."""
+        return bool(self._model.body_gravcomp[self.binding.bodies].any())
+
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""
         chosen = list(which)

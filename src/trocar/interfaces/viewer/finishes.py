@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from trocar.interfaces.viewer.glb import Finish
 
 if TYPE_CHECKING:
-    from trocar.simulation import ShapeRecord
+    from trocar.simulation.records import ShapeRecord
 
 
 def finish(shape: ShapeRecord) -> Finish:

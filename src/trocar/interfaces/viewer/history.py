@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from trocar.simulation import Snapshot
+    from trocar.simulation.records import Snapshot
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from trocar.geometry.rotations import quaternion_from_matrix
 
 if TYPE_CHECKING:
-    from trocar.simulation import Snapshot, World
+    from trocar.simulation import World
+    from trocar.simulation.records import Snapshot
 
 Floats = NDArray[np.float64]
 

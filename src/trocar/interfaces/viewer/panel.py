@@ -17,7 +17,7 @@ from trocar.interfaces.viewer.sliders import JointSliders
 from trocar.interfaces.viewer.tuning import BrakeButtons, GainsTable, GravityChoice, ModeChoice
 
 if TYPE_CHECKING:
-    from trocar.simulation import Snapshot
+    from trocar.simulation.records import Snapshot
 
 HOME = "home"
 

@@ -15,7 +15,7 @@ from trocar.interfaces.viewer.glb import Part, pack
 from trocar.interfaces.viewer.meshes import mesh
 
 if TYPE_CHECKING:
-    from trocar.simulation import ShapeRecord, Snapshot
+    from trocar.simulation.records import ShapeRecord, Snapshot
 
 Floats = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 
 if TYPE_CHECKING:
-    from trocar.simulation import ArmSnapshot
+    from trocar.simulation.records import ArmSnapshot
 
 HANDS_OFF = 5
 """Looks without a touch after which the sliders follow the arm. Source: half a second at 10 Hz."""

@@ -16,7 +16,7 @@ from trocar.interfaces.state import LoopState
 from trocar.interfaces.viewer.sheet import ArmSheet
 
 if TYPE_CHECKING:
-    from trocar.simulation import ArmSnapshot, Health
+    from trocar.simulation.records import ArmSnapshot, Health
 
 KEPT = 4
 """How many warnings stay in sight."""

@@ -17,7 +17,7 @@ from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 
 if TYPE_CHECKING:
-    from trocar.simulation import ArmSnapshot
+    from trocar.simulation.records import ArmSnapshot
 
 MODES: dict[str, Mode] = {
     "position (PID)": "position",

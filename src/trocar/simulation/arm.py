@@ -235,6 +235,11 @@ class Arm:
         self._drives.gains[self._index(joint)] = row
         self._drives.apply()
 
+    @property
+    def gravity_compensation(self) -> bool:
+        """Whether gravity compensation is on."""
+        return self._drives.gravity_compensated
+
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch gravity compensation."""
         self._drives.compensate_gravity(on)

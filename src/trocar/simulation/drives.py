@@ -81,6 +81,11 @@ class Drives:
             self._servos.balance[self.binding.actuators] = 0.0
             self._servos.write_efforts()
 
+    @property
+    def gravity_compensated(self) -> bool:
+        """Whether the motors carry the links' weight."""
+        return bool(self._model.body_gravcomp[self.binding.bodies].any())
+
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""
         chosen = list(which)

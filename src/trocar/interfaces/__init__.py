@@ -1,0 +1,47 @@
+"""Who talks to the simulation: the real-time loop, and the interfaces that post commands to it.
+
+`loop.py` owns the only thread boundary and the wall clock. Interfaces (the browser page, later
+CRTK and gym) know the loop and the World's frozen answers; they never touch the physics itself.
+"""
+
+from trocar.interfaces.commands import (
+    Brakes,
+    Command,
+    Hold,
+    JawMove,
+    JawServo,
+    JawServoJf,
+    MoveJp,
+    MoveTo,
+    Pause,
+    Reset,
+    Resume,
+    ServoJf,
+    ServoJp,
+    SetGains,
+    SetGravityCompensation,
+    SetMode,
+)
+from trocar.interfaces.loop import Loop
+from trocar.interfaces.state import LoopState
+
+__all__ = [
+    "Brakes",
+    "Command",
+    "Hold",
+    "JawMove",
+    "JawServo",
+    "JawServoJf",
+    "Loop",
+    "LoopState",
+    "MoveJp",
+    "MoveTo",
+    "Pause",
+    "Reset",
+    "Resume",
+    "ServoJf",
+    "ServoJp",
+    "SetGains",
+    "SetGravityCompensation",
+    "SetMode",
+]

@@ -1,0 +1,82 @@
+"""The only thread boundary: commands wait here until the next tick."""
+
+from __future__ import annotations
+
+import logging
+import threading
+
+from trocar.interfaces.commands import (
+    Command,
+    JawServo,
+    JawServoJf,
+    ServoJf,
+    ServoJp,
+)
+from trocar.interfaces.state import Question
+
+_log = logging.getLogger("trocar")
+
+CAPACITY = 64
+"""How many moves and states may wait. Source: our own choice; a tick lasts 5 ms."""
+
+
+class Inbox:
+    """Keep commands in the order in which they came; of set-points only the newest per arm.
+
+    A stream of set-points (servo) may come faster than ticks: an older one that still waits is
+    worthless, so the newer takes its place at the end of the queue. Moves and states all count
+    and are bounded: when too many wait, a new one is refused with a warning.
+    """
+
+    def __init__(self, capacity: int = CAPACITY) -> None:
+        self._capacity = capacity
+        self._lock = threading.Lock()
+        self._waiting: dict[object, Command] = {}
+        self._posted = 0
+        self._ordered = 0
+        self.refused = 0
+
+    def post(self, command: Command) -> bool:
+        """Queue a command; return False when it was refused because too many wait."""
+        key = stream(command)
+        with self._lock:
+            full = key is None and self._ordered >= self._capacity
+            if full:
+                self.refused += 1
+            else:
+                self._put(key, command)
+        if full:
+            _log.warning("%d commands wait already: refused %r", self._capacity, command)
+        return not full
+
+    def drain(self) -> list[Command]:
+        """Take everything that waits, oldest first."""
+        with self._lock:
+            taken = list(self._waiting.values())
+            self._waiting.clear()
+            self._ordered = 0
+        return taken
+
+    def dismiss(self) -> None:
+        """Throw away what waits; whoever waits for an answer learns that none will come."""
+        for command in self.drain():
+            if isinstance(command, Question):
+                command.answer.cancel()
+
+    def _put(self, key: tuple[str, str] | None, command: Command) -> None:
+        self._posted += 1
+        if key is None:
+            self._ordered += 1
+            self._waiting[self._posted] = command
+        else:
+            self._waiting.pop(key, None)
+            self._waiting[key] = command
+
+
+def stream(command: Command) -> tuple[str, str] | None:
+    """Name the stream of set-points that a command belongs to, or None for moves and states."""
+    if isinstance(command, ServoJp | ServoJf):
+        return command.arm, "arm"
+    if isinstance(command, JawServo | JawServoJf):
+        return command.arm, "jaw"
+    return None

@@ -1,0 +1,260 @@
+"""The real-time loop: the one place where simulation time meets the wall clock.
+
+    post(command) -> inbox -> tick: drain, apply -> World.step(n) -> state for everybody to read
+
+Commands are applied at tick boundaries only, so the motion depends on which command met which
+tick and on nothing else: not on the machine's speed, nor on who watches.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from typing import TYPE_CHECKING, Literal, TypeVar
+
+from trocar.errors import InputError, UnknownNameError
+from trocar.interfaces.commands import Command, Pause, Reset, Resume
+from trocar.interfaces.inbox import Inbox
+from trocar.interfaces.pace import Clock, Pace, Speedometer, whole_steps
+from trocar.interfaces.state import LoopState, Question
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+    from trocar.simulation.motion import Motion
+    from trocar.simulation.records import Health, Snapshot
+
+_log = logging.getLogger("trocar")
+T = TypeVar("T")
+
+SNAPSHOT_PERIOD_S = 1 / 60
+"""Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
+
+HEALTH_PERIOD_S = 0.2
+"""Wall time between two looks at the loops' health [s]. Source: our own choice."""
+
+
+class WallClock:
+    """The machine's monotonic clock."""
+
+    def now(self) -> float:
+        """Return seconds since some fixed moment."""
+        return time.perf_counter()
+
+    def sleep(self, seconds: float) -> None:
+        """Return after about this many seconds."""
+        time.sleep(seconds)
+
+
+class Loop:
+    """Step a world tick by tick and let other threads talk to it.
+
+    Args:
+        world: what is stepped; nobody else may call it while the loop runs
+        speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
+        tick_s: simulated time between two tick boundaries [s]; a whole multiple of the timestep
+        clock: the wall clock; tests bring their own
+        on_apply: called with (tick, command) for every command that is applied, e.g. to record them
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        speed: Literal["realtime", "max"] = "realtime",
+        tick_s: float = 0.005,
+        clock: Clock | None = None,
+        on_apply: Callable[[int, Command], None] | None = None,
+    ) -> None:
+        if speed not in ("realtime", "max"):
+            raise UnknownNameError("speed", speed, ("realtime", "max"))
+        self._world = world
+        self._substeps = whole_steps(tick_s, world.timestep)
+        self._tick_s = tick_s
+        self._realtime = speed == "realtime"
+        self._clock = clock or WallClock()
+        self._on_apply = on_apply
+        self._inbox = Inbox()
+        self._pace = Pace(self._clock, tick_s)
+        self._speedometer = Speedometer()
+        self._stopping = threading.Event()
+        self._outcome: Future[None] | None = None
+        self._paused = False
+        self._refused = 0
+        self._ticks = 0
+        self._health_due = 0.0
+        self._state = self._look(world.health())
+        self._state_due = self._clock.now()
+
+    # What other threads may call.
+
+    @property
+    def state(self) -> LoopState:
+        """The newest state; a frozen record that never changes afterwards."""
+        return self._state
+
+    @property
+    def latest(self) -> Snapshot:
+        """The newest snapshot."""
+        return self._state.snapshot
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second over the last two seconds."""
+        return self._state.real_time_factor
+
+    @property
+    def running(self) -> bool:
+        """Whether the loop's thread is at work."""
+        return self._outcome is not None and not self._outcome.done()
+
+    def post(self, command: Command) -> bool:
+        """Ask for a command at the next tick boundary; return False when it was refused.
+
+        Raises:
+            UnknownNameError: the command names an arm that the rig has not
+        """
+        arm = getattr(command, "arm", None)
+        if arm is not None and arm not in self._world.arms:
+            raise UnknownNameError("arm", arm, self._world.arms)
+        return self._inbox.post(command)
+
+    def ask(self, question: Callable[[World], T]) -> Future[T]:
+        """Let the loop answer a question about the world at the next tick boundary.
+
+        Args:
+            question: a function that only reads
+
+        Returns:
+            what the function will have returned; cancelled when the loop ends before
+        """
+        answer: Future[T] = Future()
+        if self._outcome is not None and self._outcome.done():
+            answer.cancel()
+        elif not self._inbox.post(Question(question, answer)):
+            answer.set_exception(InputError("too many commands wait already: ask again"))
+        return answer
+
+    def start(self, duration_s: float | None = None) -> None:
+        """Run in a thread of its own, for a simulated time or until stopped [s]."""
+        if self.running:
+            raise InputError("the loop runs already")
+        self._stopping.clear()
+        self._outcome = Future()
+        thread = threading.Thread(
+            target=self._main, args=(duration_s, self._outcome), name="trocar-loop", daemon=True
+        )
+        thread.start()
+
+    def wait(self, timeout_s: float | None = None) -> bool:
+        """Wait for the loop to end; return whether it has.
+
+        Raises:
+            TrocarError: what stopped the loop, for instance a DivergedError
+        """
+        if self._outcome is None:
+            return True
+        try:
+            self._outcome.result(timeout_s)
+        except FutureTimeoutError:
+            return False
+        return True
+
+    def stop(self) -> None:
+        """End the loop and wait for it; raise what had stopped it before."""
+        self._stopping.set()
+        self.wait()
+
+    def wait_for(self, motion: Motion, timeout_s: float | None = None) -> bool:
+        """Wait for a move that somebody else's thread holds; return whether it arrived.
+
+        Args:
+            motion: the move
+            timeout_s: simulated time after which to give up [s]; None: never
+        """
+        end = float("inf") if timeout_s is None else self.latest.time + timeout_s
+        while not motion.done and self.running and self.latest.time < end:
+            self._clock.sleep(self._tick_s)
+        return motion.goal_reached
+
+    def close(self) -> None:
+        """End the loop and wait for it, whatever had stopped it before."""
+        self._stopping.set()
+        if self._outcome is not None:
+            self._outcome.exception()
+
+    # What the loop's own thread does.
+
+    def run(self, duration_s: float | None = None) -> None:
+        """Run in the calling thread, for a simulated time or until stopped [s]."""
+        last = None if duration_s is None else self._ticks + round(duration_s / self._tick_s)
+        self._restart()
+        self._world.waiter = self.wait_for
+        try:
+            while not self._stopping.is_set() and (last is None or self._ticks < last):
+                if self._realtime or self._paused:
+                    self._pace.wait()
+                self.tick()
+                self._publish_if_due()
+        finally:
+            self._world.waiter = None
+            self._inbox.dismiss()
+        self._state = self._look(self._world.health())
+
+    def tick(self) -> None:
+        """Apply what waits, then step once unless paused."""
+        for command in self._inbox.drain():
+            self._apply(command)
+        if not self._paused:
+            self._world.step(self._substeps)
+            self._ticks += 1
+
+    def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
+        try:
+            self.run(duration_s)
+        except Exception as error:  # noqa: BLE001  handed over whole to whoever waits
+            outcome.set_exception(error)
+        else:
+            outcome.set_result(None)
+
+    def _apply(self, command: Command) -> None:
+        if self._on_apply is not None and not isinstance(command, Question):
+            self._on_apply(self._ticks, command)
+        try:
+            command.apply(self._world)
+        except InputError as error:
+            self._refused += 1
+            _log.warning("refused: %s", error)
+        if isinstance(command, Pause | Resume):
+            self._paused = isinstance(command, Pause)
+        if isinstance(command, Pause | Resume | Reset):
+            self._restart()
+
+    def _restart(self) -> None:
+        self._pace.restart()
+        self._speedometer.restart()
+
+    def _publish_if_due(self) -> None:
+        now = self._clock.now()
+        if now < self._state_due:
+            return
+        self._state_due = now + SNAPSHOT_PERIOD_S
+        self._speedometer.mark(now, self._ticks * self._tick_s)
+        if now >= self._health_due:
+            self._health_due = now + HEALTH_PERIOD_S
+            self._state = self._look(self._world.health())
+        else:
+            self._state = self._look(self._state.health)
+
+    def _look(self, health: Health) -> LoopState:
+        return LoopState(
+            ticks=self._ticks,
+            snapshot=self._world.snapshot(),
+            health=health,
+            paused=self._paused,
+            real_time_factor=self._speedometer.factor,
+            refused=self._refused + self._inbox.refused,
+        )

@@ -1,0 +1,98 @@
+"""When the next tick is due, and how fast time really flows."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from typing import Protocol
+
+from trocar.errors import InputError
+
+_log = logging.getLogger("trocar")
+
+GIVE_UP_S = 1.0
+"""Lag beyond which lost time is let go [s]. Source: our own choice: longer than any hiccup of a
+busy machine, shorter than what a person would like to see replayed in fast motion."""
+
+RATE_WINDOW_S = 2.0
+"""Span over which the real-time factor is measured [s]. Source: our own choice."""
+
+
+class Clock(Protocol):
+    """A clock that can be waited on; a test brings its own."""
+
+    def now(self) -> float:
+        """Return seconds since some fixed moment."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Return after about this many seconds."""
+        ...
+
+
+class Pace:
+    """Schedule ticks on absolute time: late ticks are caught up, errors never add up.
+
+    Tick k is due at start + k * period, whatever happened to the ticks before it.
+
+    Args:
+        clock: where time comes from
+        period_s: time between two ticks [s]
+    """
+
+    def __init__(self, clock: Clock, period_s: float) -> None:
+        self._clock = clock
+        self._period = period_s
+        self.let_go_s = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Call now the moment at which the next tick is due."""
+        self._start = self._clock.now()
+        self._ticks = 0
+
+    def wait(self) -> None:
+        """Return when the next tick is due; at once when it is late."""
+        lag = self._clock.now() - (self._start + self._ticks * self._period)
+        if lag < 0:
+            self._clock.sleep(-lag)
+        elif lag > GIVE_UP_S:
+            self.let_go_s += lag
+            self._start += lag
+            _log.warning("%.1f s behind real time: going on from here", lag)
+        self._ticks += 1
+
+
+class Speedometer:
+    """Measure the real-time factor over the last seconds of wall time."""
+
+    def __init__(self) -> None:
+        self._marks: deque[tuple[float, float]] = deque()
+
+    def restart(self) -> None:
+        """Forget everything, after a pause or a reset."""
+        self._marks.clear()
+
+    def mark(self, wall_s: float, simulated_s: float) -> None:
+        """Note how much was simulated up to a moment of wall time [s]."""
+        self._marks.append((wall_s, simulated_s))
+        while len(self._marks) > 2 and wall_s - self._marks[0][0] > RATE_WINDOW_S:
+            self._marks.popleft()
+
+    @property
+    def factor(self) -> float:
+        """Simulated seconds per second of wall time; 0 before two marks."""
+        if len(self._marks) < 2:
+            return 0.0
+        (wall_a, sim_a), (wall_b, sim_b) = self._marks[0], self._marks[-1]
+        return (sim_b - sim_a) / (wall_b - wall_a) if wall_b > wall_a else 0.0
+
+
+def whole_steps(tick_s: float, timestep_s: float) -> int:
+    """Count the physics steps in a tick; refuse a tick that is no whole multiple of them."""
+    steps = round(tick_s / timestep_s)
+    if steps < 1 or abs(steps * timestep_s - tick_s) > 1e-9 * tick_s:
+        raise InputError(
+            f"a tick of {tick_s} s is no whole multiple of the timestep of {timestep_s} s"
+        )
+    return steps

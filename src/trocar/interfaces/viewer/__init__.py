@@ -1,0 +1,5 @@
+"""The browser page: the cart in three dimensions, sliders, plots and health, served by viser."""
+
+from trocar.interfaces.viewer.page import serve
+
+__all__ = ["serve"]

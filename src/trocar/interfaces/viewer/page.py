@@ -1,0 +1,159 @@
+"""The browser page as a whole, and the function that serves it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import closing, suppress
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.interfaces.loop import Loop
+from trocar.interfaces.viewer.history import History
+from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
+from trocar.interfaces.viewer.panel import Panel
+from trocar.interfaces.viewer.plots import JointPlots
+from trocar.interfaces.viewer.scene import Bodies, floor, light, look_at_all
+from trocar.interfaces.viewer.server import address, serving
+from trocar.interfaces.viewer.sheet import read_sheet
+from trocar.interfaces.viewer.status import Notices, StatusTables
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+
+Floats = NDArray[np.float64]
+
+PERIOD_S = 1 / 30
+"""Time between two looks at the simulation [s]. Source: a fifth of a core for 73 bodies."""
+
+NUMBERS_EVERY = 6
+"""Looks between two updates of the tables: five a second can still be read."""
+
+PLOTS_EVERY = 3
+"""Looks between two updates of the plots and the sliders: ten a second."""
+
+FAREWELL_S = 1.0
+"""How long the page still shows what stopped the simulation before it closes [s]."""
+
+PANEL_WIDTH = 400
+"""Width of each panel in CSS pixels. Source: chosen by eye."""
+
+
+class Page:
+    """Everything that a browser sees; made while the world stands still."""
+
+    def __init__(self, server: viser.ViserServer, world: World, loop: Loop) -> None:
+        self._server, self._loop = server, loop
+        self._looks = 0
+        self.notices = Notices()
+        shapes, now = world.shapes(), loop.latest
+        light(server.scene)
+        floor(server.scene)
+        look_at_all(server, shapes, now)
+        self._bodies = Bodies(server.scene, shapes)
+        self._centres = RemoteCentres(server.scene, now)
+        self._tools = ToolFrames(server.scene, tips_of(world))
+        self._tips: Future[dict[str, Floats]] | None = None
+        self._history = History()
+        sheets = {name: read_sheet(world, name) for name in _tools_first(world)}
+        _theme(server.gui)
+        self._panel = Panel(
+            server.gui, loop, sheets, world.rig.poses, marks=(self._centres, self._tools)
+        )
+        window = server.gui.add_panel()
+        with window.add_tab("Measurements"):
+            self._tables = StatusTables(server.gui, self.notices)
+            self._plots = JointPlots(server.gui, self._panel.sheet)
+        window.dock_left()
+        window.set_width(PANEL_WIDTH)
+
+    def refresh(self) -> None:
+        """Send what changed, if anybody looks; to be called every PERIOD_S."""
+        state = self._loop.state
+        self._history.add(state.snapshot)
+        if not self._server.get_clients():
+            return
+        with self._server.atomic():
+            self._bodies.show(state.snapshot)
+            self._centres.show(state.snapshot)
+            self._show_tools()
+        if self._looks % PLOTS_EVERY == 0:
+            self._panel.follow(state.snapshot)
+            self._plots.show(self._history, self._panel.sheet)
+        if self._looks % NUMBERS_EVERY == 0:
+            self._tables.show(state, self._panel.sheet)
+        self._looks += 1
+
+    def _show_tools(self) -> None:
+        if not self._tools.visible:
+            return
+        if self._tips is not None and self._tips.done() and not self._tips.cancelled():
+            self._tools.show(self._tips.result())
+        if self._tips is None or self._tips.done():
+            self._tips = self._loop.ask(tips_of)
+
+    def fail(self, error: Exception) -> None:
+        """Show what stopped the simulation."""
+        self._tables.fail(error)
+        self._server.flush()
+
+
+def serve(
+    world: World,
+    *,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    speed: Literal["realtime", "max"] = "realtime",
+    duration_s: float | None = None,
+    on_ready: Callable[[str], None] | None = None,
+) -> None:
+    """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
+
+    Args:
+        world: what runs; it belongs to this function until it returns
+        host: a loopback address: the page has no password
+        port: port to listen on; 0 takes any free one
+        speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
+        duration_s: simulated time to run [s]; None means until Ctrl-C
+        on_ready: called with the page's address once it is served and time flows
+
+    Raises:
+        InputError: the host or the port cannot be used
+        DivergedError: the simulation left the finite numbers
+    """
+    with serving(host, port, label=f"trocar: {world.rig.name}") as server:
+        loop = Loop(world, speed=speed)
+        page = Page(server, world, loop)
+        with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
+            loop.start(duration_s)
+            if on_ready is not None:
+                on_ready(address(server))
+            _show_until_the_end(page, loop)
+
+
+def _show_until_the_end(page: Page, loop: Loop) -> None:
+    try:
+        while not loop.wait(PERIOD_S):
+            page.refresh()
+    except TrocarError as error:
+        page.fail(error)
+        threading.Event().wait(FAREWELL_S)
+        raise
+
+
+def _tools_first(world: World) -> list[str]:
+    """Order the arms' names as people look for them: setup arms last."""
+    return sorted(world.arms, key=lambda name: world.arms[name].type == "SUJ")
+
+
+def _theme(gui: viser.GuiApi) -> None:
+    gui.configure_theme(
+        dark_mode=False, show_logo=False, show_share_button=False, brand_color=(28, 110, 164)
+    )
+    gui.main_panel.dock_right()
+    gui.main_panel.set_width(PANEL_WIDTH)

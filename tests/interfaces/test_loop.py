@@ -1,0 +1,345 @@
+"""The real-time loop: when ticks happen, what they apply, and how they end."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trocar.errors import DivergedError, InputError, UnknownNameError
+from trocar.interfaces import (
+    Brakes,
+    Hold,
+    JawMove,
+    Loop,
+    MoveJp,
+    MoveTo,
+    Pause,
+    Reset,
+    Resume,
+    ServoJf,
+    ServoJp,
+    SetGains,
+    SetGravityCompensation,
+    SetMode,
+)
+from trocar.interfaces.inbox import Inbox
+from trocar.interfaces.pace import GIVE_UP_S, Pace, Speedometer
+
+from .fake_world import FakeWorld
+
+GOAL = (0.3, -0.2, 0.1, 0.5)
+
+
+class FakeClock:
+    """Time that passes only by sleeping, or by `late` extra seconds at each look."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+        self.sleeps: list[float] = []
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep(self, seconds: float) -> None:
+        self.sleeps.append(seconds)
+        self.time += seconds
+
+
+class SlowWorld(FakeWorld):
+    """A world whose calls of `step` take wall time, one of them more than the others.
+
+    Args:
+        hiccup: (simulated time at which it comes, how long it takes)
+    """
+
+    def __init__(self, clock: FakeClock, cost_s: float, hiccup=(np.inf, 0.0)) -> None:
+        super().__init__()
+        self.clock, self.cost_s, self.hiccup = clock, cost_s, hiccup
+
+    def step(self, n: int = 1) -> None:
+        super().step(n)
+        self.clock.time += self.cost_s
+        when, extra = self.hiccup
+        if self.time - n * self.timestep < when <= self.time:
+            self.clock.time += extra
+
+
+def loop_of(world: Any, clock: FakeClock | None = None, **options: Any) -> Loop:
+    return Loop(world, clock=clock or FakeClock(), **options)
+
+
+def threaded(world: Any, **options: Any) -> Loop:
+    return Loop(world, speed="max", **options)
+
+
+def test_realtime_keeps_to_the_wall_clock():
+    world, clock = FakeWorld(), FakeClock()
+    loop_of(world, clock).run(duration_s=2.0)
+    assert world.time == pytest.approx(2.0)
+    assert clock.time - 100.0 == pytest.approx(2.0 - 0.005, abs=1e-9)
+
+
+def test_a_late_tick_is_caught_up_without_drift():
+    clock = FakeClock()
+    world = SlowWorld(clock, cost_s=0.001, hiccup=(1.0, 0.3))
+    loop_of(world, clock).run(duration_s=2.0)
+    assert clock.time - 100.0 == pytest.approx(2.0 - 0.005 + 0.001, abs=1e-9)
+
+
+def test_time_too_far_behind_is_let_go_with_a_warning(caplog):
+    clock = FakeClock()
+    pace = Pace(clock, 0.005)
+    pace.wait()
+    clock.time += 3600.0
+    with caplog.at_level(logging.WARNING, "trocar"):
+        pace.wait()
+    assert pace.let_go_s == pytest.approx(3600.0 - 0.005)
+    assert "behind real time" in caplog.text
+    before = clock.time
+    pace.wait()
+    assert clock.time - before == pytest.approx(0.005)
+    assert GIVE_UP_S < 5.0
+
+
+def test_max_speed_never_sleeps():
+    world, clock = FakeWorld(), FakeClock()
+    loop_of(world, clock, speed="max").run(duration_s=1.0)
+    assert clock.sleeps == []
+    assert world.time == pytest.approx(1.0)
+
+
+def test_the_speedometer_measures_the_last_seconds():
+    meter = Speedometer()
+    for k in range(50):
+        meter.mark(0.1 * k, 0.3 * k)
+    assert meter.factor == pytest.approx(3.0)
+    for k in range(50, 100):
+        meter.mark(0.1 * k, 0.3 * 49)
+    assert meter.factor == 0.0
+
+
+def test_commands_are_applied_at_tick_boundaries_only():
+    world = FakeWorld()
+    loop = loop_of(world)
+    loop.post(ServoJp("PSM1", GOAL))
+    assert world.arms["PSM1"].calls == []
+    loop.tick()
+    assert world.arms["PSM1"].calls == [("servo_jp", GOAL)]
+
+
+def run_with(cost_s: float, speed: str) -> np.ndarray:
+    clock = FakeClock()
+    world = SlowWorld(clock, cost_s)
+    loop = loop_of(world, clock, speed=speed)
+    script = {3: MoveJp("PSM1", GOAL), 40: JawMove("PSM1", 0.4), 60: MoveTo("PSM2", "start")}
+    for tick in range(100):
+        if tick in script:
+            loop.post(script[tick])
+        loop.run(duration_s=0.005)
+    return np.concatenate([world.arms["PSM1"].q, world.arms["PSM2"].q])
+
+
+def test_motion_is_bit_identical_for_the_same_commands_at_the_same_ticks():
+    reference = run_with(0.0, "realtime")
+    assert np.any(reference != FakeWorld().arms["PSM1"].q[0])
+    for cost_s, speed in ((0.0, "max"), (0.004, "realtime"), (0.02, "realtime")):
+        assert np.array_equal(reference, run_with(cost_s, speed))
+
+
+def test_a_record_of_applied_commands_replays_the_motion():
+    script: list = []
+    world = FakeWorld()
+    loop = threaded(world, on_apply=lambda tick, command: script.append((tick, command)))
+    loop.start(duration_s=20.0)
+    for k in range(20):
+        loop.post(MoveJp("PSM1", (0.01 * k, 0.0, 0.05, 0.0)))
+        assert loop.latest.time >= 0  # a reader changes nothing
+    assert loop.wait(30.0)
+    again = FakeWorld()
+    replay = loop_of(again)
+    for tick in range(loop.state.ticks):
+        for due, command in script:
+            if due == tick:
+                replay.post(command)
+        replay.tick()
+    assert np.array_equal(world.arms["PSM1"].q, again.arms["PSM1"].q)
+
+
+def test_the_newest_servo_of_an_arm_wins():
+    inbox = Inbox()
+    for k in range(1000):
+        assert inbox.post(ServoJp("PSM1", (float(k),)))
+        assert inbox.post(ServoJp("PSM2", (-float(k),)))
+    assert inbox.drain() == [ServoJp("PSM1", (999.0,)), ServoJp("PSM2", (-999.0,))]
+    assert inbox.drain() == []
+
+
+def test_moves_and_states_keep_their_order_and_a_servo_its_place():
+    inbox = Inbox()
+    posted = [
+        ServoJp("PSM1", (1.0,)),
+        Pause(),
+        MoveJp("PSM1", (2.0,)),
+        ServoJf("PSM1", (3.0,)),
+        MoveJp("PSM1", (4.0,)),
+        Resume(),
+    ]
+    for command in posted:
+        inbox.post(command)
+    assert inbox.drain() == posted[1:]
+
+
+def test_a_full_inbox_refuses_moves_with_a_warning_but_takes_servos(caplog):
+    inbox = Inbox()
+    accepted = [inbox.post(MoveJp("PSM1", (float(k),))) for k in range(70)]
+    assert accepted == [True] * 64 + [False] * 6
+    assert inbox.refused == 6
+    assert "64 commands wait already" in caplog.text
+    assert inbox.post(ServoJp("PSM1", (0.0,)))
+    assert len(inbox.drain()) == 65
+
+
+def test_many_threads_may_post():
+    inbox = Inbox(capacity=10_000)
+    threads = [
+        threading.Thread(target=lambda: [inbox.post(Hold("PSM1")) for _ in range(500)])
+        for _ in range(8)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(inbox.drain()) == 4000
+
+
+def test_pause_stops_time_but_not_commands():
+    world = FakeWorld()
+    loop = loop_of(world)
+    loop.tick()
+    loop.post(Pause())
+    loop.post(SetGains("PSM1", "yaw", p=7.0))
+    loop.tick()
+    loop.tick()
+    assert world.steps == 5
+    assert world.arms["PSM1"].gains("yaw") == (7.0, 0.0, 5.0)
+    loop.post(Resume())
+    loop.tick()
+    assert world.steps == 10
+
+
+def test_reset_puts_the_world_back():
+    world = FakeWorld()
+    loop = loop_of(world)
+    loop.post(ServoJp("PSM1", GOAL))
+    for _ in range(10):
+        loop.tick()
+    loop.post(Reset())
+    loop.tick()
+    assert world.time == pytest.approx(0.005)
+    assert np.array_equal(world.arms["PSM1"].q, FakeWorld().arms["PSM1"].q)
+
+
+def test_each_command_calls_its_method():
+    world = FakeWorld()
+    loop = loop_of(world)
+    for command in (
+        SetMode("PSM1", "effort", ("yaw",)),
+        SetGravityCompensation("PSM1", False),
+        Brakes("SUJ1", released=True),
+        ServoJf("PSM1", (0.1, 0.0, 0.0, 0.0)),
+        JawMove("PSM1", 0.2),
+    ):
+        loop.post(command)
+    loop.tick()
+    arm = world.arms["PSM1"]
+    assert arm.modes[0] == "effort" and arm.modes[1] == "position"
+    assert arm.gravity_compensation is False
+    assert world.arms["SUJ1"].brakes == {"lift": False, "swing": False}
+    assert arm.effort[0] == 0.1 and arm.goal[-1] == 0.2
+
+
+def test_an_unknown_arm_is_refused_where_it_is_posted():
+    with pytest.raises(UnknownNameError, match=r"unknown arm 'PSM9'.*PSM1"):
+        loop_of(FakeWorld()).post(Hold("PSM9"))
+
+
+def test_a_bad_command_is_refused_with_a_warning_and_the_loop_goes_on(caplog):
+    world = FakeWorld()
+    loop = loop_of(world)
+    loop.post(MoveTo("PSM1", "nowhere"))
+    loop.post(JawMove("SUJ1", 0.1))
+    loop.run(duration_s=0.1)
+    assert world.time == pytest.approx(0.1)
+    assert "unknown pose 'nowhere'" in caplog.text and "SUJ1 has no jaw" in caplog.text
+    assert loop.state.refused == 2
+
+
+def test_a_diverged_world_stops_the_loop_and_tells_whoever_waits():
+    loop = loop_of(FakeWorld(fail_at=0.05), speed="max")
+    loop.start()
+    for ask in (lambda: loop.wait(10.0), loop.stop):
+        with pytest.raises(DivergedError, match="PSM1/yaw"):
+            ask()
+    assert not loop.running
+
+
+def test_the_loop_runs_in_a_thread_until_it_is_stopped():
+    world = FakeWorld()
+    loop = threaded(world)
+    loop.start()
+    assert loop.running and not loop.wait(0.05)
+    with pytest.raises(InputError, match="runs already"):
+        loop.start()
+    loop.stop()
+    assert not loop.running and loop.wait()
+    assert loop.latest.time == world.time > 0
+
+
+def test_a_question_is_answered_between_ticks():
+    loop = loop_of(FakeWorld(), speed="max")
+    answer = loop.ask(lambda world: world.arm("PSM1").gains("yaw"))
+    wrong = loop.ask(lambda world: world.arm("PSM7"))
+    assert not answer.done()
+    loop.tick()
+    assert answer.result(0) == (100.0, 0.0, 5.0)
+    with pytest.raises(UnknownNameError):
+        wrong.result(0)
+
+
+def test_nobody_waits_for_an_answer_from_a_loop_that_has_ended():
+    loop = loop_of(FakeWorld(fail_at=0.0), speed="max")
+    loop.start()
+    with pytest.raises(DivergedError):
+        loop.wait(10.0)
+    assert loop.ask(lambda world: world.time).cancelled()
+
+
+def test_snapshots_are_published_at_a_monitors_rate_at_most():
+    clock = FakeClock()
+    world = FakeWorld()
+    looks: list[float] = []
+    world.snapshot = lambda take=world.snapshot: (looks.append(clock.time), take())[1]
+    loop_of(world, clock).run(duration_s=1.0)
+    assert 40 <= len(looks) <= 63
+
+
+def test_the_state_shows_the_real_time_factor():
+    clock = FakeClock()
+    loop = loop_of(SlowWorld(clock, 0.010), clock)
+    loop.run(duration_s=1.0)
+    assert loop.real_time_factor == pytest.approx(0.5, rel=0.02)
+
+
+@pytest.mark.parametrize("tick_s", [0.0015, 0.0, -0.005, 0.0004])
+def test_a_tick_must_be_a_whole_multiple_of_the_timestep(tick_s):
+    with pytest.raises(InputError, match="whole multiple"):
+        loop_of(FakeWorld(), tick_s=tick_s)
+
+
+def test_an_unknown_speed_is_refused():
+    with pytest.raises(UnknownNameError, match="realtime"):
+        loop_of(FakeWorld(), speed="fast")

@@ -60,7 +60,7 @@ def test_the_table_has_a_line_per_joint_with_units(
 ) -> None:
     assert run(log, "--mode", "effort", "--window", "0.1") == 0
     printed = capsys.readouterr()
-    head, _, *lines = printed.out.splitlines()
+    head, _, _, *lines = printed.out.splitlines()
     assert "60 samples (0.30 s), 0 beyond a limit" in head
     assert [line.split()[0] for line in lines] == JOINTS
     assert " mrad" in lines[0] and " N m" in lines[0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -43,7 +45,8 @@ def test_an_arm_shows_all_of_itself(name, trocar):
     assert [b["mass"] for b in document["bodies"]] == [b.mass for b in arm.bodies]
     assert [f["name"] for f in document["frames"]] == [f.name for f in arm.mechanism.frames]
     margins = [f["margin"] for c in document["closures"] for f in c["flattenings"]]
-    assert sorted(margins) == sorted(f.margin for f in flattenings(arm.mechanism))
+    found = [f.margin for f in flattenings(arm.mechanism)]
+    assert margins == [margin if math.isfinite(margin) else None for margin in found]
     out = trocar("show", name).out
     spoken = " ".join(out.split())
     for text in (*arm.mechanism.frame_names, *arm.control, *arm.poses, arm.title):

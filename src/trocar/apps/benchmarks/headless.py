@@ -1,0 +1,125 @@
+"""A rig along the paper's test trajectory, without a window: speed, loop health, tracking."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import InputError
+from trocar.simulation import World
+from trocar.simulation.health import arm_health
+from trocar.simulation.records import Recording
+from trocar.simulation.timing import begin_trajectory, time_beside_bare
+from trocar.simulation.trajectories import RAMP_S, TestTrajectory, paper_sine
+
+Array = NDArray[np.float64]
+
+#: Targets are written and samples taken this often. Source: decisions.md, Control. [s]
+TICK_S = 0.005
+
+
+@dataclass(frozen=True)
+class HeadlessReport:
+    """What a headless run found; `tracking_rms` is {arm: {joint: rad or m}}."""
+
+    rig: str
+    timestep_s: float
+    simulated_s: float
+    wall_s: float
+    real_time_factor: float
+    bare_real_time_factor: float
+    overhead: float
+    loop_gap_um_max: float
+    rcm_error_um_max: float
+    branch_ok: bool
+    tracking_rms: Mapping[str, Mapping[str, float]]
+
+
+def run_headless(world: World, duration_s: float, passes: int = 5) -> HeadlessReport:
+    """Drive every PSM and ECM of a world along the test trajectory.
+
+    The timed passes sample every 5 ms; loop health is that of a separate, untimed pass that
+    samples every physics period.
+
+    Raises:
+        InputError: the duration, or a timestep that 5 ms is no whole multiple of
+        DivergedError: the simulation left the finite numbers
+    """
+    every = periods_per_tick(world)
+    trajectory = paper_sine(world.rig, duration_s, TICK_S)
+    timing = time_beside_bare(world, trajectory, every, passes)
+    gap, rcm, branch = loop_health(world, trajectory, every)
+    return HeadlessReport(
+        rig=world.rig.name,
+        timestep_s=world.timestep,
+        simulated_s=timing.simulated,
+        wall_s=timing.own,
+        real_time_factor=timing.real_time_factor,
+        bare_real_time_factor=timing.bare_real_time_factor,
+        overhead=timing.overhead,
+        loop_gap_um_max=1e6 * gap,
+        rcm_error_um_max=1e6 * rcm,
+        branch_ok=branch,
+        tracking_rms=tracking_rms(world, trajectory, timing.recording),
+    )
+
+
+def periods_per_tick(world: World) -> int:
+    """Return how many physics periods 5 ms have.
+
+    Raises:
+        InputError: the tick is no whole multiple of the physics period
+    """
+    every = round(TICK_S / world.timestep)
+    if every < 1 or abs(every * world.timestep - TICK_S) > 1e-9:
+        raise InputError(
+            f"timestep: got {world.timestep:g} s; allowed: what divides {TICK_S:g} s evenly"
+        )
+    return every
+
+
+def loop_health(
+    world: World, trajectory: TestTrajectory, every: int
+) -> tuple[float, float, bool]:
+    """Play a trajectory, sample every physics period, and return the worst of all arms.
+
+    Returns:
+        (loop gap [m], remote-centre error [m], whether every loop kept its branch)
+    """
+    begin_trajectory(world, trajectory)
+    gap, rcm, branch = 0.0, 0.0, True
+    rows = len(next(iter(trajectory.positions.values())))
+    for begin in range(0, rows, 400):  # two seconds at a time: memory does not grow with the run
+        part = slice(begin, begin + 400)
+        played = world.play(
+            {name: np.repeat(q[part], every, axis=0) for name, q in trajectory.positions.items()},
+            {name: np.repeat(v[part], every, axis=0) for name, v in trajectory.velocities.items()},
+            every=1,
+        )
+        for name in trajectory.positions:
+            found = arm_health(world.rig.arm(name).arm, played.coordinates[name])
+            gap, rcm = max(gap, found.loop_gap_m), max(rcm, found.rcm_error_m)
+            branch &= found.branch_ok
+    return gap, rcm, branch
+
+
+def tracking_rms(
+    world: World, trajectory: TestTrajectory, recording: Recording
+) -> dict[str, dict[str, float]]:
+    """Return the RMS of measured minus commanded after the first second, {arm: {joint: ..}}.
+
+    A run of a second or less counts whole.
+    """
+    counted = recording.time > RAMP_S
+    if not counted.any():
+        counted[:] = True
+    found: dict[str, dict[str, float]] = {}
+    for name, expected in trajectory.expected.items():
+        error = (recording.positions[name] - expected)[counted]
+        rms = np.sqrt(np.mean(error**2, axis=0))
+        joints = world.rig.arm(name).arm.mechanism.joint_names
+        found[name] = dict(zip(joints, rms.tolist(), strict=True))
+    return found

@@ -1,0 +1,77 @@
+"""The configurations of the paper's Table 9: our speed beside bare MuJoCo and the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from trocar.apps.benchmarks.headless import TICK_S, periods_per_tick
+from trocar.simulation import World
+from trocar.simulation.timing import time_beside_bare
+from trocar.simulation.trajectories import paper_sine
+
+#: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, comes with
+#: the endoscope. The least real-time factors on one core are the project's own goal.
+CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float], ...] = (
+    ("PSM", "psm", "braked", 1.0, 100.0),
+    ("ECM", "ecm", "braked", 1.0, 130.0),
+    ("2 PSM + ECM", "two_psm_ecm", "braked", 0.98, 42.0),
+    ("3 PSMs", "three_psm", "braked", 0.99, 40.0),
+    ("SUJ + 3 PSM + ECM", "full_cart", "braked", 0.51, 22.0),
+    ("the same, setup joints locked", "full_cart", "locked", 0.51, 28.0),
+)
+
+
+@dataclass(frozen=True)
+class Table9Row:
+    """One configuration; `collision_cost` is the time of a step with over without bodies."""
+
+    configuration: str
+    rig: str
+    setup_joints: str
+    real_time_factor: float
+    bare_real_time_factor: float
+    overhead: float
+    collision_cost: float
+    paper: float
+    goal: float
+
+
+def table9(
+    duration_s: float, passes: int = 5, watch: Callable[[str], None] | None = None
+) -> list[Table9Row]:
+    """Measure every configuration at 1 kHz with the paper's joint model (damping, no dry friction).
+
+    Args:
+        duration_s: simulated time of a pass [s]
+        passes: interleaved passes of each figure
+        watch: told what is measured next
+    """
+    rows: list[Table9Row] = []
+    for label, rig, setup, paper, goal in CONFIGURATIONS:
+        if watch is not None:
+            watch(label)
+        own = World(rig, friction="paper", setup_joints=setup)
+        free = World(rig, friction="paper", setup_joints=setup, collisions=False)
+        trajectory = paper_sine(own.rig, duration_s, TICK_S)
+        every = periods_per_tick(own)
+        ratios: list[float] = []
+        factors: list[tuple[float, float, float]] = []
+        for _ in range(passes):
+            with_bodies = time_beside_bare(own, trajectory, every, passes=1)
+            without = time_beside_bare(free, trajectory, every, passes=1)
+            ratios.append(with_bodies.bare / without.bare)
+            factors.append(
+                (with_bodies.real_time_factor, with_bodies.bare_real_time_factor,
+                 with_bodies.overhead)
+            )
+        factor, bare, overhead = (_median([f[i] for f in factors]) for i in range(3))
+        rows.append(
+            Table9Row(label, rig, setup, factor, bare, overhead, _median(ratios), paper, goal)
+        )
+    return rows
+
+
+def _median(values: list[float]) -> float:
+    return sorted(values)[len(values) // 2]

@@ -66,7 +66,7 @@ def time_beside_bare(
         own.append(time.perf_counter() - before)
         begin_trajectory(world, trajectory)
         before = time.perf_counter()
-        mujoco.mj_step(world._model, world._data, nstep=count)  # noqa: SLF001  same room
+        mujoco.mj_step(world._model, world._data, nstep=count)
         bare.append(time.perf_counter() - before)
     world.reset()
     if recording is None:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError
+from trocar.interfaces.loop import WallClock
+from trocar.interfaces.pace import Pace
 from trocar.simulation import World
 from trocar.simulation.health import arm_health
 from trocar.simulation.records import Recording
@@ -38,11 +40,14 @@ class HeadlessReport:
     tracking_rms: Mapping[str, Mapping[str, float]]
 
 
-def run_headless(world: World, duration_s: float, passes: int = 5) -> HeadlessReport:
+def run_headless(
+    world: World, duration_s: float, passes: int = 5, realtime: bool = False
+) -> HeadlessReport:
     """Drive every PSM and ECM of a world along the test trajectory.
 
     The timed passes sample every 5 ms; loop health is that of a separate, untimed pass that
-    samples every physics period.
+    samples every physics period. In real time another pass keeps to the wall clock, and it is
+    that one's wall time and factor that are reported.
 
     Raises:
         InputError: the duration, or a timestep that 5 ms is no whole multiple of
@@ -51,13 +56,14 @@ def run_headless(world: World, duration_s: float, passes: int = 5) -> HeadlessRe
     every = periods_per_tick(world)
     trajectory = paper_sine(world.rig, duration_s, TICK_S)
     timing = time_beside_bare(world, trajectory, every, passes)
+    wall = _paced_pass(world, trajectory, every) if realtime else timing.own
     gap, rcm, branch = loop_health(world, trajectory, every)
     return HeadlessReport(
         rig=world.rig.name,
         timestep_s=world.timestep,
         simulated_s=timing.simulated,
-        wall_s=timing.own,
-        real_time_factor=timing.real_time_factor,
+        wall_s=wall,
+        real_time_factor=timing.simulated / wall,
         bare_real_time_factor=timing.bare_real_time_factor,
         overhead=timing.overhead,
         loop_gap_um_max=1e6 * gap,
@@ -65,6 +71,24 @@ def run_headless(world: World, duration_s: float, passes: int = 5) -> HeadlessRe
         branch_ok=branch,
         tracking_rms=tracking_rms(world, trajectory, timing.recording),
     )
+
+
+def _paced_pass(world: World, trajectory: TestTrajectory, every: int) -> float:
+    """Play a trajectory tick by tick on the wall clock and return how long that took [s]."""
+    clock = WallClock()
+    begin_trajectory(world, trajectory)
+    pace = Pace(clock, TICK_S)
+    before = clock.now()
+    for row in range(len(next(iter(trajectory.positions.values())))):
+        part = slice(row, row + 1)
+        world.play(
+            {name: q[part] for name, q in trajectory.positions.items()},
+            {name: v[part] for name, v in trajectory.velocities.items()},
+            every=every,
+            record=False,
+        )
+        pace.wait()
+    return clock.now() - before
 
 
 def periods_per_tick(world: World) -> int:
@@ -81,9 +105,7 @@ def periods_per_tick(world: World) -> int:
     return every
 
 
-def loop_health(
-    world: World, trajectory: TestTrajectory, every: int
-) -> tuple[float, float, bool]:
+def loop_health(world: World, trajectory: TestTrajectory, every: int) -> tuple[float, float, bool]:
     """Play a trajectory, sample every physics period, and return the worst of all arms.
 
     Returns:

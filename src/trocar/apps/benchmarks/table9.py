@@ -63,8 +63,11 @@ def table9(
             without = time_beside_bare(free, trajectory, every, passes=1)
             ratios.append(with_bodies.bare / without.bare)
             factors.append(
-                (with_bodies.real_time_factor, with_bodies.bare_real_time_factor,
-                 with_bodies.overhead)
+                (
+                    with_bodies.real_time_factor,
+                    with_bodies.bare_real_time_factor,
+                    with_bodies.overhead,
+                )
             )
         factor, bare, overhead = (_median([f[i] for f in factors]) for i in range(3))
         rows.append(

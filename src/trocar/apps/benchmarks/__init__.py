@@ -1,0 +1,8 @@
+"""How fast, and how true: what `trocar sim --headless` and `trocar bench` measure."""
+
+from trocar.apps.benchmarks.figures import Figure, figures
+from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
+from trocar.apps.benchmarks.startup import startup
+from trocar.apps.benchmarks.table9 import Table9Row, table9
+
+__all__ = ["Figure", "HeadlessReport", "Table9Row", "figures", "run_headless", "startup", "table9"]

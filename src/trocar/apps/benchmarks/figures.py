@@ -1,0 +1,265 @@
+"""The figures that the twin is trusted for: each measured here, beside its limit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.benchmarks.headless import TICK_S, loop_health, tracking_rms
+from trocar.descriptions import load_arm, names
+from trocar.descriptions.inertial import apparent_inertias, holding_efforts
+from trocar.descriptions.paper import load_printed
+from trocar.descriptions.records import ArmDescription
+from trocar.errors import TrocarError
+from trocar.geometry.dh import modified_dh
+from trocar.geometry.se3 import pose_difference
+from trocar.kinematics import forward
+from trocar.kinematics.inverse import inverse_kinematics
+from trocar.kinematics.loops import flattenings
+from trocar.modeling import naming
+from trocar.modeling.mjcf import lone_rig, rig_spec
+from trocar.simulation import World
+from trocar.simulation.timing import begin_trajectory
+from trocar.simulation.trajectories import FREQUENCY_HZ, TestTrajectory, amplitudes, paper_sine
+
+Array = NDArray[np.float64]
+
+HALF = np.pi / 2.0
+TOOLTIP = np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
+SEED = 9
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A measured value with its unit and, where there is one, the most (or least) allowed."""
+
+    name: str
+    value: float
+    unit: str
+    limit: float | None = None
+    at_least: bool = False
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the limit is kept; None without one."""
+        if self.limit is None:
+            return None
+        return self.value >= self.limit if self.at_least else self.value <= self.limit
+
+
+def figures(watch: Callable[[str], None] | None = None, poses: int = 10_000) -> list[Figure]:
+    """Measure every figure but the speeds.
+
+    Args:
+        watch: told what is measured next
+        poses: random poses of the inverse kinematics
+    """
+    parts: list[tuple[str, Callable[[], Iterator[Figure]]]] = [
+        ("serial chains", serial_chains),
+        ("analytic and compiled frames", compiled_frames),
+        ("inverse kinematics", lambda: inverse_poses(poses)),
+        ("flattening of loops", flat_loops),
+        ("static gravity", static_gravity),
+        ("loops under 10 N", loops_under_load),
+        ("tracking", tracking),
+        ("released insertion", released_insertion),
+    ]
+    found: list[Figure] = []
+    for label, part in parts:
+        if watch is not None:
+            watch(label)
+        found += part()
+    return found
+
+
+def serial_chains() -> Iterator[Figure]:
+    """Compare PSM and ECM tips with the dVRK's serial chains over the joint ranges.
+
+    Source: sawIntuitiveResearchKit@9e535e6 share/kinematic/PSM.json, ECM.json, share/tool.
+    """
+    for name, chain in (("psm", dvrk_psm), ("ecm", dvrk_ecm)):
+        arm = load_arm(name)
+        q = _random_positions(arm, 10_000)
+        metres, radians = pose_difference(forward.pose(arm.mechanism, q), chain(q))
+        yield Figure(f"{name} tip against the dVRK's chain", 1e6 * metres.max(), "um", 10.0)
+        yield Figure(f"{name} tip against the dVRK's chain", radians.max(), "rad", 1e-9)
+
+
+def dvrk_psm(q: Array) -> Array:
+    """Return the dVRK's own PSM chain with a Large Needle Driver 400006, (..., 4, 4)."""
+    zero = np.zeros(q.shape[:-1])
+    return (
+        modified_dh(0.0, HALF, 0.0, q[..., 0] + HALF)
+        @ modified_dh(0.0, -HALF, 0.0, q[..., 1] - HALF)
+        @ modified_dh(0.0, HALF, q[..., 2] - 0.4318, zero)
+        @ modified_dh(0.0, 0.0, 0.4162, q[..., 3])
+        @ modified_dh(0.0, -HALF, 0.0, q[..., 4] - HALF)
+        @ modified_dh(0.0091, -HALF, 0.0, q[..., 5] - HALF)
+        @ TOOLTIP
+    )
+
+
+def dvrk_ecm(q: Array) -> Array:
+    """Return the dVRK's own ECM chain, (..., 4, 4)."""
+    zero = np.zeros(q.shape[:-1])
+    return (
+        modified_dh(0.0, HALF, 0.0, q[..., 0] + HALF)
+        @ modified_dh(0.0, -HALF, 0.0, q[..., 1] - HALF)
+        @ modified_dh(0.0, HALF, q[..., 2] - 0.3822, zero)
+        @ modified_dh(0.0, 0.0, 0.3829, q[..., 3])
+    )
+
+
+def compiled_frames() -> Iterator[Figure]:
+    """Compare every body of the compiled models with the analytic chain, over random joints."""
+    worst = 0.0
+    for name in names("arms"):
+        arm = load_arm(name)
+        try:
+            model = rig_spec(lone_rig(arm)).compile()
+        except TrocarError:
+            continue  # kinematics only: no masses are known
+        data = mujoco.MjData(model)
+        for q in _random_positions(arm, 100):
+            coordinate = forward.coordinates(arm.mechanism, q)
+            for index, frame in enumerate(arm.mechanism.frames):
+                if frame.motion != "fixed" and not frame.virtual:
+                    data.joint(naming.scoped("arm", frame.name)).qpos = coordinate[index]
+            mujoco.mj_kinematics(model, data)
+            analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
+            for frame, pose in analytic.items():
+                body = mujoco.mj_name2id(
+                    model, mujoco.mjtObj.mjOBJ_BODY, naming.scoped("arm", frame)
+                )
+                if body >= 0:
+                    worst = max(worst, float(np.abs(data.xpos[body] - pose[:3, 3]).max()))
+    yield Figure("analytic chain against the compiled model, every frame", worst, "m", 1e-9)
+
+
+def inverse_poses(count: int) -> Iterator[Figure]:
+    """Invert random reachable poses: FK(IK(T)) = T, with the generating q among the solutions."""
+    for name in ("psm", "ecm", "mtmr"):
+        arm = load_arm(name, "none" if name != "psm" else None)
+        mechanism = arm.mechanism
+        q = _random_positions(arm, count)
+        if name == "psm":
+            q[:, 2] = np.where(np.abs(q[:, 2] - 0.0156) > 1e-3, q[:, 2], 0.1)
+            q[:, 6:] = 0.0
+        if name == "ecm":
+            q[:, 2] = np.maximum(q[:, 2], 1e-3)
+        target = forward.pose(mechanism, q)
+        off, missed = 0.0, 0.0
+        for row, pose in zip(q, target, strict=True):
+            given = {"platform_angle": row[3]} if name == "mtmr" else {}
+            solutions = inverse_kinematics(mechanism, arm.inverse_kinematics, pose, **given)
+            wide = np.zeros((len(solutions), len(mechanism.joints)))
+            wide[:, : solutions.shape[1]] = solutions
+            off = max(off, float(np.abs(forward.pose(mechanism, wide) - pose).max()))
+            missed = max(missed, float(np.abs(wide - row).max(axis=1).min()))
+        yield Figure(f"{name}: FK(IK(T)) - T, {count} poses", off, "m, rad", 1e-9)
+        yield Figure(f"{name}: nearest solution to the generating q", missed, "rad, m", 1e-9)
+
+
+def flat_loops() -> Iterator[Figure]:
+    """Say how far each joint range stays from a flat loop, and that the printed tables do not."""
+    for name in names("arms"):
+        found = [f.margin for f in flattenings(load_arm(name).mechanism)]
+        if found:
+            yield Figure(
+                f"{name}: joint range to the nearest flat loop", min(found), "rad", 0.2, True
+            )
+    for table, arm in (("table4", "psm"), ("table5", "ecm")):
+        flat = flattenings(load_printed(table).mechanism)
+        yield Figure(f"printed {table} ({arm}) flattens at", max(f.below for f in flat), "rad")
+
+
+def static_gravity() -> Iterator[Figure]:
+    """Compare the efforts that hold PSM and ECM with half of their limits, over the range."""
+    for name in ("psm", "ecm"):
+        arm = load_arm(name)
+        lower, upper = arm.mechanism.lower[:3], arm.mechanism.upper[:3]
+        grid = np.meshgrid(*(np.linspace(a, b, 11) for a, b in zip(lower, upper, strict=True)))
+        q = np.zeros((11**3, len(arm.joints)))
+        q[:, :3] = np.stack([g.ravel() for g in grid], axis=-1)
+        limits = np.array([j.effort_max for j in arm.joints])
+        share = np.abs(holding_efforts(arm, q)).max(axis=0) / limits
+        yield Figure(f"{name}: static gravity, largest share of a limit", share.max(), "", 0.5)
+
+
+def loops_under_load() -> Iterator[Figure]:
+    """Turn 10 N about the tip while the pitch sweeps its whole range at 1 ms."""
+    for rig in ("psm", "ecm"):
+        world = World(rig, tip_load_n=10.0)
+        sweep = _whole_pitch(paper_sine(world.rig, 10.0, TICK_S), world)
+        gap, rcm, branch = loop_health(world, sweep, round(TICK_S / world.timestep))
+        yield Figure(f"{rig}: loop gap under 10 N", 1e6 * gap, "um", 0.1)
+        yield Figure(f"{rig}: remote-centre error under 10 N", 1e6 * rcm, "um", 3.0)
+        yield Figure(f"{rig}: branch flips", float(not branch), "", 0.0)
+
+
+def tracking() -> Iterator[Figure]:
+    """Follow Figure 10's sine with Table 8's gains and gravity compensation.
+
+    With the paper's joint model it is bounded, beside what inertia explains (M q'' / P); with the
+    identified friction it is reported.
+    """
+    for friction in ("paper", "identified"):
+        world = World("psm", control="paper", friction=friction, gravity_compensation=True)
+        sine = paper_sine(world.rig, 10.0, TICK_S)
+        begin_trajectory(world, sine)
+        every = round(TICK_S / world.timestep)
+        played = world.play(sine.positions, sine.velocities, every=every)
+        for arm, joints in tracking_rms(world, sine, played).items():
+            described = world.rig.arm(arm).arm
+            inertia = apparent_inertias(described, sine.start[arm])
+            swing = amplitudes(described) * (2.0 * np.pi * FREQUENCY_HZ) ** 2 / np.sqrt(2.0)
+            for index, (joint, rms) in enumerate(joints.items()):
+                slides = described.joints[index].kind == "prismatic"
+                unit, limit = ("mm", 0.15) if slides else ("mrad", 5.0)
+                bounded = limit if friction == "paper" else None
+                label = f"tracking of {joint}, {friction} friction"
+                yield Figure(label, 1e3 * rms, unit, bounded)
+                if friction == "paper" and joint != "jaw":
+                    gain = world.arms[arm].gains(joint)[0]
+                    share = 1e3 * inertia[index] * swing[index] / gain
+                    yield Figure(f"  of which inertia explains (M q'' / P) in {joint}", share, unit)
+
+
+def released_insertion() -> Iterator[Figure]:
+    """Release the insertion for a second, without dry friction: how far does it drift?
+
+    The pitch leans it, so that it is the counterweight and the compensation that hold it.
+    """
+    world = World("psm", friction="paper")
+    world.set_state("PSM1", np.array([0.3, 0.6, 0.12, 0.0, 0.0, 0.0, 0.0]))
+    arm = next(iter(world.arms.values()))
+    arm.set_mode("effort", ["insertion"])
+    before = arm.measured_js().position[2]
+    world.step(round(1.0 / world.timestep))
+    drift = abs(arm.measured_js().position[2] - before)
+    yield Figure("psm: drift of the released insertion in 1 s", 1e3 * drift, "mm", 1.0)
+
+
+def _whole_pitch(sine: TestTrajectory, world: World) -> TestTrajectory:
+    """Return the trajectory with the pitch stretched to its whole range."""
+    for name, middle in sine.start.items():
+        arm = world.rig.arm(name).arm
+        pitch = arm.mechanism.joint_index["pitch"]
+        half = 0.5 * (arm.joints[pitch].upper - arm.joints[pitch].lower)
+        stretch = half / amplitudes(arm)[pitch]
+        for table in (sine.positions[name], sine.expected[name]):
+            table[:, pitch] = middle[pitch] + stretch * (table[:, pitch] - middle[pitch])
+        sine.velocities[name][:, pitch] *= stretch
+    return sine
+
+
+def _random_positions(arm: ArmDescription, count: int) -> Array:
+    lower, upper = arm.mechanism.lower, arm.mechanism.upper
+    q = np.random.default_rng(SEED).uniform(lower, upper, (count, len(lower)))
+    if arm.has_jaw:
+        q[:, -1] = np.abs(q[:, -1])
+    return q

@@ -1,0 +1,109 @@
+"""Measure how fast trocar runs and how true it is, each figure beside its goal.
+
+Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
+ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, number
+from trocar.cli.output import print_json, table
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.apps.benchmarks import Figure, Table9Row
+
+PARTS = ("speed", "figures", "startup")
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "--only", choices=PARTS, action="append", help="measure this part only; may be repeated"
+    )
+    parser.add_argument(
+        "--duration", type=number, default=10.0, metavar="S", help="simulated time of a pass"
+    )
+    parser.add_argument(
+        "--passes", type=int, default=5, metavar="N", help="interleaved passes of each speed"
+    )
+    parser.add_argument(
+        "--poses", type=int, default=10_000, metavar="N", help="poses of the inverse kinematics"
+    )
+    parser.add_argument("--log", help="a PSM's recording to replay (docs/replay.md)")
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Measure and print."""
+    if not 0.0 < args.duration < float("inf") or args.passes < 1 or args.poses < 1:
+        raise InputError("--duration, --passes and --poses: allowed: above 0")
+    from trocar.apps.benchmarks import figures, startup, table9
+
+    parts = args.only or PARTS
+    rows = table9(args.duration, args.passes, _watch) if "speed" in parts else []
+    found = figures(_watch, args.poses) if "figures" in parts else []
+    found += startup(_watch) if "startup" in parts else []
+    found += _replayed(args.log) if args.log else []
+    if args.json:
+        measured = [{**asdict(f), "met": f.met} for f in found]
+        print_json({"table9": [asdict(row) for row in rows], "figures": measured})
+    else:
+        print("\n\n".join(filter(None, [_speeds(rows), _figures(found)])))
+    return 0
+
+
+def _watch(what: str) -> None:
+    print(f"trocar: measuring {what} ...", file=sys.stderr, flush=True)
+
+
+def _replayed(log: str) -> list[Figure]:
+    from trocar.apps.benchmarks import Figure
+    from trocar.apps.replay import ReplaySettings, replay
+
+    _watch("replay")
+    report = replay(log, "psm", ReplaySettings())
+    found: list[Figure] = []
+    for joint, rms in report.tracking_rms.items():
+        unit, limit = ("mm", 1.0) if joint == "insertion" else ("mrad", 10.0)
+        found.append(Figure(f"replay: tracking of {joint}", 1e3 * rms, unit, limit))
+    for joint, rms in report.effort_rms.items():
+        limit = 0.5 if joint in ("yaw", "pitch") else None
+        unit = "N" if joint == "insertion" else "N m"
+        found.append(Figure(f"replay: effort of {joint}, simulated - recorded", rms, unit, limit))
+    return found
+
+
+def _speeds(rows: list[Table9Row]) -> str:
+    if not rows:
+        return ""
+    head = ["configuration", "real-time factor", "goal", "bare MuJoCo", "overhead",
+            "collision cost", "paper (Gazebo)"]  # fmt: skip
+    lines = [
+        [row.configuration, f"{row.real_time_factor:.1f}", f"{row.goal:g}",
+         f"{row.bare_real_time_factor:.1f}", f"{row.overhead:.3f}", f"{row.collision_cost:.3f}",
+         f"{row.paper:g}"]
+        for row in rows
+    ]  # fmt: skip
+    return (
+        "Speed at 1 kHz on one core (medians; overhead = bare / own real-time factor,\n"
+        "collision cost = bare with bodies / bare without):\n\n" + table(head, lines)
+    )
+
+
+def _figures(found: list[Figure]) -> str:
+    if not found:
+        return ""
+    rows: list[list[str]] = []
+    for figure in found:
+        limit = (
+            "" if figure.limit is None else f"{'>=' if figure.at_least else '<='} {figure.limit:g}"
+        )
+        verdict = {None: "", True: "met", False: "MISSED"}[figure.met]
+        rows.append([figure.name, f"{figure.value:.4g}", figure.unit, limit, verdict])
+    return table(["figure", "measured", "unit", "goal", ""], rows)

@@ -1,0 +1,134 @@
+"""Simulate a rig: live in the browser, or headless along the paper's test trajectory.
+
+Live, the page is served on this machine only; its address is printed when the arms move.
+Headless, every PSM and ECM follows the paper's sine, and speed, loop health and tracking are
+reported. --tip-load turns a force about each instrument's tip.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, number
+from trocar.cli.output import print_json, table
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.apps.benchmarks import HeadlessReport
+    from trocar.simulation import World
+
+HEADLESS_DURATION_S = 10.0
+PORT = 8080
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+    )
+    parser.add_argument("--headless", action="store_true", help="no page: measure and report")
+    parser.add_argument(
+        "--duration", type=number, metavar="S", help="stop after this much simulated time"
+    )
+    parser.add_argument(
+        "--tip-load", type=number, default=0.0, metavar="NEWTON", help="force at every tip"
+    )
+    parser.add_argument(
+        "--speed",
+        choices=("realtime", "max"),
+        help="default: realtime in the browser, max headless",
+    )
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
+    )
+    parser.add_argument("--control", choices=("dvrk", "paper"), default="dvrk", help="gains")
+    parser.add_argument(
+        "--friction", choices=("identified", "paper"), default="identified", help="joint model"
+    )
+    parser.add_argument(
+        "--setup-joints",
+        choices=("braked", "locked"),
+        default="braked",
+        help="simulated and held by brakes, or welded (faster)",
+    )
+    parser.add_argument(
+        "--timestep", type=number, default=0.001, metavar="S", help="physics period"
+    )
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Simulate."""
+    if args.duration is not None and not 0.0 < args.duration < float("inf"):
+        raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
+    if not 0.0 <= args.tip_load < float("inf"):
+        raise InputError(f"--tip-load: got {args.tip_load:g}; allowed: 0 N or more")
+    if args.json and not args.headless:
+        raise InputError("--json: only a headless run has a report; add --headless")
+    if not args.headless:
+        return _live(args)
+    from trocar.apps.benchmarks import run_headless
+
+    report = run_headless(
+        _world(args),
+        HEADLESS_DURATION_S if args.duration is None else args.duration,
+        realtime=args.speed == "realtime",
+    )
+    if args.json:
+        print_json(asdict(report))
+    else:
+        print(_report(report))
+    return 0
+
+
+def _live(args: Namespace) -> int:
+    from trocar.interfaces.viewer import serve
+
+    world = _world(args)
+    print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
+
+    def tell(url: str) -> None:
+        print(f"{url}  (Ctrl-C stops)", flush=True)
+
+    serve(
+        world,
+        port=args.port,
+        speed=args.speed or "realtime",
+        duration_s=args.duration,
+        on_ready=tell,
+    )
+    return 0
+
+
+def _world(args: Namespace) -> World:
+    from trocar.simulation import World
+
+    return World(
+        args.rig,
+        timestep_s=args.timestep,
+        control=args.control,
+        friction=args.friction,
+        setup_joints=args.setup_joints,
+        tip_load_n=args.tip_load,
+    )
+
+
+def _report(report: HeadlessReport) -> str:
+    rows = [
+        [arm, joint, f"{1e3 * rms:.3f}", "mm" if joint == "insertion" else "mrad"]
+        for arm, joints in report.tracking_rms.items()
+        for joint, rms in joints.items()
+    ]
+    branch = "right" if report.branch_ok else "WRONG"
+    return (
+        f"{report.rig}: {report.simulated_s:g} s simulated in {report.wall_s:.3f} s"
+        f" at {1e3 * report.timestep_s:g} ms\n"
+        f"  real-time factor   {report.real_time_factor:.1f}"
+        f"  (bare MuJoCo {report.bare_real_time_factor:.1f}, overhead {report.overhead:.3f})\n"
+        f"  loop gap           {report.loop_gap_um_max:.4f} um at most\n"
+        f"  remote centre      {report.rcm_error_um_max:.3f} um off at most, branch {branch}\n\n"
+        + table(["arm", "joint", "tracking RMS", ""], rows)
+    )

@@ -10,8 +10,11 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from trocar.cli import main
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -82,11 +85,39 @@ def test_a_quick_command_of_the_readme_answers(line: str) -> None:
     assert trocar(*shlex.split(line)[1:]).strip()
 
 
+def shown() -> list[tuple[str, str]]:
+    """Each command that the page on the command line shows, and what it says that it prints."""
+    text = "".join(
+        blocks((ROOT / "docs" / "command-line.md").read_text(encoding="utf-8"), "console")
+    )
+    pairs = [block.split("\n", 1) for block in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]]
+    return [(command, output) for command, output in pairs]
+
+
+@pytest.mark.parametrize(("line", "printed"), shown(), ids=[line for line, _ in shown()])
+def test_a_command_prints_what_its_page_shows(
+    line: str, printed: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    main(shlex.split(line)[1:])
+    said = capfd.readouterr()
+    # "..." stands for whatever is left out.
+    wanted = re.escape(printed.strip()).replace(re.escape("..."), "(?s:.*?)")
+    assert re.fullmatch(wanted, (said.err + said.out).strip())
+
+
 @pytest.mark.skipif(not exports("trocar.simulation", "World"), reason="there is no World yet")
 def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -> None:
     (example,) = blocks(README, "python")
     exec(compile(example, "README.md", "exec"), {})
     assert capsys.readouterr().out
+
+
+def test_the_page_on_the_command_line_solves_in_python_too() -> None:
+    page = (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8")
+    (example,) = blocks(page, "python")
+    said: dict[str, Any] = {}
+    exec(compile(example, "command-line.md", "exec"), said)
+    assert said["solutions"].shape[1] == 6
 
 
 @pytest.mark.skipif(not exports("trocar.descriptions", "load_rig"), reason="no descriptions yet")

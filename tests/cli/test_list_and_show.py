@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -96,7 +97,19 @@ def test_the_psm_is_shown_in_the_rows_of_table_4(trocar):
     assert "modified DH: a -0.1 m, alpha 1.570796 rad" in out
     assert "slides by 0.6025 insertion" in out
     assert "xyz (0, 0.4864, 0) m" in out
-    assert "wrist_yaw - 0.5 jaw" in out
+    assert "wrist_yaw - 0.5 jaw" in out and "finger_left - finger_right" in out
+
+
+def test_a_loop_that_flattens_near_the_limits_is_warned_of(trocar, tmp_path):
+    path = tmp_path / "bold.toml"
+    text = Path(load_arm("psm").file).read_text(encoding="utf-8")
+    path.write_text(text.replace("lower_rad = -0.925025", "lower_rad = -1.2"), encoding="utf-8")
+    answer = trocar("show", path, "--json")
+    assert answer.status == 0
+    assert answer.err.startswith("trocar: warning: loop c1 flattens 0.080")
+    assert "rad from the limits of pitch; allowed: 0.2 rad or more" in answer.err
+    assert answer.document["arm"] == "psm"
+    assert trocar("show", "psm", "--json").err == ""
 
 
 def test_a_table_is_flush_right_where_there_are_numbers():

@@ -1,6 +1,6 @@
 """All joint positions inside the limits that bring the tip of an arm to a pose.
 
-The pose is in the arm's own frame (`relative_to` in the answer): three coordinates in metres and
+The pose is in the arm's own frame (relative_to in the answer): three coordinates in metres and
 a quaternion, scalar first. Exit status 1 says that the pose cannot be reached.
 """
 

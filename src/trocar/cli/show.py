@@ -5,7 +5,10 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_arm, add_json
-from trocar.cli.output import print_json
+from trocar.cli.output import print_json, short, warn
+
+# Source: our choice. Nearer than this [rad] to where it flattens, a loop may change its branch.
+FLATTENING_MARGIN = 0.2
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -21,6 +24,12 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
 
     found = document(load_arm(args.arm, args.tool))
+    for flat in (flat for closure in found["closures"] for flat in closure["flattenings"]):
+        if flat["margin"] is not None and flat["margin"] < FLATTENING_MARGIN:
+            warn(
+                f"loop {flat['closure']} flattens {short(flat['margin'])} rad from the limits of "
+                f"{flat['joint']}; allowed: {FLATTENING_MARGIN} rad or more"
+            )
     if args.json:
         print_json(found)
     else:

@@ -89,6 +89,8 @@ def _motion(frame: Document) -> str:
 
 def _place(frame: Document) -> str:
     """Write a frame's place: its DH row, or position and angles; what is 0 is left out."""
+    if frame["parent"] is None:
+        return "-"
     units = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad"}
     if frame["dh"] is not None:
         row = [f"{k} {_amount(frame['dh'][k], u)}" for k, u in units.items() if frame["dh"][k]]
@@ -213,6 +215,7 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def _sum(terms: Mapping[str, float]) -> str:
-    """Write a weighted sum: `yaw + 0.5 jaw`."""
-    parts = [name if ratio == 1.0 else f"{short(ratio)} {name}" for name, ratio in terms.items()]
+    """Write a weighted sum: `yaw - 0.5 jaw`."""
+    factors = {1.0: "", -1.0: "-"}
+    parts = [factors.get(ratio, f"{short(ratio)} ") + name for name, ratio in terms.items()]
     return " + ".join(parts).replace("+ -", "- ")

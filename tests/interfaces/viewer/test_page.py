@@ -26,6 +26,7 @@ from trocar.interfaces.viewer.sliders import (
     goal_range,
 )
 from trocar.interfaces.viewer.status import Notices, joint_table, simulation_cards
+from trocar.simulation import World
 
 from ..fake_world import FakeWorld
 
@@ -146,6 +147,20 @@ def test_an_effort_slider_stays_inside_the_limit(limit: float) -> None:
     assert low == -high
     assert 0.9 * limit < high <= limit + 1e-9
     assert 50 < high / step < 1001
+
+
+def test_a_sheet_tells_what_a_real_arm_is_set_to() -> None:
+    world = World("psm")
+    sheet = read_sheet(world, "PSM1")
+    assert [joint.unit for joint in sheet.joints] == [LENGTH if k == 2 else ANGLE for k in range(7)]
+    assert sheet.joints[0].effort_max == pytest.approx(3.316, abs=1e-3)
+    assert sheet.gravity_compensation and not sheet.has_brakes
+    assert sheet.joints[-1].is_jaw and "home" in sheet.poses
+    world.arm("PSM1").use_gravity_compensation(False)
+    world.arm("PSM1").set_gains("yaw", p=11.0)
+    sheet = read_sheet(world, "PSM1")
+    assert not sheet.gravity_compensation
+    assert sheet.joints[0].gains[0] == 11.0
 
 
 def test_history_keeps_the_last_seconds_and_forgets_after_a_reset() -> None:

@@ -84,7 +84,7 @@ class Drives:
     @property
     def gravity_compensated(self) -> bool:
         """Whether the motors carry the links' weight."""
-        return bool(self._model.body_gravcomp[self.binding.bodies].any())
+        return bool(self._servos.balanced[self.binding.actuators].any())
 
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""

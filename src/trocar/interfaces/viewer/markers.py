@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import viser
@@ -16,12 +16,16 @@ if TYPE_CHECKING:
     from trocar.simulation.records import Snapshot
 
 Floats = NDArray[np.float64]
+Anchor = Literal["bottom-left", "bottom-right"]
 
 CENTRE_RADIUS_M = 0.009
 """Radius of the sphere that marks a remote centre [m]. Source: chosen by eye."""
 
 CENTRE_COLOUR = (255, 120, 20)
-LABEL_LIFT = np.array([0.0, 0.0, 0.02])
+ANCHORS: tuple[Anchor, Anchor] = ("bottom-left", "bottom-right")
+"""Neighbours' labels lean to different sides, so that they hide each other less."""
+
+LABEL_LIFT = np.array([0.0, 0.0, 0.012])
 """From a remote centre up to its label [m]. Source: chosen by eye."""
 
 TOOL_BEARERS = ("PSM", "ECM", "MTM")
@@ -34,7 +38,7 @@ class RemoteCentres:
 
     def __init__(self, scene: viser.SceneApi, snapshot: Snapshot) -> None:
         names = [name for name, arm in snapshot.arms.items() if arm.remote_centre is not None]
-        self._nodes = {name: _centre(scene, name) for name in names}
+        self._nodes = {name: _centre(scene, name, ANCHORS[k % 2]) for k, name in enumerate(names)}
         self.show(snapshot)
 
     def show(self, snapshot: Snapshot) -> None:
@@ -86,7 +90,9 @@ def tips_of(world: World) -> dict[str, Floats]:
     }
 
 
-def _centre(scene: viser.SceneApi, name: str) -> tuple[viser.IcosphereHandle, viser.LabelHandle]:
+def _centre(
+    scene: viser.SceneApi, name: str, anchor: Anchor
+) -> tuple[viser.IcosphereHandle, viser.LabelHandle]:
     sphere = scene.add_icosphere(
         f"/marks/centre_{name}",
         radius=CENTRE_RADIUS_M,
@@ -95,7 +101,5 @@ def _centre(scene: viser.SceneApi, name: str) -> tuple[viser.IcosphereHandle, vi
         cast_shadow=False,
         receive_shadow=False,
     )
-    label = scene.add_label(
-        f"/marks/label_{name}", name, anchor="bottom-center", font_screen_scale=0.75
-    )
+    label = scene.add_label(f"/marks/label_{name}", name, anchor=anchor, font_screen_scale=0.75)
     return sphere, label

@@ -51,6 +51,14 @@ def mesh(kind: str, size: Sequence[float] | Floats, rounding: float = 0.0) -> tu
     raise InputError(f"no picture of a shape of kind {kind!r}: box, capsule, cylinder, sphere")
 
 
+def half_extents(kind: str, size: Sequence[float] | Floats) -> Floats:
+    """Say how far a shape reaches along its own axes, (3,) [m]."""
+    if kind == "box":
+        return np.array(size[:3], dtype=np.float64)
+    radius, length = float(size[0]), 0.0 if kind == "sphere" else float(size[1])
+    return np.array([radius, radius, length if kind == "cylinder" else length + radius])
+
+
 def _box(half: Floats, rounding: float) -> tuple[Floats, Ints]:
     edge = rounding or min(EDGE * float(half.min()), EDGE_MAX_M)
     quarter = np.linspace(0.0, np.pi / 2, 4, dtype=np.float64)

@@ -18,7 +18,7 @@ from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
 from trocar.interfaces.viewer.panel import Panel
 from trocar.interfaces.viewer.plots import JointPlots
-from trocar.interfaces.viewer.scene import Bodies, floor, light, look_at_all
+from trocar.interfaces.viewer.scene import Bodies, backdrop, floor, light, look_at_all
 from trocar.interfaces.viewer.server import address, serving
 from trocar.interfaces.viewer.sheet import read_sheet
 from trocar.interfaces.viewer.status import Notices, StatusTables
@@ -53,6 +53,7 @@ class Page:
         self.notices = Notices()
         shapes, now = world.shapes(), loop.latest
         light(server.scene)
+        backdrop(server.scene)
         floor(server.scene)
         look_at_all(server, shapes, now)
         self._bodies = Bodies(server.scene, shapes)

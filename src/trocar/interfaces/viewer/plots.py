@@ -102,7 +102,8 @@ def wide_enough(values: Floats, old: Span, least: float) -> Span:
     """
     low, high = float(values.min()), float(values.max())
     height = max(high - low, least)
-    if old.low <= low and high <= old.high and height > 0.2 * (old.high - old.low):
+    old_height = old.high - old.low
+    if old.low <= low and high <= old.high and least <= old_height < 5 * height:
         return old
     step = 10.0 ** np.ceil(np.log10(height / LINES))
     step = next(step / part for part in (5, 2, 1) if LINES * step / part >= height)

@@ -10,9 +10,10 @@ import numpy as np
 import viser
 from numpy.typing import NDArray
 
+from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.interfaces.viewer.finishes import finish
 from trocar.interfaces.viewer.glb import Part, pack
-from trocar.interfaces.viewer.meshes import mesh
+from trocar.interfaces.viewer.meshes import half_extents, mesh
 
 if TYPE_CHECKING:
     from trocar.simulation.records import ShapeRecord, Snapshot
@@ -25,7 +26,10 @@ STILL = 1e-5
 VIEW = np.array([0.85, 1.0, 0.38])
 """From the middle of the arms towards the camera. Source: chosen by eye: across the patient."""
 
-MARGIN = 0.84
+SKY, HORIZON = (142, 160, 180), (232, 237, 242)
+"""Colours of the backdrop's upper and lower edge. Source: chosen by eye."""
+
+MARGIN = 0.95
 """Distance over the one at which a sphere around everything would just fit. Source: by eye."""
 
 FIELD_OF_VIEW = np.deg2rad(38.0)
@@ -82,16 +86,23 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
 def light(scene: viser.SceneApi) -> None:
     """A key light from the upper left that throws shadows, a soft sky, a studio's reflections."""
     scene.configure_default_lights(enabled=False)
-    scene.configure_environment_map("studio", environment_intensity=0.4)
+    scene.configure_environment_map("studio", environment_intensity=0.25)
     scene.add_light_directional(
-        "/light/key", color=(255, 247, 235), intensity=1.9, cast_shadow=True, position=(3, 1.2, 4)
+        "/light/key", color=(255, 247, 235), intensity=2.3, cast_shadow=True, position=(3, 1.2, 4)
     )
     scene.add_light_directional(
         "/light/fill", color=(214, 228, 255), intensity=0.5, position=(-2, 4, 1.5)
     )
     scene.add_light_hemisphere(
-        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.45
+        "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.3
     )
+
+
+def backdrop(scene: viser.SceneApi) -> None:
+    """A wall that grows darker upwards, so that the white arms stand out."""
+    rise = np.linspace(0.0, 1.0, 256)[:, None, None]
+    colours = (1 - rise) * np.array(SKY) + rise * np.array(HORIZON)
+    scene.set_background_image(np.repeat(colours, 8, axis=1).astype(np.uint8), format="png")
 
 
 def floor(scene: viser.SceneApi) -> None:
@@ -106,7 +117,7 @@ def floor(scene: viser.SceneApi) -> None:
         section_color=(176, 183, 192),
         cell_thickness=0.6,
         section_thickness=1.0,
-        plane_color=(226, 230, 235),
+        plane_color=(222, 227, 232),
         plane_opacity=1.0,
         shadow_opacity=0.35,
         fade_distance=9.0,
@@ -128,12 +139,11 @@ def look_at_all(server: viser.ViserServer, shapes: Sequence[ShapeRecord], now: S
 
 
 def bounds(shapes: Sequence[ShapeRecord], now: Snapshot) -> tuple[Floats, Floats]:
-    """Bound the rig by the middles of its shapes, grown by their sizes [m]: low (3,), high (3,)."""
-    middles = np.array([_world(now, shape.body, shape.pose[:3, 3]) for shape in shapes])
-    reach = np.array([max(shape.size) for shape in shapes])[:, None]
+    """Bound the shapes in the world [m]: low (3,), high (3,)."""
+    bodies = [shape.body for shape in shapes]
+    turns = matrix_from_quaternion(now.quaternions[bodies])
+    poses = np.array([shape.pose for shape in shapes])
+    middles = now.positions[bodies] + (turns @ poses[:, :3, 3:])[..., 0]
+    halves = np.array([half_extents(shape.kind, shape.size) for shape in shapes])
+    reach = (np.abs(turns @ poses[:, :3, :3]) @ halves[..., None])[..., 0]
     return (middles - reach).min(axis=0), (middles + reach).max(axis=0)
-
-
-def _world(now: Snapshot, body: int, point: Floats) -> Floats:
-    w, v = now.quaternions[body, 0], now.quaternions[body, 1:]
-    return now.positions[body] + point + 2 * np.cross(v, np.cross(v, point) + w * point)

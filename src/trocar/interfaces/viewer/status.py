@@ -158,7 +158,7 @@ def _verdict(health: Health) -> str:
 
 
 def _micro(metres: float) -> str:
-    return f"{metres * 1e6:.2f}"
+    return f"{metres * 1e6:.3f}"
 
 
 def _degrees(angle: float) -> str:

@@ -34,7 +34,7 @@ class ModeChoice:
         self._loop, self._sheet = loop, sheet
         self._names = [joint.name for joint in sheet.joints]
         self._mode = gui.add_dropdown("Mode", list(MODES), initial_value=_title(now.modes[0]))
-        self._scope = gui.add_dropdown("of", [ALL_JOINTS, *self._names])
+        self._scope = gui.add_dropdown("Applies to", [ALL_JOINTS, *self._names])
         self._mode.on_update(self._chosen)
 
     def follow(self, now: ArmSnapshot) -> None:

@@ -1,0 +1,130 @@
+"""A headless Chromium that looks at the page and uses it as a person would."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+DRIVER = shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--window-size=860,700",  # little to draw
+)
+PATIENCE_S = 120.0
+"""Software rendering on a busy machine is slow; nothing waits longer than it must."""
+
+
+class Browser:
+    """One tab."""
+
+    def __init__(self, tab: webdriver.Chrome) -> None:
+        self.tab = tab
+
+    def open(self, url: str) -> None:
+        """Go to the page and wait until it shows numbers."""
+        self.tab.get(url)
+        self.wait(lambda: self.read("time") is not None, "the page shows numbers")
+
+    def read(self, key: str) -> str | None:
+        """Read a number of the tables as text; None when it is not there."""
+        script = "const cell = document.querySelector(arguments[0]); return cell && cell.innerText"
+        return self.tab.execute_script(script, f'[data-trocar="{key}"]')
+
+    def number(self, key: str) -> float:
+        """Read a number of the tables."""
+        return float((self.read(key) or "nan").split()[0])
+
+    def wait(self, met: Callable[[], bool], what: str, timeout_s: float = PATIENCE_S) -> None:
+        """Wait until something holds."""
+        end = time.monotonic() + timeout_s
+        while not met():
+            assert time.monotonic() < end, f"in vain: {what}"
+            time.sleep(0.1)
+
+    def type_number(self, label: str, value: float) -> None:
+        """Type into the box beside a slider."""
+        box = self._beside(label, "input")
+        self._focus(box)
+        box.send_keys(Keys.CONTROL, "a")
+        box.send_keys(f"{value:g}", Keys.TAB)
+
+    def press_arrows(self, label: str, times: int) -> None:
+        """Move a slider with the keyboard."""
+        thumb = self._beside(label, "*[@role='slider']")
+        for _ in range(times):
+            thumb.send_keys(Keys.ARROW_RIGHT)
+
+    def slider_value(self, label: str) -> float:
+        """Read where a slider stands, in the unit that it shows."""
+        thumb = self._beside(label, "*[@role='slider']")
+        return float(thumb.get_attribute("aria-valuenow") or "nan")
+
+    def choose(self, label: str, option: str) -> None:
+        """Pick from a drop-down list."""
+        self._focus(self._labelled(label))
+        found = f"//*[@role='option'][normalize-space()='{option}']"
+        self.wait(lambda: bool(self._all(found)), f"the option {option}")
+        self._focus(self._all(found)[0])
+
+    def click(self, button: str) -> None:
+        """Press a button."""
+        self._focus(self._all(f"//button[normalize-space()='{button}']")[0])
+
+    def picture(self, path: Path) -> None:
+        """Save what is seen, without the notice about software rendering."""
+        close = "document.querySelectorAll('[class*=Notification-closeButton]')"
+        self.tab.execute_script(f"{close}.forEach(button => button.click())")
+        time.sleep(1.0)
+        self.tab.save_screenshot(str(path))
+
+    def _all(self, xpath: str) -> list[WebElement]:
+        return self.tab.find_elements(By.XPATH, xpath)
+
+    def _labelled(self, label: str) -> WebElement:
+        found = self._all(f"//label[normalize-space()='{label}']")
+        assert found, f"no input called {label!r}"
+        return self.tab.find_element(By.ID, found[0].get_attribute("for") or "")
+
+    def _beside(self, label: str, what: str) -> WebElement:
+        return self._labelled(label).find_element(
+            By.XPATH, f"../descendant::{what}[not(@type='hidden')]"
+        )
+
+    def _focus(self, element: WebElement) -> None:
+        # A real click waits for the next frame, which takes long in software; this does not.
+        self.tab.execute_script("arguments[0].focus(); arguments[0].click()", element)
+
+
+@contextmanager
+def chromium(profile: Path) -> Iterator[Browser]:
+    """Open a browser with a fresh profile; skip the test where there is none."""
+    if CHROMIUM is None or DRIVER is None:
+        pytest.skip("chromium or chromedriver is not installed")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={profile}"):
+        options.add_argument(flag)
+    tab = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    try:
+        yield Browser(tab)
+    finally:
+        tab.quit()

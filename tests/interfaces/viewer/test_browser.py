@@ -1,0 +1,134 @@
+"""The page in a real browser: a slider moves an arm, and the browser changes nothing else."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+from trocar.interfaces import Command, Loop
+from trocar.interfaces.viewer.page import PERIOD_S, Page
+from trocar.interfaces.viewer.server import address, serving
+from trocar.simulation import World
+
+pytest.importorskip("selenium", reason="selenium is not installed")
+from .browser import Browser, chromium
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+Script = list[tuple[int, Command]]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with chromium(tmp_path_factory.mktemp("profile")) as found:
+        yield found
+
+
+class Stage:
+    """A rig that runs with its page, in this process."""
+
+    def __init__(self, rig: str) -> None:
+        self.world, self.script = World(rig), Script()
+        self.loop = Loop(self.world, on_apply=lambda tick, command: self.note(tick, command))
+
+    def note(self, tick: int, command: Command) -> None:
+        self.script.append((tick, command))
+
+    def play(self, browser: Browser, act) -> None:
+        over = threading.Event()
+        with serving("127.0.0.1", 0, "test") as server, closing(self.loop):
+            page = Page(server, self.world, self.loop)
+            self.loop.start()
+
+            def refresh() -> None:
+                while not over.is_set() and not self.loop.wait(PERIOD_S):
+                    page.refresh()
+
+            thread = threading.Thread(target=refresh)
+            thread.start()
+            try:
+                browser.open(address(server))
+                act()
+            finally:
+                over.set()
+                thread.join()
+
+
+def test_a_slider_moves_the_arm_and_nothing_but_commands_counts(browser: Browser) -> None:
+    stage = Stage("psm")
+
+    def act() -> None:
+        assert abs(browser.number("PSM1/yaw/measured")) < 1.0
+        browser.type_number("yaw deg", 20)
+        browser.wait(lambda: abs(browser.number("PSM1/yaw/measured") - 20) < 0.1, "yaw at 20 deg")
+        browser.press_arrows("yaw deg", 5)
+        browser.wait(lambda: abs(browser.number("PSM1/yaw/measured") - 20.5) < 0.05, "yaw at 20.5")
+        browser.click("home")
+        browser.wait(lambda: abs(browser.slider_value("yaw deg")) < 0.1, "the slider follows home")
+
+    stage.play(browser, act)
+    assert stage.script, "the browser posted nothing"
+    assert np.array_equal(final_positions(stage.loop), replayed("psm", stage))
+
+
+def final_positions(loop: Loop) -> np.ndarray:
+    return np.concatenate([loop.latest.positions.ravel(), loop.latest.arms["PSM1"].q])
+
+
+def replayed(rig: str, stage: Stage) -> np.ndarray:
+    """Run the same commands at the same ticks without a page."""
+    loop = Loop(World(rig), speed="max")
+    waiting = iter([*stage.script, (sys.maxsize, None)])
+    due, command = next(waiting)
+    for tick in range(stage.loop.state.ticks):
+        while due == tick and command is not None:
+            loop.post(command)
+            due, command = next(waiting)
+        loop.tick()
+    loop.run(0.0)
+    return final_positions(loop)
+
+
+def test_another_arm_starts_at_its_own_set_points(browser: Browser) -> None:
+    stage = Stage("two_psm_ecm")
+
+    def act() -> None:
+        browser.type_number("insertion mm", 150)
+        browser.wait(lambda: browser.number("PSM1/insertion/measured") > 149, "insertion")
+        before = stage.loop.latest.arms["PSM2"].setpoint
+        browser.choose("Arm", "PSM2")
+        browser.wait(lambda: browser.read("PSM2/yaw/measured") is not None, "the table of PSM2")
+        shown = browser.slider_value("insertion mm")
+        assert shown == pytest.approx(1000 * before[2], abs=0.06)
+        browser.type_number("yaw deg", 5)
+        browser.wait(lambda: abs(browser.number("PSM2/yaw/measured") - 5) < 0.1, "yaw of PSM2")
+        now = stage.loop.latest.arms["PSM2"].setpoint
+        assert np.array_equal(np.delete(now, 0), np.delete(before, 0))
+
+    stage.play(browser, act)
+    assert {getattr(command, "arm", None) for _, command in stage.script} == {"PSM1", "PSM2"}
+
+
+def test_effort_mode_gravity_and_pause_work_from_the_page(browser: Browser) -> None:
+    stage = Stage("psm")
+
+    def act() -> None:
+        browser.choose("Mode", "effort (open loop)")
+        browser.wait(lambda: browser.read("PSM1/yaw/command") == "-", "effort mode")
+        browser.type_number("yaw N m", 0.6)
+        browser.wait(lambda: abs(browser.number("PSM1/yaw/measured")) > 2.0, "yaw is pushed")
+        browser.click("Pause")
+        browser.wait(lambda: browser.read("rtf") == "paused", "the pause")
+        at = stage.loop.latest.time
+        browser.click("Reset")
+        browser.wait(lambda: browser.number("time") == 0.0, "the reset")
+        assert stage.loop.latest.time < at
+        browser.click("Resume")
+        browser.wait(lambda: browser.number("time") > 0.2, "time flows again")
+
+    stage.play(browser, act)

@@ -1,0 +1,272 @@
+"""The page's parts, without a browser: what they post, what they show, what they send."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import viser
+
+from trocar.interfaces import JawMove, Loop, MoveJp, ServoJf
+from trocar.interfaces.viewer.history import SPAN_S, History
+from trocar.interfaces.viewer.page import Page
+from trocar.interfaces.viewer.plots import LINES, Span, wide_enough
+from trocar.interfaces.viewer.scene import Bodies
+from trocar.interfaces.viewer.server import serving
+from trocar.interfaces.viewer.sheet import ANGLE, LENGTH, JointSheet, read_sheet
+from trocar.interfaces.viewer.sliders import (
+    HANDS_OFF,
+    JointSliders,
+    effort_range,
+    goal_range,
+)
+from trocar.interfaces.viewer.status import Notices, joint_table, simulation_cards
+from trocar.simulation import World
+
+from ..fake_world import FakeWorld
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[viser.ViserServer]:
+    with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+class Desk:
+    """The sliders of PSM1 of a fake world, and what they post."""
+
+    def __init__(self, gui: viser.GuiApi) -> None:
+        self.world: Any = FakeWorld()
+        self.posted: list[Any] = []
+        self.loop: Any = SimpleNamespace(post=self.posted.append)
+        self.sheet = read_sheet(self.world, "PSM1")
+        self.sliders = JointSliders(gui, self.loop, self.sheet, self.now)
+
+    @property
+    def now(self):
+        return self.world.snapshot().arms["PSM1"]
+
+    @property
+    def shown(self) -> list[float]:
+        return [handle.value for handle in self.sliders._handles]
+
+    def drag(self, joint: int, value: float) -> None:
+        handle = self.sliders._handles[joint]
+        handle._impl.value = value
+        self.sliders._touched(SimpleNamespace(client_id=0, target=handle), joint)  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def desk(server: viser.ViserServer) -> Desk:
+    return Desk(server.gui)
+
+
+def test_sliders_start_at_the_set_points(server: viser.ViserServer) -> None:
+    desk = Desk(server.gui)
+    desk.world.arms["PSM1"].setpoint[:] = [0.1, -0.2, 0.1, 1.0, 0.5]
+    sliders = JointSliders(server.gui, desk.loop, desk.sheet, desk.now)
+    shown = [handle.value for handle in sliders._handles]
+    assert shown == pytest.approx([5.7, -11.5, 100.0, 57.3, 28.6], abs=1e-9)
+    assert desk.posted == []
+
+
+def test_a_drag_posts_a_move_of_that_joint_alone(desk: Desk) -> None:
+    desk.drag(2, 150.0)
+    desk.drag(0, 30.0)
+    assert [type(command) for command in desk.posted] == [MoveJp, MoveJp]
+    assert desk.posted[0].position == pytest.approx((0.0, 0.0, 0.15, 0.0))
+    assert desk.posted[1].position == pytest.approx((np.deg2rad(30), 0.0, 0.15, 0.0))
+
+
+def test_the_jaw_has_a_command_of_its_own(desk: Desk) -> None:
+    desk.drag(4, -20.0)
+    assert isinstance(desk.posted[0], JawMove)
+    assert desk.posted[0].position == pytest.approx(np.deg2rad(-20))
+
+
+def test_sliders_stay_under_the_hand_and_follow_otherwise(desk: Desk) -> None:
+    desk.drag(0, 30.0)
+    desk.sliders.follow(replace(desk.now, busy=True))
+    assert desk.shown[0] == 30.0  # the arm is still on its way
+    arm = desk.world.arms["PSM1"]
+    arm.setpoint[0] = np.deg2rad(30.0)
+    for _ in range(HANDS_OFF + 1):
+        desk.sliders.follow(replace(desk.now, busy=False))
+    arm.setpoint[:] = 0.05  # moved by somebody else
+    desk.sliders.follow(replace(desk.now, busy=True))
+    assert desk.shown == pytest.approx([2.9, 2.9, 50.0, 2.9, 2.9])
+    assert len(desk.posted) == 1
+
+
+def test_following_itself_posts_nothing(desk: Desk) -> None:
+    desk.world.arms["PSM1"].setpoint[:] = 0.05
+    desk.sliders.follow(desk.now)
+    assert desk.shown[0] == pytest.approx(2.9)
+    assert desk.posted == []
+
+
+def test_in_effort_mode_sliders_are_efforts_from_zero(desk: Desk) -> None:
+    desk.world.arms["PSM1"].set_mode("effort", ("yaw", "jaw"))
+    desk.sliders.follow(desk.now)
+    yaw, pitch = desk.sliders._handles[:2]
+    assert (yaw.label, yaw.min, yaw.max, yaw.value) == ("yaw N m", -3.31, 3.31, 0.0)
+    assert pitch.label == "pitch deg"
+    desk.drag(0, 0.5)
+    assert desk.posted == [ServoJf("PSM1", (0.5, 0.0, 0.0, 0.0))]
+
+
+def test_a_locked_brake_greys_its_slider_out(server: viser.ViserServer) -> None:
+    desk = Desk(server.gui)
+    sheet = read_sheet(desk.world, "SUJ1")
+    arm = desk.world.snapshot().arms["SUJ1"]
+    sliders = JointSliders(server.gui, desk.loop, sheet, arm)
+    sliders.follow(replace(arm, locked=(True, False)))
+    assert [handle.disabled for handle in sliders._handles] == [True, False]
+
+
+def joint(lower: float, upper: float, unit=ANGLE, effort: float = 1.0) -> JointSheet:
+    return JointSheet("yaw", unit, lower, upper, effort, (1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(-1.59941, 1.59941), (0.0, 0.24), (-0.7, 1.39626)])
+@pytest.mark.parametrize("unit", [ANGLE, LENGTH])
+def test_a_slider_stays_inside_the_limits(lower: float, upper: float, unit) -> None:
+    low, high, step = goal_range(joint(lower, upper, unit))
+    assert lower * unit.scale - 1e-9 <= low < lower * unit.scale + step
+    assert upper * unit.scale - step < high <= upper * unit.scale + 1e-9
+
+
+@pytest.mark.parametrize("limit", [0.16, 0.35, 3.316, 9.88, 100.0, 80.66])
+def test_an_effort_slider_stays_inside_the_limit(limit: float) -> None:
+    low, high, step = effort_range(joint(-1, 1, effort=limit))
+    assert low == -high
+    assert 0.9 * limit < high <= limit + 1e-9
+    assert 50 < high / step < 1001
+
+
+def test_a_sheet_tells_what_a_real_arm_is_set_to() -> None:
+    world = World("psm")
+    sheet = read_sheet(world, "PSM1")
+    assert [joint.unit for joint in sheet.joints] == [LENGTH if k == 2 else ANGLE for k in range(7)]
+    assert sheet.joints[0].effort_max == pytest.approx(3.316, abs=1e-3)
+    assert sheet.gravity_compensation and not sheet.has_brakes
+    assert sheet.joints[-1].is_jaw and "home" in sheet.poses
+    world.arm("PSM1").use_gravity_compensation(False)
+    world.arm("PSM1").set_gains("yaw", p=11.0)
+    sheet = read_sheet(world, "PSM1")
+    assert not sheet.gravity_compensation
+    assert sheet.joints[0].gains[0] == 11.0
+
+
+def test_history_keeps_the_last_seconds_and_forgets_after_a_reset() -> None:
+    history, world = History(), FakeWorld()
+    world.arms["PSM1"].goal[0] = 0.3
+    for _ in range(360):
+        world.step(40)
+        history.add(world.snapshot())
+        history.add(world.snapshot())  # the same moment counts once
+    trace = history.trace("PSM1", 0)
+    assert trace.ago[-1] == 0.0 and -SPAN_S - 1e-6 <= trace.ago[0] < -SPAN_S + 0.05
+    assert np.all(np.diff(trace.ago) > 0)
+    assert trace.commanded[-1] == 0.3
+    world.reset()
+    history.add(world.snapshot())
+    assert history.trace("PSM1", 0).ago.tolist() == [0.0]
+    assert History().trace("PSM1", 0).ago.size == 0
+
+
+@pytest.mark.parametrize("middle", [-1234.5, 0.0, 0.013])
+@pytest.mark.parametrize("height", [0.0, 1e-3, 0.7, 89.0])
+def test_an_axis_holds_its_values_between_round_numbers(middle: float, height: float) -> None:
+    values = middle + height * np.array([-0.5, 0.5])
+    span = wide_enough(values, Span(0.0, 0.0), least=0.01)
+    assert span.low <= values.min() and values.max() <= span.high
+    assert 0.01 <= span.high - span.low <= 3 * max(height, 0.01) + 1e-9
+    assert wide_enough(values, span, least=0.01) == span
+    assert LINES > 2
+
+
+def test_bodies_send_only_what_moved(server: viser.ViserServer) -> None:
+    world: Any = FakeWorld()
+    bodies = Bodies(server.scene, world.shapes())
+    assert bodies.show(world.snapshot()) == 7
+    assert bodies.show(world.snapshot()) == 0
+    world.arms["PSM2"].q[2] += 0.01  # the insertion carries two bodies
+    assert bodies.show(world.snapshot()) == 2
+
+
+def test_small_moves_add_up_until_they_are_sent(server: viser.ViserServer) -> None:
+    world: Any = FakeWorld()
+    bodies = Bodies(server.scene, world.shapes())
+    bodies.show(world.snapshot())
+    sent = 0
+    for _ in range(10):
+        world.arms["PSM2"].q[2] += 3e-6
+        sent += bodies.show(world.snapshot())
+    assert sent > 0
+
+
+def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(
+    server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world: Any = FakeWorld()
+    loop = Loop(world, speed="max")
+    page = Page(server, world, loop)
+    page.refresh()
+    assert page._looks == 0
+    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
+    loop.post(MoveJp("PSM1", (0.5, 0.0, 0.1, 0.0)))
+    for _ in range(12):
+        loop.run(0.1)
+        page.refresh()
+    assert page._panel.arm == "PSM1"
+    assert page._panel._controls._sliders._handles[0].value == pytest.approx(28.6, abs=0.2)
+    assert "PSM1/yaw/measured" in page._tables._joints.content
+    page._tools.set_visible(True)
+    page.refresh()
+    loop.run(0.01)
+    page.refresh()
+    assert np.allclose(page._tools._nodes["PSM2"].position, (-0.15, -0.25, 0.9))
+
+
+def test_tables_show_numbers_in_units_for_people() -> None:
+    world: Any = FakeWorld()
+    world.arms["PSM1"].q[:] = [np.deg2rad(12.345), -1e-9, 0.1, 0.0, 0.0]
+    arm = world.snapshot().arms["PSM1"]
+    table = joint_table(read_sheet(world, "PSM1"), arm)
+    assert '<td data-trocar="PSM1/yaw/measured">12.35</td>' in table.replace("12.34<", "12.35<")
+    assert '<td data-trocar="PSM1/insertion/measured">100.00</td>' in table
+    assert "-0.00" not in table and "insertion [mm]" in table
+    state = Loop(world).state
+    cards = simulation_cards(state, 1e-7, 3e-6)
+    assert '<b class="" data-trocar="gap">0.040 &micro;m</b>' in cards
+    assert '<b class="good" data-trocar="branch">ok</b>' in cards
+    flipped = replace(state, health=replace(state.health, branch_ok=False), paused=True)
+    assert '<b class="bad" data-trocar="branch">flipped</b>' in simulation_cards(flipped, 0, 0)
+    assert '<b class="" data-trocar="rtf">paused</b>' in simulation_cards(flipped, 0, 0)
+
+
+def test_the_last_warnings_are_kept_newest_first() -> None:
+    notices, log = Notices(), logging.getLogger("trocar")
+    with notices.listening():
+        for k in range(6):
+            log.warning("clipped %d", k)
+        log.info("not a warning")
+    log.warning("nobody listens")
+    assert notices.newest_first == ("clipped 5", "clipped 4", "clipped 3", "clipped 2")
+    assert notices.count == 6
+
+
+def test_a_message_cannot_smuggle_markup_into_the_page(server: viser.ViserServer) -> None:
+    world: Any = FakeWorld()
+    page = Page(server, world, Loop(world))
+    with page.notices.listening():
+        logging.getLogger("trocar").warning("<script>alert(1)</script>")
+    page.fail(ValueError("<b>bold</b>"))
+    content = page._tables._messages.content
+    assert "<script>" not in content and "&lt;b&gt;bold" in content

@@ -1,0 +1,121 @@
+"""Serving the page: where, how it begins, and how it ends."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import trocar
+from trocar.errors import DivergedError, InputError
+from trocar.interfaces.viewer import serve
+from trocar.interfaces.viewer.server import address, serving
+
+from ..fake_world import FakeWorld
+
+
+def fake(**options: Any) -> Any:
+    return FakeWorld(**options)
+
+
+def test_it_serves_for_the_given_time_and_prints_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    pages: list[str] = []
+    world = fake()
+
+    def look(url: str) -> None:
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            pages.append(answer.read().decode())
+
+    serve(world, port=0, speed="max", duration_s=5.0, on_ready=look)
+    assert "<html" in pages[0].lower()
+    assert world.time == pytest.approx(5.0)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_port_is_free_again_afterwards() -> None:
+    used: list[str] = []
+    serve(fake(), port=0, speed="max", duration_s=0.1, on_ready=used.append)
+    port = int(used[0].rsplit(":", 1)[1])
+    serve(fake(), port=port, speed="max", duration_s=0.1, on_ready=used.append)
+    assert used[0] == used[1]
+
+
+def test_a_port_that_is_taken_is_one_clear_error() -> None:
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(InputError, match=f"port {port} on 127.0.0.1 is taken: .*--port"):
+            serve(fake(), port=port)
+
+
+@pytest.mark.parametrize("port", [-1, 65536])
+def test_a_port_that_does_not_exist_is_refused(port: int) -> None:
+    with pytest.raises(InputError, match=f"port {port} does not exist; allowed: 0"):
+        serve(fake(), port=port)
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.168.1.5", "example.org", ""])
+def test_only_this_machine_is_served(host: str) -> None:
+    with pytest.raises(InputError, match=r"no password.*allowed are 127\.0\.0\.1"):
+        serve(fake(), host=host)
+
+
+def test_localhost_means_the_loopback_address() -> None:
+    with serving("localhost", 0, "test") as server:
+        assert address(server).startswith("http://127.0.0.1:")
+
+
+def test_the_page_cannot_be_tunnelled_to_the_outside() -> None:
+    with serving("127.0.0.1", 0, "test") as server:
+        assert server.request_share_url() is None
+
+
+def test_a_diverged_simulation_is_shown_and_raised() -> None:
+    with pytest.raises(DivergedError, match=r"t = 0\.10.*PSM1/yaw.*0\.3"):
+        serve(fake(fail_at=0.1), port=0, speed="max")
+
+
+def test_what_goes_wrong_in_on_ready_stops_everything() -> None:
+    before = threading.active_count()
+
+    def fail(_: str) -> None:
+        raise ValueError("no browser to open")
+
+    with pytest.raises(ValueError, match="no browser"):
+        serve(fake(), port=0, on_ready=fail)
+    assert not [t for t in threading.enumerate() if t.name == "trocar-loop"], before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a console's Ctrl-C cannot be sent there")
+def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:
+    program = tmp_path / "serve.py"
+    program.write_text(
+        "import signal\n"
+        "from trocar.interfaces.viewer import serve\n"
+        "from trocar.simulation import World\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "serve(World('psm'), port=0, on_ready=lambda url: print(url, flush=True))\n"
+        "print('ended')\n"
+    )
+    source = str(Path(trocar.__file__).parents[1])
+    with subprocess.Popen(
+        [sys.executable, str(program)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": source},
+    ) as process:
+        assert process.stdout is not None
+        first = process.stdout.readline()
+        process.send_signal(2)
+        out, err = process.communicate(timeout=30)
+    assert first.startswith("http://127.0.0.1:")
+    assert (process.returncode, out, err) == (0, "ended\n", "")

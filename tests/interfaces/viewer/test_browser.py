@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from trocar.interfaces import Command, Loop
+from trocar.interfaces.viewer.own_thread import run_there
 from trocar.interfaces.viewer.page import PERIOD_S, Page
 from trocar.interfaces.viewer.server import address, serving
 from trocar.simulation import World
@@ -42,12 +43,12 @@ class Stage:
     def play(self, browser: Browser, act) -> None:
         over = threading.Event()
         with serving("127.0.0.1", 0, "test") as server, closing(self.loop):
-            page = Page(server, self.world, self.loop)
+            page = run_there(server, lambda: Page(server, self.world, self.loop))
             self.loop.start()
 
             def refresh() -> None:
                 while not over.is_set() and not self.loop.wait(PERIOD_S):
-                    page.refresh()
+                    run_there(server, page.refresh)
 
             thread = threading.Thread(target=refresh)
             thread.start()

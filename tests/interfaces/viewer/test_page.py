@@ -56,9 +56,8 @@ class Desk:
         return [handle.value for handle in self.sliders._handles]
 
     def drag(self, joint: int, value: float) -> None:
-        handle = self.sliders._handles[joint]
-        handle._impl.value = value
-        self.sliders._touched(SimpleNamespace(client_id=0, target=handle), joint)  # type: ignore[arg-type]
+        self.sliders._handles[joint]._impl.value = value
+        self.sliders._touched(joint, value)
 
 
 @pytest.fixture

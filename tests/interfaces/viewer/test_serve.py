@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import viser
+from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 import trocar
 from trocar.errors import DivergedError, InputError
@@ -76,6 +78,23 @@ def test_localhost_means_the_loopback_address() -> None:
 def test_the_page_cannot_be_tunnelled_to_the_outside() -> None:
     with serving("127.0.0.1", 0, "test") as server:
         assert server.request_share_url() is None
+
+
+def test_the_page_speaks_from_visers_own_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    speakers: list[str] = []
+    push = AsyncMessageBuffer.push
+
+    def listen(self: AsyncMessageBuffer, message: Any) -> None:
+        speakers.append(threading.current_thread().name)
+        push(self, message)
+
+    def begin(_: str) -> None:
+        monkeypatch.setattr(AsyncMessageBuffer, "push", listen)
+
+    monkeypatch.setattr(viser.ViserServer, "get_clients", lambda _: {0: None})
+    serve(fake(), port=0, duration_s=0.5, on_ready=begin)
+    assert len(speakers) > 10
+    assert threading.current_thread().name not in speakers and len(set(speakers)) == 1
 
 
 def test_a_diverged_simulation_is_shown_and_raised() -> None:

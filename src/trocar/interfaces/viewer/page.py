@@ -16,10 +16,11 @@ from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
+from trocar.interfaces.viewer.own_thread import run_there
 from trocar.interfaces.viewer.panel import Panel
 from trocar.interfaces.viewer.plots import JointPlots
 from trocar.interfaces.viewer.scene import Bodies, backdrop, floor, light, look_at_all
-from trocar.interfaces.viewer.server import address, serving
+from trocar.interfaces.viewer.server import LocalServer, address, serving
 from trocar.interfaces.viewer.sheet import read_sheet
 from trocar.interfaces.viewer.status import Notices, StatusTables
 
@@ -45,7 +46,7 @@ PANEL_WIDTH = 400
 
 
 class Page:
-    """Everything that a browser sees; made while the world stands still."""
+    """Everything that a browser sees; made, in viser's thread, while the world stands still."""
 
     def __init__(self, server: viser.ViserServer, world: World, loop: Loop) -> None:
         self._server, self._loop = server, loop
@@ -74,7 +75,7 @@ class Page:
         window.set_width(PANEL_WIDTH)
 
     def refresh(self) -> None:
-        """Send what changed, if anybody looks; to be called every PERIOD_S."""
+        """Send what changed, if anybody looks; to be called there every PERIOD_S."""
         state = self._loop.state
         self._history.add(state.snapshot)
         if not self._server.get_clients():
@@ -129,20 +130,21 @@ def serve(
     """
     with serving(host, port, label=f"trocar: {world.rig.name}") as server:
         loop = Loop(world, speed=speed)
-        page = Page(server, world, loop)
+        page = run_there(server, lambda: Page(server, world, loop))
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)
             if on_ready is not None:
                 on_ready(address(server))
-            _show_until_the_end(page, loop)
+            _show_until_the_end(server, page, loop)
 
 
-def _show_until_the_end(page: Page, loop: Loop) -> None:
+def _show_until_the_end(server: LocalServer, page: Page, loop: Loop) -> None:
     try:
         while not loop.wait(PERIOD_S):
-            page.refresh()
+            run_there(server, page.refresh)
     except TrocarError as error:
-        page.fail(error)
+        failure = error
+        run_there(server, lambda: page.fail(failure))
         threading.Event().wait(FAREWELL_S)
         raise
 

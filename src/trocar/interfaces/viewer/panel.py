@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ import viser
 from trocar.interfaces.commands import Hold, MoveTo, Pause, Reset, Resume
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames
+from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
 from trocar.interfaces.viewer.sheet import ArmSheet, read_sheet
 from trocar.interfaces.viewer.sliders import JointSliders
 from trocar.interfaces.viewer.tuning import BrakeButtons, GainsTable, GravityChoice, ModeChoice
@@ -19,7 +19,7 @@ from trocar.interfaces.viewer.tuning import BrakeButtons, GainsTable, GravityCho
 if TYPE_CHECKING:
     from trocar.simulation.records import Snapshot
 
-HOME = "home"
+HOME, HOLD = "home", "hold here"
 
 
 class ArmControls:
@@ -64,15 +64,13 @@ class ArmControls:
 
     def _poses(self, gui: viser.GuiApi, sheet: ArmSheet) -> None:
         names = sorted(sheet.poses, key=lambda name: name != HOME)
-        buttons = gui.add_button_group("Move to", (*names, "hold here"))
+        buttons = gui.add_button_group("Move to", (*names, HOLD))
 
-        @buttons.on_click
-        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
-            choice = event.target.value
-            self._loop.post(
-                MoveTo(self._name, choice) if choice in sheet.poses else Hold(self._name)
-            )
-            self._sliders.let_go()
+        when_pressed(buttons, self._move_to)
+
+    def _move_to(self, choice: str) -> None:
+        self._loop.post(Hold(self._name) if choice == HOLD else MoveTo(self._name, choice))
+        self._sliders.let_go()
 
 
 class Panel:
@@ -88,12 +86,11 @@ class Panel:
         marks: tuple[RemoteCentres, ToolFrames],
     ) -> None:
         self._gui, self._loop, self._sheets = gui, loop, sheets
-        self._lock = threading.RLock()
         self._asked: Future[ArmSheet] | None = None
         _time_buttons(gui, loop)
         _rig_poses(gui, loop, poses, sheets)
         self._choice = gui.add_dropdown("Arm", list(sheets))
-        self._choice.on_update(lambda _: self._choose())
+        when_touched(self._choice, lambda _: self._choose())
         self._controls = ArmControls(gui, loop, sheets[self.arm], loop.latest)
         _view_switches(gui, marks)
 
@@ -109,14 +106,13 @@ class Panel:
 
     def follow(self, now: Snapshot) -> None:
         """Show where the chosen arm is and what is set."""
-        with self._lock:
-            self._controls.follow(now)
-            if self._asked is None:
-                name = self.arm
-                self._asked = self._loop.ask(lambda world: read_sheet(world, name))
-            elif self._asked.done():
-                self._take_answer(self._asked)
-                self._asked = None
+        self._controls.follow(now)
+        if self._asked is None:
+            name = self.arm
+            self._asked = self._loop.ask(lambda world: read_sheet(world, name))
+        elif self._asked.done():
+            self._take_answer(self._asked)
+            self._asked = None
 
     def _take_answer(self, answer: Future[ArmSheet]) -> None:
         if answer.cancelled() or answer.exception() is not None:
@@ -127,18 +123,14 @@ class Panel:
             self._controls.follow_sheet(sheet)
 
     def _choose(self) -> None:
-        with self._lock:
-            self._controls.remove()
-            self._controls = ArmControls(self._gui, self._loop, self.sheet, self._loop.latest)
+        self._controls.remove()
+        self._controls = ArmControls(self._gui, self._loop, self.sheet, self._loop.latest)
 
 
 def _time_buttons(gui: viser.GuiApi, loop: Loop) -> None:
     commands = {"Pause": Pause(), "Resume": Resume(), "Reset": Reset()}
     buttons = gui.add_button_group("Time", tuple(commands))
-
-    @buttons.on_click
-    def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
-        loop.post(commands[event.target.value])
+    when_pressed(buttons, lambda name: loop.post(commands[name]))
 
 
 def _rig_poses(
@@ -150,11 +142,12 @@ def _rig_poses(
     """Move every arm at once; setup arms stay where their brakes hold them."""
     buttons = gui.add_button_group("All arms to", tuple(poses))
 
-    @buttons.on_click
-    def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
-        for arm in poses[event.target.value]:
+    def move(pose: str) -> None:
+        for arm in poses[pose]:
             if not sheets[arm].has_brakes:
-                loop.post(MoveTo(arm, event.target.value))
+                loop.post(MoveTo(arm, pose))
+
+    when_pressed(buttons, move)
 
 
 def _view_switches(gui: viser.GuiApi, marks: tuple[RemoteCentres, ToolFrames]) -> None:
@@ -162,5 +155,5 @@ def _view_switches(gui: viser.GuiApi, marks: tuple[RemoteCentres, ToolFrames]) -
     with gui.add_folder("Show", order=1e9):
         show_centres = gui.add_checkbox("Remote centres", True)
         show_tools = gui.add_checkbox("Tool frames", False)
-    show_centres.on_update(lambda _: centres.set_visible(show_centres.value))
-    show_tools.on_update(lambda _: tools.set_visible(show_tools.value))
+    when_touched(show_centres, centres.set_visible)
+    when_touched(show_tools, tools.set_visible)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +9,7 @@ import viser
 
 from trocar.interfaces.commands import JawMove, JawServoJf, MoveJp, ServoJf
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.viewer.own_thread import when_touched
 from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ class JointSliders:
 
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet, now: ArmSnapshot) -> None:
         self._gui, self._loop, self._sheet = gui, loop, sheet
-        self._lock = threading.RLock()
         self._goal = np.array(now.setpoint, dtype=float)
         self._effort = np.zeros_like(self._goal)
         self._mine = False
@@ -47,23 +46,21 @@ class JointSliders:
 
     def follow(self, now: ArmSnapshot) -> None:
         """Bring the sliders in line with the arm; to be called about ten times a second."""
-        with self._lock:
-            if tuple(now.modes) != self._modes:
-                self._effort[:] = 0.0
-                self._build(tuple(now.modes))
-            for handle, locked in zip(self._handles, now.locked, strict=True):
-                handle.disabled = locked  # a brake holds
-            self._untouched += 1
-            if self._untouched > HANDS_OFF and not now.busy:
-                self._mine = False
-            if not self._mine:
-                self._goal[:] = now.setpoint
-                self._show_goal()
+        if tuple(now.modes) != self._modes:
+            self._effort[:] = 0.0
+            self._build(tuple(now.modes))
+        for handle, locked in zip(self._handles, now.locked, strict=True):
+            handle.disabled = locked  # a brake holds
+        self._untouched += 1
+        if self._untouched > HANDS_OFF and not now.busy:
+            self._mine = False
+        if not self._mine:
+            self._goal[:] = now.setpoint
+            self._show_goal()
 
     def let_go(self) -> None:
         """Follow the arm from now on: it was sent somewhere by other means than a slider."""
-        with self._lock:
-            self._mine = False
+        self._mine = False
 
     def _build(self, modes: tuple[str, ...]) -> None:
         self._modes = modes
@@ -83,21 +80,18 @@ class JointSliders:
         handle = self._gui.add_slider(
             label, min=low, max=high, step=step, initial_value=_shown(value, low, high, step)
         )
-        handle.on_update(lambda event, k=k: self._touched(event, k))
+        when_touched(handle, lambda value: self._touched(k, value))
         return handle
 
-    def _touched(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]], k: int) -> None:
-        if event.client_id is None:  # the page itself moved it
-            return
-        with self._lock:
-            joint, value = self._sheet.joints[k], event.target.value
-            self._untouched, self._mine = 0, True
-            if self._modes[k] == "effort":
-                self._effort[k] = value
-                self._push(joint)
-            else:
-                self._goal[k] = np.clip(value / joint.unit.scale, joint.lower, joint.upper)
-                self._move(joint)
+    def _touched(self, k: int, value: float) -> None:
+        joint = self._sheet.joints[k]
+        self._untouched, self._mine = 0, True
+        if self._modes[k] == "effort":
+            self._effort[k] = value
+            self._push(joint)
+        else:
+            self._goal[k] = np.clip(value / joint.unit.scale, joint.lower, joint.upper)
+            self._move(joint)
 
     def _move(self, joint: JointSheet) -> None:
         arm = self._sheet.name

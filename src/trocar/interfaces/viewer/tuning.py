@@ -14,6 +14,7 @@ from trocar.interfaces.commands import (
     SetMode,
 )
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
 from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ MODES: dict[str, Mode] = {
     "set (kinematic)": "set",
 }
 ALL_JOINTS = "all joints"
+RELEASE = "Release"
 
 
 class ModeChoice:
@@ -35,7 +37,7 @@ class ModeChoice:
         self._names = [joint.name for joint in sheet.joints]
         self._mode = gui.add_dropdown("Mode", list(MODES), initial_value=_title(now.modes[0]))
         self._scope = gui.add_dropdown("Applies to", [ALL_JOINTS, *self._names])
-        self._mode.on_update(self._chosen)
+        when_touched(self._mode, self._chosen)
 
     def follow(self, now: ArmSnapshot) -> None:
         """Show the mode in force."""
@@ -43,12 +45,10 @@ class ModeChoice:
         index = 0 if scope == ALL_JOINTS else self._names.index(scope)
         self._mode.value = _title(now.modes[index])
 
-    def _chosen(self, event: viser.GuiEvent[viser.GuiDropdownHandle[str]]) -> None:
-        if event.client_id is None:
-            return
+    def _chosen(self, title: str) -> None:
         scope = self._scope.value
         joints = None if scope == ALL_JOINTS else (scope,)
-        self._loop.post(SetMode(self._sheet.name, MODES[event.target.value], joints))
+        self._loop.post(SetMode(self._sheet.name, MODES[title], joints))
 
 
 class GravityChoice:
@@ -57,10 +57,7 @@ class GravityChoice:
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet) -> None:
         self._box = gui.add_checkbox("Gravity comp.", sheet.gravity_compensation)
 
-        @self._box.on_update
-        def _(event: viser.GuiEvent[viser.GuiCheckboxHandle]) -> None:
-            if event.client_id is not None:
-                loop.post(SetGravityCompensation(sheet.name, event.target.value))
+        when_touched(self._box, lambda on: loop.post(SetGravityCompensation(sheet.name, on)))
 
     def follow(self, sheet: ArmSheet) -> None:
         """Show what is in force."""
@@ -83,11 +80,9 @@ class BrakeButtons:
     """Release and lock the brakes of a setup arm."""
 
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet) -> None:
-        buttons = gui.add_button_group("Brakes", ("Release", "Lock"))
+        buttons = gui.add_button_group("Brakes", (RELEASE, "Lock"))
 
-        @buttons.on_click
-        def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
-            loop.post(Brakes(sheet.name, released=event.target.value == "Release"))
+        when_pressed(buttons, lambda name: loop.post(Brakes(sheet.name, name == RELEASE)))
 
 
 def _gains_row(
@@ -97,12 +92,11 @@ def _gains_row(
     hint = f"P [{unit}], I [{unit} per second], D [{unit} times second]"
     row = gui.add_vector3(joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=hint)
 
-    @row.on_update
-    def _(event: viser.GuiEvent[viser.GuiVector3Handle]) -> None:
-        if event.client_id is not None:
-            p, i, d = event.target.value
-            loop.post(SetGains(sheet.name, joint.name, p=p, i=i, d=d))
+    def changed(gains: tuple[float, float, float]) -> None:
+        p, i, d = gains
+        loop.post(SetGains(sheet.name, joint.name, p=p, i=i, d=d))
 
+    when_touched(row, changed)
     return row
 
 

@@ -97,7 +97,7 @@ def test_the_psm_is_shown_in_the_rows_of_table_4(trocar):
     assert "modified DH: a -0.1 m, alpha 1.570796 rad" in out
     assert "slides by 0.6025 insertion" in out
     assert "xyz (0, 0.4864, 0) m" in out
-    assert "wrist_yaw - 0.5 jaw" in out and "finger_left - finger_right" in out
+    assert "turns by -0.5 jaw" in out and "2 finger_left" in out
 
 
 def test_a_loop_that_flattens_near_the_limits_is_warned_of(trocar, tmp_path):

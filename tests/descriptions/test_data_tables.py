@@ -179,7 +179,7 @@ def test_every_moving_frame_has_a_possible_body(name: str) -> None:
     arm = load_arm(name)
     loaded = {body.frame for body in arm.bodies}
     for frame in arm.mechanism.frames:
-        assert frame.motion == "fixed" or frame.virtual or frame.name in loaded, frame.name
+        assert frame.motion == "fixed" or frame.name in loaded, frame.name
     for body in arm.bodies:
         low, middle, high = np.linalg.eigvalsh(body.inertia)
         assert body.mass > 0.0 and low > 0.0, body.frame

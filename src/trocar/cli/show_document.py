@@ -58,7 +58,6 @@ def _frames(arm: ArmDescription) -> list[Document]:
             "parent": frame.parent,
             "motion": frame.motion,
             "couplings": dict(frame.couplings),
-            "virtual": frame.virtual,
             "dh": _dh_row(frame, "standard" if standard else "modified"),
             "pose": frame.before @ frame.after,
             "source": arm.row_sources.get(frame.name, ""),

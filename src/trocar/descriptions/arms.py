@@ -194,6 +194,8 @@ def _read_joint(row: Table) -> JointDescription:
     if not lower < upper:
         raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
     drive = row.table("drive")
+    if len(drive.entries()) != 1:
+        raise row.fail("drive", f"got {drive.entries()}; allowed: one frame = weight")
     joint = JointDescription(
         name=name,
         kind="revolute" if turns else "prismatic",
@@ -247,7 +249,6 @@ def _read_frame(row: Table) -> Frame:
         before,
         after,
         couplings,
-        row.flag("virtual", False),
     )
     row.done()
     return frame

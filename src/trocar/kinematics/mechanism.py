@@ -47,7 +47,6 @@ class Frame:
         before: pose of the moving axis in the parent, (4, 4)
         after: pose of the frame on the moving side, (4, 4)
         couplings: ((joint, ratio), ...): coordinate = sum(ratio * q[joint])
-        virtual: moves, but no body moves with it (the mean of two fingers)
     """
 
     name: str
@@ -56,7 +55,6 @@ class Frame:
     before: Array
     after: Array
     couplings: tuple[tuple[str, float], ...] = ()
-    virtual: bool = False
 
 
 @dataclass(frozen=True, eq=False)

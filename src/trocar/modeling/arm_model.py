@@ -49,64 +49,61 @@ class Anchor:
     pose: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """An arm's place in a model.
+
+    Attributes:
+        name: its name in the rig
+        mount: where its root goes
+        mask: whom it touches
+        group: group of its servos, which can be switched off together
+    """
+
+    name: str
+    mount: Anchor
+    mask: ContactMask
+    group: int
+
+
 def add_arm(
-    spec: mujoco.MjSpec,
-    name: str,
-    arm: ArmDescription,
-    mount: Anchor,
-    mask: ContactMask,
-    options: ModelOptions,
+    spec: mujoco.MjSpec, arm: ArmDescription, place: Place, options: ModelOptions
 ) -> dict[str, Anchor]:
     """Add an arm to a model and return where each of its frames is.
 
     Args:
         spec: the model that grows
-        name: the arm's name in the rig
         arm: its description
-        mount: where its root goes
-        mask: whom it touches
+        place: its name, mount and whom it touches
         options: choices for the whole model
 
     Raises:
         InputError: the description has no masses, so it can only be moved kinematically
     """
     massed = {body.frame for body in arm.bodies}
-    bare = [
-        f.name
-        for f in arm.mechanism.frames
-        if f.motion != "fixed" and not f.virtual and f.name not in massed
-    ]
+    bare = [f.name for f in arm.mechanism.frames if f.motion != "fixed" and f.name not in massed]
     if bare:
         why = "".join(f"; {m.what}: {m.why}" for m in arm.missing)
         raise InputError(f"{arm.name}: cannot be simulated, no mass for {', '.join(bare)}{why}")
-    locked = options.locked.get(name)
-    anchors = _add_frames(name, arm, mount, mask, options)
-    if locked is None:
-        _add_loops(spec, name, arm, anchors, options)
-        _add_couplings(spec, name, arm, options)
+    anchors = _add_frames(arm, place, options)
+    if place.name not in options.locked:
+        _add_loops(spec, place.name, arm, anchors, options)
+        _add_couplings(spec, place.name, arm, options)
         for joint in arm.joints:
-            _add_servo(spec, name, arm, joint, options)
+            _add_servo(spec, place, joint, options)
     return anchors
 
 
-def _add_frames(
-    name: str,
-    arm: ArmDescription,
-    mount: Anchor,
-    mask: ContactMask,
-    options: ModelOptions,
-) -> dict[str, Anchor]:
+def _add_frames(arm: ArmDescription, place: Place, options: ModelOptions) -> dict[str, Anchor]:
+    name = place.name
     locked = options.locked.get(name)
     at = None if locked is None else coordinates(arm.mechanism, locked)
-    friction = arm.friction.get(options.friction, {})
     massed: dict[str, list[Body]] = {}
     for body in arm.bodies:
         massed.setdefault(body.frame, []).append(body)
     anchors: dict[str, Anchor] = {}
     for index, frame in enumerate(arm.mechanism.frames):
-        parent = mount if frame.parent is None else anchors.get(frame.parent)
-        if parent is None or (frame.virtual and frame.motion != "fixed"):
-            continue  # nothing moves with it, nor with what hangs on it
+        parent = place.mount if frame.parent is None else anchors[frame.parent]
         zero = np.zeros(()) if at is None else at[index]
         pose = parent.pose @ local_pose(frame, zero)
         moves = frame.motion != "fixed" and at is None
@@ -126,28 +123,32 @@ def _add_frames(
         )
         anchors[frame.name] = Anchor(made, np.eye(4))
         if moves:
-            _add_hinge(made, name, frame, arm, friction)
+            _add_hinge(made, name, frame, arm, options)
         bodies = massed.get(frame.name, [])
         _set_mass(made, bodies)
         for number, shape in enumerate(s for b in bodies for s in b.shapes):
-            add_shape(made, naming.scoped(name, f"{frame.name}/{number}"), shape, mask, options)
+            add_shape(
+                made, naming.scoped(name, f"{frame.name}/{number}"), shape, place.mask, options
+            )
     return anchors
 
 
 def _add_hinge(
-    body: mujoco.MjsBody,
-    name: str,
-    frame: Frame,
-    arm: ArmDescription,
-    friction: Mapping[str, Friction],
+    body: mujoco.MjsBody, name: str, frame: Frame, arm: ArmDescription, options: ModelOptions
 ) -> None:
-    """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`."""
+    """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`.
+
+    Friction of a joint is turned into its hinge's by the weight w of the drive: q = w * coordinate.
+    """
     back = inverse(frame.after)
     slides = frame.motion == "prismatic"
-    single = {j.drive[0][0]: j for j in arm.joints if len(j.drive) == 1}
-    joint = single.get(frame.name)
-    own = friction.get(joint.name) if joint else None
-    loss = own or friction.get(frame.name) or Friction(0.0, 0.0)
+    joint = next((j for j in arm.joints if j.drive[0][0] == frame.name), None)
+    weight = joint.drive[0][1] if joint else 1.0
+    friction = arm.friction.get(options.friction, {})
+    loss = friction.get(frame.name, Friction(0.0, 0.0))
+    if joint is not None and joint.name in friction:
+        own = friction[joint.name]
+        loss = Friction(own.coulomb * abs(weight), own.viscous * weight**2)
     hinge = body.add_joint(
         name=naming.scoped(name, frame.name),
         type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
@@ -158,10 +159,10 @@ def _add_hinge(
         frictionloss=loss.coulomb,
     )
     if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
-        weight = joint.drive[0][1]
-        ends = sorted([joint.stop_lower / weight, joint.stop_upper / weight])
         hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        hinge.range = ends
+        hinge.range = sorted([joint.stop_lower / weight, joint.stop_upper / weight])
+        hinge.solref_limit = [options.timestep, 1.0]
+        hinge.solimp_limit = STIFF_IMPEDANCE
 
 
 def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
@@ -282,7 +283,7 @@ def _add_couplings(
     driven = {frame for joint in arm.joints for frame, _ in joint.drive}
     passive = {frame for closure in arm.mechanism.closures for frame in closure.passive}
     for frame in arm.mechanism.frames:
-        if frame.motion == "fixed" or frame.virtual or frame.name in driven | passive:
+        if frame.motion == "fixed" or frame.name in driven | passive:
             continue
         if len(frame.couplings) != 1:
             raise InputError(
@@ -303,39 +304,23 @@ def _add_couplings(
 
 
 def _add_servo(
-    spec: mujoco.MjSpec,
-    name: str,
-    arm: ArmDescription,
-    joint: JointDescription,
-    options: ModelOptions,
+    spec: mujoco.MjSpec, place: Place, joint: JointDescription, options: ModelOptions
 ) -> None:
-    """Add a joint's actuator (PID with feed-forward), its pin and, for two hinges, its tendon."""
-    target = naming.scoped(name, joint.drive[0][0])
-    kind, equality = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtEq.mjEQ_JOINT
-    if len(joint.drive) > 1:
-        target = naming.scoped(name, joint.name)
-        kind, equality = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtEq.mjEQ_TENDON
-        loss = arm.friction.get(options.friction, {}).get(joint.name, Friction(0.0, 0.0))
-        tendon = spec.add_tendon(
-            name=target,
-            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-            range=[joint.stop_lower, joint.stop_upper],
-            damping=[loss.viscous, 0.0, 0.0],
-            frictionloss=loss.coulomb,
-            solref_limit=_stiff(options),
-            solimp_limit=STIFF_IMPEDANCE,
-        )
-        for frame, weight in joint.drive:
-            tendon.wrap_joint(naming.scoped(name, frame), weight)
-    servo = spec.add_actuator(name=naming.scoped(name, joint.name), target=target, trntype=kind)
-    servo.gear = [joint.drive[0][1] if len(joint.drive) == 1 else 1.0, 0, 0, 0, 0, 0]
+    """Add a joint's actuator (PID with feed-forward) and its pin, on the hinge that it drives."""
+    ((hinge, weight),) = joint.drive
+    target = naming.scoped(place.name, hinge)
+    servo = spec.add_actuator(
+        name=naming.scoped(place.name, joint.name), target=target, trntype=mujoco.mjtTrn.mjTRN_JOINT
+    )
+    servo.gear = [weight, 0, 0, 0, 0, 0]
+    servo.group = place.group
     servo.set_to_pid(kp=1.0, kv=1.0, ki=1.0, ctrlspec=SERVO_INPUTS)
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.forcerange = [-joint.effort_max, joint.effort_max]
     _add_equality(
         spec,
-        naming.pin(name, joint.name),
-        equality,
+        naming.pin(place.name, joint.name),
+        mujoco.mjtEq.mjEQ_JOINT,
         options,
         name1=target,
         data=[0.0],

@@ -9,7 +9,7 @@ import numpy as np
 
 from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
 from trocar.geometry.rotations import quaternion_from_matrix
-from trocar.modeling.arm_model import Anchor, add_arm, add_shape
+from trocar.modeling.arm_model import Anchor, Place, add_arm, add_shape
 from trocar.modeling.contacts import contact_masks
 from trocar.modeling.options import IMPRATIO, ModelOptions
 
@@ -35,10 +35,11 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
         for number, shape in enumerate(prop.shapes):
             add_shape(body, f"{prop.name}/{number}", shape, masks[""], chosen)
     frames: dict[str, dict[str, Anchor]] = {}
-    for arm in rig.arms:
+    for group, arm in enumerate(rig.arms, start=1):
         mount = frames[arm.on][arm.frame] if arm.on else world
         at = Anchor(mount.body, mount.pose @ arm.pose)
-        frames[arm.name] = add_arm(spec, arm.name, arm.arm, at, masks[arm.name], chosen)
+        place = Place(arm.name, at, masks[arm.name], group)
+        frames[arm.name] = add_arm(spec, arm.arm, place, chosen)
     return spec
 
 

@@ -62,7 +62,7 @@ def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
             drive[row, column[frame]] = weight
     actuators = [model.actuator(naming.scoped(rig_arm.name, j.name)).id for j in live]
     pins = [model.equality(naming.pin(rig_arm.name, j.name)).id for j in live]
-    scale = [1.0 / j.drive[0][1] if len(j.drive) == 1 else 1.0 for j in live]
+    scale = [1.0 / j.drive[0][1] for j in live]
     bodies: dict[str, int] = {}
     for frame in mechanism.frames:
         body = mujoco.mj_name2id(

@@ -49,6 +49,7 @@ class Drives:
         self.modes: list[Mode] = ["position"] * len(joints)
         self.gains = np.array([[g.p, g.i, g.d] for g in (control.pid[j.name] for j in joints)])
         self.locked = np.full(len(joints), self.brakes)
+        self._dry = model.dof_frictionloss[self.binding.dof].copy()
         self.limit_efforts(control.effort_limits)
 
     def limit_efforts(self, on: bool) -> None:
@@ -73,6 +74,15 @@ class Drives:
         self._model.actuator_biasprm[ids, 2] = -on[:, 2]
         held = self.locked | np.array([m == "set" for m in self.modes])
         self._data.eq_active[self.binding.pins] = held
+        if self.brakes:
+            self._rest()
+
+    def _rest(self) -> None:
+        """Spare the physics the servos and the dry friction of joints whose brakes hold them."""
+        group = 1 << int(self._model.actuator_group[self.binding.actuators[0]])
+        asleep = self._model.opt.disableactuator & ~group
+        self._model.opt.disableactuator = asleep | (group if self.locked.all() else 0)
+        self._model.dof_frictionloss[self.binding.dof] = np.where(self.locked, 0.0, self._dry)
 
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""

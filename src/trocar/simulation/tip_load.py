@@ -57,10 +57,7 @@ class TipLoad:
 
 
 def _tip_body(arm: RigArm, drives: Drives) -> tuple[int, Array]:
-    """Return the body that carries the tip's point, and the point in it, (3,) [m].
-
-    A virtual frame that turns does so about its own origin, which its parent carries.
-    """
+    """Return the body that carries the tip's point, and the point in it, (3,) [m]."""
     mechanism = arm.arm.mechanism
     at = np.eye(4)
     frame = mechanism.frame(mechanism.tip)

@@ -127,7 +127,7 @@ def compiled_frames() -> Iterator[Figure]:
         for q in _random_positions(arm, 100):
             coordinate = forward.coordinates(arm.mechanism, q)
             for index, frame in enumerate(arm.mechanism.frames):
-                if frame.motion != "fixed" and not frame.virtual:
+                if frame.motion != "fixed":
                     data.joint(naming.scoped("arm", frame.name)).qpos = coordinate[index]
             mujoco.mj_kinematics(model, data)
             analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)

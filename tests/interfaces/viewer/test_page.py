@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import viser
 
-from trocar.interfaces import JawMove, Loop, MoveJp, ServoJf
+from trocar.interfaces import JawMove, Loop, MoveJp, ServoJf, SetGains
 from trocar.interfaces.viewer.history import SPAN_S, History
 from trocar.interfaces.viewer.page import Page
 from trocar.interfaces.viewer.plots import LINES, Span, wide_enough
@@ -26,6 +26,7 @@ from trocar.interfaces.viewer.sliders import (
     goal_range,
 )
 from trocar.interfaces.viewer.status import Notices, joint_table, simulation_cards
+from trocar.interfaces.viewer.tuning import SETTLED, GainsTable
 from trocar.simulation import World
 
 from ..fake_world import FakeWorld
@@ -126,6 +127,24 @@ def test_a_locked_brake_greys_its_slider_out(server: viser.ViserServer) -> None:
     sliders = JointSliders(server.gui, desk.loop, sheet, arm)
     sliders.follow(replace(arm, locked=(True, False)))
     assert [handle.disabled for handle in sliders._handles] == [True, False]
+
+
+def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: viser.ViserServer) -> None:
+    table = GainsTable(server.gui, desk.loop, desk.sheet)
+    for gains in ((1.0, 0.0, 5.0), (15.0, 0.0, 5.0), (150.0, 0.0, 5.0)):
+        table._rows["yaw"]._impl.value = gains
+        table._changed("yaw", gains)
+        table.follow(desk.sheet)
+    assert desk.posted == []
+    for _ in range(SETTLED):
+        table.follow(desk.sheet)
+    assert desk.posted == [SetGains("PSM1", "yaw", p=150.0, i=0.0, d=5.0)]
+    table.follow(desk.sheet)  # still the old gains: not shown, they are on their way
+    assert table._rows["yaw"].value == (150.0, 0.0, 5.0)
+    for _ in range(SETTLED):
+        table.follow(desk.sheet)
+    assert table._rows["yaw"].value == (100.0, 0.0, 5.0)
+    assert len(desk.posted) == 1
 
 
 def joint(lower: float, upper: float, unit=ANGLE, effort: float = 1.0) -> JointSheet:
@@ -257,7 +276,7 @@ def test_the_last_warnings_are_kept_newest_first() -> None:
             log.warning("clipped %d", k)
         log.info("not a warning")
     log.warning("nobody listens")
-    assert notices.newest_first == ("clipped 5", "clipped 4", "clipped 3", "clipped 2")
+    assert notices.newest_first == ("clipped 5", "clipped 4", "clipped 3")
     assert notices.count == 6
 
 

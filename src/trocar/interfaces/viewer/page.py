@@ -41,7 +41,7 @@ PLOTS_EVERY = 3
 FAREWELL_S = 1.0
 """How long the page still shows what stopped the simulation before it closes [s]."""
 
-PANEL_WIDTH = 400
+PANEL_WIDTH = 370
 """Width of each panel in CSS pixels. Source: chosen by eye."""
 
 

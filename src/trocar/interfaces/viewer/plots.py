@@ -28,8 +28,8 @@ class JointPlots:
     def __init__(self, gui: viser.GuiApi, sheet: ArmSheet) -> None:
         self._sheet = sheet
         self._choice = gui.add_dropdown("Last 10 s of", _names(sheet))
-        self._motion = _Plot(gui, (("commanded", COMMANDED), ("measured", MEASURED)), height=175)
-        self._error = _Plot(gui, (("measured - commanded", ERROR),), height=135)
+        self._motion = _Plot(gui, (("commanded", COMMANDED), ("measured", MEASURED)), height=150)
+        self._error = _Plot(gui, (("measured - commanded", ERROR),), height=115)
 
     def show(self, history: History, sheet: ArmSheet) -> None:
         """Draw the chosen joint of an arm."""

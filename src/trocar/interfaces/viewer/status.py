@@ -18,18 +18,18 @@ from trocar.interfaces.viewer.sheet import ArmSheet
 if TYPE_CHECKING:
     from trocar.simulation.records import ArmSnapshot, Health
 
-KEPT = 4
+KEPT = 3
 """How many warnings stay in sight."""
 
 STYLE = """<style>
-.trocar { font-size: 12.5px; padding: 2px 10px 4px; font-variant-numeric: tabular-nums; }
+.trocar { font-size: 12.5px; padding: 1px 14px 3px 10px; font-variant-numeric: tabular-nums; }
 .trocar table { width: 100%; border-collapse: collapse; }
 .trocar th { text-align: right; font-weight: 500; opacity: .6; padding: 2px 3px; }
 .trocar td { text-align: right; padding: 1.5px 3px; white-space: nowrap; }
 .trocar th:first-child, .trocar td:first-child { text-align: left; }
 .trocar tr + tr td { border-top: 1px solid rgba(128, 128, 128, .18); }
-.trocar .cards { display: grid; grid-template-columns: repeat(3, 1fr); gap: 6px; }
-.trocar .card { background: rgba(128, 128, 128, .09); border-radius: 4px; padding: 4px 8px; }
+.trocar .cards { display: grid; grid-template-columns: repeat(3, 1fr); gap: 5px; }
+.trocar .card { background: rgba(128, 128, 128, .09); border-radius: 4px; padding: 2px 7px; }
 .trocar .card span { display: block; font-size: 11px; opacity: .62; white-space: nowrap; }
 .trocar .card b { font-size: 15.5px; font-weight: 600; white-space: nowrap; }
 .trocar b.good { color: #2b8a3e; } .trocar b.bad { color: #e03131; }
@@ -101,23 +101,20 @@ def simulation_cards(state: LoopState, gap_max_m: float, rcm_max_m: float) -> st
     """Write time, speed and the health of the linkages."""
     health = state.health
     speed = "paused" if state.paused else f"{state.real_time_factor:.2f}"
+    margin = _degrees(health.flattening_margin_rad)
     cards = (
         ("time", "simulated", f"{state.snapshot.time:.2f} s", ""),
         ("rtf", "real-time factor", speed, ""),
-        ("branch", "linkage branches", "ok" if health.branch_ok else "flipped", _verdict(health)),
-        ("gap", f"loop gap, max {_micro(gap_max_m)}", f"{_micro(health.loop_gap_m)} &micro;m", ""),
-        (
-            "rcm",
-            f"RCM error, max {_micro(rcm_max_m)}",
-            f"{_micro(health.rcm_error_m)} &micro;m",
-            "",
-        ),
-        ("margin", "from flattening", _degrees(health.flattening_margin_rad), ""),
+        ("branch", "linkage branches", "ok" if health.branch_ok else "flipped", ""),
+        ("gap", "loop gap", f"{_micro(health.loop_gap_m)} &micro;m", f"max {_micro(gap_max_m)}"),
+        ("rcm", "RCM error", f"{_micro(health.rcm_error_m)} &micro;m", f"max {_micro(rcm_max_m)}"),
+        ("margin", "from flattening", margin, "joint range"),
     )
+    look = {"branch": "good" if health.branch_ok else "bad"}
     body = "".join(
         f'<div class="card"><span>{name}</span>'
-        f'<b class="{look}" data-trocar="{key}">{value}</b></div>'
-        for key, name, value, look in cards
+        f'<b class="{look.get(key, "")}" data-trocar="{key}">{value}</b><span>{more}</span></div>'
+        for key, name, value, more in cards
     )
     return f'<div class="cards">{body}</div>'
 
@@ -151,10 +148,6 @@ def _number(value: float, digits: int) -> str:
 
 def _notes(notices: Notices) -> str:
     return "".join(f'<div class="note">{escape(text)}</div>' for text in notices.newest_first)
-
-
-def _verdict(health: Health) -> str:
-    return "good" if health.branch_ok else "bad"
 
 
 def _micro(metres: float) -> str:

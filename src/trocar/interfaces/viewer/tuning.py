@@ -28,6 +28,9 @@ MODES: dict[str, Mode] = {
 ALL_JOINTS = "all joints"
 RELEASE = "Release"
 
+SETTLED = 4
+"""Looks at the arm without a touch after which typing is over. Source: most of a second at 5 Hz."""
+
 
 class ModeChoice:
     """Which control mode is in force, for the whole arm or for one joint of it."""
@@ -55,25 +58,62 @@ class GravityChoice:
     """Whether motors carry the weight of the links."""
 
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet) -> None:
+        self._loop, self._arm = loop, sheet.name
+        self._untouched = SETTLED
         self._box = gui.add_checkbox("Gravity comp.", sheet.gravity_compensation)
-
-        when_touched(self._box, lambda on: loop.post(SetGravityCompensation(sheet.name, on)))
+        when_touched(self._box, self._switched)
 
     def follow(self, sheet: ArmSheet) -> None:
-        """Show what is in force."""
-        self._box.value = sheet.gravity_compensation
+        """Show what is in force, but not what was in force before the last touch."""
+        self._untouched += 1
+        if self._untouched >= SETTLED:
+            self._box.value = sheet.gravity_compensation
+
+    def _switched(self, on: bool) -> None:
+        self._untouched = 0
+        self._loop.post(SetGravityCompensation(self._arm, on))
 
 
 class GainsTable:
-    """Three numbers per joint: P, I, D."""
+    """Three numbers per joint: P, I, D.
+
+    A number that is being typed passes through others (on the way to 120 it is 1 and 12), and an
+    arm with P = 1 drops. So gains are posted when the typing has settled.
+    """
 
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet) -> None:
-        self._rows = {joint.name: _gains_row(gui, loop, sheet, joint) for joint in sheet.joints}
+        self._loop, self._arm = loop, sheet.name
+        self._typed: dict[str, tuple[float, float, float]] = {}
+        self._untouched = SETTLED
+        self._rows = {joint.name: self._row(gui, joint) for joint in sheet.joints}
 
     def follow(self, sheet: ArmSheet) -> None:
-        """Show what is in force."""
+        """Post what was typed, or show what is in force."""
+        self._untouched += 1
+        if self._untouched < SETTLED:
+            return
+        if self._typed:
+            self._post_typed()
+            return
         for joint in sheet.joints:
             self._rows[joint.name].value = joint.gains
+
+    def _post_typed(self) -> None:
+        for joint, (p, i, d) in self._typed.items():
+            self._loop.post(SetGains(self._arm, joint, p=p, i=i, d=d))
+        self._typed.clear()
+        self._untouched = 0
+
+    def _row(self, gui: viser.GuiApi, joint: JointSheet) -> viser.GuiVector3Handle:
+        unit = joint.unit.gain_text
+        hint = f"P [{unit}], I [{unit} per second], D [{unit} times second]"
+        row = gui.add_vector3(joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=hint)
+        when_touched(row, lambda gains: self._changed(joint.name, gains))
+        return row
+
+    def _changed(self, joint: str, gains: tuple[float, float, float]) -> None:
+        self._typed[joint] = gains
+        self._untouched = 0
 
 
 class BrakeButtons:
@@ -83,21 +123,6 @@ class BrakeButtons:
         buttons = gui.add_button_group("Brakes", (RELEASE, "Lock"))
 
         when_pressed(buttons, lambda name: loop.post(Brakes(sheet.name, name == RELEASE)))
-
-
-def _gains_row(
-    gui: viser.GuiApi, loop: Loop, sheet: ArmSheet, joint: JointSheet
-) -> viser.GuiVector3Handle:
-    unit = joint.unit.gain_text
-    hint = f"P [{unit}], I [{unit} per second], D [{unit} times second]"
-    row = gui.add_vector3(joint.name, joint.gains, min=(0.0, 0.0, 0.0), step=0.01, hint=hint)
-
-    def changed(gains: tuple[float, float, float]) -> None:
-        p, i, d = gains
-        loop.post(SetGains(sheet.name, joint.name, p=p, i=i, d=d))
-
-    when_touched(row, changed)
-    return row
 
 
 def _title(mode: str) -> str:

@@ -16,7 +16,7 @@ from trocar.interfaces.state import LoopState
 from trocar.interfaces.viewer.sheet import ArmSheet
 
 if TYPE_CHECKING:
-    from trocar.simulation.records import ArmSnapshot, Health
+    from trocar.simulation.records import ArmSnapshot
 
 KEPT = 3
 """How many warnings stay in sight."""

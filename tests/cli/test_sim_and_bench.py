@@ -1,0 +1,82 @@
+"""`trocar sim` and `trocar bench`: their documents, their options, their refusals."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+
+import pytest
+
+from trocar.cli import main
+
+REPORT = [
+    "rig", "timestep_s", "simulated_s", "wall_s", "real_time_factor", "bare_real_time_factor",
+    "overhead", "loop_gap_um_max", "rcm_error_um_max", "branch_ok", "tracking_rms",
+]  # fmt: skip
+
+
+def test_a_headless_run_prints_one_document(capsys):
+    words = ["sim", "--headless", "--rig", "psm", "--duration", "0.2", "--tip-load", "10", "--json"]
+    assert main(words) == 0
+    printed = capsys.readouterr()
+    document = json.loads(printed.out)
+    assert list(document) == REPORT
+    assert document["rig"] == "psm"
+    assert document["branch_ok"] is True
+    assert document["rcm_error_um_max"] <= 3.0
+
+
+def test_a_headless_run_tells_people_what_it_found(capsys):
+    assert main(["sim", "--headless", "--rig", "ecm", "--duration", "0.2"]) == 0
+    out = capsys.readouterr().out
+    for text in ("real-time factor", "overhead", "um", "branch right", "ECM", "mrad", "mm"):
+        assert text in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--duration", "0", "--headless"], "--duration: got 0; allowed: above 0 s"),
+        (["--tip-load", "-1", "--headless"], "--tip-load: got -1; allowed: 0 N or more"),
+        (["--json"], "--json: only a headless run has a report; add --headless"),
+        (["--rig", "ful_cart", "--headless"], "unknown rig 'ful_cart' (did you mean 'full_cart'?)"),
+        (["--timestep", "0.5", "--headless"], "allowed: above 0 to 0.01 s"),
+        (["--speed", "slow"], "invalid choice: 'slow'"),
+        (["--port", "70000"], "port 70000 does not exist; allowed: 0 (any free one) to 65535"),
+    ],
+)
+def test_bad_input_is_one_line(words, said, capsys):
+    assert main(["sim", *words]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert not printed.out
+    assert len([line for line in printed.err.splitlines() if "error" in line]) == 1
+
+
+def test_a_rig_file_that_is_broken_is_named_with_its_key(tmp_path: Path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text('schema = 1\nname = "mine"\nsource = "me"\n', encoding="utf-8")
+    assert main(["sim", "--headless", "--rig", str(path)]) == 2
+    assert "mine.toml: arm: is missing; a rig needs at least one arm" in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken_is_one_clear_error(capsys):
+    with socket.socket() as busy:
+        busy.bind(("127.0.0.1", 0))
+        busy.listen()
+        port = busy.getsockname()[1]
+        assert main(["sim", "--rig", "psm", "--port", str(port), "--duration", "0.1"]) == 2
+    assert str(port) in capsys.readouterr().err
+
+
+def test_bench_prints_one_document(capsys):
+    assert main(["bench", "--only", "speed", "--duration", "0.05", "--passes", "1", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [row["rig"] for row in document["table9"]][-2:] == ["full_cart", "full_cart"]
+    assert document["figures"] == []
+
+
+def test_bench_refuses_a_duration_of_nothing(capsys):
+    assert main(["bench", "--duration", "0"]) == 2
+    assert "allowed: above 0" in capsys.readouterr().err

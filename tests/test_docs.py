@@ -86,9 +86,11 @@ def test_a_quick_command_of_the_readme_answers(line: str) -> None:
 
 
 def shown() -> list[tuple[str, str]]:
-    """Each command that the page on the command line shows, and what it says that it prints."""
+    """Each command whose output a page shows, and what it says that it prints."""
     text = "".join(
-        blocks((ROOT / "docs" / "command-line.md").read_text(encoding="utf-8"), "console")
+        block
+        for page in sorted((ROOT / "docs").glob("*.md"))
+        for block in blocks(page.read_text(encoding="utf-8"), "console")
     )
     pairs = [block.split("\n", 1) for block in re.split(r"^\$ ", text, flags=re.MULTILINE)[1:]]
     return [(command, output) for command, output in pairs]

@@ -1,0 +1,174 @@
+"""The pages about the rooms and the code that they describe say the same."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from trocar.descriptions import load_arm, load_rig, names, table
+from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+
+
+def text(page: str) -> str:
+    return (DOCS / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8")],
+    ids=lambda p: p.stem,
+)
+def test_the_python_of_a_page_runs_from_top_to_bottom(
+    page: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    blocks = re.findall(r"^```python\n(.*?)^```$", text(page.name), re.DOTALL | re.MULTILINE)
+    names: dict[str, object] = {}
+    for number, block in enumerate(blocks):
+        exec(compile(block, f"{page.name}, block {number}", "exec"), names)
+    capsys.readouterr()
+
+
+def test_the_index_names_every_page() -> None:
+    index = text("README.md")
+    assert not [p.name for p in PAGES if p.name != "README.md" and f"]({p.name})" not in index]
+
+
+# ------------------------------------------------------------------ mechanism.md: errata
+
+
+def shown_entry(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.7g}"
+
+
+def errata_row(wrong: Erratum) -> str:
+    entries = (
+        f"{wrong.frame}, {wrong.key}",
+        shown_entry(wrong.printed),
+        shown_entry(wrong.mended),
+        wrong.effect,
+        wrong.source,
+    )
+    return f"| {' | '.join(entries)} |"
+
+
+def errata_tables() -> str:
+    """The errata of every printed table, as the page shows them."""
+    parts: list[str] = []
+    for name in printed_tables():
+        head = f"**Table {name.removeprefix('table')}**"
+        rows = [errata_row(wrong) for wrong in errata(name)]
+        columns = "| frame, entry | printed | mended | what the print does | known from |"
+        parts.append("\n".join([head, "", columns, "|---|---|---|---|---|", *rows]))
+    return "\n\n".join(parts)
+
+
+def test_the_page_on_the_mechanism_shows_the_errata_that_are_in_the_data() -> None:
+    shown = re.search(
+        r"<!-- errata:[^\n]*-->\n(.*?)<!-- /errata -->", text("mechanism.md"), re.DOTALL
+    )
+    assert shown is not None
+    assert shown[1].strip() == errata_tables()
+
+
+# ------------------------------------------------------------------ descriptions.md: the schema
+
+#: Longest first: q_rad_m is a joint vector, no length.
+UNITS = sorted({unit for units in table.UNITS.values() for unit in units}, key=len, reverse=True)
+#: Tables whose keys are names that a file chooses; beside these, what is fixed in them.
+NAMES_ONLY = r"joint\.drive|frame\.q|control|control\.[^.]+\.pid|friction|pose\.q_rad_m"
+#: Paths as files have them, and the section that describes them.
+SECTIONS = (
+    (r"friction\.[^.]+(\.[^.]+)?", "friction"),
+    (r"rotor(\.[^.]+)?", "rotor"),
+    (r"control\.[^.]+", "control"),
+    (r"(body|prop)\.shape", "shape"),
+)
+
+
+def without_unit(key: str) -> str:
+    """`lower_rad` and `lower_*` are the same key."""
+    for unit in [*UNITS, "*"]:
+        if key.endswith(f"_{unit}"):
+            return f"{key[: -len(unit) - 1]}_*"
+    return key
+
+
+def documented() -> dict[tuple[str, str], set[str]]:
+    """{(chapter, section): keys} of the page."""
+    found: dict[tuple[str, str], set[str]] = {}
+    chapter, section = "", ""
+    for line in text("descriptions.md").splitlines():
+        if line.startswith("## "):
+            chapter, section = line[3:].lower(), ""
+        elif line.startswith("### "):
+            name = re.search(r"[a-z_]+", line[4:].replace("The file", ""))
+            section = name[0] if name else "file"
+        elif line.startswith("| `") and section:
+            keys = re.findall(r"`([^`]+)`", line.split("|")[1])
+            found.setdefault((chapter, section), set()).update(map(without_unit, keys))
+    return found
+
+
+def asked_for(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], set[str]]:
+    """{(chapter, section): keys} that the reader asks for while it reads every built-in file."""
+    found: dict[tuple[str, str], set[str]] = {}
+    raw, keys = table.Table.raw, table.Table._keys
+    contains = table.Table.__contains__
+
+    def note(self: table.Table, key: str) -> None:
+        path = re.sub(r"\[\d+\]", "", self.path)
+        if re.fullmatch(NAMES_ONLY, path):
+            return
+        if re.fullmatch(r"friction\.[^.]+|rotor", path) and key != "source":
+            return
+        section = path or "file"
+        for pattern, name in SECTIONS:
+            section = name if re.fullmatch(pattern, path) else section
+        folder = Path(self.file).parent.name
+        chapter = "rigs" if folder == "rigs" else "arms"
+        if section == "coupling" or (folder == "tools" and section == "file"):
+            chapter = "tools"
+        if section == "shape":
+            chapter = "arms"
+        found.setdefault((chapter, section), set()).add(without_unit(key))
+
+    def noted_raw(self: table.Table, key: str, default: object = None) -> object:
+        note(self, key)
+        return raw(self, key, default)
+
+    def noted_keys(self: table.Table, name: str, dimensions: tuple[str, ...]) -> object:
+        note(self, f"{name}_*")
+        return keys(self, name, dimensions)
+
+    def noted_contains(self: table.Table, key: str) -> bool:
+        note(self, key)
+        return contains(self, key)
+
+    monkeypatch.setattr(table.Table, "raw", noted_raw)
+    monkeypatch.setattr(table.Table, "__contains__", noted_contains)
+    monkeypatch.setattr(table.Table, "_keys", noted_keys)
+    for arm in names("arms"):
+        load_arm(arm)
+    for rig in names("rigs"):
+        load_rig(rig)
+    for printed in printed_tables():
+        load_printed(printed)
+        errata(printed)
+    blocks = {section for _, section in found} - {"file", "shape"}
+    return {
+        place: wanted - blocks if place[1] == "file" else wanted for place, wanted in found.items()
+    }
+
+
+def test_the_page_on_descriptions_has_every_key_and_no_other(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wanted, shown = asked_for(monkeypatch), documented()
+    assert set(wanted) == set(shown)
+    for place, keys in wanted.items():
+        assert shown[place] == keys, place

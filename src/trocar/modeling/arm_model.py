@@ -39,6 +39,7 @@ GEOMS = {
 }
 #: Inputs of a servo: position, velocity, feed-forward effort.
 SERVO_INPUTS = 7
+SITE_RADIUS_M = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +110,8 @@ def _add_frames(arm: ArmDescription, place: Place, options: ModelOptions) -> dic
         moves = frame.motion != "fixed" and at is None
         if not moves and frame.name not in massed and frame.parent is not None and at is None:
             anchors[frame.name] = Anchor(parent.body, pose)
-            parent.body.add_site(
-                name=naming.scoped(name, frame.name),
-                pos=pose[:3, 3],
-                quat=quaternion_from_matrix(pose[:3, :3]),
-                size=[0.002] * 3,
-            )
+            if options.decoration:
+                _add_site(parent.body, naming.scoped(name, frame.name), pose)
             continue
         made = parent.body.add_body(
             name=naming.scoped(name, frame.name),
@@ -249,12 +246,7 @@ def _add_loops(
         ):
             anchor = anchors[frame]
             at = anchor.pose @ transform(np.eye(3), point)
-            anchor.body.add_site(
-                name=naming.closing_site(name, closure.name, side),
-                pos=at[:3, 3],
-                quat=quaternion_from_matrix(at[:3, :3]),
-                size=[0.002] * 3,
-            )
+            _add_site(anchor.body, naming.closing_site(name, closure.name, side), at)
         _add_equality(
             spec,
             naming.scoped(name, closure.name),
@@ -274,6 +266,15 @@ def _add_loops(
                 name2=naming.scoped(name, closure.guard[1]),
                 data=[0.0, 1.0],
             )
+
+
+def _add_site(body: mujoco.MjsBody, name: str, pose: Array) -> None:
+    body.add_site(
+        name=name,
+        pos=pose[:3, 3],
+        quat=quaternion_from_matrix(pose[:3, :3]),
+        size=[SITE_RADIUS_M] * 3,
+    )
 
 
 def _add_couplings(

@@ -20,8 +20,8 @@ class ModelOptions:
         timestep: physics period [s]
         friction: "identified" (dry and viscous, from recordings) or "paper" (damping 0.1)
         collisions: whether bodies touch
-        decoration: whether shapes that collide with nothing are in the model (for renderers; a
-            physics step is faster without)
+        decoration: whether shapes that collide with nothing, and sites at fixed frames, are in
+            the model (for renderers and comparisons; a physics step is faster without)
         locked: {arm: q (n,)}: arms that are welded at these joint positions
     """
 

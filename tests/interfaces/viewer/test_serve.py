@@ -44,11 +44,12 @@ def test_it_serves_for_the_given_time_and_prints_nothing(capfd: pytest.CaptureFi
 def test_the_port_is_free_again_afterwards() -> None:
     used: list[str] = []
 
-    def look(url: str) -> None:  # a connection that was open lingers
+    def read(url: str) -> None:  # whom the server leaves first lingers at its port
         used.append(url)
-        urllib.request.urlopen(url, timeout=10).close()
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            answer.read()
 
-    serve(fake(), port=0, speed="max", duration_s=0.1, on_ready=look)
+    serve(fake(), port=0, speed="max", duration_s=1.0, on_ready=read)
     port = int(used[0].rsplit(":", 1)[1])
     serve(fake(), port=port, speed="max", duration_s=0.1, on_ready=used.append)
     assert used[0] == used[1]

@@ -340,6 +340,16 @@ def test_a_tick_must_be_a_whole_multiple_of_the_timestep(tick_s):
         loop_of(FakeWorld(), tick_s=tick_s)
 
 
+@pytest.mark.parametrize(
+    ("timestep_s", "ticks"), [(0.001, 200), (0.002, 250), (0.0005, 200), (0.01, 100)]
+)
+def test_the_usual_tick_suits_the_timestep(timestep_s: float, ticks: int) -> None:
+    loop = loop_of(FakeWorld(timestep_s=timestep_s))
+    loop.run(duration_s=1.0)
+    assert loop.state.ticks == ticks
+    assert loop.latest.time == pytest.approx(1.0)
+
+
 def test_an_unknown_speed_is_refused():
     with pytest.raises(UnknownNameError, match="realtime"):
         loop_of(FakeWorld(), speed="fast")

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 _log = logging.getLogger("trocar")
 T = TypeVar("T")
 
+TICK_S = 0.005
+"""Simulated time between two tick boundaries [s]. Source: our own choice, as in headless runs."""
+
 SNAPSHOT_PERIOD_S = 1 / 60
 """Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
 
@@ -55,7 +58,8 @@ class Loop:
     Args:
         world: what is stepped; nobody else may call it while the loop runs
         speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
-        tick_s: simulated time between two tick boundaries [s]; a whole multiple of the timestep
+        tick_s: simulated time between two tick boundaries [s], a whole multiple of the timestep;
+            when omitted, the one nearest to TICK_S
         clock: the wall clock; tests bring their own
         on_apply: called with (tick, command) for every command that is applied, e.g. to record them
     """
@@ -65,13 +69,15 @@ class Loop:
         world: World,
         *,
         speed: Literal["realtime", "max"] = "realtime",
-        tick_s: float = 0.005,
+        tick_s: float | None = None,
         clock: Clock | None = None,
         on_apply: Callable[[int, Command], None] | None = None,
     ) -> None:
         if speed not in ("realtime", "max"):
             raise UnknownNameError("speed", speed, ("realtime", "max"))
         self._world = world
+        if tick_s is None:
+            tick_s = max(1, round(TICK_S / world.timestep)) * world.timestep
         self._substeps = whole_steps(tick_s, world.timestep)
         self._tick_s = tick_s
         self._realtime = speed == "realtime"

@@ -43,7 +43,13 @@ def test_it_serves_for_the_given_time_and_prints_nothing(capfd: pytest.CaptureFi
 
 def test_the_port_is_free_again_afterwards() -> None:
     used: list[str] = []
-    serve(fake(), port=0, speed="max", duration_s=0.1, on_ready=used.append)
+
+    def read(url: str) -> None:  # whom the server leaves first lingers at its port
+        used.append(url)
+        with urllib.request.urlopen(url, timeout=10) as answer:
+            answer.read()
+
+    serve(fake(), port=0, speed="max", duration_s=1.0, on_ready=read)
     port = int(used[0].rsplit(":", 1)[1])
     serve(fake(), port=port, speed="max", duration_s=0.1, on_ready=used.append)
     assert used[0] == used[1]

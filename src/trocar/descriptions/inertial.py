@@ -12,7 +12,7 @@ from trocar.kinematics.loops import coordinate_rates
 
 Array = NDArray[np.float64]
 
-STANDARD_GRAVITY = 9.81  # as in every rig; decisions.md, Frames [m/s^2]
+STANDARD_GRAVITY = 9.81  # as in every model of ours [m/s^2]
 
 
 def holding_efforts(arm: ArmDescription, q: ArrayLike, down: ArrayLike = (0, 0, -1)) -> Array:

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 SLIDES = (False, False, True, False, False, False)
 
-# Source: issue #2 and decisions, "Frames, tips, inverse kinematics": nearer than this to the remote
+# Source: our own choice: nearer than this to the remote
 # centre the wrist no longer says where the shaft points.
 WRIST_AT_CENTRE = 1e-3
 

@@ -27,11 +27,11 @@ Array = NDArray[np.float64]
 JOINTS = ("yaw", "pitch", "insertion", "roll")
 SLIDES = (False, False, True, False)
 
-# Source: decisions, "Frames, tips, inverse kinematics": how far [rad] the pose's z axis may point
+# Source: our own choice: how far [rad] the pose's z axis may point
 # away from the line through the remote centre and the tip.
 DIRECTION_TOLERANCE = 1e-6
 
-# Source: decisions, likewise: nearer than this [m] to the remote centre the tip's position says too
+# Source: our own choice: nearer than this [m] to the remote centre the tip's position says too
 # little about where the scope points; the pose's z axis does instead.
 TIP_AT_CENTRE = 1e-3
 

@@ -20,7 +20,7 @@ from trocar.kinematics.tree import frame_poses, hinge_axis, point_velocity
 
 Array = NDArray[np.float64]
 
-#: Couplings close a loop when it gapes less than this; decisions.md, Loops. [m]
+#: Couplings close a loop when it gapes less than this. Source: our own choice. [m]
 PARALLELOGRAM_TOLERANCE_M = 1e-9
 #: Newton stops here; a tenth of a picometre is rounding at these sizes. [m]
 CLOSED_M = 1e-13

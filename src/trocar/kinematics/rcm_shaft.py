@@ -4,7 +4,7 @@ Frame 0 is the remote centre; frame 3 moves with the insertion, its z axis along
 in frame 0 follow from the modified DH rows (alpha, theta) = (pi/2, q1 + pi/2), (-pi/2, q2 - pi/2)
 and (pi/2, 0).
 
-Source: the dVRK's kinematics of PSM and ECM (facts, sections 1 and 3).
+Source: the dVRK's kinematics of PSM and ECM (sawIntuitiveResearchKit, PSM.json and ECM.json).
 """
 
 from __future__ import annotations

@@ -17,8 +17,8 @@ from trocar.modeling.options import IMPRATIO, ModelOptions
 def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco.MjSpec:
     """Return the model of a rig, ready to compile or to be written as MJCF.
 
-    Source of the settings: mujoco-findings, sections 0 and 1 (integrator `discrete`, Newton, dense
-    Jacobian: the sparse one of MuJoCo 4.0.0 diverges on these chains).
+    Source of the settings: measured on these arms, docs/simulation.md (integrator `discrete`,
+    Newton, dense Jacobian: the sparse one of MuJoCo 4.0.0 diverges on these chains).
 
     Raises:
         InputError: an arm has no masses

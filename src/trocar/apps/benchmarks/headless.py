@@ -19,7 +19,7 @@ from trocar.simulation.trajectories import RAMP_S, TestTrajectory, paper_sine
 
 Array = NDArray[np.float64]
 
-#: Targets are written and samples taken this often. Source: decisions.md, Control. [s]
+#: Targets are written and samples taken this often. Source: our own choice. [s]
 TICK_S = 0.005
 
 

@@ -10,7 +10,7 @@ from trocar.errors import InputError
 from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.forward import pose
 
-#: Where a lone arm's remote centre is, z up [m]. Source: decisions.md, Frames.
+#: Where a lone arm's remote centre is, z up [m]. Source: our own choice.
 REMOTE_CENTRE = (0.0, 0.0, 0.3)
 #: Arms that have a remote centre, and the name that their first one goes by.
 NAMES = {"PSM": "PSM1", "ECM": "ECM"}

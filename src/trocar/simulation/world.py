@@ -38,6 +38,8 @@ BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
 BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
+#: All that the next step depends on.
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class World:
@@ -121,6 +123,7 @@ class World:
         #: that motion does not depend on how many periods each call of `step` takes.
         self._renewal = max(1, round(renewal / self.timestep))
         self._periods = 0
+        self._before = np.zeros(mujoco.mj_stateSize(self._model, STATE))
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
         self._seed = _checked_seed(seed)
@@ -200,7 +203,7 @@ class World:
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         mujoco.mj_resetData(self._model, self._data)
-        self._servos.commanded[:] = 0.0
+        self._servos.commanded[:] = self._servos.holding[:] = 0.0
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         for name, arm in self.arms.items():
             self._drives[name].restore()
@@ -312,6 +315,7 @@ class World:
                 if self._load.size > 0.0:
                     self._load.apply()
             run = min(left, self._renewal - since)
+            mujoco.mj_getState(self._model, self._data, self._before, STATE)
             mujoco.mj_step(self._model, self._data, nstep=run)
             self._periods += run
             left -= run
@@ -320,8 +324,14 @@ class World:
                 self._diverged()
 
     def _diverged(self) -> None:
-        """Raise the error that names the joint whose hinge left the finite numbers."""
-        kind = next(k for k in BAD if self._bad[k])
+        """Go through the last periods again, one by one, to name what left the numbers first."""
+        mujoco.mj_setState(self._model, self._data, self._before, STATE)
+        self._bad[:] = 0
+        for _ in range(self._renewal):
+            mujoco.mj_step(self._model, self._data)
+            if self._bad[list(BAD)].any():
+                break
+        kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
         dof = min(int(self._data.warning.lastinfo[kind]), self._model.nv - 1)
         hinge = self._model.joint(int(self._model.dof_jntid[dof])).name
         owner, _, frame = hinge.partition("/")

@@ -16,7 +16,8 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.simulation import World
-    from trocar.simulation.arm import Arm, Jaw
+    from trocar.simulation.arm import Arm
+    from trocar.simulation.jaw import Jaw
 
 Numbers = tuple[float, ...]
 Mode = Literal["set", "position", "effort"]

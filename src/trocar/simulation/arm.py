@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterable, Sequence
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,33 +12,14 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.kinematics.forward import pose
 from trocar.simulation.drives import Drives
 from trocar.simulation.health import arm_health
-from trocar.simulation.motion import Motion, Profile
+from trocar.simulation.jaw import Jaw
+from trocar.simulation.motion import Motion
 from trocar.simulation.records import ArmHealth, ArmSnapshot, JointState, Mode, Pose
+from trocar.simulation.verbs import Clock, Verbs
 
 Array = NDArray[np.float64]
 
 MODES: tuple[Mode, ...] = ("position", "effort", "set")
-#: The same warning comes once in this much simulated time. Source: our own choice. [s]
-WARNING_PERIOD_S = 2.0
-
-log = logging.getLogger("trocar")
-
-
-class Clock(Protocol):
-    """What an arm needs of its world."""
-
-    @property
-    def time(self) -> float:
-        """Simulation time [s]."""
-        ...
-
-    def wait(self, motion: Motion, timeout_s: float | None) -> bool:
-        """Wait for a move."""
-        ...
-
-    def base_pose(self, name: str) -> tuple[Array, str]:
-        """Return the pose of an arm's reference frame in the frame of its public poses."""
-        ...
 
 
 class Arm:
@@ -51,10 +30,8 @@ class Arm:
         type: PSM, ECM, SUJ or MTM
         joint_names: every joint, the jaw last where there is one
         lower, upper: limits, (n,) [rad or m]
-        effort_limit: largest efforts, (n,) [N m or N]
         poses: {name: q (n,)}
         jaw: the jaw's own verbs, None without one
-        warnings, last_warning: how many commands were refused or clipped, and the last reason
     """
 
     def __init__(self, rig_arm: RigArm, drives: Drives, clock: Clock) -> None:
@@ -64,22 +41,14 @@ class Arm:
         self.joint_names = rig_arm.arm.mechanism.joint_names
         self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
         self.poses = dict(rig_arm.arm.poses)
-        self.warnings = 0
-        self.last_warning = ""
         self._drives = drives
         self._clock = clock
-        self._count = len(self.joint_names) - rig_arm.arm.has_jaw
-        self._limits = (
-            np.array([j.velocity_max for j in rig_arm.arm.joints]),
-            np.array([j.acceleration_max for j in rig_arm.arm.joints]),
-        )
-        self._setpoint = np.zeros(len(self.joint_names))
-        self._velocity = np.zeros(len(self.joint_names))
-        self._acceleration = np.zeros(len(self.joint_names))
-        self._effort = np.zeros(len(self.joint_names))
-        self._moves: list[tuple[Motion, Profile, slice]] = []
-        self._warned: dict[str, float] = {}
-        self.jaw = Jaw(self) if rig_arm.arm.has_jaw else None
+        self._verbs = Verbs(self.name, self.description, drives, clock)
+        jaw = rig_arm.arm.has_jaw
+        count, last = len(self.joint_names) - jaw, len(self.joint_names) - 1
+        self._own = slice(0, count)
+        self._parts = [self._own, slice(last, last + 1)] if jaw else [self._own]
+        self.jaw = Jaw(self._verbs, last, self.lower[last], self.upper[last]) if jaw else None
 
     # ------------------------------------------------------------------ readings
 
@@ -91,16 +60,25 @@ class Arm:
     @property
     def busy(self) -> bool:
         """Whether a move is under way."""
-        return bool(self._moves)
+        return self._verbs.setpoints.moving
+
+    @property
+    def warnings(self) -> int:
+        """How many commands were refused or clipped."""
+        return self._verbs.refusals.count
+
+    @property
+    def last_warning(self) -> str:
+        """Why the last of them was."""
+        return self._verbs.refusals.last
 
     def measured_js(self) -> JointState:
         """Return measured positions, velocities and efforts, the jaw not included."""
-        q, qd, effort = self.readings()
-        return self._joint_state(q, qd, effort)
+        return self._verbs.state(self._own, setpoint=False)
 
     def setpoint_js(self) -> JointState:
         """Return the set-points that the servos follow, the jaw not included."""
-        return self._joint_state(self._setpoint, self._velocity, self._effort)
+        return self._verbs.state(self._own, setpoint=True)
 
     def measured_cp(self) -> Pose:
         """Return the tip's pose, a PSM's in the ECM's frame where there is one."""
@@ -110,7 +88,7 @@ class Arm:
     def setpoint_cp(self) -> Pose:
         """Return the pose of the tip at the set-points, in the frame of `measured_cp`."""
         base, frame = self._clock.base_pose(self.name)
-        tip = pose(self.description.mechanism, self._setpoint)
+        tip = pose(self.description.mechanism, self._verbs.setpoints.position)
         return Pose(base @ tip, frame, self._clock.time)
 
     def local_measured_cp(self) -> Pose:
@@ -120,10 +98,7 @@ class Arm:
 
     def readings(self) -> tuple[Array, Array, Array]:
         """Return (positions, velocities, efforts) of every joint, the jaw included, (n,) each."""
-        if self._drives.welded:
-            still = np.zeros(len(self.joint_names))
-            return self._setpoint.copy(), still, still.copy()
-        return self._drives.positions(), self._drives.velocities(), self._drives.efforts()
+        return self._verbs.readings()
 
     def health(self) -> ArmHealth:
         """Return how well the arm's loops hold now."""
@@ -137,7 +112,7 @@ class Arm:
             q,
             qd,
             effort,
-            self._setpoint.copy(),
+            self._verbs.setpoints.position.copy(),
             tuple(self._drives.modes),
             tuple(bool(v) for v in self._drives.locked),
             self.busy,
@@ -158,15 +133,26 @@ class Arm:
         Returns:
             whether the command was accepted
         """
-        return self._servo(q, v, slice(0, self._count), "servo_jp")
+        return self._verbs.servo(q, v, self._own, "servo_jp")
 
     def servo_jf(self, effort: ArrayLike) -> bool:
-        """Set the efforts of the joints that are in mode "effort"; they persist."""
-        return self._servo_effort(effort, slice(0, self._count), "servo_jf")
+        """Set the efforts of the joints that are in mode "effort"; they persist.
+
+        Args:
+            effort: (n,) [N m or N], the jaw not included; joints in other modes ignore theirs
+
+        Returns:
+            whether the command was accepted
+        """
+        return self._verbs.servo_effort(effort, self._own, "servo_jf")
 
     def move_jp(self, q: ArrayLike) -> Motion:
-        """Move the set-points to a goal within velocity and acceleration limits."""
-        return self._move(q, slice(0, self._count), "move_jp")
+        """Move the set-points to a goal within velocity and acceleration limits.
+
+        Args:
+            q: (n,) [rad or m], the jaw not included; beyond a limit it is clipped with a warning
+        """
+        return self._verbs.move(q, self._own, "move_jp")
 
     def move_to(self, name: str) -> Motion:
         """Move every joint, the jaw too, to a named pose.
@@ -176,13 +162,14 @@ class Arm:
         """
         if name not in self.poses:
             raise UnknownNameError("pose", name, self.poses, self.name)
-        return self._move(self.poses[name], slice(0, len(self.joint_names)), "move_jp")
+        return self._verbs.move_parts(self.poses[name], self._parts, "move_to")
 
     def hold(self) -> None:
-        """End a move and stay at the set-point."""
-        self._end_moves(slice(0, len(self.joint_names)))
-        self._velocity[:] = 0.0
-        self._drives.command(self._setpoint, self._velocity)
+        """End every move and stay at the set-points."""
+        setpoints = self._verbs.setpoints
+        setpoints.end(slice(0, len(self.joint_names)))
+        setpoints.velocity[:] = 0.0
+        self._verbs.write()
 
     # ------------------------------------------------------------------ control
 
@@ -193,23 +180,19 @@ class Arm:
     def set_mode(self, mode: Mode, joints: Sequence[str] | None = None) -> None:
         """Switch joints (all when omitted) to "position", "effort" or "set", from where they are.
 
+        Moves end; joints that change hold where they are, or exert nothing in mode "effort".
+
         Raises:
-            InputError: no such mode
+            InputError: no such mode, or an arm that is welded into the model
             UnknownNameError: no such joint
         """
         if mode not in MODES:
             raise InputError(f"{self.name}: got mode {mode!r}; allowed: {', '.join(MODES)}")
-        if self._drives.welded:
-            raise InputError(
-                f"{self.name}: is welded into the model; build the world with"
-                ' setup_joints="braked" to move it'
-            )
+        self._check_movable("change its mode")
         which = self._which(joints)
-        self._end_moves(slice(0, len(self.joint_names)))
-        self._setpoint[which] = np.clip(self.readings()[0], self.lower, self.upper)[which]
-        self._velocity[:] = 0.0
-        self._effort[which] = 0.0
-        self._drives.set_mode(mode, which, self._setpoint)
+        self._verbs.stay(which)
+        self._verbs.setpoints.effort[which] = 0.0
+        self._drives.set_mode(mode, which, self._verbs.setpoints.position)
 
     def gains(self, joint: str) -> tuple[float, float, float]:
         """Return (P, I, D) of a joint."""
@@ -223,15 +206,15 @@ class Arm:
 
         Raises:
             InputError: a gain that is negative or not finite
+            UnknownNameError: no such joint
         """
         row = self._drives.gains[self._index(joint)].copy()
         for column, value in enumerate((p, i, d)):
-            if value is not None:
-                if not np.isfinite(value) or value < 0.0:
-                    raise InputError(
-                        f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more"
-                    )
-                row[column] = value
+            if value is None:
+                continue
+            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
+                raise InputError(f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more")
+            row[column] = value
         self._drives.gains[self._index(joint)] = row
         self._drives.apply()
 
@@ -241,7 +224,7 @@ class Arm:
         return self._drives.gravity_compensated
 
     def use_gravity_compensation(self, on: bool) -> None:
-        """Switch gravity compensation."""
+        """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self._drives.compensate_gravity(on)
 
     # ------------------------------------------------------------------ brakes of setup joints
@@ -260,11 +243,17 @@ class Arm:
 
         Raises:
             InputError: an arm without brakes, or one that is welded into the model
+            UnknownNameError: no such joint
         """
         self._set_brakes(False, joints)
 
     def lock_brakes(self, joints: Sequence[str] | None = None) -> None:
-        """Lock brakes (all when omitted) where the joints are."""
+        """Lock brakes (all when omitted) where the joints are.
+
+        Raises:
+            InputError: an arm without brakes, or one that is welded into the model
+            UnknownNameError: no such joint
+        """
         self._set_brakes(True, joints)
 
     def potentiometers(
@@ -279,152 +268,66 @@ class Arm:
             noise: standard deviation on request [rad or m]
             offset: of each reading, () or (n,) [rad or m]
             rng: generator of the noise, needed when there is some
+
+        Raises:
+            InputError: noise that is no number from 0 on or has no generator, a wrong offset
         """
-        clean = self.readings()[0] + np.asarray(offset, dtype=np.float64)
+        clean = self.readings()[0]
+        shift = np.asarray(offset, dtype=np.float64)
+        if shift.shape not in ((), clean.shape):
+            raise InputError(
+                f"{self.name}: got offsets of shape {shift.shape}; allowed: () or {clean.shape}"
+            )
+        if not 0.0 <= noise < np.inf:
+            raise InputError(f"{self.name}: got noise {noise!r}; allowed: 0 or more")
         if noise == 0.0:
-            return clean
+            return clean + shift
         if rng is None:
             raise InputError(f"{self.name}: potentiometer noise needs a random generator")
-        return clean + noise * rng.standard_normal(len(clean))
+        return clean + shift + noise * rng.standard_normal(len(clean))
 
     # ------------------------------------------------------------------ used by the world
 
     def follow(self, time: float) -> None:
         """Advance the set-points of moves to a time."""
-        for motion, profile, part in list(self._moves):
-            q, v, a = profile.at(time)
-            self._setpoint[part], self._velocity[part], self._acceleration[part] = q, v, a
-            if profile.over(time):
-                self._setpoint[part] = motion.goal
-                self._velocity[part] = self._acceleration[part] = 0.0
-                self._moves = [m for m in self._moves if m[0] is not motion]
-                motion.finish(True)
-        self._drives.command(self._setpoint, self._velocity)
+        self._verbs.setpoints.follow(time)
+        self._verbs.write()
 
     def start_at(self, q: Array) -> None:
         """Forget every command and start at joint positions, (n,)."""
-        self._end_moves(slice(0, len(self.joint_names)))
-        self._warned.clear()
-        self._setpoint = q.copy()
-        self._velocity = np.zeros(len(q))
-        self._acceleration = np.zeros(len(q))
-        self._effort = np.zeros(len(q))
-        self._drives.place(q, self._velocity)
+        self._verbs.refusals.forget()
+        self._verbs.setpoints.put(q)
+        self._drives.place(q, np.zeros(len(q)))
         self._drives.apply()
 
-    def note_setpoint(self, q: Array, v: Array) -> None:
-        """Take over set-points that a played trajectory has written, (n,) each."""
-        self._end_moves(slice(0, len(self.joint_names)))
-        self._setpoint, self._velocity = q.copy(), v.copy()
+    def come_to_rest(self) -> None:
+        """Hold, when the set-points are on their way."""
+        if self.busy or self._verbs.setpoints.velocity.any():
+            self.hold()
 
-    def last_target(self, joint: int) -> float:
-        """Return the set-point of a joint."""
-        return float(self._setpoint[joint])
+    def take_over(self, q: Array, v: Array, effort: Array) -> None:
+        """Take over set-points that a played trajectory has written, (n,) each."""
+        self._verbs.setpoints.put(q)
+        self._verbs.setpoints.velocity = v.copy()
+        self._verbs.setpoints.effort = effort.copy()
 
     # ------------------------------------------------------------------ inside
-
-    def _servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
-        target = self._checked(q, part, verb, "positions")
-        speed = (
-            np.zeros(part.stop - part.start)
-            if v is None
-            else self._checked(v, part, verb, "velocities")
-        )
-        if target is None or speed is None or self._refused_by_brakes(verb):
-            return False
-        self._end_moves(part)
-        self._setpoint[part] = self._clipped(target, part, verb)
-        self._velocity[part] = speed
-        self._acceleration[part] = 0.0
-        self._drives.command(self._setpoint, self._velocity)
-        return True
-
-    def _servo_effort(self, effort: ArrayLike, part: slice, verb: str) -> bool:
-        wanted = self._checked(effort, part, verb, "efforts")
-        if wanted is None:
-            return False
-        if not any(m == "effort" for m in self._drives.modes[part]):
-            self._warn(f'{verb}: no joint is in mode "effort"; nothing is applied')
-            return False
-        limit = self._drives.effort_limit[part]
-        if (np.abs(wanted) > limit).any():
-            self._warn(f"{verb}: effort clipped to the limits")
-        self._end_moves(part)
-        self._effort[part] = np.clip(wanted, -limit, limit)
-        self._drives.command_effort(self._effort)
-        return True
-
-    def _move(self, q: ArrayLike, part: slice, verb: str) -> Motion:
-        target = self._checked(q, part, verb, "positions")
-        if target is None or self._refused_by_brakes(verb):
-            refused = Motion(self._setpoint[part].copy(), self._clock.wait)
-            refused.finish(False)
-            return refused
-        goal = self._clipped(target, part, verb)
-        self._end_moves(part)
-        motion = Motion(goal, self._clock.wait)
-        start = (self._setpoint[part], self._velocity[part], self._acceleration[part])
-        limits = (self._limits[0][part], self._limits[1][part])
-        profile = Profile(start, goal, limits, self._clock.time)
-        self._moves.append((motion, profile, part))
-        return motion
-
-    def _checked(self, values: ArrayLike, part: slice, verb: str, what: str) -> Array | None:
-        """Return values as (n,) float64, or warn and return None."""
-        names = self.joint_names[part]
-        try:
-            array = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            self._warn(f"{verb}: got {what} that are no numbers; allowed: {len(names)} numbers")
-            return None
-        if array.shape != (len(names),):
-            self._warn(
-                f"{verb}: got {what} of shape {array.shape}; allowed: ({len(names)},) for"
-                f" {', '.join(names)}"
-            )
-            return None
-        if not np.isfinite(array).all():
-            self._warn(f"{verb}: got {what} {array.tolist()}; allowed: finite numbers")
-            return None
-        return array.copy()
-
-    def _clipped(self, target: Array, part: slice, verb: str) -> Array:
-        inside = np.clip(target, self.lower[part], self.upper[part])
-        if (inside != target).any():
-            beyond = [n for n, c in zip(self.joint_names[part], inside != target, strict=True) if c]
-            self._warn(f"{verb}: {', '.join(beyond)} clipped to the limit")
-        return inside
-
-    def _refused_by_brakes(self, verb: str) -> bool:
-        if self._drives.welded:
-            self._warn(f"{verb}: the setup joints are welded into the model")
-            return True
-        if self._drives.brakes and self._drives.locked.all():
-            self._warn(f"{verb}: the brakes are locked; release them first")
-            return True
-        return False
-
-    def _end_moves(self, part: slice) -> None:
-        """End the moves that share joints with `part`."""
-        for motion, _, other in self._moves:
-            if other.start < part.stop and part.start < other.stop:
-                motion.finish(False)
-        self._moves = [m for m in self._moves if not m[0].done]
 
     def _set_brakes(self, locked: bool, joints: Sequence[str] | None) -> None:
         if not self._drives.brakes:
             raise InputError(f"{self.name}: has no brakes; only setup joints do")
+        self._check_movable("release its brakes")
+        which = self._which(joints)
+        self._verbs.stay(which)
+        self._drives.set_brakes(locked, which)
+        self._verbs.write()
+
+    def _check_movable(self, wish: str) -> None:
         if self._drives.welded:
             raise InputError(
                 f"{self.name}: is welded into the model; build the world with"
-                ' setup_joints="braked" to release its brakes'
+                f' setup_joints="braked" to {wish}'
             )
-        which = self._which(joints)
-        self._end_moves(slice(0, len(self.joint_names)))
-        self._drives.set_brakes(locked, which)
-        self._setpoint[which] = np.clip(self.readings()[0], self.lower, self.upper)[which]
-        self._velocity[:] = 0.0
-        self._drives.command(self._setpoint, self._velocity)
 
     def _which(self, joints: Iterable[str] | None) -> list[int]:
         return [self._index(name) for name in (self.joint_names if joints is None else joints)]
@@ -433,67 +336,3 @@ class Arm:
         if joint not in self.joint_names:
             raise UnknownNameError("joint", joint, self.joint_names, self.name)
         return self.joint_names.index(joint)
-
-    def _joint_state(self, q: Array, qd: Array, effort: Array) -> JointState:
-        end = self._count
-        return JointState(
-            self.joint_names[:end],
-            q[:end].copy(),
-            qd[:end].copy(),
-            effort[:end].copy(),
-            self._clock.time,
-        )
-
-    def _warn(self, reason: str) -> None:
-        self.warnings += 1
-        self.last_warning = reason
-        now = self._clock.time
-        if now - self._warned.get(reason, -np.inf) >= WARNING_PERIOD_S:
-            self._warned[reason] = now
-            log.warning("%s: %s", self.name, reason)
-
-
-class Jaw:
-    """The verbs of an arm's jaw; positions are the full opening angle [rad]."""
-
-    #: Source: dvrk_python psm.py, close and open of the jaw. [rad]
-    CLOSED = float(np.deg2rad(-20.0))
-    OPEN = float(np.deg2rad(60.0))
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        count = len(arm.joint_names)
-        self._part = slice(count - 1, count)
-
-    def measured_js(self) -> JointState:
-        """Return the measured opening, its velocity and effort."""
-        return self._state(self._arm.readings())
-
-    def setpoint_js(self) -> JointState:
-        """Return the opening that the servo follows; below 0 it is grip."""
-        arm = self._arm
-        return self._state((arm._setpoint, arm._velocity, arm._effort))
-
-    def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
-        """Set the opening now, (1,) [rad]."""
-        return self._arm._servo(q, v, self._part, "jaw.servo_jp")
-
-    def servo_jf(self, effort: ArrayLike) -> bool:
-        """Set the effort of a jaw in mode "effort", (1,) [N m]."""
-        return self._arm._servo_effort(effort, self._part, "jaw.servo_jf")
-
-    def move_jp(self, q: ArrayLike) -> Motion:
-        """Move the opening to a goal, (1,) [rad]."""
-        return self._arm._move(q, self._part, "jaw.move_jp")
-
-    def close(self) -> Motion:
-        """Close with grip (-20 deg)."""
-        return self.move_jp([max(self.CLOSED, float(self._arm.lower[-1]))])
-
-    def open(self) -> Motion:
-        """Open to 60 deg."""
-        return self.move_jp([self.OPEN])
-
-    def _state(self, values: tuple[Array, Array, Array]) -> JointState:
-        q, qd, effort = (v[self._part].copy() for v in values)
-        return JointState(("jaw",), q, qd, effort, self._arm._clock.time)

@@ -26,7 +26,6 @@ class Binding:
         share: generalised force on q = share @ force on hinges, (n, h); loops as parallelograms
         actuators, act, pins: ids of servos, their integral states, and pins, (n,)
         pin_scale: pin target = pin_scale * q, (n,)
-        bodies: ids of the arm's own bodies
         frame_bodies: {frame: body id} of frames that are bodies
     """
 
@@ -39,7 +38,6 @@ class Binding:
     act: Index
     pins: Index
     pin_scale: Array
-    bodies: Index
     frame_bodies: dict[str, int]
 
 
@@ -80,6 +78,5 @@ def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
         act=np.array([model.actuator_actadr[a] for a in actuators], dtype=np.intp),
         pins=np.array(pins, dtype=np.intp),
         pin_scale=np.array(scale),
-        bodies=np.array(list(bodies.values()), dtype=np.intp),
         frame_bodies=bodies,
     )

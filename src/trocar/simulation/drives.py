@@ -87,14 +87,17 @@ class Drives:
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self._servos.balanced[self.binding.actuators] = 1.0 if on or self.brakes else 0.0
-        if not on and not self.brakes:
-            self._servos.balance[self.binding.actuators] = 0.0
-            self._servos.write_efforts()
+        self._servos.write_efforts()
 
     @property
     def gravity_compensated(self) -> bool:
         """Whether the motors carry the links' weight."""
         return bool(self._servos.balanced[self.binding.actuators].any())
+
+    def restore(self) -> None:
+        """Go back to position mode, brakes locked; gains and compensation stay."""
+        self.modes = ["position"] * len(self.modes)
+        self.locked[:] = self.brakes
 
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""
@@ -181,6 +184,10 @@ class Drives:
         p, i, d = (self.gains * self._servoed()[:, None]).T
         servo = p * (inputs[..., 0] - q) + i * integral + d * (inputs[..., 1] - v)
         return np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
+
+    def target(self, joint: int) -> float:
+        """Return the position that a joint's servo was told last [rad or m]."""
+        return float(self._servos.table[self.binding.actuators[joint], 0])
 
     def frame_coordinates(self) -> Array:
         """Return every frame's own coordinate as the simulation has it, (n_frames,)."""

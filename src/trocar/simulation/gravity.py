@@ -34,9 +34,10 @@ class GravityCompensation:
         drives: Iterable[Drives],
     ) -> None:
         live = [d.binding for d in drives if not d.welded]
-        self._data = data
+        self._model, self._data = model, data
         self._servos = servos
-        self._joints = np.concatenate([model.dof_jntid[b.dof] for b in live])
+        dofs = np.concatenate([np.zeros(0, dtype=np.intp), *(b.dof for b in live)])
+        self._joints = model.dof_jntid[dofs]
         self._bodies = model.jnt_bodyid[self._joints]
         weight = -float(model.opt.gravity[2]) * model.body_subtreemass[self._bodies]
         turns = model.jnt_type[self._joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
@@ -49,7 +50,9 @@ class GravityCompensation:
             column += len(b.dof)
 
     def efforts(self) -> Array:
-        """Return the efforts that hold every motor's load, (n_servos,) [N m or N]."""
+        """Return the efforts that hold every motor's load now, (n_servos,) [N m or N]."""
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
         axis = self._data.xaxis[self._joints]
         lever = self._data.subtree_com[self._bodies] - self._data.xanchor[self._joints]
         moment = axis[:, 0] * lever[:, 1] - axis[:, 1] * lever[:, 0]
@@ -57,5 +60,5 @@ class GravityCompensation:
 
     def renew(self) -> None:
         """Feed the compensation forward to the servos that want it."""
-        np.multiply(self.efforts(), self._servos.balanced, out=self._servos.balance)
+        self._servos.holding = self.efforts()
         self._servos.write_efforts()

@@ -17,16 +17,28 @@ class Motion:
     """A move under way, or over.
 
     Attributes:
-        done: whether the set-point has stopped following this move
-        goal_reached: whether the set-point arrived
+        done: whether no set-point follows this move any longer
+        goal_reached: whether the set-points arrived
         goal: joint positions that it moves to, (n,) [rad or m]
     """
 
-    def __init__(self, goal: Array, wait: Callable[[Motion, float | None], bool]) -> None:
+    def __init__(
+        self, goal: Array, wait: Callable[[Motion, float | None], bool], parts: int = 1
+    ) -> None:
         self.goal = goal
-        self.done = False
-        self.goal_reached = False
         self._wait = wait
+        self._left = parts
+        self._arrived = parts > 0
+
+    @property
+    def done(self) -> bool:
+        """Whether no set-point follows this move any longer."""
+        return self._left == 0
+
+    @property
+    def goal_reached(self) -> bool:
+        """Whether the set-points arrived, all of them."""
+        return self.done and self._arrived
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until the move is over and tell whether the goal was reached.
@@ -36,32 +48,30 @@ class Motion:
         return self._wait(self, timeout_s)
 
     def finish(self, reached: bool) -> None:
-        """Mark the move as over."""
-        if not self.done:
-            self.done = True
-            self.goal_reached = reached
+        """Mark one of the move's parts as over."""
+        self._left -= 1
+        self._arrived &= reached
 
 
 class Profile:
-    """Set-points from a state to a goal at rest.
+    """Set-points from a position and velocity to a goal at rest.
 
     Jerk is unlimited and all joints arrive together, as with the dVRK's Reflexxes type II.
     """
 
     def __init__(
         self,
-        start: tuple[Array, Array, Array],
+        start: tuple[Array, Array],
         goal: Array,
         limits: tuple[Array, Array],
         time: float,
     ) -> None:
         count = len(goal)
         wanted = InputParameter(count)
-        position, velocity, acceleration = start
+        position, velocity = start
         most, rate = limits
         wanted.current_position = position.tolist()
         wanted.current_velocity = np.clip(velocity, -most, most).tolist()
-        wanted.current_acceleration = np.clip(acceleration, -rate, rate).tolist()
         wanted.target_position = goal.tolist()
         wanted.max_velocity = most.tolist()
         wanted.max_acceleration = rate.tolist()
@@ -69,14 +79,16 @@ class Profile:
         result = Ruckig(count).calculate(wanted, self._path)
         if result not in (Result.Working, Result.Finished):
             raise InputError(f"no trajectory to {goal.tolist()}: {result}")
+        self._goal = goal.copy()
         self.start = time
         self.duration = float(self._path.duration)
 
-    def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Return (position, velocity, acceleration) at a time, (n,) each."""
-        since = min(max(time - self.start, 0.0), self.duration)
-        position, velocity, acceleration = self._path.at_time(since)
-        return np.array(position), np.array(velocity), np.array(acceleration)
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Return (position, velocity) at a time, (n,) each; at rest on the goal once over."""
+        if self.over(time):
+            return self._goal.copy(), np.zeros(len(self._goal))
+        position, velocity, _ = self._path.at_time(max(time - self.start, 0.0))
+        return np.array(position), np.array(velocity)
 
     def over(self, time: float) -> bool:
         """Tell whether the set-point has arrived."""

@@ -52,11 +52,16 @@ class Player:
 
         Raises:
             UnknownNameError: no such arm
-            InputError: wrong shape, NaN or infinity
+            InputError: wrong shape, NaN or infinity; an arm that cannot follow
         """
-        rows = {len(np.asarray(p)) for p in positions.values()}
-        if len(rows) != 1:
-            raise InputError(f"play: got tables of {sorted(rows)} rows; allowed: one length")
+        rows = {len(np.atleast_1d(p)) for p in positions.values()}
+        if len(rows) != 1 or rows == {0}:
+            raise InputError(
+                f"play: got tables of {sorted(rows)} rows; allowed: one length, above 0"
+            )
+        for name in (*velocities, *efforts):
+            if name not in positions:
+                raise InputError(f"play: {name}: got no positions beside its other tables")
         count = rows.pop()
         setpoints = np.tile(self._servos.table[:, :2], (count, 1, 1))
         setpoints[:, :, 1] = 0.0
@@ -68,6 +73,8 @@ class Player:
             d = self._drives[name]
             if "set" in d.modes:
                 raise InputError(f'play: {name}: joints in mode "set" follow servo_jp only')
+            if d.locked.any():
+                raise InputError(f"play: {name}: the brakes are locked; release them first")
             mechanism = d.arm.mechanism
             target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)
@@ -90,7 +97,16 @@ class Player:
         advance: Callable[[int], None],
         arms: Mapping[str, Arm],
     ) -> Recording:
-        """Write each row, advance, sample."""
+        """Write each row, advance, sample. Moves under way end; their arms hold.
+
+        Raises:
+            InputError: `every` is no whole number above 0
+            DivergedError: the simulation left the finite numbers
+        """
+        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+            raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
+        for arm in arms.values():
+            arm.come_to_rest()
         count = len(table.setpoints) if record else 0
         times = np.zeros(count)
         qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
@@ -111,7 +127,8 @@ class Player:
                 inputs[row] = self._servos.table
         for name in table.played:
             used = self._drives[name].binding.actuators
-            arms[name].note_setpoint(table.setpoints[-1, used, 0], table.setpoints[-1, used, 1])
+            last = table.setpoints[-1, used]
+            arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
         return self._recording(times, (qpos, qvel, act, inputs), table.clipped)
 
     def _recording(
@@ -134,7 +151,10 @@ class Player:
 
 
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:
-    array = np.asarray(values, dtype=np.float64)
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"play: {name}: got {what} that are no numbers") from None
     if array.shape != shape:
         raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")
     if not np.isfinite(array).all():

@@ -19,7 +19,7 @@ class ServoInputs:
         table: position, velocity and fed-forward effort of each servo, (n_servos, 3), a view
         commanded: efforts of joints under open-loop control, (n_servos,) [N m or N]
         balanced: which servos get gravity compensation, (n_servos,) 0 or 1
-        balance: the compensation written last, (n_servos,) [N m or N]
+        holding: efforts that hold every motor's load, computed last, (n_servos,) [N m or N]
     """
 
     def __init__(self, data: mujoco.MjData) -> None:
@@ -27,8 +27,8 @@ class ServoInputs:
         count = len(self.table)
         self.commanded = np.zeros(count)
         self.balanced = np.zeros(count)
-        self.balance = np.zeros(count)
+        self.holding = np.zeros(count)
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        np.add(self.commanded, self.balance, out=self.table[:, 2])
+        self.table[:, 2] = self.commanded + self.balanced * self.holding

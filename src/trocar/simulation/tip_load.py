@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
+from trocar.errors import InputError
 from trocar.simulation.drives import Drives
 
 Array = NDArray[np.float64]
@@ -16,6 +17,8 @@ Array = NDArray[np.float64]
 #: Turns about z of frame 0 at this rate, with this share along z. Source: decisions.md, Control.
 RATE_RAD_S = 7.0
 SHARE_ALONG_Z = 0.3
+#: The force is renewed this often. Source: our own choice; it turns by 2 deg in this time. [s]
+PERIOD_S = 0.005
 
 
 def load_direction(time: float) -> Array:
@@ -36,6 +39,8 @@ class TipLoad:
         drives: Mapping[str, Drives],
         size: float,
     ) -> None:
+        if not 0.0 <= size < np.inf:
+            raise InputError(f"tip_load_n: got {size!r}; allowed: 0 N or more")
         self.size = size
         self._model, self._data = model, data
         self._tips = [

@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig
-from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.records import Control, RigArm, Shape
-from trocar.errors import DivergedError, InputError, UnknownNameError
-from trocar.geometry.se3 import inverse
-from trocar.kinematics.forward import pose
+from trocar.descriptions.records import Control, RigArm
+from trocar.errors import DescriptionError, DivergedError, InputError, UnknownNameError
+from trocar.modeling import naming
 from trocar.modeling.mjcf import rig_spec
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm
@@ -23,9 +21,12 @@ from trocar.simulation.drives import Drives
 from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
 from trocar.simulation.gravity import GravityCompensation
 from trocar.simulation.motion import Motion
+from trocar.simulation.places import Places
 from trocar.simulation.play import Player
 from trocar.simulation.records import Health, Recording, ShapeRecord, Snapshot
 from trocar.simulation.servos import ServoInputs
+from trocar.simulation.shapes import shape_records
+from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
@@ -36,6 +37,9 @@ SETPOINT_PERIODS = 1
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
+BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
+#: All that the next step depends on.
+STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 class World:
@@ -86,7 +90,7 @@ class World:
             if a.arm.type == "SUJ" and setup_joints == "locked"
         }
         self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
-        self._model = rig_spec(self.rig, self.options).compile()
+        self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
@@ -108,15 +112,22 @@ class World:
                 for name, by_arm in self.rig.poses.items()
                 if rig_arm.name in by_arm
             }
+        self._places = Places(self.rig, self.arms)
         self._player = Player(self._model, self._data, self._servos, self._drives)
         self._gravity = GravityCompensation(
             self._model, self._data, self._servos, self._drives.values()
         )
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
+        renewal = LOAD_PERIOD_S if self._load.size > 0.0 else GRAVITY_PERIOD_S
+        #: Forces from outside the servos are renewed each so many periods, counted from a reset, so
+        #: that motion does not depend on how many periods each call of `step` takes.
+        self._renewal = max(1, round(renewal / self.timestep))
+        self._periods = 0
+        self._before = np.zeros(mujoco.mj_stateSize(self._model, STATE))
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
-        self.rng = np.random.default_rng(seed)
-        self._seed = seed
+        self._seed = _checked_seed(seed)
+        self.rng = np.random.default_rng(self._seed)
         self.reset()
 
     # ------------------------------------------------------------------ time
@@ -175,7 +186,9 @@ class World:
         return self._player.run(table, every, record, self._advance, self.arms)
 
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
-        """Return to time 0 at a named pose of the rig.
+        """Return to time 0 at a named pose of the rig, in position mode with brakes locked.
+
+        Gains and gravity compensation stay as they are.
 
         Args:
             seed: of the random numbers; the last one when omitted
@@ -183,22 +196,24 @@ class World:
 
         Raises:
             UnknownNameError: no such pose; nothing changes
+            InputError: the seed is no whole number from 0 on; nothing changes
         """
         if pose not in self.rig.poses:
             raise UnknownNameError("pose", pose, self.rig.poses, f"rig {self.rig.name}")
-        self._seed = self._seed if seed is None else seed
+        self._seed = self._seed if seed is None else _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         mujoco.mj_resetData(self._model, self._data)
-        self._servos.commanded[:] = 0.0
+        self._servos.commanded[:] = self._servos.holding[:] = 0.0
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         for name, arm in self.arms.items():
+            self._drives[name].restore()
             if self.options.locked and name in self.options.locked:
                 arm.start_at(self.options.locked[name])
             else:
                 arm.start_at(at[name])
         mujoco.mj_forward(self._model, self._data)
         self._gravity.renew()
-        self._gravity_due = GRAVITY_PERIOD_S
+        self._periods = 0
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
         """Step until a move is over, or leave the waiting to the loop that runs this world."""
@@ -210,13 +225,30 @@ class World:
         return motion.goal_reached
 
     def set_state(self, name: str, q: Array, v: Array | None = None) -> None:
-        """Put one arm at joint positions and velocities, (n,) each, with its loops closed."""
-        arm = self.arm(name)
-        arm.start_at(np.clip(q, arm.lower, arm.upper))
-        self._drives[name].place(
-            np.asarray(q, dtype=np.float64), np.zeros(len(q)) if v is None else v
-        )
-        self._drives[name].apply()
+        """Put one arm at joint positions and velocities, with its loops closed.
+
+        Its moves end; its set-points are there too, inside the limits.
+
+        Args:
+            name: of the arm
+            q: (n,) [rad or m], the jaw included
+            v: (n,), zero when omitted
+
+        Raises:
+            UnknownNameError: no such arm
+            InputError: no (n,) finite numbers, or an arm that is welded into the model
+        """
+        arm, drives = self.arm(name), self._drives[name]
+        if drives.welded:
+            raise InputError(f"{name}: is welded into the model")
+        place = _checked_state(name, q, len(arm.joint_names), "positions")
+        speed = np.zeros(len(place))
+        if v is not None:
+            speed = _checked_state(name, v, len(place), "velocities")
+        arm.start_at(np.clip(place, arm.lower, arm.upper))
+        drives.place(place, speed)
+        drives.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
+        self._gravity.renew()
 
     # ------------------------------------------------------------------ looking
 
@@ -233,6 +265,7 @@ class World:
     def snapshot(self) -> Snapshot:
         """Return a frozen copy of where everything is."""
         centres = self.remote_centres()
+        mujoco.mj_kinematics(self._model, self._data)  # a step leaves bodies where it began
         return Snapshot(
             self.time,
             self._data.xpos.copy(),
@@ -242,47 +275,15 @@ class World:
 
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
-        return {
-            a.name: self.reference_pose(a.name)[:3, 3]
-            for a in self.rig.arms
-            if "rcm" in a.arm.mechanism.frame_index
-        }
+        return self._places.remote_centres()
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
-        mechanism = self.rig.arm(name).arm.mechanism
-        rest = np.zeros(len(mechanism.joints))
-        fixed = pose(mechanism, rest, mechanism.reference, self.rig.arm(name).arm.root)
-        return self.root_pose(name) @ fixed
-
-    def root_pose(self, name: str) -> Array:
-        """Return the pose of an arm's root in the world, by its carrier's measured joints."""
-        rig_arm = self.rig.arm(name)
-        if not rig_arm.on:
-            return rig_arm.pose
-        carrier = self.rig.arm(rig_arm.on)
-        mount = pose(
-            carrier.arm.mechanism,
-            self.arms[rig_arm.on].readings()[0],
-            rig_arm.frame,
-            carrier.arm.root,
-        )
-        return self.root_pose(rig_arm.on) @ mount @ rig_arm.pose
+        return self._places.reference_pose(name)
 
     def base_pose(self, name: str) -> tuple[Array, str]:
-        """Return an arm's reference frame in the frame of its public poses, and that one's name.
-
-        A PSM's is the ECM's tip where the rig has an ECM, an ECM's the cart where it has setup
-        joints; else the arm's own. Source: decisions.md, Frames.
-        """
-        arm = self.rig.arm(name)
-        scope = next((a for a in self.rig.arms if a.arm.type == "ECM"), None)
-        if arm.arm.type == "PSM" and scope is not None:
-            tip = self.reference_pose(scope.name) @ self.arms[scope.name].local_measured_cp().T
-            return inverse(tip) @ self.reference_pose(name), scope.name
-        if arm.on or arm.arm.type == "SUJ":
-            return self.reference_pose(name), "cart"
-        return np.eye(4), f"{name}_base"
+        """Return an arm's reference frame in the frame of its public poses, and that one's name."""
+        return self._places.base_pose(name)
 
     def health(self) -> Health:
         """Return how well every arm's loops hold now."""
@@ -300,52 +301,80 @@ class World:
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
         """Return every shape of the rig and the body that carries it, for drawing."""
-        found: list[ShapeRecord] = []
-        for prop in self.rig.props:
-            body = self._model.body(prop.name).id
-            for number, shape in enumerate(prop.shapes):
-                found.append(_shape_record(shape, body, f"{prop.name}/{number}", None, ""))
-        for arm in self.rig.arms:
-            where = self._drives[arm.name].binding.frame_bodies
-            for part in arm.arm.bodies:
-                for number, shape in enumerate(part.shapes):
-                    name = f"{arm.name}/{part.frame}/{part.part}/{number}"
-                    found.append(
-                        _shape_record(shape, where[part.frame], name, arm.name, part.frame)
-                    )
-        return tuple(found)
+        return shape_records(self.rig, self._model)
 
     # ------------------------------------------------------------------ inside
 
     def _advance(self, count: int) -> None:
         """Step the physics, and stop when it is no longer finite."""
-        if self._load.size > 0.0:
-            self._load.apply()
-        if self._data.time >= self._gravity_due:
-            self._gravity.renew()
-            self._gravity_due = self._data.time + GRAVITY_PERIOD_S
-        mujoco.mj_step(self._model, self._data, nstep=count)
-        bad = self._bad
-        if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
-            self._diverged()
+        left = count
+        while left > 0:
+            since = self._periods % self._renewal
+            if since == 0:
+                self._gravity.renew()
+                if self._load.size > 0.0:
+                    self._load.apply()
+            run = min(left, self._renewal - since)
+            mujoco.mj_getState(self._model, self._data, self._before, STATE)
+            mujoco.mj_step(self._model, self._data, nstep=run)
+            self._periods += run
+            left -= run
+            bad = self._bad
+            if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
+                self._diverged()
 
     def _diverged(self) -> None:
-        kind = next(k for k in (BAD_QPOS, BAD_QVEL, BAD_QACC) if self._bad[k])
-        dof = int(self._data.warning.lastinfo[kind])
-        joint = int(self._model.dof_jntid[min(dof, self._model.nv - 1)])
-        name = self._model.joint(joint).name
-        target = None
-        owner = name.split("/")[0]
-        if owner in self.arms:
-            hinge = name.split("/")[1]
-            for index, described in enumerate(self.arms[owner].description.joints):
-                if hinge in dict(described.drive):
-                    target = self.arms[owner].last_target(index)
-        raise DivergedError(self.time, name, target, mujoco.mjtWarning(kind).name)
+        """Go through the last periods again, one by one, to name what left the numbers first."""
+        mujoco.mj_setState(self._model, self._data, self._before, STATE)
+        self._bad[:] = 0
+        for _ in range(self._renewal):
+            mujoco.mj_step(self._model, self._data)
+            if self._bad[list(BAD)].any():
+                break
+        kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
+        dof = min(int(self._data.warning.lastinfo[kind]), self._model.nv - 1)
+        hinge = self._model.joint(int(self._model.dof_jntid[dof])).name
+        owner, _, frame = hinge.partition("/")
+        mechanism = self.arms[owner].description.mechanism
+        joint = mechanism.frame(frame).couplings[0][0]
+        raise DivergedError(
+            self.time,
+            naming.scoped(owner, joint),
+            self._drives[owner].target(mechanism.joint_index[joint]),
+            f"the {BAD[kind]} of {frame} is not finite",
+        )
+
+
+def _compiled(rig: RigDescription, options: ModelOptions) -> mujoco.MjModel:
+    """Compile a rig; what MuJoCo refuses is the description's fault.
+
+    Raises:
+        DescriptionError: with MuJoCo's reason
+    """
+    try:
+        return rig_spec(rig, options).compile()
+    except ValueError as problem:
+        raise DescriptionError(rig.file, "", f"MuJoCo refuses it: {problem}") from problem
+
+
+def _checked_state(name: str, values: Array, count: int, what: str) -> Array:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise InputError(f"{name}: got {what} {values!r}; allowed: {count} finite numbers")
+    return array
+
+
+def _checked_seed(seed: int) -> int:
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
+        raise InputError(f"seed: got {seed!r}; allowed: a whole number from 0 on")
+    return int(seed)
 
 
 def _checked_period(timestep_s: float) -> float:
-    if not np.isfinite(timestep_s) or not 0.0 < timestep_s <= 0.01:
+    if not isinstance(timestep_s, (int, float)) or not 0.0 < timestep_s <= 0.01:
         raise InputError(f"timestep_s: got {timestep_s!r}; allowed: above 0 to 0.01 s")
     return float(timestep_s)
 
@@ -358,21 +387,3 @@ def _preset(rig_arm: RigArm, name: str) -> Control:
     if not presets:
         raise InputError(f"{rig_arm.arm.name}: has no control gains; cannot be simulated")
     return next(iter(presets.values()))
-
-
-def _shape_record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> ShapeRecord:
-    look = MATERIALS[shape.material]
-    return ShapeRecord(
-        body,
-        name,
-        shape.kind,
-        shape.size,
-        shape.pose,
-        look.rgba,
-        look.gloss,
-        look.metal,
-        shape.rounding,
-        arm,
-        frame,
-        shape.collide,
-    )

@@ -1,0 +1,74 @@
+"""The jaw of an instrument: the arm's verbs for its last joint."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.simulation.motion import Motion
+from trocar.simulation.records import JointState
+
+Array = NDArray[np.float64]
+
+
+class PartVerbs(Protocol):
+    """What a jaw needs of its arm: the verbs for some of its joints."""
+
+    def state(self, part: slice, setpoint: bool) -> JointState:
+        """Return measured values or set-points."""
+        ...
+
+    def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
+        """Set positions now."""
+        ...
+
+    def servo_effort(self, effort: ArrayLike, part: slice, verb: str) -> bool:
+        """Set efforts."""
+        ...
+
+    def move(self, q: ArrayLike, part: slice, verb: str) -> Motion:
+        """Move to a goal."""
+        ...
+
+
+class Jaw:
+    """The verbs of an arm's jaw; positions are the full opening angle [rad]."""
+
+    #: Source: dvrk_python psm.py, close and open of the jaw. [rad]
+    CLOSED = float(np.deg2rad(-20.0))
+    OPEN = float(np.deg2rad(60.0))
+
+    def __init__(self, verbs: PartVerbs, index: int, lower: float, upper: float) -> None:
+        self._verbs = verbs
+        self._part = slice(index, index + 1)
+        self._lower, self._upper = lower, upper
+
+    def measured_js(self) -> JointState:
+        """Return the measured opening, its velocity and effort."""
+        return self._verbs.state(self._part, setpoint=False)
+
+    def setpoint_js(self) -> JointState:
+        """Return the opening that the servo follows; below 0 it is grip."""
+        return self._verbs.state(self._part, setpoint=True)
+
+    def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
+        """Set the opening now, (1,) [rad]."""
+        return self._verbs.servo(q, v, self._part, "jaw.servo_jp")
+
+    def servo_jf(self, effort: ArrayLike) -> bool:
+        """Set the effort of a jaw in mode "effort", (1,) [N m]."""
+        return self._verbs.servo_effort(effort, self._part, "jaw.servo_jf")
+
+    def move_jp(self, q: ArrayLike) -> Motion:
+        """Move the opening to a goal, (1,) [rad]."""
+        return self._verbs.move(q, self._part, "jaw.move_jp")
+
+    def close(self) -> Motion:
+        """Close with grip: to -20 deg, or as far below 0 as the limits allow."""
+        return self.move_jp([max(self.CLOSED, self._lower)])
+
+    def open(self) -> Motion:
+        """Open to 60 deg, or as far as the limits allow."""
+        return self.move_jp([min(self.OPEN, self._upper)])

@@ -1,0 +1,44 @@
+"""The shapes of a rig and the bodies that carry them, for whoever draws."""
+
+from __future__ import annotations
+
+import mujoco
+
+from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.records import RigDescription, Shape
+from trocar.modeling import naming
+from trocar.simulation.records import ShapeRecord
+
+
+def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeRecord, ...]:
+    """Return every shape of a rig, props first, with the id of the body that carries it."""
+    found: list[ShapeRecord] = []
+    for prop in rig.props:
+        body = model.body(prop.name).id
+        for number, shape in enumerate(prop.shapes):
+            found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))
+    for arm in rig.arms:
+        for part in arm.arm.bodies:
+            body = model.body(naming.scoped(arm.name, part.frame)).id
+            for number, shape in enumerate(part.shapes):
+                name = f"{arm.name}/{part.frame}/{part.part}/{number}"
+                found.append(_record(shape, body, name, arm.name, part.frame))
+    return tuple(found)
+
+
+def _record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> ShapeRecord:
+    look = MATERIALS[shape.material]
+    return ShapeRecord(
+        body,
+        name,
+        shape.kind,
+        shape.size,
+        shape.pose,
+        look.rgba,
+        look.gloss,
+        look.metal,
+        shape.rounding,
+        arm,
+        frame,
+        shape.collide,
+    )

@@ -1,0 +1,151 @@
+"""Gravity compensation: two computations agree, and released arms stay."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from trocar.descriptions import load_arm, load_rig
+from trocar.descriptions.inertial import holding_efforts
+from trocar.simulation import World
+
+WORLD_DOWN = np.array([0.0, 0.0, -1.0])
+#: Rounding over chains of twenty products with 10 kg at 1 m.
+AGREED = 1e-9
+
+
+def fed_forward(world: World, name: str) -> np.ndarray:
+    """What compensation feeds each servo of an arm now, (n,)."""
+    world._gravity.renew()
+    used = world._drives[name].binding.actuators
+    return (world._servos.balanced * world._servos.holding)[used]
+
+
+@pytest.mark.parametrize(("rig", "name"), [("psm", "PSM1"), ("ecm", "ECM")])
+def test_compensation_is_what_virtual_work_on_the_description_asks(
+    rig, name, rng, random_positions
+):
+    world = World(rig)
+    arm = world.rig.arm(name).arm
+    down = world.reference_pose(name)[:3, :3].T @ WORLD_DOWN
+    for q in random_positions(arm, rng, 20):
+        world.set_state(name, q)
+        wanted = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, name), wanted, atol=AGREED)
+
+
+def test_arms_that_hang_tilted_on_setup_joints_are_balanced_as_they_hang(rng, random_positions):
+    world = World("full_cart")
+    for setup in ("SUJ_PSM1", "SUJ_ECM"):
+        arm = world.rig.arm(setup).arm
+        world.set_state(setup, random_positions(arm, rng, 1)[0])
+    for name in ("PSM1", "PSM3", "ECM"):
+        arm = world.rig.arm(name).arm
+        q = random_positions(arm, rng, 1)[0]
+        world.set_state(name, q)
+        down = world.reference_pose(name)[:3, :3].T @ WORLD_DOWN
+        assert down[2] > -0.999  # tilted
+        wanted = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, name), wanted, atol=AGREED)
+
+
+def test_setup_joints_carry_themselves_and_the_arm_that_hangs_on_them():
+    """The vertical slide holds the whole weight of what moves with it, up or down."""
+    world = World("full_cart")
+    arm = world.rig.arm("SUJ_PSM1").arm
+    mechanism = arm.mechanism
+    slide = mechanism.frame_index[arm.joints[0].drive[0][0]]
+    riding = sum(b.mass for b in arm.bodies if slide in mechanism.chain(b.frame))
+    riding += sum(b.mass for b in world.rig.arm("PSM1").arm.bodies)
+    assert fed_forward(world, "SUJ_PSM1")[0] == pytest.approx(9.81 * riding, rel=1e-12)
+
+
+def test_turning_setup_joints_feel_the_arm_by_finite_differences():
+    """Effort = d (potential energy) / d q, by moving the compiled model a little."""
+    world = World("full_cart")
+    model, data = world._model, world._data
+    binding = world._drives["SUJ_ECM"].binding
+    wanted = fed_forward(world, "SUJ_ECM")
+    for index, address in enumerate(binding.qpos):
+        energy = []
+        here = data.qpos[address]
+        for step in (1e-5, -1e-5):
+            data.qpos[address] = here + step
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            energy.append(9.81 * float(model.body_mass @ data.xipos[:, 2]))
+        data.qpos[address] = here
+        slope = (energy[0] - energy[1]) / 2e-5
+        assert wanted[index] == pytest.approx(slope, abs=1e-5)  # of 200 N
+
+
+@pytest.mark.parametrize("rig", ["psm", "ecm", "full_cart"])
+def test_released_arms_stay_when_compensated_and_without_dry_friction(rig):
+    world = World(rig, friction="paper")
+    arms = [a for a in world.arms.values() if a.type in ("PSM", "ECM")]
+    before = {}
+    for arm in arms:
+        arm.set_mode("effort")
+        before[arm.name] = arm.readings()[0]
+    world.step(1000)
+    for arm in arms:
+        # Renewed each 20 ms and discretised: 1 mm, 1 mrad a second, the figure of the insertion.
+        assert np.abs(arm.readings()[0] - before[arm.name]).max() < 1e-3, arm.name
+
+
+def test_without_compensation_they_fall():
+    world = World("psm", friction="paper", gravity_compensation=False)
+    arm = world.arm("PSM1")
+    world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
+    assert not arm.gravity_compensation
+    arm.set_mode("effort")
+    world.step(1000)
+    assert np.abs(arm.readings()[0][:2] - [0.5, 0.3]).max() > 0.05
+
+
+def test_compensation_is_switched_at_once_and_says_so():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
+    fed = world._servos.table[:, 2]
+    assert arm.gravity_compensation
+    assert np.abs(fed[:2]).min() > 0.05
+    arm.use_gravity_compensation(False)
+    assert not arm.gravity_compensation
+    assert not fed.any()
+    arm.use_gravity_compensation(True)
+    assert arm.gravity_compensation
+    assert np.abs(fed[:2]).min() > 0.05
+
+
+@pytest.mark.parametrize(
+    ("control", "asked", "on"),
+    [("dvrk", None, True), ("paper", None, False), ("paper", True, True), ("dvrk", False, False)],
+)
+def test_compensation_starts_as_the_control_set_or_the_caller_has_it(control, asked, on):
+    world = World("psm", control=control, gravity_compensation=asked)
+    assert world.arm("PSM1").gravity_compensation is on
+
+
+@pytest.mark.parametrize("name", ["psm", "ecm"])
+def test_static_gravity_is_at_most_half_of_each_effort_limit(name, random_positions, rng):
+    arm = load_arm(name)
+    limits = np.array([j.effort_max for j in arm.joints])
+    q = random_positions(arm, rng, 3000)
+    assert (np.abs(holding_efforts(arm, q)).max(axis=0) <= 0.5 * limits).all()
+
+
+@pytest.mark.parametrize("name", ["full_cart", "suj_two_psm_ecm"])
+def test_static_gravity_is_at_most_half_of_each_limit_as_the_cart_tilts_the_arms(
+    name, random_positions, rng
+):
+    """Arms and setup joints at random setup poses, the carried arm in random poses."""
+    world = World(load_rig(name), collisions=False)
+    for _ in range(60):
+        for rig_arm in world.rig.arms:
+            world.set_state(rig_arm.name, random_positions(rig_arm.arm, rng, 1)[0])
+        for rig_arm in world.rig.arms:
+            limits = np.array([j.effort_max for j in rig_arm.arm.joints])
+            share = np.abs(fed_forward(world, rig_arm.name)) / limits
+            assert share.max() <= 0.5, (rig_arm.name, share)

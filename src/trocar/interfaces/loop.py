@@ -19,25 +19,20 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.commands import Command, Pause, Reset, Resume
 from trocar.interfaces.inbox import Inbox
-from trocar.interfaces.pace import Clock, Pace, Speedometer, whole_steps
+from trocar.interfaces.pace import Clock, Pace, whole_steps
+from trocar.interfaces.publisher import Publisher
 from trocar.interfaces.state import LoopState, Question
 
 if TYPE_CHECKING:
     from trocar.simulation import World
     from trocar.simulation.motion import Motion
-    from trocar.simulation.records import Health, Snapshot
+    from trocar.simulation.records import Snapshot
 
 _log = logging.getLogger("trocar")
 T = TypeVar("T")
 
 TICK_S = 0.005
 """Simulated time between two tick boundaries [s]. Source: our own choice, as in headless runs."""
-
-SNAPSHOT_PERIOD_S = 1 / 60
-"""Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
-
-HEALTH_PERIOD_S = 0.2
-"""Wall time between two looks at the loops' health [s]. Source: our own choice."""
 
 
 class WallClock:
@@ -85,32 +80,29 @@ class Loop:
         self._on_apply = on_apply
         self._inbox = Inbox()
         self._pace = Pace(self._clock, tick_s)
-        self._speedometer = Speedometer()
         self._stopping = threading.Event()
         self._outcome: Future[None] | None = None
         self._paused = False
         self._refused = 0
         self._ticks = 0
-        self._health_due = 0.0
-        self._state = self._look(world.health())
-        self._state_due = self._clock.now()
+        self._publisher = Publisher(world, self._clock)
 
     # What other threads may call.
 
     @property
     def state(self) -> LoopState:
         """The newest state; a frozen record that never changes afterwards."""
-        return self._state
+        return self._publisher.state
 
     @property
     def latest(self) -> Snapshot:
         """The newest snapshot."""
-        return self._state.snapshot
+        return self.state.snapshot
 
     @property
     def real_time_factor(self) -> float:
         """Simulated seconds per second over the last two seconds."""
-        return self._state.real_time_factor
+        return self.state.real_time_factor
 
     @property
     def running(self) -> bool:
@@ -204,11 +196,13 @@ class Loop:
                 if self._realtime or self._paused:
                     self._pace.wait()
                 self.tick()
-                self._publish_if_due()
+                self._publisher.publish_if_due(
+                    self._ticks, self._ticks * self._tick_s, self._paused, self._all_refused()
+                )
         finally:
             self._world.waiter = None
             self._inbox.dismiss()
-        self._state = self._look(self._world.health())
+        self._publisher.publish(self._ticks, self._paused, self._all_refused())
 
     def tick(self) -> None:
         """Apply what waits, then step once unless paused."""
@@ -241,26 +235,7 @@ class Loop:
 
     def _restart(self) -> None:
         self._pace.restart()
-        self._speedometer.restart()
+        self._publisher.restart()
 
-    def _publish_if_due(self) -> None:
-        now = self._clock.now()
-        if now < self._state_due:
-            return
-        self._state_due = now + SNAPSHOT_PERIOD_S
-        self._speedometer.mark(now, self._ticks * self._tick_s)
-        if now >= self._health_due:
-            self._health_due = now + HEALTH_PERIOD_S
-            self._state = self._look(self._world.health())
-        else:
-            self._state = self._look(self._state.health)
-
-    def _look(self, health: Health) -> LoopState:
-        return LoopState(
-            ticks=self._ticks,
-            snapshot=self._world.snapshot(),
-            health=health,
-            paused=self._paused,
-            real_time_factor=self._speedometer.factor,
-            refused=self._refused + self._inbox.refused,
-        )
+    def _all_refused(self) -> int:
+        return self._refused + self._inbox.refused

@@ -24,7 +24,7 @@ Wrist = Literal["motor", "joint"]
 #: What a row holds of every joint, one after the other.
 QUANTITIES = ("positions", "velocities", "efforts")
 #: Joints that recordings of a PSM hold as their motors turn; the roll is the joint already.
-#: Source: dvrk_dynamics_identification, its recording script (identification-findings, section 1).
+#: Source: dvrk_dynamics_identification, its recording script.
 MOTOR_SIDE = ("wrist_pitch", "wrist_yaw", "jaw")
 #: Rows that are read at once. Source: our own choice.
 CHUNK_ROWS = 500

@@ -51,8 +51,7 @@ class Places:
         """Return an arm's reference frame in the frame of its public poses, and that one's name.
 
         A PSM's is the ECM's tip where the rig has an ECM, an ECM's the cart where setup joints
-        carry it; else the arm's own, which is the cart for setup joints. Source: decisions.md,
-        Frames.
+        carry it; else the arm's own, which is the cart for setup joints.
         """
         arm = self._rig.arm(name)
         scope = next((a.name for a in self._rig.arms if a.arm.type == "ECM"), None)

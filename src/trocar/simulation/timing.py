@@ -47,8 +47,6 @@ def time_beside_bare(
 ) -> Timing:
     """Play a trajectory and step the same model alone, in turn.
 
-    Source: decisions.md, Control (median of 5 interleaved passes).
-
     Args:
         world: is reset before each pass
         trajectory: what the arms follow

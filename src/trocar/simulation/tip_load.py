@@ -14,11 +14,12 @@ from trocar.simulation.drives import Drives
 
 Array = NDArray[np.float64]
 
-#: Turns about z of frame 0 at this rate, with this share along z. Source: decisions.md, Control.
+#: Turns about z of frame 0 at this rate, with this share along z. Source: our own choice.
 RATE_RAD_S = 7.0
 SHARE_ALONG_Z = 0.3
 #: The force is renewed this often. Source: our own choice; it turns by 2 deg in this time. [s]
 PERIOD_S = 0.005
+NO_TORQUE = np.zeros(3)
 
 
 def load_direction(time: float) -> Array:
@@ -51,14 +52,16 @@ class TipLoad:
         self._roots = [arm.arm.root for arm in rig.arms if arm.arm.type in ("PSM", "ECM")]
 
     def apply(self) -> None:
-        """Write this instant's forces."""
+        """Write this instant's forces; kinematics and centres of mass must be up to date."""
         direction = self.size * load_direction(float(self._data.time))
+        self._data.qfrc_applied[:] = 0.0
         for (body, point, bodies), root in zip(self._tips, self._roots, strict=True):
             base = self._data.xmat[bodies[root]].reshape(3, 3)
             force = base @ direction
             at = self._data.xpos[body] + self._data.xmat[body].reshape(3, 3) @ point
-            self._data.xfrc_applied[body, :3] = force
-            self._data.xfrc_applied[body, 3:] = np.cross(at - self._data.xipos[body], force)
+            mujoco.mj_applyFT(
+                self._model, self._data, force, NO_TORQUE, at, body, self._data.qfrc_applied
+            )
 
 
 def _tip_body(arm: RigArm, drives: Drives) -> tuple[int, Array]:

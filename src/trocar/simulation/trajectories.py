@@ -12,7 +12,7 @@ from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
-#: Source: closed-loop paper 4.3 (0.1 Hz, 1 rad, 0.1 m); decisions.md, Control (middle of the range,
+#: Source: closed-loop paper 4.3 (0.1 Hz, 1 rad, 0.1 m); our own choice (middle of the range,
 #: insertion 0.12 m, ramp of 1 s, 0.95 of half the range).
 FREQUENCY_HZ = 0.1
 AMPLITUDE_RAD = 1.0

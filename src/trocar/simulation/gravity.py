@@ -53,12 +53,20 @@ class GravityCompensation:
         """Return the efforts that hold every motor's load now, (n_servos,) [N m or N]."""
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
+        return self._efforts()
+
+    def renew(self) -> None:
+        """Feed forward what the servos that want it need, at the last step's beginning."""
+        self._servos.holding = self._efforts()
+        self._servos.write_efforts()
+
+    def renew_here(self) -> None:
+        """Feed forward what they need where the arms are now, after they were put there."""
+        self._servos.holding = self.efforts()
+        self._servos.write_efforts()
+
+    def _efforts(self) -> Array:
         axis = self._data.xaxis[self._joints]
         lever = self._data.subtree_com[self._bodies] - self._data.xanchor[self._joints]
         moment = axis[:, 0] * lever[:, 1] - axis[:, 1] * lever[:, 0]
         return self._share @ (self._turning * moment + self._sliding * axis[:, 2])
-
-    def renew(self) -> None:
-        """Feed the compensation forward to the servos that want it."""
-        self._servos.holding = self.efforts()
-        self._servos.write_efforts()

@@ -92,6 +92,7 @@ class World:
         self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
         self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
+        self._shown = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
         self._drives: dict[str, Drives] = {}
@@ -118,10 +119,11 @@ class World:
             self._model, self._data, self._servos, self._drives.values()
         )
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
-        renewal = LOAD_PERIOD_S if self._load.size > 0.0 else GRAVITY_PERIOD_S
         #: Forces from outside the servos are renewed each so many periods, counted from a reset, so
         #: that motion does not depend on how many periods each call of `step` takes.
-        self._renewal = max(1, round(renewal / self.timestep))
+        load = max(1, round(LOAD_PERIOD_S / self.timestep))
+        self._gravity_renewal = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
+        self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
         self._periods = 0
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STATE))
         #: Waits for a move when a loop in another thread steps this world; None: step here.
@@ -212,7 +214,7 @@ class World:
             else:
                 arm.start_at(at[name])
         mujoco.mj_forward(self._model, self._data)
-        self._gravity.renew()
+        self._gravity.renew_here()
         self._periods = 0
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
@@ -248,7 +250,7 @@ class World:
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         drives.place(place, speed)
         drives.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
-        self._gravity.renew()
+        self._gravity.renew_here()
 
     # ------------------------------------------------------------------ looking
 
@@ -265,11 +267,13 @@ class World:
     def snapshot(self) -> Snapshot:
         """Return a frozen copy of where everything is."""
         centres = self.remote_centres()
-        mujoco.mj_kinematics(self._model, self._data)  # a step leaves bodies where it began
+        shown = self._shown  # a step leaves bodies where it began, and looking changes nothing
+        shown.qpos[:] = self._data.qpos
+        mujoco.mj_kinematics(self._model, shown)
         return Snapshot(
             self.time,
-            self._data.xpos.copy(),
-            self._data.xquat.copy(),
+            shown.xpos.copy(),
+            shown.xquat.copy(),
             {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items()},
         )
 
@@ -310,10 +314,10 @@ class World:
         left = count
         while left > 0:
             since = self._periods % self._renewal
-            if since == 0:
+            if since == 0 and self._load.size > 0.0:
+                self._load.apply()
+            if self._periods % self._gravity_renewal == 0:
                 self._gravity.renew()
-                if self._load.size > 0.0:
-                    self._load.apply()
             run = min(left, self._renewal - since)
             mujoco.mj_getState(self._model, self._data, self._before, STATE)
             mujoco.mj_step(self._model, self._data, nstep=run)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm
 from trocar.kinematics.loops import gaps, residual_jacobian, residuals
+from trocar.modeling.mjcf import lone_rig
 from trocar.simulation import World
 from trocar.simulation.health import arm_health
 
-#: Source: issue 2's figures; measured 0.04 and 0.7 um (PSM), 0.06 and 1.5 um (ECM).
+#: Source: measured 0.04 and 0.7 um (PSM), 0.06 and 1.5 um (ECM).
 GAP_M = 0.1e-6
 RCM_M = 3e-6
 PITCH = 1
@@ -112,3 +115,14 @@ def test_a_folded_loop_is_told_from_a_good_one():
     assert health.loop_gap_m < 1e-9
     assert not health.branch_ok
     assert arm_health(arm, good).branch_ok
+
+
+def test_a_joint_range_that_comes_near_a_flat_loop_is_warned_of(tmp_path, caplog):
+    text = Path(load_arm("psm").file).read_text(encoding="utf-8")
+    arm = tmp_path / "bold.toml"
+    arm.write_text(text.replace("lower_rad = -0.925025", "lower_rad = -1.2"), encoding="utf-8")
+    World(lone_rig(load_arm(arm), "PSM1"))
+    assert "PSM1: a loop of psm flattens 0.080 rad from the joint range" in caplog.text
+    caplog.clear()
+    World("psm")
+    assert not caplog.text

@@ -7,9 +7,6 @@ from argparse import ArgumentParser, Namespace
 from trocar.cli.arguments import add_arm, add_json
 from trocar.cli.output import print_json, short, warn
 
-# Source: our choice. Nearer than this [rad] to where it flattens, a loop may change its branch.
-FLATTENING_MARGIN = 0.2
-
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
@@ -22,13 +19,14 @@ def run(args: Namespace) -> int:
     from trocar.cli.show_document import document
     from trocar.cli.show_tables import report
     from trocar.descriptions import load_arm
+    from trocar.kinematics.loops import NEAR_FLAT_RAD
 
     found = document(load_arm(args.arm, args.tool))
     for flat in (flat for closure in found["closures"] for flat in closure["flattenings"]):
-        if flat["margin"] is not None and flat["margin"] < FLATTENING_MARGIN:
+        if flat["margin"] is not None and flat["margin"] < NEAR_FLAT_RAD:
             warn(
                 f"loop {flat['closure']} flattens {short(flat['margin'])} rad from the limits of "
-                f"{flat['joint']}; allowed: {FLATTENING_MARGIN} rad or more"
+                f"{flat['joint']}; allowed: {NEAR_FLAT_RAD} rad or more"
             )
     if args.json:
         print_json(found)

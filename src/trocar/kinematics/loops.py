@@ -25,6 +25,8 @@ PARALLELOGRAM_TOLERANCE_M = 1e-9
 #: Newton stops here; a tenth of a picometre is rounding at these sizes. [m]
 CLOSED_M = 1e-13
 NEWTON_STEPS = 40
+#: Nearer than this to a flat loop, a joint range is worth a warning. Source: our own choice. [rad]
+NEAR_FLAT_RAD = 0.2
 
 
 def coupled_coordinates(mechanism: Mechanism, q: Array) -> Array:
@@ -184,33 +186,34 @@ def flattenings(mechanism: Mechanism) -> tuple[Flattening, ...]:
 def _nearest_flat(
     mechanism: Mechanism, row: int, column: int, start: float, direction: float
 ) -> float:
-    """Walk a joint from `start` until a loop's determinant changes sign, then bisect."""
+    """Walk a joint from `start` until a loop's determinant changes sign, then close in on it.
 
-    def determinant(position: float) -> float:
-        q = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
-        q[column] = position
-        try:
-            coordinates = closed_coordinates(mechanism, q)
-        except LoopError:
-            return 0.0
-        return float(branch_determinants(mechanism, coordinates)[row])
-
-    sign = np.sign(determinant(start))
-    inside, outside = start, start
-    for step in np.linspace(0.0, np.pi, 181)[1:]:
-        outside = start + direction * float(step)
-        if np.sign(determinant(outside)) != sign:
-            break
-        inside = outside
-    else:
-        return direction * np.inf
-    for _ in range(50):
-        middle = 0.5 * (inside + outside)
-        if np.sign(determinant(middle)) == sign:
-            inside = middle
-        else:
-            outside = middle
+    Five rounds that each cut the step by 32 leave less than 1e-9 rad of half a turn's 180 steps.
+    """
+    inside, reach = start, direction * np.pi
+    for points in (180, 32, 32, 32, 32, 32):
+        positions = inside + reach * np.arange(points + 1) / points
+        signs = np.sign(_determinants(mechanism, row, column, positions))
+        changed = np.flatnonzero(signs != signs[0])
+        if not len(changed):
+            return direction * np.inf if points == 180 else float(positions[-1])
+        inside = float(positions[changed[0] - 1])
+        reach /= points
     return inside
+
+
+def _determinants(mechanism: Mechanism, row: int, column: int, positions: Array) -> Array:
+    """Return a loop's determinant at positions of one joint, (k,); 0 where it cannot close."""
+    q = np.tile(np.clip(0.0, mechanism.lower, mechanism.upper), (len(positions), 1))
+    q[:, column] = positions
+    try:
+        return branch_determinants(mechanism, closed_coordinates(mechanism, q))[:, row]
+    except LoopError:
+        if len(positions) == 1:
+            return np.zeros(1)
+    return np.concatenate(
+        [_determinants(mechanism, row, column, positions[i : i + 1]) for i in range(len(positions))]
+    )
 
 
 def _point(mechanism: Mechanism, closure: Closure, poses: dict[int, Array], side: str) -> Array:

@@ -2,18 +2,42 @@
 
 from __future__ import annotations
 
+import logging
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import ArmDescription
-from trocar.kinematics.loops import branch_determinants, coupled_coordinates, flattenings, gaps
+from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.kinematics.loops import (
+    NEAR_FLAT_RAD,
+    branch_determinants,
+    coupled_coordinates,
+    flattenings,
+    gaps,
+)
 from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.tree import frame_poses
 from trocar.simulation.records import ArmHealth
 
 Array = NDArray[np.float64]
+
+
+log = logging.getLogger("trocar")
+
+
+def warn_of_flattening(rig: RigDescription) -> None:
+    """Warn of arms whose joint ranges come close to where a loop may change its branch."""
+    for name, arm in {a.arm.mechanism: (a.name, a.arm) for a in rig.arms}.values():
+        margin = flattening_margin(arm.mechanism)
+        if margin < NEAR_FLAT_RAD:
+            log.warning(
+                "%s: a loop of %s flattens %.3f rad from the joint range; allowed: %g rad or more",
+                name,
+                arm.name,
+                margin,
+                NEAR_FLAT_RAD,
+            )
 
 
 def arm_health(arm: ArmDescription, coordinates: Array) -> ArmHealth:

@@ -20,6 +20,7 @@ from trocar.simulation.arm import Arm
 from trocar.simulation.drives import Drives
 from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
 from trocar.simulation.gravity import GravityCompensation
+from trocar.simulation.health import warn_of_flattening
 from trocar.simulation.motion import Motion
 from trocar.simulation.places import Places
 from trocar.simulation.play import Player
@@ -90,6 +91,7 @@ class World:
             if a.arm.type == "SUJ" and setup_joints == "locked"
         }
         self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
+        warn_of_flattening(self.rig)
         self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
         self._shown = mujoco.MjData(self._model)

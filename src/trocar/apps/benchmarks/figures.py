@@ -19,7 +19,7 @@ from trocar.geometry.dh import modified_dh
 from trocar.geometry.se3 import pose_difference
 from trocar.kinematics import forward
 from trocar.kinematics.inverse import inverse_kinematics
-from trocar.kinematics.loops import flattenings
+from trocar.kinematics.loops import NEAR_FLAT_RAD, flattenings
 from trocar.modeling import naming
 from trocar.modeling.mjcf import lone_rig, rig_spec
 from trocar.simulation import World
@@ -170,7 +170,11 @@ def flat_loops() -> Iterator[Figure]:
         found = [f.margin for f in flattenings(load_arm(name).mechanism)]
         if found:
             yield Figure(
-                f"{name}: joint range to the nearest flat loop", min(found), "rad", 0.2, True
+                f"{name}: joint range to the nearest flat loop",
+                min(found),
+                "rad",
+                NEAR_FLAT_RAD,
+                True,
             )
     for table, arm in (("table4", "psm"), ("table5", "ecm")):
         flat = flattenings(load_printed(table).mechanism)

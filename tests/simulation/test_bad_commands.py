@@ -45,14 +45,20 @@ def qpos_after(commands) -> np.ndarray:
 UNDISTURBED = qpos_after(lambda _arm: None)
 
 
-@pytest.mark.parametrize("bad", UNUSABLE, ids=repr)
-@pytest.mark.parametrize("verb", ["servo_jp", "servo_jf", "move_jp", "velocity", "jaw"])
-def test_unusable_commands_are_refused_and_nothing_moves(bad, verb, caplog):
+@pytest.mark.parametrize(
+    ("verb", "bad"),
+    [
+        (verb, bad)
+        for verb in ("servo_jp", "servo_jf", "move_jp", "velocity", "jaw")
+        for bad in UNUSABLE
+        if (verb, bad) != ("velocity", None)  # no velocities: they are zero
+    ],
+    ids=repr,
+)
+def test_unusable_commands_are_refused_and_nothing_moves(verb, bad, caplog):
     def command(arm) -> None:
         if verb == "velocity":
             accepted = arm.servo_jp(GOOD, bad)
-            if bad is None:  # no velocities: they are zero
-                pytest.skip("None is no bad velocity")
         elif verb == "jaw":
             accepted = arm.jaw.move_jp(bad).goal_reached
         elif verb == "move_jp":

@@ -39,7 +39,7 @@ def document(arm: ArmDescription) -> Document:
             "friction": _nested(arm.friction),
             "rotor": arm.rotor,
             "control": _nested(arm.control),
-            "coupling": asdict(arm.coupling) if arm.coupling else None,
+            "coupling": _coupling(arm),
             "poses": arm.poses,
             "sources": arm.block_sources,
             "missing": [asdict(entry) for entry in arm.missing],
@@ -104,3 +104,9 @@ def _nested(models: Mapping[str, Any]) -> Document:
         name: asdict(entry) if is_dataclass(entry) else _nested(entry)  # type: ignore[arg-type]
         for name, entry in models.items()
     }
+
+
+def _coupling(arm: ArmDescription) -> dict[str, Any] | None:
+    if arm.coupling is None:
+        return None
+    return {"joints": arm.coupling.joints, "actuator_to_joint": arm.coupling.actuator_to_joint}

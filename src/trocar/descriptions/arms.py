@@ -5,36 +5,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.checks import check_arm, check_name
+from trocar.descriptions.control import (
+    read_control,
+    read_counterweight,
+    read_coupling,
+    read_friction,
+    read_rotor,
+)
+from trocar.descriptions.frames import read_closure, read_frame, read_joint
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
     Control,
     Counterweight,
-    Coupling,
     Friction,
-    Gains,
     JointDescription,
     Missing,
 )
 from trocar.descriptions.shapes import read_body
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, TrocarError
-from trocar.geometry.dh import modified_dh, standard_dh
-from trocar.geometry.rotations import check_rotation, matrix_from_rpy
-from trocar.geometry.se3 import transform
-from trocar.kinematics.mechanism import (
-    Closure,
-    Frame,
-    Joint,
-    Mechanism,
-    Motion,
-    check_mechanism,
-)
+from trocar.kinematics.coupling import Coupling
+from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_mechanism
 
 Array = NDArray[np.float64]
 
@@ -82,7 +79,7 @@ def read_tool(path: Path) -> ToolDescription:
     name, title = table.text("name"), table.text("title", "")
     source, tip = table.text("source"), table.text("tip")
     parts = _read_parts(table, name)
-    coupling = _read_coupling(table)
+    coupling = read_coupling(table)
     table.done()
     return ToolDescription(name, title, source, str(path), tip, parts, coupling)
 
@@ -105,7 +102,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
     table.text("default_tool", "")
     missing = tuple(Missing(row.text("what"), row.text("why")) for row in table.tables("missing"))
     parts = _read_parts(table, name)
-    balance = _read_counterweight(table)
+    balance = read_counterweight(table)
     table.raw("erratum")  # printed tables carry their errata; descriptions.paper reads them
     table.done()
     if not parts.frames or parts.frames[0].name != root:
@@ -129,7 +126,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         raise
     except TrocarError as problem:
         raise DescriptionError(str(path), "frame", str(problem)) from problem
-    return ArmDescription(
+    arm = ArmDescription(
         name=name,
         type=kind,
         generation=generation,
@@ -138,7 +135,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         file=str(path),
         mechanism=mechanism,
         joints=parts.joints,
-        bodies=_balanced(parts, mechanism, balance),
+        bodies=_balanced(parts, mechanism, balance, str(path)),
         friction=parts.friction,
         rotor=parts.rotor,
         control=parts.control,
@@ -150,6 +147,8 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         row_sources=parts.sources,
         block_sources=parts.block_sources,
     )
+    check_arm(arm)
+    return arm
 
 
 def tool_wanted(path: Path) -> str:
@@ -165,195 +164,24 @@ def _open(path: Path) -> Table:
 
 
 def _read_parts(table: Table, part: str) -> Parts:
-    joints = tuple(_read_joint(row) for row in table.tables("joint"))
+    joints = tuple(read_joint(row) for row in table.tables("joint"))
     rows = table.tables("frame")
     sources = {row.text("name"): row.text("source", "") for row in rows}
-    frames = tuple(_read_frame(row) for row in rows)
-    closures = tuple(_read_closure(row) for row in table.tables("closure"))
+    frames = tuple(read_frame(row) for row in rows)
+    closures = tuple(read_closure(row) for row in table.tables("closure"))
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
     return Parts(
         joints,
         frames,
         closures,
         bodies,
-        _read_friction(table),
-        _read_rotor(table),
-        _read_control(table),
+        read_friction(table),
+        read_rotor(table),
+        read_control(table),
         _read_poses(table, len(joints)),
         sources,
         _block_sources(table),
     )
-
-
-def _read_joint(row: Table) -> JointDescription:
-    name = row.text("name")
-    kind = row.text("kind", allowed=("revolute", "prismatic"))
-    turns = kind == "revolute"
-    measure = "angle" if turns else "length"
-    lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
-    if not lower < upper:
-        raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
-    drive = row.table("drive")
-    if len(drive.entries()) != 1:
-        raise row.fail("drive", f"got {drive.entries()}; allowed: one frame = weight")
-    joint = JointDescription(
-        name=name,
-        kind="revolute" if turns else "prismatic",
-        lower=lower,
-        upper=upper,
-        effort_max=_positive(row, "effort_max", "torque" if turns else "force", np.inf),
-        velocity_max=_positive(
-            row, "velocity_max", "angular velocity" if turns else "linear velocity", np.inf
-        ),
-        acceleration_max=_positive(
-            row,
-            "acceleration_max",
-            "angular acceleration" if turns else "linear acceleration",
-            np.inf,
-        ),
-        tracking_tolerance=_positive(row, "tracking_tolerance", measure, np.inf),
-        drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
-        stop_lower=row.quantity("stop_lower", measure, default=lower),
-        stop_upper=row.quantity("stop_upper", measure, default=upper),
-        source=row.text("source", ""),
-    )
-    if not lower <= joint.stop_lower < joint.stop_upper <= upper:
-        raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
-    row.done()
-    return joint
-
-
-def _positive(row: Table, name: str, dimension: str, default: float) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
-    return value
-
-
-def _read_frame(row: Table) -> Frame:
-    name = row.text("name")
-    parent = row.text("parent", "") or None
-    motion = cast(Motion, row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic")))
-    row.text("source", "")
-    before, after = _read_placement(row)
-    if motion == "fixed":
-        before, after = before @ after, np.eye(4)
-    coupling = row.optional_table("q")
-    couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
-    if (motion == "fixed") != (not couplings):
-        raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
-    frame = Frame(
-        name,
-        parent,
-        motion,
-        before,
-        after,
-        couplings,
-    )
-    row.done()
-    return frame
-
-
-def _read_placement(row: Table) -> tuple[Array, Array]:
-    """Return (before, after) of a frame: what comes ahead of its motion and what follows."""
-    if "dh" in row:
-        convention = row.text("dh", allowed=("modified", "standard"))
-        a = row.quantity("a", "length", default=0.0)
-        alpha = row.quantity("alpha", "angle", default=0.0)
-        d = row.quantity("d", "length", default=0.0)
-        theta = row.quantity("theta", "angle", default=0.0)
-        if convention == "modified":
-            return exact(modified_dh(a, alpha, d, theta)), np.eye(4)
-        return exact(standard_dh(0.0, 0.0, d, theta)), exact(standard_dh(a, alpha, 0.0, 0.0))
-    turn = np.eye(3)
-    if "rotation" in row:
-        turn = check_turn(row, row.matrix("rotation", 3, 3))
-    elif row.has("rpy", "angle"):
-        turn = exact(matrix_from_rpy(*row.vector("rpy", 3, "angle")))
-    at = row.vector("xyz", 3, "length", default=np.zeros(3))
-    return transform(turn, at), np.eye(4)
-
-
-def check_turn(row: Table, turn: Array) -> Array:
-    """Return a rotation matrix, or say which entry is none."""
-    try:
-        return check_rotation(turn)
-    except TrocarError as problem:
-        raise row.fail("rotation", str(problem)) from problem
-
-
-def exact(matrix: Array) -> Array:
-    """Return a matrix whose entries at right angles are exactly 0 and 1 (cos 90 deg is 6e-17)."""
-    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
-
-
-def _read_closure(row: Table) -> Closure:
-    name = row.text("name")
-    passive, guard = row.texts("passive"), row.texts("guard")
-    if len(passive) != 2:
-        raise row.fail("passive", f"got {list(passive)}; allowed: the two frames it determines")
-    if len(guard) not in (0, 2):
-        raise row.fail("guard", f"got {list(guard)}; allowed: two frames, or none")
-    row.text("source", "")
-    closure = Closure(
-        name,
-        row.text("frame_a"),
-        row.vector("point_a", 3, "length"),
-        row.text("frame_b"),
-        row.vector("point_b", 3, "length"),
-        (passive[0], passive[1]),
-        guard,
-    )
-    row.done()
-    return closure
-
-
-def _read_friction(table: Table) -> dict[str, dict[str, Friction]]:
-    models = table.optional_table("friction")
-    found: dict[str, dict[str, Friction]] = {}
-    for name in models.entries():
-        model = models.table(name)
-        model.text("source", "")
-        found[name] = {}
-        for key in model.entries():
-            row = model.table(key)
-            found[name][key] = Friction(
-                row.quantity("coulomb", "torque", "force", default=0.0),
-                row.quantity("viscous", "angular damping", "linear damping", default=0.0),
-            )
-            if min(found[name][key].coulomb, found[name][key].viscous) < 0.0:
-                raise row.fail("", "friction must not be negative")
-            row.done()
-    return found
-
-
-def _read_rotor(table: Table) -> dict[str, float]:
-    rotors = table.optional_table("rotor")
-    rotors.text("source", "")
-    found: dict[str, float] = {}
-    for key in rotors.entries():
-        row = rotors.table(key)
-        found[key] = row.quantity("inertia" if "inertia_kgm2" in row else "mass", "inertia", "mass")
-        row.done()
-    return found
-
-
-def _read_control(table: Table) -> dict[str, Control]:
-    presets = table.optional_table("control")
-    found: dict[str, Control] = {}
-    for name in presets.entries():
-        row = presets.table(name)
-        pid = row.table("pid")
-        gains = {joint: Gains(*pid.numbers(joint, 3)) for joint in pid.entries()}
-        found[name] = Control(
-            name,
-            gains,
-            row.flag("gravity_compensation", True),
-            row.flag("effort_limits", True),
-            row.text("source", ""),
-        )
-        row.done()
-    return found
 
 
 def _read_poses(table: Table, count: int) -> dict[str, Array]:
@@ -375,26 +203,6 @@ def _block_sources(table: Table) -> dict[str, str]:
     blocks += [(f"pose {row.text('name')}", row) for row in table.tables("pose")]
     found = {name: block.text("source", "") for name, block in blocks}
     return {name: source for name, source in found.items() if source}
-
-
-def _read_coupling(table: Table) -> Coupling | None:
-    if "coupling" not in table:
-        return None
-    row = table.table("coupling")
-    joints = row.texts("joints")
-    matrix = row.matrix("actuator_to_joint", len(joints), len(joints))
-    row.text("source", "")
-    row.done()
-    return Coupling(joints, matrix)
-
-
-def _read_counterweight(table: Table) -> Counterweight | None:
-    if "counterweight" not in table:
-        return None
-    row = table.table("counterweight")
-    found = Counterweight(row.text("body"), row.text("joint"), row.number("ratio"))
-    row.done()
-    return found
 
 
 def _public(joint: JointDescription) -> Joint:
@@ -437,13 +245,15 @@ def _mount(arm: Parts, tool: ToolDescription) -> Parts:
 
 
 def _balanced(
-    parts: Parts, mechanism: Mechanism, balance: Counterweight | None
+    parts: Parts, mechanism: Mechanism, balance: Counterweight | None, file: str
 ) -> tuple[Body, ...]:
     """Return the bodies with the counterweight's mass set by what rides on its joint."""
     for body in parts.bodies:
-        mechanism.frame(body.frame)
+        check_name(file, "body.frame", body.frame, [f.name for f in parts.frames])
     if balance is None:
         return parts.bodies
+    check_name(file, "counterweight.body", balance.body, [b.frame for b in parts.bodies])
+    check_name(file, "counterweight.joint", balance.joint, mechanism.joint_names)
     drive = next(j.drive[0][0] for j in parts.joints if j.name == balance.joint)
     index = mechanism.frame_index[drive]
     riding = sum(b.mass for b in parts.bodies if index in mechanism.chain(b.frame))

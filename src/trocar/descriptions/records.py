@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import UnknownNameError
+from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
 
 Array = NDArray[np.float64]
@@ -120,14 +121,6 @@ class Control:
     gravity_compensation: bool
     effort_limits: bool
     source: str
-
-
-@dataclass(frozen=True, eq=False)
-class Coupling:
-    """Actuators to joints of a tool: q = matrix @ actuator position, (n, n)."""
-
-    joints: tuple[str, ...]
-    actuator_to_joint: Array
 
 
 @dataclass(frozen=True)

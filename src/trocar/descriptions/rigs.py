@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA, check_turn
+from trocar.descriptions.arms import SCHEMA
+from trocar.descriptions.checks import check_name
+from trocar.descriptions.frames import check_turn
 from trocar.descriptions.records import ArmDescription, Prop, RigArm, RigDescription
 from trocar.descriptions.shapes import read_shape
 from trocar.descriptions.table import Table, read_table
@@ -40,6 +42,9 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         raise table.fail("arm", "is missing; a rig needs at least one arm")
     props = tuple(_read_prop(row) for row in table.tables("prop"))
     poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
+    for key, found in (("prop", [p.name for p in props]), ("pose", _names(table, "pose"))):
+        for again in {n for n in found if found.count(n) > 1}:
+            raise table.fail(key, f"got {again!r} a second time")
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     share = _read_test_share(table)
@@ -62,8 +67,9 @@ def _read_arm(row: Table, before: list[RigArm], load_arm: ArmLoader) -> RigArm:
     carrier = next((a for a in before if a.name == on), None)
     frame = row.text("frame", "mount" if carrier else "")
     if carrier is not None:
-        carrier.arm.mechanism.frame(frame)
+        check_name(row.file, f"{row.path}.frame", frame, carrier.arm.mechanism.frame_index)
     place = row.text("place", arm.root)
+    check_name(row.file, f"{row.path}.place", place, arm.mechanism.frame_index)
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
     root_place = pose(arm.mechanism, rest, place, arm.root)
     at = read_pose(row) @ inverse(root_place)
@@ -87,6 +93,10 @@ def _read_prop(row: Table) -> Prop:
     row.text("source", "")
     row.done()
     return prop
+
+
+def _names(table: Table, key: str) -> list[str]:
+    return [row.text("name") for row in table.tables(key)]
 
 
 def _read_test_share(table: Table) -> float:

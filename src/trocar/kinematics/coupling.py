@@ -25,6 +25,7 @@ class Coupling:
 
     Attributes:
         actuator_to_joint: A, (n, n); kept as a read-only copy
+        joints: names of the joints, where they have some
         joint_to_actuator: its inverse, (n, n), read-only
 
     Raises:
@@ -32,6 +33,7 @@ class Coupling:
     """
 
     actuator_to_joint: Array
+    joints: tuple[str, ...] = ()
     joint_to_actuator: Array = field(init=False)
 
     def __post_init__(self) -> None:

@@ -26,6 +26,7 @@ from trocar.modeling.options import (
     CONTACT_PERIODS,
     STIFF_IMPEDANCE,
     STIFF_PERIODS,
+    STOP_PERIODS,
     ModelOptions,
 )
 
@@ -158,7 +159,7 @@ def _add_hinge(
     if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
         hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         hinge.range = sorted([joint.stop_lower / weight, joint.stop_upper / weight])
-        hinge.solref_limit = [options.timestep, 1.0]
+        hinge.solref_limit = [STOP_PERIODS * options.timestep, 1.0]
         hinge.solimp_limit = STIFF_IMPEDANCE
 
 

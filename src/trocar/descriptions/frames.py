@@ -1,0 +1,144 @@
+"""Joints, frames and closing hinges from TOML."""
+
+from __future__ import annotations
+
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import JointDescription
+from trocar.descriptions.table import Table
+from trocar.errors import TrocarError
+from trocar.geometry.dh import modified_dh, standard_dh
+from trocar.geometry.rotations import check_rotation, matrix_from_rpy
+from trocar.geometry.se3 import transform
+from trocar.kinematics.mechanism import Closure, Frame, Motion
+
+Array = NDArray[np.float64]
+
+
+def read_joint(row: Table) -> JointDescription:
+    """Return a public joint with its limits and what drives it."""
+    name = row.text("name")
+    kind = row.text("kind", allowed=("revolute", "prismatic"))
+    turns = kind == "revolute"
+    measure = "angle" if turns else "length"
+    lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
+    if not lower < upper:
+        raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
+    drive = row.table("drive")
+    if len(drive.entries()) != 1:
+        raise row.fail("drive", f"got {drive.entries()}; allowed: one frame = weight")
+    joint = JointDescription(
+        name=name,
+        kind="revolute" if turns else "prismatic",
+        lower=lower,
+        upper=upper,
+        effort_max=_positive(row, "effort_max", "torque" if turns else "force", np.inf),
+        velocity_max=_positive(
+            row, "velocity_max", "angular velocity" if turns else "linear velocity", np.inf
+        ),
+        acceleration_max=_positive(
+            row,
+            "acceleration_max",
+            "angular acceleration" if turns else "linear acceleration",
+            np.inf,
+        ),
+        tracking_tolerance=_positive(row, "tracking_tolerance", measure, np.inf),
+        drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
+        stop_lower=row.quantity("stop_lower", measure, default=lower),
+        stop_upper=row.quantity("stop_upper", measure, default=upper),
+        source=row.text("source", ""),
+    )
+    if not lower <= joint.stop_lower < joint.stop_upper <= upper:
+        raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
+    row.done()
+    return joint
+
+
+def _positive(row: Table, name: str, dimension: str, default: float) -> float:
+    value = row.quantity(name, dimension, default=default)
+    if value <= 0.0:
+        raise row.fail(name, f"got {value:g}; allowed: above 0")
+    return value
+
+
+def read_frame(row: Table) -> Frame:
+    """Return a frame: where it stands on its parent, and what moves it."""
+    name = row.text("name")
+    parent = row.text("parent", "") or None
+    motion = cast(Motion, row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic")))
+    row.text("source", "")
+    before, after = _read_placement(row)
+    if motion == "fixed":
+        before, after = before @ after, np.eye(4)
+    coupling = row.optional_table("q")
+    couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
+    if (motion == "fixed") != (not couplings):
+        raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
+    frame = Frame(
+        name,
+        parent,
+        motion,
+        before,
+        after,
+        couplings,
+    )
+    row.done()
+    return frame
+
+
+def _read_placement(row: Table) -> tuple[Array, Array]:
+    """Return (before, after) of a frame: what comes ahead of its motion and what follows."""
+    if "dh" in row:
+        convention = row.text("dh", allowed=("modified", "standard"))
+        a = row.quantity("a", "length", default=0.0)
+        alpha = row.quantity("alpha", "angle", default=0.0)
+        d = row.quantity("d", "length", default=0.0)
+        theta = row.quantity("theta", "angle", default=0.0)
+        if convention == "modified":
+            return exact(modified_dh(a, alpha, d, theta)), np.eye(4)
+        return exact(standard_dh(0.0, 0.0, d, theta)), exact(standard_dh(a, alpha, 0.0, 0.0))
+    turn = np.eye(3)
+    if "rotation" in row:
+        turn = check_turn(row, row.matrix("rotation", 3, 3))
+    elif row.has("rpy", "angle"):
+        turn = exact(matrix_from_rpy(*row.vector("rpy", 3, "angle")))
+    at = row.vector("xyz", 3, "length", default=np.zeros(3))
+    return transform(turn, at), np.eye(4)
+
+
+def check_turn(row: Table, turn: Array) -> Array:
+    """Return a rotation matrix, or say which entry is none."""
+    try:
+        return check_rotation(turn)
+    except TrocarError as problem:
+        raise row.fail("rotation", str(problem)) from problem
+
+
+def exact(matrix: Array) -> Array:
+    """Return a matrix whose entries at right angles are exactly 0 and 1 (cos 90 deg is 6e-17)."""
+    return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
+
+
+def read_closure(row: Table) -> Closure:
+    """Return a hinge that closes a loop."""
+    name = row.text("name")
+    passive, guard = row.texts("passive"), row.texts("guard")
+    if len(passive) != 2:
+        raise row.fail("passive", f"got {list(passive)}; allowed: the two frames it determines")
+    if len(guard) not in (0, 2):
+        raise row.fail("guard", f"got {list(guard)}; allowed: two frames, or none")
+    row.text("source", "")
+    closure = Closure(
+        name,
+        row.text("frame_a"),
+        row.vector("point_a", 3, "length"),
+        row.text("frame_b"),
+        row.vector("point_b", 3, "length"),
+        (passive[0], passive[1]),
+        guard,
+    )
+    row.done()
+    return closure

@@ -11,13 +11,13 @@ from trocar.modeling.mjcf import rig_spec
 from trocar.modeling.options import ModelOptions
 from trocar.simulation import World
 
-#: MuJoCo's automatic choice turns sparse here. Source: mujoco-findings 0.1.
+#: MuJoCo's automatic choice turns sparse here. Source: MuJoCo, mjJAC_AUTO.
 SPARSE_FROM = 60
 
 
 @pytest.mark.parametrize("rig", ["psm", "full_cart"])
 def test_settings_are_the_measured_ones(rig):
-    """Source: mujoco-findings 0 and 1."""
+    """Source: measured on these arms, docs/simulation.md."""
     option = rig_spec(load_rig(rig)).compile().opt
     assert option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     assert option.solver == mujoco.mjtSolver.mjSOL_NEWTON
@@ -50,7 +50,7 @@ def test_the_cart_stays_finite_with_the_dense_jacobian():
 def test_the_sparse_jacobian_of_this_mujoco_is_the_reason(tmp_path, monkeypatch):
     """A cart that rests with a dense Jacobian is thrown about by Newton on a sparse one.
 
-    Source: mujoco-findings 0.1 (upstream #3767).
+    Source: google-deepmind/mujoco issue 3767.
     """
     monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of its own where it runs
     fastest = {}

@@ -123,7 +123,7 @@ def test_an_effort_opens_and_closes_the_jaw():
 
 
 def test_in_set_mode_fingers_may_pass_each_other(world):
-    """Source: decisions.md, Frames."""
+    """There, the fingers are where they are told, whatever is in between."""
     world.arm("PSM1").set_mode("set")
     jaw_of(world).servo_jp([-0.3])
     left, right = turns(world)

@@ -14,7 +14,10 @@ from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
 
 Floats = NDArray[np.float64]
 
-COMMANDED, MEASURED, ERROR = "#f08c00", "#1c7ed6", "#c2255c"
+COMMANDED, MEASURED, ERROR = "#ffb45c", "#1c6fc4", "#c2255c"
+WIDTHS = {COMMANDED: 5.0, MEASURED: 1.6, ERROR: 1.6}
+"""Line widths in pixels: what is commanded shows behind what is measured."""
+
 TIME = "ago"
 """Name of the time scale; viser meddles with the range of one called "x"."""
 
@@ -86,7 +89,7 @@ class _Plot:
         return (
             uplot.Series(label="s", scale=TIME),
             *(
-                uplot.Series(label=f"{text} [{self._unit}]", stroke=colour, width=1.6)
+                uplot.Series(label=f"{text} [{self._unit}]", stroke=colour, width=WIDTHS[colour])
                 for text, colour in self._lines
             ),
         )

@@ -94,6 +94,24 @@ def test_released_arms_stay_when_compensated_and_without_dry_friction(rig):
         assert np.abs(arm.readings()[0] - before[arm.name]).max() < 1e-3, arm.name
 
 
+def test_compensation_follows_an_arm_that_moves():
+    """At 0.5 rad/s what is fed is at most 20 ms old."""
+    world = World("psm")
+    arm, described = world.arm("PSM1"), world.rig.arm("PSM1").arm
+    goal = np.array([0.8, 0.5, 0.2, 0.0, 0.0, 0.0])
+    arm.move_jp(goal)
+    passed = [arm.readings()[0]]
+    fed = world._servos.table[:, 2]
+    for _ in range(60):
+        world.step(21)
+        passed.append(arm.readings()[0])
+        recent = holding_efforts(described, np.array(passed[-3:]))
+        low, high = recent.min(axis=0), recent.max(axis=0)
+        assert (fed >= low - 2e-3).all()
+        assert (fed <= high + 2e-3).all()
+    assert np.abs(passed[-1] - passed[0])[:2].min() > 0.3
+
+
 def test_without_compensation_they_fall():
     world = World("psm", friction="paper", gravity_compensation=False)
     arm = world.arm("PSM1")

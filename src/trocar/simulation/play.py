@@ -115,6 +115,10 @@ class Player:
             np.zeros((count, *self._servos.table.shape)),
         )
         data, setpoints = self._data, self._servos.table[:, :2]
+        now, table_now = (
+            (data.qpos, data.qvel, data.act),
+            self._servos.table,
+        )  # views: no copies yet
         for row, wanted in enumerate(table.setpoints):
             setpoints[:] = wanted
             if table.efforts is not None:
@@ -123,8 +127,8 @@ class Player:
             advance(every)
             if record:
                 times[row] = data.time
-                qpos[row], qvel[row], act[row] = data.qpos, data.qvel, data.act
-                inputs[row] = self._servos.table
+                qpos[row], qvel[row], act[row] = now
+                inputs[row] = table_now
         for name in table.played:
             used = self._drives[name].binding.actuators
             last = table.setpoints[-1, used]

@@ -72,19 +72,16 @@ class SetPoints:
             limits = (self._most[part], self._rate[part])
             there = goal[part.start - first : part.stop - first]
             legs.append(Leg(motion, Profile(start, there, limits, time), part))
-        velocity = self.velocity.copy()
         for part in parts:
             self.end(part)
-            self.velocity[part] = velocity[part]
         self._legs += legs
         return motion
 
     def end(self, part: slice) -> None:
-        """End the moves of some joints: their set-points stop where they are."""
+        """End the moves of some joints; what they are told next is up to the caller."""
         for leg in list(self._legs):
             if leg.part.start < part.stop and part.start < leg.part.stop:
                 self._legs.remove(leg)
-                self.velocity[leg.part] = 0.0
                 leg.motion.finish(False)
 
     def follow(self, time: float) -> None:

@@ -37,13 +37,16 @@ class GravityCompensation:
         self._model, self._data = model, data
         self._servos = servos
         dofs = np.concatenate([np.zeros(0, dtype=np.intp), *(b.dof for b in live)])
-        self._joints = model.dof_jntid[dofs]
-        self._bodies = model.jnt_bodyid[self._joints]
+        joints = model.dof_jntid[dofs]
+        #: A slice where the arms' joints stand in one row: twice as fast as an index.
+        self._joints = _row_or_index(joints)
+        self._bodies = model.jnt_bodyid[joints]
+        self._lever = np.zeros((len(joints), 3))
         weight = -float(model.opt.gravity[2]) * model.body_subtreemass[self._bodies]
-        turns = model.jnt_type[self._joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
+        turns = model.jnt_type[joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
         self._turning = np.where(turns, weight, 0.0)
         self._sliding = np.where(turns, 0.0, weight)
-        self._share = np.zeros((len(servos.table), len(self._joints)))
+        self._share = np.zeros((len(servos.table), len(joints)))
         column = 0
         for b in live:
             self._share[b.actuators, column : column + len(b.dof)] = b.share
@@ -66,7 +69,17 @@ class GravityCompensation:
         self._servos.write_efforts()
 
     def _efforts(self) -> Array:
-        axis = self._data.xaxis[self._joints]
-        lever = self._data.subtree_com[self._bodies] - self._data.xanchor[self._joints]
-        moment = axis[:, 0] * lever[:, 1] - axis[:, 1] * lever[:, 0]
-        return self._share @ (self._turning * moment + self._sliding * axis[:, 2])
+        axis, lever = self._data.xaxis[self._joints], self._lever
+        np.take(self._data.subtree_com, self._bodies, axis=0, out=lever, mode="clip")
+        lever -= self._data.xanchor[self._joints]
+        load = axis[:, 0] * lever[:, 1]
+        load -= axis[:, 1] * lever[:, 0]
+        load *= self._turning
+        load += self._sliding * axis[:, 2]
+        return self._share @ load
+
+
+def _row_or_index(joints: NDArray[np.intp]) -> slice | NDArray[np.intp]:
+    if len(joints) and np.array_equal(joints, np.arange(joints[0], joints[0] + len(joints))):
+        return slice(int(joints[0]), int(joints[0]) + len(joints))
+    return joints

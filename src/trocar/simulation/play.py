@@ -13,9 +13,18 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
 from trocar.simulation.drives import Drives
 from trocar.simulation.records import Recording
-from trocar.simulation.servos import ServoInputs
+from trocar.simulation.servos import INPUTS, ServoInputs
 
 Array = NDArray[np.float64]
+
+#: What a sample holds, in MuJoCo's order; one call copies it all.
+SAMPLE = int(
+    mujoco.mjtState.mjSTATE_TIME
+    | mujoco.mjtState.mjSTATE_QPOS
+    | mujoco.mjtState.mjSTATE_QVEL
+    | mujoco.mjtState.mjSTATE_ACT
+    | mujoco.mjtState.mjSTATE_CTRL
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,18 +116,11 @@ class Player:
             raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
         for arm in arms.values():
             arm.come_to_rest()
-        count = len(table.setpoints) if record else 0
-        times = np.zeros(count)
-        qpos, qvel = np.zeros((count, self._model.nq)), np.zeros((count, self._model.nv))
-        act, inputs = (
-            np.zeros((count, self._model.na)),
-            np.zeros((count, *self._servos.table.shape)),
+        model, data = self._model, self._data
+        samples = np.zeros(
+            (len(table.setpoints) if record else 0, mujoco.mj_stateSize(model, SAMPLE))
         )
-        data, setpoints = self._data, self._servos.table[:, :2]
-        now, table_now = (
-            (data.qpos, data.qvel, data.act),
-            self._servos.table,
-        )  # views: no copies yet
+        setpoints = self._servos.table[:, :2]
         for row, wanted in enumerate(table.setpoints):
             setpoints[:] = wanted
             if table.efforts is not None:
@@ -126,19 +128,19 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                times[row] = data.time
-                qpos[row], qvel[row], act[row] = now
-                inputs[row] = table_now
+                mujoco.mj_getState(model, data, samples[row], SAMPLE)
         for name in table.played:
             used = self._drives[name].binding.actuators
             last = table.setpoints[-1, used]
             arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
-        return self._recording(times, (qpos, qvel, act, inputs), table.clipped)
+        return self._recording(samples, table.clipped)
 
-    def _recording(
-        self, times: Array, samples: tuple[Array, Array, Array, Array], clipped: dict[str, int]
-    ) -> Recording:
-        qpos, qvel, act, inputs = samples
+    def _recording(self, samples: Array, clipped: dict[str, int]) -> Recording:
+        """Take samples of the state apart; MuJoCo has time, qpos, qvel, act and ctrl in a row."""
+        model = self._model
+        ends = np.cumsum([1, model.nq, model.nv, model.na])
+        time, qpos, qvel, act, ctrl = np.split(samples, ends, axis=1)
+        inputs = ctrl.reshape(len(samples), model.nu // INPUTS, INPUTS)
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
@@ -149,9 +151,9 @@ class Player:
             velocities[name] = qvel[:, b.dof] @ b.drive.T
             state = (positions[name], velocities[name], act[:, b.act])
             efforts[name] = d.servo_efforts(inputs[:, b.actuators], state)
-            coordinates[name] = np.zeros((len(times), len(d.arm.mechanism.frames)))
+            coordinates[name] = np.zeros((len(samples), len(d.arm.mechanism.frames)))
             coordinates[name][:, b.hinges] = qpos[:, b.qpos]
-        return Recording(times, positions, velocities, efforts, coordinates, clipped)
+        return Recording(time[:, 0].copy(), positions, velocities, efforts, coordinates, clipped)
 
 
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:

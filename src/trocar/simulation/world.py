@@ -95,6 +95,7 @@ class World:
         self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
         self._shown = mujoco.MjData(self._model)
+        self._mj_step: Callable[[mujoco.MjModel, mujoco.MjData, int], None] = mujoco.mj_step
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
         self._drives: dict[str, Drives] = {}
@@ -322,7 +323,7 @@ class World:
                 self._gravity.renew()
             run = min(left, self._renewal - since)
             mujoco.mj_getState(self._model, self._data, self._before, STATE)
-            mujoco.mj_step(self._model, self._data, nstep=run)
+            self._mj_step(self._model, self._data, run)
             self._periods += run
             left -= run
             bad = self._bad

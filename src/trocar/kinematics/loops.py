@@ -71,6 +71,20 @@ def closed_coordinates(mechanism: Mechanism, q: Array) -> Array:
     Raises:
         LoopError: the loops cannot be closed at these joint positions
     """
+    found = _newton(mechanism, q)
+    if loops_are_parallelograms(mechanism):
+        return found
+    worst = float(gaps(mechanism, found).max(initial=0.0))
+    if not worst <= PARALLELOGRAM_TOLERANCE_M:
+        raise LoopError(
+            f"{mechanism.name}: the loops gape by {worst:.3e} m at these joint positions;"
+            f" allowed {PARALLELOGRAM_TOLERANCE_M:.0e} m"
+        )
+    return found
+
+
+def _newton(mechanism: Mechanism, q: Array) -> Array:
+    """Return every frame's coordinate with the loops as nearly closed as they get."""
     start = coupled_coordinates(mechanism, q)
     if loops_are_parallelograms(mechanism):
         return start
@@ -83,12 +97,6 @@ def closed_coordinates(mechanism: Mechanism, q: Array) -> Array:
         slope = residual_jacobian(mechanism, flat)[..., passive]
         step = np.linalg.pinv(slope, rcond=1e-9) @ miss[..., None]
         flat[:, passive] -= np.clip(step[..., 0], -0.2, 0.2)
-    worst = float(gaps(mechanism, flat).max(initial=0.0))
-    if not worst <= PARALLELOGRAM_TOLERANCE_M:
-        raise LoopError(
-            f"{mechanism.name}: the loops gape by {worst:.3e} m at these joint positions;"
-            f" allowed {PARALLELOGRAM_TOLERANCE_M:.0e} m"
-        )
     return flat.reshape(start.shape)
 
 
@@ -206,14 +214,9 @@ def _determinants(mechanism: Mechanism, row: int, column: int, positions: Array)
     """Return a loop's determinant at positions of one joint, (k,); 0 where it cannot close."""
     q = np.tile(np.clip(0.0, mechanism.lower, mechanism.upper), (len(positions), 1))
     q[:, column] = positions
-    try:
-        return branch_determinants(mechanism, closed_coordinates(mechanism, q))[:, row]
-    except LoopError:
-        if len(positions) == 1:
-            return np.zeros(1)
-    return np.concatenate(
-        [_determinants(mechanism, row, column, positions[i : i + 1]) for i in range(len(positions))]
-    )
+    found = _newton(mechanism, q)
+    closed = gaps(mechanism, found).max(axis=-1) <= PARALLELOGRAM_TOLERANCE_M
+    return np.where(closed, branch_determinants(mechanism, found)[:, row], 0.0)
 
 
 def _point(mechanism: Mechanism, closure: Closure, poses: dict[int, Array], side: str) -> Array:

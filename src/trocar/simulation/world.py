@@ -91,7 +91,6 @@ class World:
             if a.arm.type == "SUJ" and setup_joints == "locked"
         }
         self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
-        warn_of_flattening(self.rig)
         self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
         self._shown = mujoco.MjData(self._model)
@@ -134,6 +133,7 @@ class World:
         self._seed = _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         self.reset()
+        warn_of_flattening(self.rig)
 
     # ------------------------------------------------------------------ time
 

@@ -53,7 +53,7 @@ def compare(arm: ArmDescription, mechanism: Mechanism, q: Array) -> None:
     ]
     every, which = np.concatenate(found), np.repeat(np.arange(len(q)), [len(s) for s in found])
     metres, radians = pose_difference(forward.pose(mechanism, full(mechanism, every)), poses[which])
-    # Issue #2's 1e-9 for both.
+    # the goal of 1e-9 for both
     assert max(metres.max(), radians.max()) < 1e-9
     assert ((every >= mechanism.lower[:n]) & (every <= mechanism.upper[:n])).all()
     own = [np.abs(s - made[:n]).max(axis=-1).min() for s, made in zip(found, q, strict=True)]

@@ -63,7 +63,7 @@ def test_every_solution_makes_the_pose_and_the_generating_one_is_among_them(
     assert max(metres.max(), radians.max()) < 1e-9
     assert ((every >= lower) & (every <= upper)).all()
     nearest = [np.abs(s - own).max(axis=-1).min() for s, own in zip(found, q, strict=True)]
-    # The 1e-9; the worst poses, with the tip near its singular line, reach some 1e-11.
+    # the goal of 1e-9; the worst poses, with the tip near its singular line, reach some 1e-11.
     assert max(nearest) < 1e-9
 
 

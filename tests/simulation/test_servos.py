@@ -40,7 +40,7 @@ def test_a_velocity_set_point_leaves_no_lag_from_the_derivative():
 
 
 def test_without_it_the_arm_lags_by_the_derivative_over_the_proportional_gain():
-    """Source: issue 2; D v / P, 45 mrad at the paper's largest speed (0.63 rad/s)."""
+    """D v / P, 45 mrad at the paper's largest speed (0.63 rad/s)."""
     damping, d, p, speed = 0.1, 5.0, 70.0, 0.5
     lag = lag_at_constant_speed(velocities=False)
     assert lag == pytest.approx((d + damping) * speed / p, abs=0.5 * speed * 1e-3)

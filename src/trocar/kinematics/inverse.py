@@ -41,7 +41,7 @@ EXACT = 1e-10
 # 1 cm is near), up to the others [rad, m].
 SLACK_FACTOR, SLACK_RAD, SLACK_M = 100.0, 1.0, 0.1
 
-# Source: issue #2. A pose comes back to this [m or rad].
+# Source: our choice. A pose comes back to this [m or rad].
 POSE_TOLERANCE = 1e-9
 # Source: our choice. Newton's method has settled when its step is this small [rad or m]; a step
 # longer than the second figure is shortened, so that it does not leave the neighbourhood.

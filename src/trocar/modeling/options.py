@@ -33,14 +33,14 @@ class ModelOptions:
 
 
 #: Time constant of loops and pins, in physics periods. Source: measured on the PSM and ECM under
-#: 10 N (trocar bench): gaps of 0.06 um with a quarter, of 0.15 um with a whole period.
+#: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole period.
 STIFF_PERIODS = 0.25
 STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 #: Time constant of the joints' mechanical stops, in physics periods. Source: measured with a
 #: gripping jaw: it hammers on its stop by 3 mrad at 1 period or less, and rests 8 urad in it at 2.
 STOP_PERIODS = 2.0
-#: Time constant of contacts in physics periods, and the cone's ratio. Source: measured with a
-#: needle held by two jaws: it slips by less than a micrometre in 10 s.
+#: Time constant of contacts in physics periods, and the cone's ratio. Source: prototypes of
+#: a needle held by two jaws; not measured on these arms yet.
 CONTACT_PERIODS = 2.0
 CONTACT_IMPEDANCE = (0.9999, 0.9999, 0.0001, 0.5, 2.0)
 IMPRATIO = 10.0

@@ -20,8 +20,9 @@ class Timing:
     Attributes:
         simulated: simulated time of a pass [s]
         own: the world with targets written and samples taken [s]
-        bare: what mj_step alone takes of the same motion [s]
+        bare: the same model from the same start, one call of mj_step alone: its arms rest [s]
         overhead: own / bare, the median of the passes' ratios
+        overhead_in_motion: own / what mj_step takes of the same motion, likewise
         recording: samples of the last own pass
     """
 
@@ -29,6 +30,7 @@ class Timing:
     own: float
     bare: float
     overhead: float
+    overhead_in_motion: float
     recording: Recording
 
     @property
@@ -45,9 +47,9 @@ class Timing:
 def time_beside_bare(
     world: World, trajectory: TestTrajectory, every: int, passes: int = 5
 ) -> Timing:
-    """Play a trajectory, and play it again with a clock around mj_step alone, in turn.
+    """Play a trajectory, step the same model alone, and play with a clock around mj_step, in turn.
 
-    Both passes make the same motion to the last bit: an arm at rest is cheaper to step.
+    An arm at rest is cheaper to step than one in motion, so the second ratio is the smaller one.
 
     Args:
         world: is reset before each pass
@@ -58,13 +60,18 @@ def time_beside_bare(
     count = every * len(next(iter(trajectory.positions.values())))
     own: list[float] = []
     bare: list[float] = []
+    moving: list[float] = []
     recording: Recording | None = None
     for _ in range(passes):
         begin_trajectory(world, trajectory)
         before = time.perf_counter()
         recording = world.play(trajectory.positions, trajectory.velocities, every=every)
         own.append(time.perf_counter() - before)
-        bare.append(_seconds_in_mujoco(world, trajectory, every))
+        begin_trajectory(world, trajectory)
+        before = time.perf_counter()
+        mujoco.mj_step(world._model, world._data, nstep=count)
+        bare.append(time.perf_counter() - before)
+        moving.append(_seconds_in_mujoco(world, trajectory, every))
     world.reset()
     if recording is None:
         raise ValueError(f"passes: got {passes}; allowed: 1 or more")
@@ -73,6 +80,7 @@ def time_beside_bare(
         statistics.median(own),
         statistics.median(bare),
         statistics.median(o / b for o, b in zip(own, bare, strict=True)),
+        statistics.median(o / m for o, m in zip(own, moving, strict=True)),
         recording,
     )
 

@@ -90,7 +90,9 @@ class World:
             for a in self.rig.arms
             if a.arm.type == "SUJ" and setup_joints == "locked"
         }
-        self.options = ModelOptions(timestep_s, friction, collisions, False, locked)
+        self.options = ModelOptions(
+            timestep=timestep_s, friction=friction, collisions=collisions, locked=locked
+        )
         self._model = _compiled(self.rig, self.options)
         self._data = mujoco.MjData(self._model)
         self._shown = mujoco.MjData(self._model)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -25,7 +26,13 @@ CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float]
 
 @dataclass(frozen=True)
 class Table9Row:
-    """One configuration; `collision_cost` is the time of a step with over without bodies."""
+    """One configuration.
+
+    Attributes:
+        overhead: bare over own real-time factor; the bare model's arms rest
+        overhead_in_motion: own time over that of mj_step in the same motion
+        collision_cost: time of a step with over without bodies that collide
+    """
 
     configuration: str
     rig: str
@@ -33,6 +40,7 @@ class Table9Row:
     real_time_factor: float
     bare_real_time_factor: float
     overhead: float
+    overhead_in_motion: float
     collision_cost: float
     paper: float
     goal: float
@@ -57,7 +65,7 @@ def table9(
         trajectory = paper_sine(own.rig, duration_s, TICK_S)
         every = periods_per_tick(own)
         ratios: list[float] = []
-        factors: list[tuple[float, float, float]] = []
+        factors: list[tuple[float, float, float, float]] = []
         for _ in range(passes):
             with_bodies = time_beside_bare(own, trajectory, every, passes=1)
             without = time_beside_bare(free, trajectory, every, passes=1)
@@ -67,14 +75,10 @@ def table9(
                     with_bodies.real_time_factor,
                     with_bodies.bare_real_time_factor,
                     with_bodies.overhead,
+                    with_bodies.overhead_in_motion,
                 )
             )
-        factor, bare, overhead = (_median([f[i] for f in factors]) for i in range(3))
-        rows.append(
-            Table9Row(label, rig, setup, factor, bare, overhead, _median(ratios), paper, goal)
-        )
+        factor, bare, overhead, moving = map(statistics.median, zip(*factors, strict=True))
+        cost = statistics.median(ratios)
+        rows.append(Table9Row(label, rig, setup, factor, bare, overhead, moving, cost, paper, goal))
     return rows
-
-
-def _median(values: list[float]) -> float:
-    return sorted(values)[len(values) // 2]

@@ -11,7 +11,7 @@ from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling.arm_model import Anchor, Place, add_arm, add_shape
 from trocar.modeling.contacts import contact_masks
-from trocar.modeling.options import IMPRATIO, ModelOptions
+from trocar.modeling.options import IMPRATIO, ISLAND_JOINTS, ModelOptions
 
 
 def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco.MjSpec:
@@ -40,6 +40,8 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
         at = Anchor(mount.body, mount.pose @ arm.pose)
         place = Place(arm.name, at, masks[arm.name], group)
         frames[arm.name] = add_arm(spec, arm.arm, place, chosen)
+    if len(spec.joints) < ISLAND_JOINTS:
+        cast(Any, spec.option).disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     return spec
 
 

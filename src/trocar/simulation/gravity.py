@@ -33,53 +33,45 @@ class GravityCompensation:
         servos: ServoInputs,
         drives: Iterable[Drives],
     ) -> None:
-        live = [d.binding for d in drives if not d.welded]
         self._model, self._data = model, data
         self._servos = servos
-        dofs = np.concatenate([np.zeros(0, dtype=np.intp), *(b.dof for b in live)])
-        joints = model.dof_jntid[dofs]
-        #: A slice where the arms' joints stand in one row: twice as fast as an index.
-        self._joints = _row_or_index(joints)
-        self._bodies = model.jnt_bodyid[joints]
-        self._lever = np.zeros((len(joints), 3))
+        self._bodies = model.jnt_bodyid.astype(np.intp)
         weight = -float(model.opt.gravity[2]) * model.body_subtreemass[self._bodies]
-        turns = model.jnt_type[joints] == int(mujoco.mjtJoint.mjJNT_HINGE)
-        self._turning = np.where(turns, weight, 0.0)
-        self._sliding = np.where(turns, 0.0, weight)
-        self._share = np.zeros((len(servos.table), len(joints)))
-        column = 0
-        for b in live:
-            self._share[b.actuators, column : column + len(b.dof)] = b.share
-            column += len(b.dof)
+        turns = model.jnt_type == int(mujoco.mjtJoint.mjJNT_HINGE)
+        turning, sliding = np.where(turns, weight, 0.0), np.where(turns, 0.0, weight)
+        share = np.zeros((len(servos.table), model.njnt))
+        for b in (d.binding for d in drives if not d.welded):
+            share[np.ix_(b.actuators, model.dof_jntid[b.dof])] = b.share
+        #: What `_terms` of every joint count for in every effort, (n_servos, 3 joints).
+        factors = np.stack([turning, -turning, sliding], axis=1)
+        self._weights = (share[:, :, None] * factors).reshape(len(share), -1)
+        #: Per joint: axis_x lever_y, axis_y lever_x, axis_z.
+        self._terms = np.zeros((model.njnt, 3))
+        self._products, self._upward = self._terms[:, :2], self._terms[:, 2]
+        self._lever = np.zeros((model.njnt, 3))
+        self._across = self._lever[:, 1::-1]
+        self._com, self._anchor = data.subtree_com, data.xanchor
+        self._axis, self._axis_up = data.xaxis[:, :2], data.xaxis[:, 2]
 
     def efforts(self) -> Array:
         """Return the efforts that hold every motor's load now, (n_servos,) [N m or N]."""
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
-        return self._efforts()
+        return self._compute(np.zeros(len(self._weights)))
 
     def renew(self) -> None:
         """Feed forward what the servos that want it need, at the last step's beginning."""
-        self._servos.holding = self._efforts()
+        self._compute(self._servos.holding)
         self._servos.write_efforts()
 
     def renew_here(self) -> None:
         """Feed forward what they need where the arms are now, after they were put there."""
-        self._servos.holding = self.efforts()
+        self._servos.holding[:] = self.efforts()
         self._servos.write_efforts()
 
-    def _efforts(self) -> Array:
-        axis, lever = self._data.xaxis[self._joints], self._lever
-        np.take(self._data.subtree_com, self._bodies, axis=0, out=lever, mode="clip")
-        lever -= self._data.xanchor[self._joints]
-        load = axis[:, 0] * lever[:, 1]
-        load -= axis[:, 1] * lever[:, 0]
-        load *= self._turning
-        load += self._sliding * axis[:, 2]
-        return self._share @ load
-
-
-def _row_or_index(joints: NDArray[np.intp]) -> slice | NDArray[np.intp]:
-    if len(joints) and np.array_equal(joints, np.arange(joints[0], joints[0] + len(joints))):
-        return slice(int(joints[0]), int(joints[0]) + len(joints))
-    return joints
+    def _compute(self, out: Array) -> Array:
+        self._com.take(self._bodies, 0, self._lever, "clip")
+        np.subtract(self._lever, self._anchor, self._lever)
+        np.multiply(self._axis, self._across, self._products)
+        self._upward[:] = self._axis_up
+        return self._weights.dot(self._terms.ravel(), out)

@@ -28,7 +28,10 @@ class ServoInputs:
         self.commanded = np.zeros(count)
         self.balanced = np.zeros(count)
         self.holding = np.zeros(count)
+        self._balancing = np.zeros(count)
+        self._efforts = self.table[:, 2]
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        self.table[:, 2] = self.commanded + self.balanced * self.holding
+        np.multiply(self.balanced, self.holding, self._balancing)
+        np.add(self.commanded, self._balancing, self._efforts)

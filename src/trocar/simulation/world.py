@@ -39,8 +39,8 @@ BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
 BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
-#: All that the next step depends on.
-STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+#: What a step changes and the next one depends on; inputs stay as they are.
+STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART)
 
 
 class World:

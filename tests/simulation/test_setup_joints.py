@@ -27,14 +27,14 @@ def carried_centre(world: World, name: str, q: np.ndarray) -> np.ndarray:
 
 
 def test_brakes_are_locked_and_hold_ten_newtons():
-    """An arm that is pushed at its tip with 10 N moves its setup joints by less than 10 um."""
+    """An arm that is pushed at its tip with 10 N moves its setup joints by less than 10 nm."""
     world = World(RIG, tip_load_n=10.0)
     setup = world.arm("SUJ_PSM1")
     assert setup.brakes == dict.fromkeys(setup.joint_names, True)
     before, centre = setup.measured_js().position, world.remote_centres()["PSM1"]
     world.step(1000)
-    assert np.abs(setup.measured_js().position - before).max() < 1e-5
-    assert np.linalg.norm(world.remote_centres()["PSM1"] - centre) < 1e-5
+    assert np.abs(setup.measured_js().position - before).max() < 1e-8
+    assert np.linalg.norm(world.remote_centres()["PSM1"] - centre) < 1e-8
 
 
 def test_released_joints_move_and_what_hangs_on_them_follows(world):

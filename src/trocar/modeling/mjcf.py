@@ -40,8 +40,10 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
         at = Anchor(mount.body, mount.pose @ arm.pose)
         place = Place(arm.name, at, masks[arm.name], group)
         frames[arm.name] = add_arm(spec, arm.arm, place, chosen)
-    if len(spec.joints) < ISLAND_JOINTS:
-        cast(Any, spec.option).disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+    apart = len(spec.joints) >= ISLAND_JOINTS
+    cast(Any, spec.option).disableflags |= (
+        mujoco.mjtDisableBit.mjDSBL_WARMSTART if apart else mujoco.mjtDisableBit.mjDSBL_ISLAND
+    )
     return spec
 
 

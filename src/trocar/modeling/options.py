@@ -32,9 +32,10 @@ class ModelOptions:
     locked: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
-#: From so many joints on the solver takes arms that do not touch apart. Source: measured per
-#: physics step: a PSM is 7 % faster undivided, the cart with locked setup joints (47 joints) 4 %,
-#: the cart with its brakes (69 joints) 10 % slower.
+#: From so many joints on the solver takes arms that do not touch apart, and begins without the last
+#: solution, which it would have to rate undivided. Source: measured per physics step: a PSM is 7 %
+#: faster undivided, the cart with locked setup joints (47 joints) 4 %, the cart with its brakes
+#: (69 joints) 10 % slower, and 2 to 5 % slower in motion when it rates the last solution.
 ISLAND_JOINTS = 60
 #: Time constant of loops and pins, in physics periods. Source: measured on the PSM and ECM under
 #: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole period.

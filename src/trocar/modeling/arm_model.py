@@ -92,7 +92,7 @@ def add_arm(
         _add_loops(spec, place.name, arm, anchors, options)
         _add_couplings(spec, place.name, arm, options)
         for joint in arm.joints:
-            _add_servo(spec, place, joint, options)
+            _add_servo(spec, place, joint)
     return anchors
 
 
@@ -305,10 +305,8 @@ def _add_couplings(
         )
 
 
-def _add_servo(
-    spec: mujoco.MjSpec, place: Place, joint: JointDescription, options: ModelOptions
-) -> None:
-    """Add a joint's actuator (PID with feed-forward) and its pin, on the hinge that it drives."""
+def _add_servo(spec: mujoco.MjSpec, place: Place, joint: JointDescription) -> None:
+    """Add a joint's actuator (PID with feed-forward) on the hinge that it drives."""
     ((hinge, weight),) = joint.drive
     target = naming.scoped(place.name, hinge)
     servo = spec.add_actuator(
@@ -319,15 +317,6 @@ def _add_servo(
     servo.set_to_pid(kp=1.0, kv=1.0, ki=1.0, ctrlspec=SERVO_INPUTS)
     servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
     servo.forcerange = [-joint.effort_max, joint.effort_max]
-    _add_equality(
-        spec,
-        naming.pin(place.name, joint.name),
-        mujoco.mjtEq.mjEQ_JOINT,
-        options,
-        name1=target,
-        data=[0.0],
-        active=False,
-    )
 
 
 def _add_equality(
@@ -339,7 +328,6 @@ def _add_equality(
     name1: str,
     name2: str = "",
     data: list[float] | None = None,
-    active: bool = True,
     objtype: mujoco.mjtObj = mujoco.mjtObj.mjOBJ_UNKNOWN,
 ) -> None:
     padded = np.zeros(12)
@@ -350,7 +338,6 @@ def _add_equality(
         name1=name1,
         name2=name2,
         data=padded,
-        active=active,
         solref=_stiff(options),
         solimp=STIFF_IMPEDANCE,
     )

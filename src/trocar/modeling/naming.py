@@ -1,4 +1,4 @@
-"""How things are called in compiled models: "PSM1/pitch_back", "PSM1/pin/yaw"."""
+"""How things are called in compiled models: "PSM1/pitch_back", "PSM1/guard/c1"."""
 
 from __future__ import annotations
 
@@ -16,8 +16,3 @@ def closing_site(arm: str, closure: str, side: str) -> str:
 def guard(arm: str, closure: str) -> str:
     """Return the name of the equality that keeps a loop on its branch."""
     return f"{arm}/guard/{closure}"
-
-
-def pin(arm: str, joint: str) -> str:
-    """Return the name of the equality that holds a joint: a brake, or the kinematic mode."""
-    return f"{arm}/pin/{joint}"

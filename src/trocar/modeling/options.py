@@ -37,7 +37,7 @@ class ModelOptions:
 #: faster undivided, the cart with locked setup joints (47 joints) 4 %, the cart with its brakes
 #: (69 joints) 10 % slower, and 2 to 5 % slower in motion when it rates the last solution.
 ISLAND_JOINTS = 60
-#: Time constant of loops and pins, in physics periods. Source: measured on the PSM and ECM under
+#: Time constant of loops, in physics periods. Source: measured on the PSM and ECM under
 #: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole period.
 STIFF_PERIODS = 0.25
 STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)

@@ -24,8 +24,8 @@ class Binding:
         qpos, dof: addresses of the hinges, (h,)
         drive: q = drive @ qpos[hinges], (n, h)
         share: generalised force on q = share @ force on hinges, (n, h); loops as parallelograms
-        actuators, act, pins: ids of servos, their integral states, and pins, (n,)
-        pin_scale: pin target = pin_scale * q, (n,)
+        driven: which hinges each joint's motor turns, (n, h) bool
+        actuators, act: ids of servos and of their integral states, (n,)
         frame_bodies: {frame: body id} of frames that are bodies
     """
 
@@ -34,10 +34,9 @@ class Binding:
     dof: Index
     drive: Array
     share: Array
+    driven: NDArray[np.bool_]
     actuators: Index
     act: Index
-    pins: Index
-    pin_scale: Array
     frame_bodies: dict[str, int]
 
 
@@ -59,8 +58,6 @@ def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
         for frame, weight in joint.drive:
             drive[row, column[frame]] = weight
     actuators = [model.actuator(naming.scoped(rig_arm.name, j.name)).id for j in live]
-    pins = [model.equality(naming.pin(rig_arm.name, j.name)).id for j in live]
-    scale = [1.0 / j.drive[0][1] for j in live]
     bodies: dict[str, int] = {}
     for frame in mechanism.frames:
         body = mujoco.mj_name2id(
@@ -74,9 +71,8 @@ def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
         dof=np.array([model.jnt_dofadr[i] for i in ids], dtype=np.intp),
         drive=drive,
         share=mechanism.ratios[hinges].T.copy() if hinges else np.zeros((0, 0)),
+        driven=drive != 0.0,
         actuators=np.array(actuators, dtype=np.intp),
         act=np.array([model.actuator_actadr[a] for a in actuators], dtype=np.intp),
-        pins=np.array(pins, dtype=np.intp),
-        pin_scale=np.array(scale),
         frame_bodies=bodies,
     )

@@ -19,10 +19,10 @@ Array = NDArray[np.float64]
 
 #: Stands for "no limit" where MuJoCo wants a number. [N m or N]
 UNLIMITED = 1e6
-#: Damping of a joint whose brake holds it: the column under its 300 N creeps 1 um an hour. Source:
-#: our own choice; a constraint per brake would cost the cart 10 % of its speed (measured).
-#: [N m s/rad or N s/m]
-BRAKE_DAMPING = 1e12
+#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 um
+#: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
+#: (measured). [N m s/rad or N s/m]
+HOLDING_DAMPING = 1e12
 
 
 class Drives:
@@ -77,18 +77,16 @@ class Drives:
         self._model.actuator_biasprm[ids, 1] = -on[:, 0]
         self._model.actuator_gainprm[ids, 0] = on[:, 1]
         self._model.actuator_biasprm[ids, 2] = -on[:, 2]
-        kinematic = np.array([m == "set" for m in self.modes])
-        self._data.eq_active[self.binding.pins] = kinematic & ~self.locked
+        held = (self.locked | np.array([m == "set" for m in self.modes])) @ self.binding.driven
+        self._model.dof_damping[self.binding.dof] = np.where(held, HOLDING_DAMPING, self._viscous)
         if self.brakes:
             self._rest()
 
     def _rest(self) -> None:
-        """Hold joints with locked brakes, and spare the physics their servos and dry friction."""
+        """Spare the physics the servos and the dry friction of joints whose brakes hold them."""
         group = 1 << int(self._model.actuator_group[self.binding.actuators[0]])
         asleep = self._model.opt.disableactuator & ~group
         self._model.opt.disableactuator = asleep | (group if self.locked.all() else 0)
-        damping = np.where(self.locked, BRAKE_DAMPING, self._viscous)
-        self._model.dof_damping[self.binding.dof] = damping
         self._model.dof_frictionloss[self.binding.dof] = np.where(self.locked, 0.0, self._dry)
 
     def compensate_gravity(self, on: bool) -> None:
@@ -118,12 +116,8 @@ class Drives:
     def set_brakes(self, locked: bool, which: Iterable[int]) -> None:
         """Lock joints where they are, or release them to their servos."""
         chosen = list(which)
-        here = self.positions()
         self.locked[chosen] = locked
         self._forget(chosen)
-        self._model.eq_data[self.binding.pins[chosen], 0] = (
-            self.binding.pin_scale[chosen] * here[chosen]
-        )
         self.apply()
 
     def command(self, q: Array, v: Array) -> None:
@@ -137,8 +131,6 @@ class Drives:
         self._servos.table[self.binding.actuators, 1] = v
         kinematic = np.array([m == "set" for m in self.modes]) & ~self.locked
         if kinematic.any():
-            pins = self.binding.pins[kinematic]
-            self._model.eq_data[pins, 0] = (self.binding.pin_scale * q)[kinematic]
             here, rate = self.positions(), self.velocities()
             self._put(np.where(kinematic, q, here), np.where(kinematic, v, rate))
 
@@ -156,7 +148,6 @@ class Drives:
             return
         self._put(q, v)
         self._forget(range(len(q)))
-        self._model.eq_data[self.binding.pins, 0] = self.binding.pin_scale * q
         self.command(q, v)
 
     def positions(self) -> Array:

@@ -13,6 +13,7 @@ from trocar.kinematics.forward import pose
 from trocar.simulation.drives import Drives
 from trocar.simulation.health import arm_health
 from trocar.simulation.jaw import Jaw
+from trocar.simulation.journal import command
 from trocar.simulation.motion import Motion
 from trocar.simulation.records import ArmHealth, ArmSnapshot, JointState, Mode, Pose
 from trocar.simulation.verbs import Clock, Verbs
@@ -32,6 +33,7 @@ class Arm:
         lower, upper: limits, (n,) [rad or m]
         poses: {name: q (n,)}
         jaw: the jaw's own verbs, None without one
+        journal: where its commands and events are told
     """
 
     def __init__(self, rig_arm: RigArm, drives: Drives, clock: Clock) -> None:
@@ -43,12 +45,14 @@ class Arm:
         self.poses = dict(rig_arm.arm.poses)
         self._drives = drives
         self._clock = clock
+        self.journal = self._journal = clock.journal
+        self._source, self._prefix = rig_arm.name, ""
         self._verbs = Verbs(self.name, self.description, drives, clock)
         jaw = rig_arm.arm.has_jaw
         count, last = len(self.joint_names) - jaw, len(self.joint_names) - 1
         self._own = slice(0, count)
         self._parts = [self._own, slice(last, last + 1)] if jaw else [self._own]
-        self.jaw = Jaw(self._verbs, last, self.lower[last], self.upper[last]) if jaw else None
+        self.jaw = Jaw(self, self._verbs, last) if jaw else None
 
     # ------------------------------------------------------------------ readings
 
@@ -123,6 +127,7 @@ class Arm:
 
     # ------------------------------------------------------------------ commands
 
+    @command
     def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Set the servos' positions now, the jaw not included.
 
@@ -135,6 +140,7 @@ class Arm:
         """
         return self._verbs.servo(q, v, self._own, "servo_jp")
 
+    @command
     def servo_jf(self, effort: ArrayLike) -> bool:
         """Set the efforts of the joints that are in mode "effort"; they persist.
 
@@ -146,6 +152,7 @@ class Arm:
         """
         return self._verbs.servo_effort(effort, self._own, "servo_jf")
 
+    @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the set-points to a goal within velocity and acceleration limits.
 
@@ -154,6 +161,7 @@ class Arm:
         """
         return self._verbs.move(q, self._own, "move_jp")
 
+    @command
     def move_to(self, name: str) -> Motion:
         """Move every joint, the jaw too, to a named pose.
 
@@ -164,6 +172,7 @@ class Arm:
             raise UnknownNameError("pose", name, self.poses, self.name)
         return self._verbs.move_parts(self.poses[name], self._parts, "move_to")
 
+    @command
     def hold(self) -> None:
         """End every move and stay at the set-points."""
         setpoints = self._verbs.setpoints
@@ -177,6 +186,7 @@ class Arm:
         """Return a joint's control mode."""
         return self._drives.modes[self._index(joint)]
 
+    @command
     def set_mode(self, mode: Mode, joints: Sequence[str] | None = None) -> None:
         """Switch joints (all when omitted) to "position", "effort" or "set", from where they are.
 
@@ -199,6 +209,7 @@ class Arm:
         p, i, d = self._drives.gains[self._index(joint)]
         return float(p), float(i), float(d)
 
+    @command
     def set_gains(
         self, joint: str, p: float | None = None, i: float | None = None, d: float | None = None
     ) -> None:
@@ -223,6 +234,7 @@ class Arm:
         """Whether gravity compensation is on."""
         return self._drives.gravity_compensated
 
+    @command
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self._drives.compensate_gravity(on)
@@ -238,6 +250,7 @@ class Arm:
             name: bool(v) for name, v in zip(self.joint_names, self._drives.locked, strict=True)
         }
 
+    @command
     def release_brakes(self, joints: Sequence[str] | None = None) -> None:
         """Release brakes (all when omitted); the joints then follow their servos from here.
 
@@ -247,6 +260,7 @@ class Arm:
         """
         self._set_brakes(False, joints)
 
+    @command
     def lock_brakes(self, joints: Sequence[str] | None = None) -> None:
         """Lock brakes (all when omitted) where the joints are.
 

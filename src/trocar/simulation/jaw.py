@@ -7,10 +7,20 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.simulation.journal import Journal, command
 from trocar.simulation.motion import Motion
 from trocar.simulation.records import JointState
 
 Array = NDArray[np.float64]
+
+
+class Owner(Protocol):
+    """What a jaw needs to know of its arm."""
+
+    name: str
+    lower: Array
+    upper: Array
+    journal: Journal
 
 
 class PartVerbs(Protocol):
@@ -40,10 +50,11 @@ class Jaw:
     CLOSED = float(np.deg2rad(-20.0))
     OPEN = float(np.deg2rad(60.0))
 
-    def __init__(self, verbs: PartVerbs, index: int, lower: float, upper: float) -> None:
+    def __init__(self, owner: Owner, verbs: PartVerbs, index: int) -> None:
+        self._journal, self._source, self._prefix = owner.journal, owner.name, "jaw."
         self._verbs = verbs
         self._part = slice(index, index + 1)
-        self._lower, self._upper = lower, upper
+        self._lower, self._upper = float(owner.lower[index]), float(owner.upper[index])
 
     def measured_js(self) -> JointState:
         """Return the measured opening, its velocity and effort."""
@@ -53,22 +64,27 @@ class Jaw:
         """Return the opening that the servo follows; below 0 it is grip."""
         return self._verbs.state(self._part, setpoint=True)
 
+    @command
     def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Set the opening now, (1,) [rad]."""
         return self._verbs.servo(q, v, self._part, "jaw.servo_jp")
 
+    @command
     def servo_jf(self, effort: ArrayLike) -> bool:
         """Set the effort of a jaw in mode "effort", (1,) [N m]."""
         return self._verbs.servo_effort(effort, self._part, "jaw.servo_jf")
 
+    @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the opening to a goal, (1,) [rad]."""
         return self._verbs.move(q, self._part, "jaw.move_jp")
 
+    @command
     def close(self) -> Motion:
         """Close with grip: to -20 deg, or as far below 0 as the limits allow."""
         return self.move_jp([max(self.CLOSED, self._lower)])
 
+    @command
     def open(self) -> Motion:
         """Open to 60 deg, or as far as the limits allow."""
         return self.move_jp([min(self.OPEN, self._upper)])

@@ -8,6 +8,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.simulation.journal import Journal
+
 Array = NDArray[np.float64]
 
 #: The same warning comes once in this much simulated time. Source: our own choice. [s]
@@ -24,25 +26,33 @@ class Refusals:
         last: the last reason
     """
 
-    def __init__(self, arm: str, time: Callable[[], float]) -> None:
+    def __init__(self, arm: str, time: Callable[[], float], journal: Journal) -> None:
         self.count = 0
         self.last = ""
         self._arm = arm
         self._time = time
+        self._journal = journal
         self._said: dict[str, float] = {}
+        self._unsaid: dict[str, int] = {}
 
     def warn(self, kind: str, reason: str) -> None:
-        """Count a command that was refused or clipped, and log it unless its kind was just said."""
+        """Count a refused or clipped command; say so once a while, with how many were not said."""
         self.count += 1
         self.last = reason
         now = self._time()
-        if now - self._said.get(kind, -np.inf) >= WARNING_PERIOD_S:
-            self._said[kind] = now
-            log.warning("%s: %s", self._arm, reason)
+        if now - self._said.get(kind, -np.inf) < WARNING_PERIOD_S:
+            self._unsaid[kind] = self._unsaid.get(kind, 0) + 1
+            return
+        self._said[kind] = now
+        more = self._unsaid.pop(kind, 0)
+        text = f"{reason} ({more} more such since)" if more else reason
+        log.warning("%s: %s", self._arm, text)
+        self._journal.event(self._arm, "warning", text=text)
 
     def forget(self) -> None:
         """Say everything anew: time starts again."""
         self._said.clear()
+        self._unsaid.clear()
 
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str

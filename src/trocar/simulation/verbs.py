@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import ArmDescription
 from trocar.simulation.drives import Drives
+from trocar.simulation.journal import Journal
 from trocar.simulation.motion import Motion
 from trocar.simulation.records import JointState
 from trocar.simulation.refusals import Refusals
@@ -24,6 +25,11 @@ BRAKE_SLACK = 1e-4
 
 class Clock(Protocol):
     """What an arm needs of its world."""
+
+    @property
+    def journal(self) -> Journal:
+        """Where commands and events are told."""
+        ...
 
     @property
     def time(self) -> float:
@@ -51,7 +57,7 @@ class Verbs:
         self._names = arm.mechanism.joint_names
         self._lower, self._upper = arm.mechanism.lower, arm.mechanism.upper
         self._drives, self._clock = drives, clock
-        self.refusals = Refusals(name, lambda: clock.time)
+        self.refusals = Refusals(name, lambda: clock.time, clock.journal)
         self.setpoints = SetPoints(
             np.array([j.velocity_max for j in arm.joints]),
             np.array([j.acceleration_max for j in arm.joints]),

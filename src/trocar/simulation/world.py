@@ -21,6 +21,7 @@ from trocar.simulation.drives import Drives
 from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
 from trocar.simulation.gravity import GravityCompensation
 from trocar.simulation.health import warn_of_flattening
+from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motion import Motion
 from trocar.simulation.places import Places
 from trocar.simulation.play import Player
@@ -99,6 +100,9 @@ class World:
         self._mj_step: Callable[[mujoco.MjModel, mujoco.MjData, int], None] = mujoco.mj_step
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
+        self._periods = 0
+        self.journal = self._journal = Journal(lambda: (self._periods, self.time))
+        self._source, self._prefix = WORLD, ""
         self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
@@ -128,7 +132,6 @@ class World:
         load = max(1, round(LOAD_PERIOD_S / self.timestep))
         self._gravity_renewal = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
         self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
-        self._periods = 0
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STATE))
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
@@ -143,6 +146,18 @@ class World:
     def time(self) -> float:
         """Simulation time [s]."""
         return float(self._data.time)
+
+    @property
+    def periods(self) -> int:
+        """Physics periods since the last reset."""
+        return self._periods
+
+    def listen(self, listener: Listener) -> Callable[[], None]:
+        """Hand every command and event from now on to `listener`; call the result to stop.
+
+        A listener is called where the world is stepped and commanded; it must not command it.
+        """
+        return self._journal.listen(listener)
 
     def step(self, n: int = 1) -> None:
         """Advance n physics periods.
@@ -162,6 +177,7 @@ class World:
             self._advance(count)
             left -= count
 
+    @command
     def play(
         self,
         positions: Mapping[str, Array],
@@ -192,6 +208,7 @@ class World:
         table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self._advance, self.arms)
 
+    @command
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
         """Return to time 0 at a named pose of the rig, in position mode with brakes locked.
 
@@ -231,6 +248,7 @@ class World:
             self.step()
         return motion.goal_reached
 
+    @command
     def set_state(self, name: str, q: Array, v: Array | None = None) -> None:
         """Put one arm at joint positions and velocities, with its loops closed.
 

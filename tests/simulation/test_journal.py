@@ -1,0 +1,94 @@
+"""A world tells what it was asked, and the same commands make the same motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.errors import InputError
+from trocar.simulation import World
+from trocar.simulation.journal import Entry, apply_command
+
+
+def heard(world: World) -> list[Entry]:
+    entries: list[Entry] = []
+    world.listen(entries.append)
+    return entries
+
+
+def test_every_verb_is_one_command_however_many_it_uses_itself():
+    world = World("psm")
+    entries = heard(world)
+    arm = world.arm("PSM1")
+    arm.move_to("home")
+    arm.jaw.open()
+    arm.set_mode("effort", ["yaw"])
+    assert [(e.source, e.name) for e in entries if e.kind == "command"] == [
+        ("PSM1", "move_to"),
+        ("PSM1", "jaw.open"),
+        ("PSM1", "set_mode"),
+    ]
+
+
+def test_a_command_keeps_copies_of_its_arguments_and_when_it_came():
+    world = World("psm")
+    entries = heard(world)
+    world.step(7)
+    goal = world.arm("PSM1").measured_js().position
+    wanted = goal.copy()
+    world.arm("PSM1").servo_jp(goal)
+    goal[:] = 9.0
+    assert entries[0].period == 7
+    assert entries[0].time == world.time
+    np.testing.assert_array_equal(entries[0].values["q"], wanted)
+
+
+def test_a_warning_is_an_event_with_its_text():
+    world = World("psm")
+    entries = heard(world)
+    world.arm("PSM1").servo_jp([np.nan] * 6)
+    (warning,) = [e for e in entries if e.kind == "event"]
+    assert warning.name == "warning"
+    assert "finite" in warning.values["text"]
+
+
+def test_who_stops_listening_hears_nothing_more():
+    world = World("psm")
+    entries: list[Entry] = []
+    stop = world.listen(entries.append)
+    stop()
+    stop()
+    world.arm("PSM1").hold()
+    assert entries == []
+
+
+def test_the_same_commands_before_the_same_periods_make_bit_identical_motion():
+    first = World("psm")
+    entries = heard(first)
+    arm = first.arm("PSM1")
+    arm.move_jp([0.3, -0.2, 0.14, 0.5, 0.1, 0.2])
+    first.step(37)
+    arm.jaw.open()
+    first.step(111)
+    arm.set_gains("yaw", p=80.0)
+    arm.servo_jp([0.1, 0.0, 0.12, 0.0, 0.0, 0.0])
+    first.step(50)
+    table = np.tile([0.1, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0], (10, 1))
+    first.play({"PSM1": table}, every=5)
+    first.step(20)
+
+    second = World("psm")
+    for entry in entries:
+        while second.periods < entry.period:
+            second.step(1)
+        apply_command(second, entry)
+    second.step(first.periods - second.periods)
+    np.testing.assert_array_equal(second._data.qpos, first._data.qpos)
+    np.testing.assert_array_equal(second._data.qvel, first._data.qvel)
+
+
+@pytest.mark.parametrize("name", ["measured_js", "_drives.place", "nothing", "jaw._verbs.write"])
+def test_only_verbs_can_be_repeated(name):
+    world = World("psm")
+    with pytest.raises(InputError, match="does not have"):
+        apply_command(world, Entry(0, 0.0, "command", "PSM1", name, {}))

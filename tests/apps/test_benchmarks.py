@@ -84,7 +84,7 @@ def test_a_rig_without_instruments_has_no_test_trajectory(tmp_path):
         '[[pose]]\nname = "start"\n[pose.q_rad_m]\nSUJ = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]\n',
         encoding="utf-8",
     )
-    with pytest.raises(InputError, match="no PSM or ECM to drive"):
+    with pytest.raises(InputError, match="no PSM, ECM or MTM to drive"):
         paper_sine(load_rig(path), 1.0, 0.005)
 
 

@@ -147,6 +147,8 @@ RIG_FAULTS = [
     ('name = "home"', 'name = "work"', "pose", "got 'work' a second time"),
     ('name = "floor"', 'name = "table"', "prop", "got 'table' a second time"),
     ("share = ", "share = 7", "share", "above 0 to 1"),
+    ('on = "SUJ_PSM1"', 'on = "HRSV"', "on", "got 'HRSV'; allowed: world, SUJ_PSM1"),
+    ('name = "PSM1"\ndescription', 'name = "HRSV"\ndescription', "name", "the stereo display"),
 ]
 
 

@@ -1,8 +1,8 @@
 """Simulate a rig: live in the browser, or headless along the paper's test trajectory.
 
 Live, the page is served on this machine only; its address is printed when the arms move.
-Headless, every PSM and ECM follows the paper's sine, and speed, loop health and tracking are
-reported. --tip-load turns a force about each instrument's tip.
+Headless, every arm but the setup joints follows the paper's sine, and speed, loop health and
+tracking are reported. --tip-load turns a force about each instrument's tip.
 """
 
 from __future__ import annotations
@@ -123,12 +123,14 @@ def _report(report: HeadlessReport) -> str:
         for joint, rms in joints.items()
     ]
     branch = "right" if report.branch_ok else "WRONG"
+    rcm = report.rcm_error_um_max
+    centre = "none" if rcm is None else f"{rcm:.3f} um off at most"
     return (
         f"{report.rig}: {report.simulated_s:g} s simulated in {report.wall_s:.3f} s"
         f" at {1e3 * report.timestep_s:g} ms\n"
         f"  real-time factor   {report.real_time_factor:.1f}"
         f"  (bare MuJoCo {report.bare_real_time_factor:.1f}, overhead {report.overhead:.3f})\n"
         f"  loop gap           {report.loop_gap_um_max:.4f} um at most\n"
-        f"  remote centre      {report.rcm_error_um_max:.3f} um off at most, branch {branch}\n\n"
+        f"  remote centre      {centre}, branch {branch}\n\n"
         + table(["arm", "joint", "tracking RMS", ""], rows)
     )

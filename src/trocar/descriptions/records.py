@@ -16,6 +16,10 @@ from trocar.kinematics.mechanism import JointKind, Mechanism
 Array = NDArray[np.float64]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere"]
 
+#: Name of the stereo display's frame, in which the poses of masters are told. Source: the dVRK's
+#: console files.
+DISPLAY = "HRSV"
+
 
 @dataclass(frozen=True, eq=False)
 class Shape:
@@ -250,6 +254,7 @@ class RigDescription:
         poses: {pose: {arm: q (n,)}}; "start" has every arm
         test_share: share of the test trajectory's amplitude at which the arms do not meet; they
             then swing about the pose "test"
+        display: the stereo display's pose in the world, (4, 4), None without a console
     """
 
     name: str
@@ -260,6 +265,7 @@ class RigDescription:
     props: tuple[Prop, ...]
     poses: Mapping[str, Mapping[str, Array]]
     test_share: float = 1.0
+    display: Array | None = None
 
     def arm(self, name: str) -> RigArm:
         """Return the arm called `name`.

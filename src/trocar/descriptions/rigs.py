@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import check_turn
-from trocar.descriptions.records import ArmDescription, Prop, RigArm, RigDescription
+from trocar.descriptions.records import (
+    DISPLAY,
+    ArmDescription,
+    Prop,
+    RigArm,
+    RigDescription,
+)
 from trocar.descriptions.shapes import read_shape
 from trocar.descriptions.table import Table, read_table
 from trocar.geometry.rotations import matrix_from_rpy
@@ -35,9 +41,10 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
     name, title = table.text("name"), table.text("title", "")
     source = table.text("source")
+    display = _read_display(table)
     arms: list[RigArm] = []
     for row in table.tables("arm"):
-        arms.append(_read_arm(row, arms, load_arm))
+        arms.append(_read_arm(row, (arms, display), load_arm))
     if not arms:
         raise table.fail("arm", "is missing; a rig needs at least one arm")
     props = tuple(_read_prop(row) for row in table.tables("prop"))
@@ -51,19 +58,38 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
-    return RigDescription(name, title, source, str(path), tuple(arms), props, poses, share)
+    return RigDescription(name, title, source, str(path), tuple(arms), props, poses, share, display)
 
 
-def _read_arm(row: Table, before: list[RigArm], load_arm: ArmLoader) -> RigArm:
+def _read_display(table: Table) -> Array | None:
+    """Return the stereo display's pose in the world, (4, 4), None without one."""
+    if "display" not in table:
+        return None
+    row = table.table("display")
+    found = read_pose(row)
+    row.text("source", "")
+    row.done()
+    return found
+
+
+def _read_arm(
+    row: Table, standing: tuple[list[RigArm], Array | None], load_arm: ArmLoader
+) -> RigArm:
+    """Read an arm of a rig that has these arms already, and perhaps a stereo display."""
+    before, display = standing
     name = row.text("name")
     if name in [arm.name for arm in before]:
         raise row.fail("name", f"got {name!r} a second time")
+    if name == DISPLAY:
+        raise row.fail("name", f"got {name!r}, which is the stereo display")
     tool = row.text("tool", "") or None
     arm = load_arm(row.text("description"), tool)
     on = row.text("on", "world")
     carriers = [a.name for a in before]
-    if on != "world" and on not in carriers:
-        raise row.fail("on", f"got {on!r}; allowed: world, {', '.join(carriers)} (earlier arms)")
+    places = ["world"] if display is None else ["world", DISPLAY]
+    if on not in (*places, *carriers):
+        known = ", ".join((*places, *carriers))
+        raise row.fail("on", f"got {on!r}; allowed: {known} (earlier arms)")
     carrier = next((a for a in before if a.name == on), None)
     frame = row.text("frame", "mount" if carrier else "")
     if carrier is not None:
@@ -73,9 +99,11 @@ def _read_arm(row: Table, before: list[RigArm], load_arm: ArmLoader) -> RigArm:
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
     root_place = pose(arm.mechanism, rest, place, arm.root)
     at = read_pose(row) @ inverse(root_place)
+    if on == DISPLAY and display is not None:
+        at = display @ at
     row.text("source", "")
     row.done()
-    return RigArm(name, arm, "" if on == "world" else on, frame, at)
+    return RigArm(name, arm, "" if carrier is None else on, frame, at)
 
 
 def read_pose(row: Table) -> Array:

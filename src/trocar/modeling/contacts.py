@@ -28,9 +28,10 @@ def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
     bits = {arm.name: 2 << index for index, arm in enumerate(rig.arms)}
     setup = sum(bits[a.name] for a in rig.arms if a.arm.type == "SUJ")
     everything = WORLD_BIT | sum(bits.values())
-    if not any(shape.collide for prop in rig.props for shape in prop.shapes):
+    solid = any(shape.collide for prop in rig.props for shape in prop.shapes)
+    if not solid:
         everything &= ~WORLD_BIT
-    masks = {"": ContactMask(WORLD_BIT, everything & ~WORLD_BIT & ~setup)}
+    masks = {"": ContactMask(WORLD_BIT, everything & ~WORLD_BIT & ~setup if solid else 0)}
     for arm in rig.arms:
         touches = everything & ~bits[arm.name]
         if arm.arm.type == "SUJ":

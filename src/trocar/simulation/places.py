@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import RigDescription
+from trocar.descriptions.records import DISPLAY, RigDescription
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 from trocar.simulation.arm import Arm
@@ -51,7 +51,8 @@ class Places:
         """Return an arm's reference frame in the frame of its public poses, and that one's name.
 
         A PSM's is the ECM's tip where the rig has an ECM, an ECM's the cart where setup joints
-        carry it; else the arm's own, which is the cart for setup joints.
+        carry it, a master's the stereo display where the rig has one; else the arm's own, which is
+        the cart for setup joints.
         """
         arm = self._rig.arm(name)
         scope = next((a.name for a in self._rig.arms if a.arm.type == "ECM"), None)
@@ -62,5 +63,7 @@ class Places:
             cart = self._rig.arm(arm.on).arm.mechanism.reference
             seen = inverse(self.reference_pose(arm.on)) @ self.reference_pose(name)
             return seen, cart
+        if arm.arm.type == "MTM" and self._rig.display is not None:
+            return inverse(self._rig.display) @ self.reference_pose(name), DISPLAY
         own = arm.arm.mechanism.reference if arm.arm.type == "SUJ" else f"{name}_base"
         return np.eye(4), own

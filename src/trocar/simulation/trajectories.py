@@ -1,4 +1,4 @@
-"""The test trajectory of the closed-loop paper, for every instrument arm of a rig."""
+"""The test trajectory of the closed-loop paper, for every arm of a rig but its setup joints."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AMPLITUDE_M = 0.1
 SHARE_OF_RANGE = 0.95
 INSERTION_MIDDLE_M = 0.12
 RAMP_S = 1.0
-MOVED = ("PSM", "ECM")
+MOVED = ("PSM", "ECM", "MTM")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class TestTrajectory:
 
 
 def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestTrajectory:
-    """Return the paper's sine for all PSMs and ECMs of a rig.
+    """Return the paper's sine for every arm of a rig but its setup joints.
 
     A row is held for one period, so it is the set-point of the period's middle: held set-points
     then lag by nothing on average.
@@ -61,7 +61,9 @@ def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestT
         raise InputError(f"duration: got {duration_s!r}; allowed: above 0 s")
     arms = {a.name: a.arm for a in rig.arms if a.arm.type in MOVED}
     if not arms:
-        raise InputError(f"rig {rig.name}: has no PSM or ECM to drive along the test trajectory")
+        raise InputError(
+            f"rig {rig.name}: has no PSM, ECM or MTM to drive along the test trajectory"
+        )
     count = max(1, round(duration_s / period_s))
     begin = period_s * np.arange(count, dtype=np.float64)
     middles = {

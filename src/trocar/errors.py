@@ -22,17 +22,21 @@ class UnknownNameError(InputError):
         name: what was got
         known: every name that would have been accepted
         where: the file or object that was searched, if that helps
+        more: what else is known of that name, if that helps
     """
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], where: str = "") -> None:
+    def __init__(
+        self, kind: str, name: str, known: Iterable[str], where: str = "", more: str = ""
+    ) -> None:
         self.kind = kind
         self.name = name
         self.known = tuple(known)
         near = get_close_matches(str(name), self.known, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         place = f"{where}: " if where else ""
+        tail = f"; {more}" if more else ""
         super().__init__(
-            f"{place}unknown {kind} {name!r}{hint}; known: {', '.join(self.known) or 'none'}"
+            f"{place}unknown {kind} {name!r}{hint}; known: {', '.join(self.known) or 'none'}{tail}"
         )
 
 

@@ -146,7 +146,10 @@ def test_an_arm_of_one_s_own_is_named_by_its_file(trocar, tmp_path):
         (["ecm", 0, 0, "nan", 0], "ecm: joint positions must be finite, got [0.0, 0.0, nan, 0.0]"),
         (["ecm", 0, 0, "-inf", 0], "ecm: joint positions must be finite, got [0.0, 0.0, -inf"),
         (["ecm", 0, 0, 0, 0, "--frame", "tpi"], "ecm: unknown frame 'tpi' (did you mean 'tip'?)"),
-        (["psm", 0, "--tool", "SPOON"], "unknown tool 'SPOON'; known: LARGE_NEEDLE_DRIVER:400006"),
+        (
+            ["psm", 0, "--tool", "SPOON"],
+            "unknown tool 'SPOON'; known: FENESTRATED_BIPOLAR_FORCEPS:400205",
+        ),
         (["nowhere/arm.toml", 0], "nowhere/arm.toml: there is no such file"),
     ],
 )

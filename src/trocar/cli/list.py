@@ -49,7 +49,10 @@ def _arms() -> list[dict[str, Any]]:
 def _tools() -> list[dict[str, Any]]:
     from trocar.descriptions import load_tool, names
 
-    return [{"name": t.name, "title": t.title} for t in map(load_tool, names("tools"))]
+    return [
+        {"name": t.name, "fits": list(t.fits), "title": t.title}
+        for t in map(load_tool, names("tools"))
+    ]
 
 
 def _rigs() -> list[dict[str, Any]]:

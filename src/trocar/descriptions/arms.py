@@ -29,7 +29,7 @@ from trocar.descriptions.records import (
 )
 from trocar.descriptions.shapes import read_body
 from trocar.descriptions.table import Table, read_table
-from trocar.errors import DescriptionError, TrocarError
+from trocar.errors import DescriptionError, InputError, TrocarError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_mechanism
 
@@ -58,12 +58,21 @@ class Parts:
 
 @dataclass(frozen=True, eq=False)
 class ToolDescription:
-    """An instrument that mounts on an arm; its frames hang on the arm's tool frame."""
+    """An instrument that mounts on an arm; its frames hang on the arm's tool frame.
+
+    Attributes:
+        name, title, source, file: who it is
+        fits: generations of arms that it mounts on; empty when on any
+        tip: the frame whose pose is the tip's
+        parts: its joints, frames, bodies and what belongs to them
+        coupling: its actuators, None when nobody knows
+    """
 
     name: str
     title: str
     source: str
     file: str
+    fits: tuple[str, ...]
     tip: str
     parts: Parts
     coupling: Coupling | None
@@ -78,10 +87,11 @@ def read_tool(path: Path) -> ToolDescription:
     table = _open(path)
     name, title = table.text("name"), table.text("title", "")
     source, tip = table.text("source"), table.text("tip")
+    fits = table.texts("fits")
     parts = _read_parts(table, name)
     coupling = read_coupling(table)
     table.done()
-    return ToolDescription(name, title, source, str(path), tip, parts, coupling)
+    return ToolDescription(name, title, source, str(path), fits, tip, parts, coupling)
 
 
 def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
@@ -89,6 +99,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
+        InputError: the tool is for arms of another generation
     """
     table = _open(path)
     name = table.text("name")
@@ -110,6 +121,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
     if tool is not None and not tool_frame:
         raise table.fail("tool_frame", f"is missing, so no tool ({tool.name}) can be mounted")
     if tool is not None:
+        check_fit(name, generation, tool)
         parts, tip = _mount(parts, tool), tool.tip
     try:
         mechanism = check_mechanism(
@@ -141,6 +153,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         control=parts.control,
         poses=parts.poses,
         tool="" if tool is None else tool.name,
+        tool_frame=tool_frame,
         coupling=None if tool is None else tool.coupling,
         inverse_kinematics=structure,
         missing=missing,
@@ -149,6 +162,19 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
     )
     check_arm(arm)
     return arm
+
+
+def check_fit(arm: str, generation: str, tool: ToolDescription) -> None:
+    """Refuse a tool that is made for arms of another generation.
+
+    Raises:
+        InputError: naming both
+    """
+    if tool.fits and generation and generation not in tool.fits:
+        raise InputError(
+            f"{tool.name}: does not fit {arm}, which is of generation {generation};"
+            f" it fits {', '.join(tool.fits)}"
+        )
 
 
 def tool_wanted(path: Path) -> str:

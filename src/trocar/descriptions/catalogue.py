@@ -8,6 +8,7 @@ from typing import Literal
 from trocar.descriptions.arms import ToolDescription, read_arm, read_tool, tool_wanted
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
+from trocar.descriptions.table import read_table
 from trocar.errors import DescriptionError, UnknownNameError
 
 Shelf = Literal["arms", "tools", "rigs"]
@@ -68,8 +69,17 @@ def _find(shelf: Shelf, name: str | Path) -> Path:
         return path
     path = DATA / shelf / f"{text.replace(':', '_')}.toml"
     if text not in names(shelf) or not path.is_file():
-        raise UnknownNameError(shelf[:-1], text, names(shelf))
+        more = _why_not(text) if shelf == "tools" else ""
+        raise UnknownNameError(shelf[:-1], text, names(shelf), more=more)
     return path
+
+
+def _why_not(instrument: str) -> str:
+    """Say why an instrument that the dVRK knows is not built in, "" for one that it does not."""
+    for group in read_table(DATA / "instruments.toml").tables("group"):
+        if instrument in group.texts("names"):
+            return f"{instrument}: {group.text('why')}; docs/how-to/design-a-tool.md says how"
+    return ""
 
 
 def _tool_name(stem: str) -> str:

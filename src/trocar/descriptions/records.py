@@ -159,6 +159,7 @@ class ArmDescription:
         control: {"dvrk" | "paper": Control}
         poses: {name: q (n,)}
         tool: name of the mounted tool, "" when none
+        tool_frame: the frame that tools hang on, "" when it takes none
         coupling: the tool's actuators, None without a tool
         inverse_kinematics: structure that has a closed form, "" when none
         missing: what is not known
@@ -181,6 +182,7 @@ class ArmDescription:
     control: Mapping[str, Control]
     poses: Mapping[str, Array]
     tool: str
+    tool_frame: str
     coupling: Coupling | None
     inverse_kinematics: str
     missing: tuple[Missing, ...]

@@ -1,0 +1,90 @@
+"""Which tool hangs on which arm of a rig, and how another one takes its place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.catalogue import load_arm, load_tool, names
+from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.errors import InputError
+
+Array = NDArray[np.float64]
+
+
+def fitting_tools(arm: ArmDescription) -> tuple[str, ...]:
+    """Return the built-in tools that an arm takes, none for an arm without a tool frame."""
+    return _tools_of(arm.generation) if arm.tool_frame else ()
+
+
+def with_tool(arm: ArmDescription, tool: str | Path) -> ArmDescription:
+    """Return an arm, read again from its file, with another tool.
+
+    Args:
+        arm: an arm that takes tools
+        tool: a built-in tool, the path of a TOML file, or "none" for a bare arm
+
+    Raises:
+        InputError: the arm takes no tools, the tool is made for another generation, or the arm
+            does not come from a file
+        UnknownNameError, DescriptionError: the tool
+    """
+    if not arm.tool_frame:
+        raise InputError(
+            f"{arm.name}: takes no tool; only arms with a tool_frame do (a PSM, not an {arm.type})"
+        )
+    if not Path(arm.file).is_file():
+        raise InputError(
+            f"{arm.name}: its file {arm.file!r} is gone; a tool is mounted on what stands there"
+        )
+    return load_arm(Path(arm.file), tool)
+
+
+def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescription:
+    """Return a rig whose arm `name` has another tool; its named poses stay inside the limits.
+
+    Raises:
+        UnknownNameError: no such arm or tool
+        InputError, DescriptionError: as for `with_tool`
+    """
+    old = rig.arm(name)
+    try:
+        new = replace(old, arm=with_tool(old.arm, tool))
+    except InputError as problem:
+        if type(problem) is InputError:
+            raise InputError(f"{name}: {problem}") from problem
+        raise
+    poses = {
+        pose: {
+            arm: carried_over(q, old.arm, new.arm) if arm == name else q
+            for arm, q in by_arm.items()
+        }
+        for pose, by_arm in rig.poses.items()
+    }
+    arms = tuple(new if arm.name == name else arm for arm in rig.arms)
+    return replace(rig, arms=arms, poses=poses)
+
+
+def carried_over(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
+    """Return joint positions of an arm with another tool: by name, clipped, 0 for new joints.
+
+    Args:
+        q: positions of the joints of `old`, (n_old,) [rad or m]
+
+    Returns:
+        (n_new,) [rad or m]
+    """
+    known: Mapping[str, float] = dict(zip(old.mechanism.joint_names, q.tolist(), strict=True))
+    wanted = np.array([known.get(joint, 0.0) for joint in new.mechanism.joint_names])
+    return np.clip(wanted, new.mechanism.lower, new.mechanism.upper)
+
+
+@lru_cache
+def _tools_of(generation: str) -> tuple[str, ...]:
+    fits = {name: load_tool(name).fits for name in names("tools")}
+    return tuple(name for name, those in fits.items() if not those or generation in those)

@@ -70,7 +70,7 @@ def test_links_inside_the_repository_lead_somewhere(page: Path) -> None:
 
 def test_the_readme_says_what_every_command_is() -> None:
     assert {line.split()[1] for line in commands()} >= {
-        "sim", "replay", "fk", "ik", "list", "show", "bench",
+        "sim", "replay", "fk", "ik", "list", "show", "bench", "tune",
     }  # fmt: skip
 
 

@@ -11,9 +11,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.replay.lone_arm import lone_arm_rig
 from trocar.apps.replay.report import ReplayMode, ReplayReport, Sums
 from trocar.descriptions import ArmDescription, load_arm
+from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError
 from trocar.simulation import World
 from trocar.simulation.logs import Wrist, count_rows, read_log
@@ -75,6 +75,10 @@ def replay(
     """
     how = settings or ReplaySettings()
     described = load_arm(arm, how.tool)
+    if described.type not in ("PSM", "ECM"):
+        raise InputError(
+            f"{described.name}: is a {described.type}; allowed for a replay: a PSM or an ECM"
+        )
     rig = lone_arm_rig(described)
     world = World(rig, control=how.control, friction=how.friction)
     periods, restart = _periods(how, world.timestep), _restart(how)

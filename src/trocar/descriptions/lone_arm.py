@@ -4,29 +4,29 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.descriptions import ArmDescription, RigDescription
-from trocar.descriptions.records import RigArm
-from trocar.errors import InputError
+from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
 from trocar.geometry.se3 import inverse, translation
 from trocar.kinematics.forward import pose
 
 #: Where a lone arm's remote centre is, z up [m]. Source: our own choice.
 REMOTE_CENTRE = (0.0, 0.0, 0.3)
-#: Arms that have a remote centre, and the name that their first one goes by.
+#: What the first arm of a type goes by; others go by their own name.
 NAMES = {"PSM": "PSM1", "ECM": "ECM"}
 
 
 def lone_arm_rig(arm: ArmDescription) -> RigDescription:
-    """Return a rig of one arm alone in the air.
+    """Return a rig of one arm alone in the air, at its pose "home" where it has one.
 
-    Raises:
-        InputError: the arm is neither a PSM nor an ECM
+    The remote centre stands at (0, 0, 0.3) m; of an arm that has none, the root at the origin.
     """
-    if arm.type not in NAMES or "rcm" not in arm.mechanism.frame_index:
-        raise InputError(f"{arm.name}: is a {arm.type}; allowed for a replay: a PSM or an ECM")
-    mechanism, name = arm.mechanism, NAMES[arm.type]
+    mechanism = arm.mechanism
     rest = np.clip(np.zeros(len(arm.joints)), mechanism.lower, mechanism.upper)
-    place = translation(np.array(REMOTE_CENTRE)) @ inverse(pose(mechanism, rest, "rcm", arm.root))
+    place = np.eye(4)
+    if "rcm" in mechanism.frame_index:
+        place = translation(np.array(REMOTE_CENTRE)) @ inverse(
+            pose(mechanism, rest, "rcm", arm.root)
+        )
+    name = NAMES.get(arm.type, arm.name.upper())
     placed = RigArm(name, arm, "", "", place)
     start = {"start": {name: arm.poses.get("home", rest)}}
     return RigDescription(f"lone {arm.name}", arm.title, arm.source, "", (placed,), (), start)

@@ -1,0 +1,165 @@
+"""One joint of a lone arm on the bench: it answers steps while the others are held."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.tuning.response import StepResponse, step_response
+from trocar.descriptions import ArmDescription
+from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.records import Gains
+from trocar.errors import InputError
+from trocar.simulation import World
+
+Array = NDArray[np.float64]
+
+#: A step is as large as the present P asks half of the effort limit for, so that friction is small
+#: beside it and no motor saturates, but at most this share of the joint's range.
+#: Source: our own choice.
+STEP_EFFORT_SHARE = 0.5
+STEP_RANGE_SHARE = 0.05
+#: Time to rest at the beginning, and to answer. Source: our own choice; every arm of ours settles
+#: in a third of it. [s]
+REST_S = 0.5
+ANSWER_S = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class StepTrace:
+    """A step that was answered.
+
+    Attributes:
+        joint: its name
+        time: since the step, (k,) [s]
+        position: measured, (k,) [rad or m]
+        effort: of the motor, (k,) [N m or N]
+        target: where the step led [rad or m]
+        response: what is read off it
+    """
+
+    joint: str
+    time: Array
+    position: Array
+    effort: Array
+    target: float
+    response: StepResponse
+
+
+class StepBench:
+    """A lone arm whose joints are stepped one at a time, all others held as by a brake.
+
+    Every step begins afresh, from the arm's pose "home" (a joint that stands at a limit there
+    begins two steps away from it), so the same gains always get the same answer.
+    """
+
+    def __init__(
+        self,
+        arm: ArmDescription,
+        control: Literal["dvrk", "paper"] = "dvrk",
+        friction: Literal["identified", "paper"] = "identified",
+    ) -> None:
+        self.arm = arm
+        self._world = World(lone_arm_rig(arm), control=control, friction=friction)
+        (self._name,) = self._world.arms
+        self._present = {joint.name: self._gains(joint.name) for joint in arm.joints}
+
+    def present(self, joint: str) -> Gains:
+        """Return the gains that a joint has by its description.
+
+        Raises:
+            UnknownNameError: no such joint
+        """
+        return self._present[self.arm.joint(joint).name]
+
+    def step_size(self, joint: str) -> float:
+        """Return how far a joint is stepped, with two digits [rad or m].
+
+        Raises:
+            UnknownNameError: no such joint
+            InputError: a joint without P, which answers nothing
+        """
+        described, gains = self.arm.joint(joint), self.present(joint)
+        if gains.p <= 0.0:
+            raise InputError(f"{self.arm.name}: {joint}: got P 0; allowed for a step: above 0")
+        most = STEP_RANGE_SHARE * (described.upper - self._lowest(joint))
+        size = min(most, STEP_EFFORT_SHARE * described.effort_max / gains.p)
+        return float(f"{size:.2g}")
+
+    def step(self, joint: str, gains: Gains | None = None) -> StepTrace:
+        """Step a joint once.
+
+        Args:
+            joint: its name
+            gains: the description's when omitted
+
+        Raises:
+            UnknownNameError: no such joint
+            InputError: a joint without P
+            DivergedError: the simulation left the finite numbers
+        """
+        size = self.step_size(joint)
+        index = self.arm.mechanism.joint_names.index(joint)
+        start = self._start(joint, 2.0 * size)
+        self._prepare(joint, start, gains or self.present(joint))
+        target = start.copy()
+        target[index] += size
+        arm = self._world.arm(self._name)
+        count = round(ANSWER_S / self._world.timestep)
+        position, effort = np.zeros(count + 1), np.zeros(count + 1)
+        position[0] = arm.readings()[0][index]
+        self._command(joint, target)
+        effort[0] = arm.readings()[2][index]
+        for row in range(1, count + 1):
+            self._world.step()
+            q, _, exerted = arm.readings()
+            position[row], effort[row] = q[index], exerted[index]
+        time = self._world.timestep * np.arange(count + 1, dtype=np.float64)
+        share = float(np.abs(effort).max()) / self.arm.joint(joint).effort_max
+        answer = step_response(time, position, float(target[index]), share)
+        return StepTrace(joint, time, position, effort, float(target[index]), answer)
+
+    def _prepare(self, joint: str, start: Array, gains: Gains) -> None:
+        """Put the arm at its start with one joint free, and let it come to rest."""
+        world, arm = self._world, self._world.arm(self._name)
+        for name, own in self._present.items():
+            arm.set_gains(name, own.p, own.i, own.d)
+        arm.set_gains(joint, gains.p, gains.i, gains.d)
+        world.reset()
+        world.set_state(self._name, start)
+        others = [name for name in arm.joint_names if name != joint]
+        if arm.brakes:
+            arm.release_brakes([joint])
+        elif others:
+            arm.set_mode("set", others)
+        self._command(joint, start)
+        world.step(round(REST_S / world.timestep))
+
+    def _command(self, joint: str, q: Array) -> None:
+        """Tell one joint where to be; the others are held."""
+        arm = self._world.arm(self._name)
+        if joint == "jaw" and arm.jaw is not None:
+            arm.jaw.servo_jp(q[-1:])
+        else:
+            arm.servo_jp(q[:-1] if arm.jaw is not None else q)
+
+    def _start(self, joint: str, room: float) -> Array:
+        """Return the pose "home" with room on both sides of a joint, (n,)."""
+        start = self._world.rig.poses["start"][self._name].copy()
+        index = self.arm.mechanism.joint_names.index(joint)
+        upper = self.arm.joint(joint).upper
+        start[index] = np.clip(start[index], self._lowest(joint) + room, upper - room)
+        return start
+
+    def _lowest(self, joint: str) -> float:
+        """Return where a joint's range begins: at its stop, where that lies inside the limits."""
+        described = self.arm.joint(joint)
+        stop = described.stop_lower
+        return max(described.lower, stop) if math.isfinite(stop) else described.lower
+
+    def _gains(self, joint: str) -> Gains:
+        return Gains(*self._world.arm(self._name).gains(joint))

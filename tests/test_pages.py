@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from trocar.descriptions import load_arm, load_rig, names, table
+from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -114,7 +114,20 @@ def documented() -> dict[tuple[str, str], set[str]]:
     return found
 
 
-def asked_for(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], set[str]]:
+def mesh_tool(folder: Path) -> Path:
+    """A tool whose left finger is also a mesh; no built-in file has one."""
+    (folder / "tools").mkdir()
+    (folder / "tools" / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    built_in = Path(load_tool(names("tools")[0]).file).read_text(encoding="utf-8")
+    start = built_in.index("shape = [", built_in.index('[[body]]\nframe = "finger_left"'))
+    mesh = '\n    { kind = "mesh", file = "a.obj" },'
+    at = start + len("shape = [")
+    path = folder / "tools" / "mesh.toml"
+    path.write_text(built_in[:at] + mesh + built_in[at:], encoding="utf-8")
+    return path
+
+
+def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, str], set[str]]:
     """{(chapter, section): keys} that the reader asks for while it reads every built-in file."""
     found: dict[tuple[str, str], set[str]] = {}
     raw, keys = table.Table.raw, table.Table._keys
@@ -159,6 +172,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], set[str]
     for printed in printed_tables():
         load_printed(printed)
         errata(printed)
+    load_tool(mesh_tool(folder))
     blocks = {section for _, section in found} - {"file", "shape"}
     return {
         place: wanted - blocks if place[1] == "file" else wanted for place, wanted in found.items()
@@ -166,9 +180,9 @@ def asked_for(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, str], set[str]
 
 
 def test_the_page_on_descriptions_has_every_key_and_no_other(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    wanted, shown = asked_for(monkeypatch), documented()
+    wanted, shown = asked_for(monkeypatch, tmp_path), documented()
     assert set(wanted) == set(shown)
     for place, keys in wanted.items():
         assert shown[place] == keys, place

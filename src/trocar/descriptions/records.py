@@ -9,12 +9,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.meshes import Mesh
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
 
 Array = NDArray[np.float64]
-ShapeKind = Literal["box", "capsule", "cylinder", "sphere"]
+ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 
 #: Name of the stereo display's frame, in which the poses of masters are told. Source: the dVRK's
 #: console files.
@@ -23,18 +24,19 @@ DISPLAY = "HRSV"
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A primitive solid on a frame.
+    """A primitive solid on a frame, or triangles that are only looked at.
 
     Attributes:
-        kind: box, capsule, cylinder or sphere
+        kind: box, capsule, cylinder, sphere or mesh
         pose: T_frame_shape (4, 4); a capsule or cylinder lies along its z axis
         size: box: half edges (x, y, z); capsule, cylinder: (radius, half length of the straight
-            part, 0); sphere: (radius, 0, 0) [m]
+            part, 0); sphere: (radius, 0, 0); mesh: farthest from its origin (x, y, z) [m]
         material: name of a row in `materials`
         rounding: radius of a box's edges as it is drawn [m]
         collide: takes part in contacts
         hull: what it collides as: itself, or a "capsule" along its longest edge (ten times cheaper)
         weigh: counts for mass properties that come from the shape
+        mesh: the triangles of a mesh, which touches nothing and weighs nothing
     """
 
     kind: ShapeKind
@@ -45,6 +47,7 @@ class Shape:
     collide: bool = True
     weigh: bool = True
     hull: Literal["same", "capsule"] = "same"
+    mesh: Mesh | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.meshes import read_mesh
 from trocar.descriptions.records import Body, Shape, ShapeKind
 from trocar.descriptions.table import Table
 from trocar.geometry.rotations import matrix_from_rpy
@@ -15,7 +16,7 @@ from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
 
-KINDS = ("box", "capsule", "cylinder", "sphere")
+KINDS = ("box", "capsule", "cylinder", "sphere", "mesh")
 #: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
 INERTIA_SLACK = 1e-3
 
@@ -28,6 +29,8 @@ def read_shape(table: Table) -> Shape:
     """
     kind = table.text("kind", allowed=KINDS)
     material = table.text("material", "casting", allowed=tuple(MATERIALS))
+    if kind == "mesh":
+        return _read_mesh_shape(table, material)
     if kind == "box":
         size = 0.5 * table.vector("size", 3, "length")
         rpy = table.vector("rpy", 3, "angle", default=np.zeros(3))
@@ -59,6 +62,24 @@ def read_shape(table: Table) -> Shape:
     )
     table.done()
     return shape
+
+
+def _read_mesh_shape(table: Table, material: str) -> Shape:
+    """Return triangles from a file: for looks alone."""
+    for key in ("collide", "weigh"):
+        if table.flag(key, False):
+            raise table.fail(
+                key,
+                "got true; allowed: false, for a mesh is only looked at; what touches and weighs"
+                " is a box, capsule, cylinder or sphere beside it",
+            )
+    mesh = read_mesh(table)
+    turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
+    at = table.vector("center", 3, "length", default=np.zeros(3))
+    table.done()
+    reach = np.abs(mesh.vertices).max(axis=0)
+    pose = transform(turn, at)
+    return Shape("mesh", pose, reach, material, collide=False, weigh=False, mesh=mesh)
 
 
 def read_body(table: Table, part: str) -> Body:

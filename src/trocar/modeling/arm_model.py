@@ -190,7 +190,12 @@ def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
 def add_shape(
     body: mujoco.MjsBody, name: str, shape: Shape, mask: ContactMask, options: ModelOptions
 ) -> None:
-    """Add a massless geom for a shape, if it collides or decoration is wanted."""
+    """Add a massless geom for a shape, if it collides or decoration is wanted.
+
+    Meshes are only looked at and stay out of the model.
+    """
+    if shape.kind == "mesh":
+        return
     collide = shape.collide and options.collisions and mask.conaffinity != 0
     if collide and not options.decoration and shape.hull == "capsule":
         shape = capsule_about(shape)

@@ -93,7 +93,8 @@ class ShapeRecord:
     """A shape to draw: on which body, how big, which colour.
 
     `size` as in `descriptions.Shape`: half edges of a box, (radius, half length, 0) of a capsule
-    or cylinder, (radius, 0, 0) of a sphere [m].
+    or cylinder, (radius, 0, 0) of a sphere, farthest from its origin of a mesh [m]. `triangles`
+    of a mesh: vertices (n, 3) [m] and faces (m, 3).
     """
 
     body: int
@@ -108,6 +109,7 @@ class ShapeRecord:
     arm: str | None
     frame: str
     collide: bool
+    triangles: tuple[Array, NDArray[np.int64]] | None = None
 
 
 @dataclass(frozen=True, eq=False)

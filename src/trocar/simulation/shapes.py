@@ -41,4 +41,5 @@ def _record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> 
         arm,
         frame,
         shape.collide,
+        None if shape.mesh is None else (shape.mesh.vertices, shape.mesh.faces),
     )

@@ -53,7 +53,7 @@ def mesh(kind: str, size: Sequence[float] | Floats, rounding: float = 0.0) -> tu
 
 def half_extents(kind: str, size: Sequence[float] | Floats) -> Floats:
     """Say how far a shape reaches along its own axes, (3,) [m]."""
-    if kind == "box":
+    if kind in ("box", "mesh"):
         return np.array(size[:3], dtype=np.float64)
     radius, length = float(size[0]), 0.0 if kind == "sphere" else float(size[1])
     return np.array([radius, radius, length if kind == "cylinder" else length + radius])

@@ -75,7 +75,7 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
     for look, group in groupby(by_finish, key=finish):
         vertices, faces, count = [], [], 0
         for shape in group:
-            points, triangles = mesh(shape.kind, shape.size, shape.rounding)
+            points, triangles = shape.triangles or mesh(shape.kind, shape.size, shape.rounding)
             vertices.append(points @ shape.pose[:3, :3].T + shape.pose[:3, 3])
             faces.append(triangles + count)
             count += len(points)

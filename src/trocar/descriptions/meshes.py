@@ -1,0 +1,108 @@
+"""Triangles from STL and OBJ files: what a part looks like, drawn and never touched.
+
+Sources: the STL format (3D Systems, 1989: ASCII, and 80 bytes of header, a count, 50 bytes a
+triangle); the OBJ format (Wavefront, 1992: lines v and f, indices from 1, negative from the end).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.table import Table
+from trocar.errors import DescriptionError
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+FORMATS = (".stl", ".obj")
+#: More would make the page slow to open. Source: our own choice; the whole cart has 90,000.
+MOST_TRIANGLES = 200_000
+HEADER_BYTES, TRIANGLE_BYTES = 84, 50
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles: vertices (n, 3) [m] in the shape's frame, and which three make a face (m, 3)."""
+
+    vertices: Array
+    faces: Ints
+
+
+def read_mesh(table: Table) -> Mesh:
+    """Return the mesh that a shape's `file` holds, in metres.
+
+    Raises:
+        DescriptionError: no such file, an unknown format, no triangles, too many, or numbers that
+            are not finite
+    """
+    name = table.text("file")
+    path = Path(table.file).parent / name
+    scale = table.quantity("scale", "length", default=1e-3)
+    if scale <= 0.0:
+        raise table.fail("scale", f"got {scale:g} m; allowed: above 0")
+    if path.suffix.lower() not in FORMATS:
+        raise table.fail("file", f"got {name!r}; allowed: a file that ends in {', '.join(FORMATS)}")
+    try:
+        data = path.read_bytes()
+    except OSError as problem:
+        raise table.fail("file", f"{path} cannot be read: {problem.strerror}") from problem
+    try:
+        corners = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
+    except (ValueError, IndexError, UnicodeDecodeError) as problem:
+        raise table.fail(
+            "file", f"{path} is no {path.suffix[1:].upper()} file: {problem}"
+        ) from None
+    _check(table, path, corners)
+    vertices, inverse = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64))
+
+
+def _check(table: Table, path: Path, corners: Array) -> None:
+    problem = ""
+    if not len(corners):
+        problem = "has no triangles"
+    elif len(corners) > MOST_TRIANGLES:
+        problem = f"has {len(corners)} triangles; allowed: up to {MOST_TRIANGLES}"
+    elif not np.isfinite(corners).all():
+        problem = "has coordinates that are not finite"
+    if problem:
+        raise DescriptionError(table.file, f"{table.path}.file", f"{path} {problem}")
+
+
+def _from_stl(data: bytes) -> Array:
+    """Return the corners of each triangle, (m, 3, 3)."""
+    count = int.from_bytes(data[80:HEADER_BYTES], "little") if len(data) >= HEADER_BYTES else -1
+    if len(data) == HEADER_BYTES + TRIANGLE_BYTES * count:
+        row = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+        return np.frombuffer(data, row, offset=HEADER_BYTES)["corners"].astype(np.float64)
+    text = data.decode("ascii")
+    if not text.lstrip().startswith("solid"):
+        raise ValueError("it neither starts with `solid` nor has the length that its count says")
+    lines = [words for line in text.splitlines() if (words := line.split())[:1] == ["vertex"]]
+    if len(lines) % 3 or any(len(words) != 4 for words in lines):
+        raise ValueError("a triangle has three lines `vertex x y z`")
+    return np.array([[float(w) for w in words[1:]] for words in lines]).reshape(-1, 3, 3)
+
+
+def _from_obj(data: bytes) -> Array:
+    """Return the corners of each triangle, (m, 3, 3); faces with more corners become fans."""
+    points: list[list[float]] = []
+    faces: list[list[int]] = []
+    for line in data.decode("utf-8").splitlines():
+        key, *words = line.split() or [""]
+        if key == "v":
+            points.append([float(w) for w in words[:3]])
+        elif key == "f":
+            wanted = [int(w.split("/")[0]) for w in words]
+            corners = [k - 1 if k > 0 else len(points) + k for k in wanted]
+            if not all(0 <= k < len(points) for k in corners):
+                raise ValueError(f"face {' '.join(words)} has a corner that is not there")
+            faces += [[corners[0], a, b] for a, b in pairwise(corners[1:])]
+    if any(len(point) != 3 for point in points):
+        raise ValueError("a corner is a line `v x y z`")
+    return np.array(points)[np.array(faces, dtype=np.int64)] if faces else np.zeros((0, 3, 3))

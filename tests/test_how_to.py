@@ -1,0 +1,72 @@
+"""The how-to pages, followed step by step: what they make is what they say."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trocar.cli import main
+from trocar.descriptions import load_arm, load_tool
+from trocar.interfaces.viewer.scene import parts_of
+
+PAGES = Path(__file__).parents[1] / "docs" / "how-to"
+
+
+def blocks(page: str, language: str) -> list[str]:
+    text = (PAGES / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture
+def spoon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The tool of the page on tools, made as it says."""
+    monkeypatch.chdir(tmp_path)
+    toml = "\n".join(blocks("design-a-tool.md", "toml"))
+    (tmp_path / "spoon_grasper.toml").write_text(toml, encoding="utf-8")
+    exec(compile(blocks("design-a-tool.md", "python")[0], "the mesh", "exec"), {})
+    return tmp_path / "spoon_grasper.toml"
+
+
+def test_the_tool_of_the_page_is_read(spoon: Path) -> None:
+    tool = load_tool(spoon)
+    assert tool.name == "SPOON_GRASPER:1"
+    arm = load_arm("psm", spoon)
+    assert np.rad2deg(arm.mechanism.upper[-1]) == pytest.approx(50.0)
+    (mesh,) = (s for b in tool.parts.bodies if b.frame == "finger_left" for s in b.shapes if s.mesh)
+    assert mesh.size == pytest.approx([2.6e-3, 6e-3, 3.2e-3], abs=1e-6)
+    assert not mesh.collide and not mesh.weigh
+
+
+def test_the_commands_of_the_page_run(spoon: Path, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: ARG001
+    page = (PAGES / "design-a-tool.md").read_text(encoding="utf-8")
+    lines = [line for line in page.splitlines() if re.match(r"trocar (show|fk) ", line)]
+    assert len(lines) == 2
+    for line in lines:
+        assert main(shlex.split(line)[1:]) == 0
+        assert "SPOON_GRASPER:1" in capsys.readouterr().out
+
+
+def test_the_tool_of_the_page_is_mounted_and_moves(
+    spoon: Path,  # noqa: ARG001
+    capsys: pytest.CaptureFixture[str],
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    names: dict[str, object] = {}
+    for block in blocks("design-a-tool.md", "python")[1:]:
+        exec(compile(block, "design-a-tool.md", "exec"), names)
+    world = names["world"]
+    arm = world.arm("PSM1")  # type: ignore[attr-defined]
+    world.step(300)  # type: ignore[attr-defined]
+    wanted = [0.2, -0.1, 0.15, 0.5, 0.3, -0.3, np.deg2rad(50)]
+    assert np.abs(arm.readings()[0] - wanted).max() < 2e-3
+    seen = [s for s in world.shapes() if s.kind == "mesh"]  # type: ignore[attr-defined]
+    assert [s.frame for s in seen] == ["finger_left", "finger_right"]
+    assert not any(s.collide for s in seen)
+    (part,) = parts_of([seen[0]])
+    assert len(part.faces) > 400 and np.abs(part.vertices).max() < 0.02
+    assert not caplog.records
+    assert capsys.readouterr().out

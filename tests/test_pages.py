@@ -9,6 +9,8 @@ import pytest
 
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
+from trocar.descriptions.sensors import KINDS
+from trocar.simulation import World
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
@@ -127,6 +129,22 @@ def mesh_tool(folder: Path) -> Path:
     return path
 
 
+def rig_of_the_page_on_sensors(folder: Path) -> Path:
+    """Write a PSM's rig with every sensor that the page shows."""
+    (shown,) = re.findall(r"^```toml\n(.*?)^```$", text("sensors.md"), re.DOTALL | re.MULTILINE)
+    path = folder / "rigs" / "sensors.toml"
+    path.parent.mkdir()
+    path.write_text(f"{Path(load_rig('psm').file).read_text(encoding='utf-8')}\n{shown}")
+    return path
+
+
+def test_the_sensors_that_their_page_shows_can_be_read(tmp_path: Path) -> None:
+    world = World(rig_of_the_page_on_sensors(tmp_path))
+    kinds = {world.sensor(name).kind for name in world.sensors}
+    assert kinds == set(KINDS)
+    assert not [kind for kind in KINDS if f"| `{kind}` |" not in text("sensors.md")]
+
+
 def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, str], set[str]]:
     """{(chapter, section): keys} that the reader asks for while it reads every built-in file."""
     found: dict[tuple[str, str], set[str]] = {}
@@ -169,6 +187,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
         load_arm(arm)
     for rig in names("rigs"):
         load_rig(rig)
+    load_rig(rig_of_the_page_on_sensors(folder))
     for printed in printed_tables():
         load_printed(printed)
         errata(printed)

@@ -109,6 +109,16 @@ def _read_placement(row: Table) -> tuple[Array, Array]:
     return transform(turn, at), np.eye(4)
 
 
+def read_pose(row: Table) -> Array:
+    """Return a pose given as xyz and rpy or rotation, identity when absent, (4, 4)."""
+    turn = np.eye(3)
+    if "rotation" in row:
+        turn = check_turn(row, row.matrix("rotation", 3, 3))
+    elif row.has("rpy", "angle"):
+        turn = matrix_from_rpy(*row.vector("rpy", 3, "angle"))
+    return transform(turn, row.vector("xyz", 3, "length", default=np.zeros(3)))
+
+
 def check_turn(row: Table, turn: Array) -> Array:
     """Return a rotation matrix, or say which entry is none."""
     try:

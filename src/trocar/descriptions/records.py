@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.sensor_records import SensorDescription
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
@@ -260,6 +261,7 @@ class RigDescription:
         test_share: share of the test trajectory's amplitude at which the arms do not meet; they
             then swing about the pose "test"
         display: the stereo display's pose in the world, (4, 4), None without a console
+        sensors: what `World.sensor` reads, in the order of the file
     """
 
     name: str
@@ -271,6 +273,7 @@ class RigDescription:
     poses: Mapping[str, Mapping[str, Array]]
     test_share: float = 1.0
     display: Array | None = None
+    sensors: tuple[SensorDescription, ...] = ()
 
     def arm(self, name: str) -> RigArm:
         """Return the arm called `name`.

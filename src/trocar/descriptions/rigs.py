@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.checks import check_name
-from trocar.descriptions.frames import check_turn
+from trocar.descriptions.frames import read_pose
 from trocar.descriptions.records import (
     DISPLAY,
     ArmDescription,
@@ -18,10 +18,10 @@ from trocar.descriptions.records import (
     RigArm,
     RigDescription,
 )
+from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.shapes import read_shape
 from trocar.descriptions.table import Table, read_table
-from trocar.geometry.rotations import matrix_from_rpy
-from trocar.geometry.se3 import inverse, transform
+from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
@@ -54,11 +54,14 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
             raise table.fail(key, f"got {again!r} a second time")
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
+    sensors = read_sensors(table.tables("sensor"), arms)
     share = _read_test_share(table)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
-    return RigDescription(name, title, source, str(path), tuple(arms), props, poses, share, display)
+    return RigDescription(
+        name, title, source, str(path), tuple(arms), props, poses, share, display, sensors
+    )
 
 
 def _read_display(table: Table) -> Array | None:
@@ -104,16 +107,6 @@ def _read_arm(
     row.text("source", "")
     row.done()
     return RigArm(name, arm, "" if carrier is None else on, frame, at)
-
-
-def read_pose(row: Table) -> Array:
-    """Return a pose given as xyz and rpy or rotation, identity when absent, (4, 4)."""
-    turn = np.eye(3)
-    if "rotation" in row:
-        turn = check_turn(row, row.matrix("rotation", 3, 3))
-    elif row.has("rpy", "angle"):
-        turn = matrix_from_rpy(*row.vector("rpy", 3, "angle"))
-    return transform(turn, row.vector("xyz", 3, "length", default=np.zeros(3)))
 
 
 def _read_prop(row: Table) -> Prop:

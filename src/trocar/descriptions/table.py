@@ -30,6 +30,7 @@ UNITS: dict[str, dict[str, float]] = {
     "angular acceleration": {"rad_s2": 1.0, "deg_s2": math.pi / 180.0},
     "linear acceleration": {"m_s2": 1.0},
     "position": {"rad_m": 1.0},
+    "frequency": {"hz": 1.0},
 }
 
 

@@ -40,6 +40,17 @@ class Binding:
     frame_bodies: dict[str, int]
 
 
+def carrier(rig_arm: RigArm, binding: Binding, frame: str) -> tuple[int, Array]:
+    """Return the body that carries a frame, and T_body_frame (4, 4)."""
+    mechanism = rig_arm.arm.mechanism
+    found = mechanism.frame(frame)
+    at = np.eye(4)
+    while found.name not in binding.frame_bodies and found.parent is not None:
+        at = found.before @ found.after @ at
+        found = mechanism.frame(found.parent)
+    return binding.frame_bodies[found.name], at
+
+
 def bind(model: mujoco.MjModel, rig_arm: RigArm) -> Binding:
     """Resolve an arm's names in a model; a locked arm has no hinges."""
     arm, mechanism = rig_arm.arm, rig_arm.arm.mechanism

@@ -202,6 +202,8 @@ class Drives:
         rates = coordinate_rates(self.arm.mechanism, where) @ v
         self._data.qpos[self.binding.qpos] = where[self.binding.hinges]
         self._data.qvel[self.binding.dof] = rates[self.binding.hinges]
+        # What the last period's forces did is no longer true; sensors look for this mark.
+        self._data.qacc[self.binding.dof] = np.nan
 
     def _forget(self, which: Iterable[int]) -> None:
         chosen = np.array(list(which), dtype=np.intp)

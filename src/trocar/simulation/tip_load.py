@@ -8,8 +8,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import RigArm, RigDescription
+from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
+from trocar.simulation.binding import carrier
 from trocar.simulation.drives import Drives
 
 Array = NDArray[np.float64]
@@ -44,32 +45,33 @@ class TipLoad:
             raise InputError(f"tip_load_n: got {size!r}; allowed: 0 N or more")
         self.size = size
         self._model, self._data = model, data
-        self._tips = [
-            (*_tip_body(arm, drives[arm.name]), drives[arm.name].binding.frame_bodies)
-            for arm in rig.arms
-            if arm.arm.type in ("PSM", "ECM")
-        ]
-        self._roots = [arm.arm.root for arm in rig.arms if arm.arm.type in ("PSM", "ECM")]
+        self._tips: list[tuple[int, Array, int]] = []
+        for arm in rig.arms:
+            if arm.arm.type in ("PSM", "ECM"):
+                binding = drives[arm.name].binding
+                body, at = carrier(arm, binding, arm.arm.mechanism.tip)
+                self._tips.append((body, at[:3, 3].copy(), binding.frame_bodies[arm.arm.root]))
+        self._forces = np.zeros((len(self._tips), 3))
 
     def apply(self) -> None:
         """Write this instant's forces; kinematics and centres of mass must be up to date."""
         direction = self.size * load_direction(float(self._data.time))
         self._data.qfrc_applied[:] = 0.0
-        for (body, point, bodies), root in zip(self._tips, self._roots, strict=True):
-            base = self._data.xmat[bodies[root]].reshape(3, 3)
-            force = base @ direction
+        for (body, point, root), force in zip(self._tips, self._forces, strict=True):
+            force[:] = self._data.xmat[root].reshape(3, 3) @ direction
             at = self._data.xpos[body] + self._data.xmat[body].reshape(3, 3) @ point
             mujoco.mj_applyFT(
                 self._model, self._data, force, NO_TORQUE, at, body, self._data.qfrc_applied
             )
 
+    def acting(self) -> list[tuple[int, Array, Array]]:
+        """Return (body, point in it (3,) [m], force in the world (3,) [N]) of each force.
 
-def _tip_body(arm: RigArm, drives: Drives) -> tuple[int, Array]:
-    """Return the body that carries the tip's point, and the point in it, (3,) [m]."""
-    mechanism = arm.arm.mechanism
-    at = np.eye(4)
-    frame = mechanism.frame(mechanism.tip)
-    while frame.name not in drives.binding.frame_bodies and frame.parent is not None:
-        at = frame.before @ frame.after @ at
-        frame = mechanism.frame(frame.parent)
-    return drives.binding.frame_bodies[frame.name], at[:3, 3].copy()
+        None acts between a reset and the first period after it.
+        """
+        if not self._data.qfrc_applied.any():
+            return []
+        return [
+            (body, point, force.copy())
+            for (body, point, _), force in zip(self._tips, self._forces, strict=True)
+        ]

@@ -25,7 +25,10 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motion import Motion
 from trocar.simulation.places import Places
 from trocar.simulation.play import Player
+from trocar.simulation.probes import Probes
 from trocar.simulation.records import Health, Recording, ShapeRecord, Snapshot
+from trocar.simulation.sensor_readings import Reading
+from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import ServoInputs
 from trocar.simulation.shapes import shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
@@ -127,6 +130,10 @@ class World:
             self._model, self._data, self._servos, self._drives.values()
         )
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
+        #: What the rig places, by name; `sensor` reads them.
+        self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
+        probes = Probes(self._model, self._data, self._shown, self._load)
+        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, probes)
         #: Forces from outside the servos are renewed each so many periods, counted from a reset, so
         #: that motion does not depend on how many periods each call of `step` takes.
         load = max(1, round(LOAD_PERIOD_S / self.timestep))
@@ -286,6 +293,14 @@ class World:
         if name not in self.arms:
             raise UnknownNameError("arm", name, self.arms, f"rig {self.rig.name}")
         return self.arms[name]
+
+    def sensor(self, name: str) -> Reading:
+        """Return what a sensor of the rig tells now.
+
+        Raises:
+            UnknownNameError: no such sensor; the known ones are listed
+        """
+        return self._sensors.read(name, self.rng)
 
     def snapshot(self) -> Snapshot:
         """Return a frozen copy of where everything is."""

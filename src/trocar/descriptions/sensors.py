@@ -139,14 +139,17 @@ def _read_contacts(row: Table, owner: str, arm: ArmDescription | None) -> _Place
 
 def _frame(row: Table, key: str, owner: str, mechanism: Mechanism, default: str | None) -> str:
     frame = row.text(key, default)
-    _check_owned(row, key, frame, mechanism.frame_index, owner)
+    _check_owned(row, key, frame, mechanism.frame_index, owner, "frame")
     return frame
 
 
-def _check_owned(row: Table, key: str, name: str, known: Iterable[str], owner: str) -> None:
+def _check_owned(
+    row: Table, key: str, name: str, known: Iterable[str], owner: str, what: str = ""
+) -> None:
     """Refuse what an arm or a rig does not have, and list what it has."""
     if name not in known:
-        raise row.fail(key, f"got {name!r}; {owner} has no such {key}; allowed: {', '.join(known)}")
+        missing = f"{owner} has no such {what or key}"
+        raise row.fail(key, f"got {name!r}; {missing}; allowed: {', '.join(known)}")
 
 
 def _noise(row: Table, dimension: str) -> float:

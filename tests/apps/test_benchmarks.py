@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.benchmarks import Figure, figures, run_headless, table9
+from trocar.apps.benchmarks.at_rest import drifts, rest_errors
 from trocar.apps.benchmarks.figures import dvrk_ecm, dvrk_psm
 from trocar.apps.benchmarks.headless import periods_per_tick
 from trocar.descriptions import load_arm, load_rig
@@ -93,6 +94,21 @@ def test_tips_are_the_dvrk_s(name, chain, rng, random_positions):
     arm = load_arm(name)
     q = random_positions(arm, rng, 2000)
     np.testing.assert_allclose(forward.pose(arm.mechanism, q), chain(q), atol=1e-12)
+
+
+@pytest.mark.parametrize("friction", ["identified", "paper"])
+def test_masters_float_hands_off_from_twenty_poses(friction):
+    """Without dry friction too, where nothing but the compensation holds them."""
+    found = drifts("mtm", friction)
+    assert len(found) == 40
+    assert max(found) < 5e-3
+
+
+def test_servos_rest_near_their_set_points():
+    """Friction over stiffness: 2 mrad and 0.1 mm with the dVRK's gains."""
+    for rig in ("psm", "ecm", "mtm"):
+        for (joint, kind), error in rest_errors(rig, goals=5).items():
+            assert error < (2e-3 if kind == "revolute" else 1e-4), joint
 
 
 def test_a_figure_knows_whether_it_is_met():

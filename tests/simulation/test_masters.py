@@ -88,3 +88,35 @@ def test_the_forearms_parallelograms_hold_in_motion(console):
     gap, _, branch = loop_health(console, sine, round(TICK_S / console.timestep))
     assert 0.0 < gap <= 0.1e-6
     assert branch
+
+
+def test_what_holds_a_master_hands_off_is_gravity_compensation():
+    world = World("mtm", friction="paper")
+    heights = {}
+    for on in (True, False):
+        world.reset()
+        left = world.arm("MTML")
+        left.set_mode("effort")
+        left.use_gravity_compensation(on)
+        before = left.local_measured_cp().T[2, 3]
+        world.step(2000)
+        heights[on] = abs(left.local_measured_cp().T[2, 3] - before)
+    assert heights[True] < 1e-4 < 5e-3 < heights[False]
+
+
+def test_a_push_moves_a_floating_master_and_friction_stops_it():
+    """Of 0.3 N m on the shoulder its friction takes 0.03; let go, it stays where it stops."""
+    world = World("mtm")
+    left = world.arm("MTML")
+    left.set_mode("effort")
+    effort = np.zeros(7)
+    effort[1] = 0.3
+    left.servo_jf(effort)
+    world.step(300)
+    left.servo_jf(np.zeros(7))
+    moved = left.measured_js().position[1] - left.poses["start"][1]
+    world.step(3000)
+    rest = left.measured_js()
+    assert moved > 0.01
+    np.testing.assert_allclose(rest.velocity, 0.0, atol=1e-3)
+    assert rest.position[1] > left.poses["start"][1] + moved

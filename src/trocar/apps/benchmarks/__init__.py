@@ -1,6 +1,7 @@
 """How fast, and how true: what `trocar sim --headless` and `trocar bench` measure."""
 
-from trocar.apps.benchmarks.figures import Figure, figures
+from trocar.apps.benchmarks.figure import Figure
+from trocar.apps.benchmarks.figures import figures
 from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
 from trocar.apps.benchmarks.startup import startup
 from trocar.apps.benchmarks.table9 import Table9Row, table9

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.benchmarks.at_rest import at_set_points, hands_off, masters_loops
+from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.headless import TICK_S, loop_health, tracking_rms
 from trocar.descriptions import load_arm, names
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
@@ -33,24 +34,6 @@ TOOLTIP = np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
 SEED = 9
 
 
-@dataclass(frozen=True)
-class Figure:
-    """A measured value with its unit and, where there is one, the most (or least) allowed."""
-
-    name: str
-    value: float
-    unit: str
-    limit: float | None = None
-    at_least: bool = False
-
-    @property
-    def met(self) -> bool | None:
-        """Whether the limit is kept; None without one."""
-        if self.limit is None:
-            return None
-        return self.value >= self.limit if self.at_least else self.value <= self.limit
-
-
 def figures(watch: Callable[[str], None] | None = None, poses: int = 10_000) -> list[Figure]:
     """Measure every figure but the speeds.
 
@@ -67,6 +50,9 @@ def figures(watch: Callable[[str], None] | None = None, poses: int = 10_000) -> 
         ("loops under 10 N", loops_under_load),
         ("tracking", tracking),
         ("released insertion", released_insertion),
+        ("masters in motion", masters_loops),
+        ("masters hands-off", hands_off),
+        ("set-points at rest", at_set_points),
     ]
     found: list[Figure] = []
     for label, part in parts:

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from trocar.apps.benchmarks.figures import Figure
+from trocar.apps.benchmarks.figure import Figure
 
 HELP_S = 0.3
 FIRST_MOTION_S = 5.0

@@ -33,6 +33,7 @@ class Drives:
         modes: control mode of each joint
         gains: (n, 3) P, I, D of each joint
         locked: whether each joint's brake holds it, (n,) bool
+        powered: whether the motors have power; without it the arm is held as by a brake
         effort_limit: largest effort of each motor, (n,) [N m or N]
     """
 
@@ -53,6 +54,11 @@ class Drives:
         self.modes: list[Mode] = ["position"] * len(joints)
         self.gains = np.array([[g.p, g.i, g.d] for g in (control.pid[j.name] for j in joints)])
         self.locked = np.full(len(joints), self.brakes)
+        self.powered = True
+        #: A jaw below 0 or on an object is force, not error.
+        self._tolerance = np.array(
+            [np.inf if j.name == "jaw" else j.tracking_tolerance for j in joints]
+        )
         self._dry = model.dof_frictionloss[self.binding.dof].copy()
         self._viscous = model.dof_damping[self.binding.dof].copy()
         self.limit_efforts(control.effort_limits)
@@ -77,10 +83,18 @@ class Drives:
         self._model.actuator_biasprm[ids, 1] = -on[:, 0]
         self._model.actuator_gainprm[ids, 0] = on[:, 1]
         self._model.actuator_biasprm[ids, 2] = -on[:, 2]
-        held = (self.locked | np.array([m == "set" for m in self.modes])) @ self.binding.driven
+        still = self.locked | np.array([m == "set" for m in self.modes]) | (not self.powered)
+        held = still @ self.binding.driven
         self._model.dof_damping[self.binding.dof] = np.where(held, HOLDING_DAMPING, self._viscous)
+        self._servos.tolerance[ids] = np.where(self._servoed(), self._tolerance, np.inf)
         if self.brakes:
             self._rest()
+
+    def switch(self, powered: bool) -> None:
+        """Give the motors power, or take it and hold the arm where it is."""
+        self.powered = powered
+        self._forget(range(len(self.modes)))
+        self.apply()
 
     def _rest(self) -> None:
         """Spare the physics the servos and the dry friction of joints whose brakes hold them."""
@@ -103,6 +117,7 @@ class Drives:
         """Go back to position mode, brakes locked; gains and compensation stay."""
         self.modes = ["position"] * len(self.modes)
         self.locked[:] = self.brakes
+        self.powered = True
 
     def set_mode(self, mode: Mode, which: Iterable[int], hold: Array) -> None:
         """Change the mode of joints; they start from `hold`, (n,), without effort."""
@@ -159,7 +174,10 @@ class Drives:
         return self.binding.drive @ self._data.qvel[self.binding.dof]
 
     def efforts(self) -> Array:
-        """Return what the motors exert, gravity compensation included, (n,) [N m or N]."""
+        """Return what the motors exert, gravity compensation included, (n,) [N m or N].
+
+        Nothing without power, though a brake then holds the arm.
+        """
         b = self.binding
         state = (self.positions(), self.velocities(), self._data.act[b.act])
         return self.servo_efforts(self._servos.table[b.actuators], state)
@@ -181,7 +199,14 @@ class Drives:
         q, v, integral = state
         p, i, d = (self.gains * self._servoed()[:, None]).T
         servo = p * (inputs[..., 0] - q) + i * integral + d * (inputs[..., 1] - v)
-        return np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
+        total = np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
+        return total if self.powered else np.zeros_like(total)
+
+    def load(self) -> Array:
+        """Return the efforts that the weight of the links asks for, renewed with it, (n,)."""
+        if self.welded:
+            return np.zeros(len(self.modes))
+        return self._servos.holding[self.binding.actuators].copy()
 
     def target(self, joint: int) -> float:
         """Return the position that a joint's servo was told last [rad or m]."""
@@ -195,7 +220,7 @@ class Drives:
 
     def _servoed(self) -> NDArray[np.bool_]:
         """Return which joints their servos drive, (n,)."""
-        return np.array([m == "position" for m in self.modes]) & ~self.locked
+        return np.array([m == "position" for m in self.modes]) & ~self.locked & self.powered
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)

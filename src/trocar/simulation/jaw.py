@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +12,7 @@ from trocar.simulation.motion import Motion
 from trocar.simulation.records import JointState
 
 Array = NDArray[np.float64]
+R = TypeVar("R")
 
 
 class Owner(Protocol):
@@ -21,6 +22,10 @@ class Owner(Protocol):
     lower: Array
     upper: Array
     journal: Journal
+
+    def tell_state(self) -> None:
+        """Tell the journal of the operating state, when it changed."""
+        ...
 
 
 class PartVerbs(Protocol):
@@ -38,8 +43,16 @@ class PartVerbs(Protocol):
         """Set efforts."""
         ...
 
+    def servo_relative(self, dq: ArrayLike, part: slice, verb: str) -> bool:
+        """Add to the set-points."""
+        ...
+
     def move(self, q: ArrayLike, part: slice, verb: str) -> Motion:
         """Move to a goal."""
+        ...
+
+    def move_relative(self, dq: ArrayLike, part: slice, verb: str) -> Motion:
+        """Add to the goal."""
         ...
 
 
@@ -52,7 +65,7 @@ class Jaw:
 
     def __init__(self, owner: Owner, verbs: PartVerbs, index: int) -> None:
         self._journal, self._source, self._prefix = owner.journal, owner.name, "jaw."
-        self._verbs = verbs
+        self._owner, self._verbs = owner, verbs
         self._part = slice(index, index + 1)
         self._lower, self._upper = float(owner.lower[index]), float(owner.upper[index])
 
@@ -67,17 +80,27 @@ class Jaw:
     @command
     def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Set the opening now, (1,) [rad]."""
-        return self._verbs.servo(q, v, self._part, "jaw.servo_jp")
+        return self._told(self._verbs.servo(q, v, self._part, "jaw.servo_jp"))
+
+    @command
+    def servo_jr(self, dq: ArrayLike) -> bool:
+        """Add to the opening's set-point now, (1,) [rad]."""
+        return self._told(self._verbs.servo_relative(dq, self._part, "jaw.servo_jr"))
 
     @command
     def servo_jf(self, effort: ArrayLike) -> bool:
-        """Set the effort of a jaw in mode "effort", (1,) [N m]."""
-        return self._verbs.servo_effort(effort, self._part, "jaw.servo_jf")
+        """Set the jaw's effort, (1,) [N m]; it persists until the next command."""
+        return self._told(self._verbs.servo_effort(effort, self._part, "jaw.servo_jf"))
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the opening to a goal, (1,) [rad]."""
-        return self._verbs.move(q, self._part, "jaw.move_jp")
+        return self._told(self._verbs.move(q, self._part, "jaw.move_jp"))
+
+    @command
+    def move_jr(self, dq: ArrayLike) -> Motion:
+        """Move on from the opening's goal or set-point, (1,) [rad]."""
+        return self._told(self._verbs.move_relative(dq, self._part, "jaw.move_jr"))
 
     @command
     def close(self) -> Motion:
@@ -88,3 +111,8 @@ class Jaw:
     def open(self) -> Motion:
         """Open to 60 deg, or as far as the limits allow."""
         return self.move_jp([min(self.OPEN, self._upper)])
+
+    def _told(self, answer: R) -> R:
+        """Tell the arm's state, which the jaw's moves are part of."""
+        self._owner.tell_state()
+        return answer

@@ -79,14 +79,14 @@ class Profile:
         result = Ruckig(count).calculate(wanted, self._path)
         if result not in (Result.Working, Result.Finished):
             raise InputError(f"no trajectory to {goal.tolist()}: {result}")
-        self._goal = goal.copy()
+        self.goal = goal.copy()
         self.start = time
         self.duration = float(self._path.duration)
 
     def at(self, time: float) -> tuple[Array, Array]:
         """Return (position, velocity) at a time, (n,) each; at rest on the goal once over."""
         if self.over(time):
-            return self._goal.copy(), np.zeros(len(self._goal))
+            return self.goal.copy(), np.zeros(len(self.goal))
         position, velocity, _ = self._path.at_time(max(time - self.start, 0.0))
         return np.array(position), np.array(velocity)
 

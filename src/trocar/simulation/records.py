@@ -34,6 +34,26 @@ class Pose:
 
 
 @dataclass(frozen=True, eq=False)
+class Twist:
+    """A velocity: of a point and of rotation, (3,) each, in axes of `frame_id` [m/s, rad/s]."""
+
+    linear: Array
+    angular: Array
+    frame_id: str
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Wrench:
+    """A force and a torque, (3,) each, in `frame_id` [N, N m]."""
+
+    force: Array
+    torque: Array
+    frame_id: str
+    time: float
+
+
+@dataclass(frozen=True, eq=False)
 class ArmSnapshot:
     """One arm at a time; arrays follow `joint_names`, the jaw last."""
 
@@ -48,6 +68,8 @@ class ArmSnapshot:
     remote_centre: Array | None
     warnings: int
     last_warning: str
+    state: str = "ENABLED"
+    homed: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ class ServoInputs:
         table: position, velocity and fed-forward effort of each servo, (n_servos, 3), a view
         commanded: efforts of joints under open-loop control, (n_servos,) [N m or N]
         balanced: which servos get gravity compensation, (n_servos,) 0 or 1
+        tolerance: tracking errors that are allowed, inf where none counts, (n_servos,) [rad or m]
         holding: efforts that hold every motor's load, computed last, (n_servos,) [N m or N]
     """
 
@@ -27,6 +28,7 @@ class ServoInputs:
         count = len(self.table)
         self.commanded = np.zeros(count)
         self.balanced = np.zeros(count)
+        self.tolerance = np.full(count, np.inf)
         self.holding = np.zeros(count)
         self._balancing = np.zeros(count)
         self._efforts = self.table[:, 2]

@@ -28,11 +28,19 @@ class SetPoints:
 
     Attributes:
         position, velocity, effort: (n,) [rad or m, per s, N m or N]
+        velocity_ratio, acceleration_ratio: shares of the limits that moves keep to, above 0 to 1
     """
 
-    def __init__(self, velocity_max: Array, acceleration_max: Array, wait: Wait) -> None:
+    def __init__(
+        self,
+        velocity_max: Array,
+        acceleration_max: Array,
+        wait: Wait,
+        over: Callable[[Motion], None],
+    ) -> None:
         self._most, self._rate = velocity_max, acceleration_max
-        self._wait = wait
+        self._wait, self._over = wait, over
+        self.velocity_ratio = self.acceleration_ratio = 1.0
         self._legs: list[Leg] = []
         self.position = np.zeros(len(velocity_max))
         self.velocity = np.zeros(len(velocity_max))
@@ -69,7 +77,10 @@ class SetPoints:
         legs: list[Leg] = []
         for part in parts:
             start = (self.position[part], self.velocity[part])
-            limits = (self._most[part], self._rate[part])
+            limits = (
+                self.velocity_ratio * self._most[part],
+                self.acceleration_ratio * self._rate[part],
+            )
             there = goal[part.start - first : part.stop - first]
             legs.append(Leg(motion, Profile(start, there, limits, time), part))
         for part in parts:
@@ -81,13 +92,24 @@ class SetPoints:
         """End the moves of some joints; what they are told next is up to the caller."""
         for leg in list(self._legs):
             if leg.part.start < part.stop and part.start < leg.part.stop:
-                self._legs.remove(leg)
-                leg.motion.finish(False)
+                self._finish(leg, False)
+
+    def goal(self, part: slice) -> Array:
+        """Return where some joints are on their way to, or are, (n,)."""
+        goal = self.position.copy()
+        for leg in self._legs:
+            goal[leg.part] = leg.profile.goal
+        return goal[part]
 
     def follow(self, time: float) -> None:
         """Advance to a time."""
         for leg in list(self._legs):
             self.position[leg.part], self.velocity[leg.part] = leg.profile.at(time)
             if leg.profile.over(time):
-                self._legs.remove(leg)
-                leg.motion.finish(True)
+                self._finish(leg, True)
+
+    def _finish(self, leg: Leg, reached: bool) -> None:
+        self._legs.remove(leg)
+        leg.motion.finish(reached)
+        if leg.motion.done:
+            self._over(leg.motion)

@@ -31,6 +31,7 @@ from trocar.simulation.sensor_readings import Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import ServoInputs
 from trocar.simulation.shapes import shape_records
+from trocar.simulation.supervision import Supervision
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 
@@ -60,6 +61,7 @@ class World:
         collisions: whether bodies touch
         seed: of the random numbers that sensors draw
         tip_load_n: force that turns about each instrument's tip [N]
+        homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
 
     Raises:
         UnknownNameError, DescriptionError: the rig
@@ -78,7 +80,9 @@ class World:
         collisions: bool = True,
         seed: int = 0,
         tip_load_n: float = 0.0,
+        homed: bool = True,
     ) -> None:
+        self._homed = bool(homed)
         self.rig = rig if isinstance(rig, RigDescription) else load_rig(rig)
         self.timestep = _checked_period(timestep_s)
         for got, name, allowed in (
@@ -129,6 +133,7 @@ class World:
         self._gravity = GravityCompensation(
             self._model, self._data, self._servos, self._drives.values()
         )
+        self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
@@ -177,7 +182,7 @@ class World:
             raise InputError(f"step: got {n!r}; allowed: a whole number above 0")
         left = int(n)
         while left > 0:
-            moving = [arm for arm in self.arms.values() if arm.busy]
+            moving = [arm for arm in self.arms.values() if arm.active]
             count = min(left, SETPOINT_PERIODS) if moving else left
             for arm in moving:
                 arm.follow(self.time + count * self.timestep)
@@ -209,15 +214,20 @@ class World:
             samples taken after each row's periods
 
         Raises:
-            InputError: a wrong shape, NaN or infinity; nothing moves
+            InputError: a wrong shape, NaN or infinity, an arm that takes no commands; nothing moves
             DivergedError: as for `step`
         """
+        for name in positions:
+            if name in self.arms and not self._drives[name].welded:
+                self.arms[name].prepare_to_play()
         table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self._advance, self.arms)
 
     @command
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
-        """Return to time 0 at a named pose of the rig, in position mode with brakes locked.
+        """Return to time 0 at a named pose of the rig, in the states that the world began in.
+
+        Joints are in position mode and brakes locked.
 
         Gains and gravity compensation stay as they are.
 
@@ -237,11 +247,7 @@ class World:
         self._servos.commanded[:] = self._servos.holding[:] = 0.0
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         for name, arm in self.arms.items():
-            self._drives[name].restore()
-            if self.options.locked and name in self.options.locked:
-                arm.start_at(self.options.locked[name])
-            else:
-                arm.start_at(at[name])
+            arm.begin(self.options.locked.get(name, at[name]), self._homed)
         mujoco.mj_forward(self._model, self._data)
         self._gravity.renew_here()
         self._periods = 0
@@ -356,6 +362,7 @@ class World:
                 self._load.apply()
             if self._periods % self._gravity_renewal == 0:
                 self._gravity.renew()
+                self._supervision.check()
             run = min(left, self._renewal - since)
             mujoco.mj_getState(self._model, self._data, self._before, STATE)
             self._mj_step(self._model, self._data, run)

@@ -1,0 +1,156 @@
+"""Laws that turn where an arm is into efforts, evaluated every physics period while active.
+
+A law is told joint positions and velocities without the jaw, and where the tip is; it answers
+with efforts, and with set-points of joints that stay under position control.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry.rotations import rotation_vector_from_matrix
+
+Array = NDArray[np.float64]
+#: "body": at the tip in the tip's axes; "spatial": about the reference frame's origin in its axes.
+WrenchFrame = Literal["body", "spatial"]
+
+
+@dataclass(frozen=True, eq=False)
+class TipState:
+    """Where an arm is, for a law; n joints without the jaw.
+
+    Attributes:
+        q, qd: joint positions and velocities, (n,) [rad or m, per s]
+        T: tip in the frame of measured_cp, (4, 4)
+        base: the arm's reference frame in that frame, (4, 4)
+        body, spatial: Jacobians in the tip's and the reference frame, (6, n)
+    """
+
+    q: Array
+    qd: Array
+    T: Array
+    base: Array
+    body: Array
+    spatial: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Action:
+    """What a law wants: efforts, (n,), added up over laws; set-points, (n,), NaN where none."""
+
+    effort: Array
+    position: Array | None = None
+
+
+class Law(Protocol):
+    """A periodic law."""
+
+    def act(self, now: TipState) -> Action:
+        """Return efforts (and set-points) for the next period."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class CartesianForce:
+    """A constant wrench that the arm exerts at its tip: tau = J^T w.
+
+    Attributes:
+        wrench: (force; torque), (6,) [N, N m]
+        frame: where it is expressed
+        absolute: with "body": it acts at the tip, but in the axes of the frame of measured_cp
+    """
+
+    wrench: Array
+    frame: WrenchFrame
+    absolute: bool = False
+
+    def act(self, now: TipState) -> Action:
+        """Return the joint efforts of the wrench where the arm is now."""
+        if self.frame == "spatial":
+            return Action(now.spatial.T @ self.wrench)
+        if not self.absolute:
+            return Action(now.body.T @ self.wrench)
+        back = now.T[:3, :3].T
+        return Action(now.body.T @ np.concatenate([back @ self.wrench[:3], back @ self.wrench[3:]]))
+
+
+def _zeros() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfPlaneGains:
+    """Gains on one side of each axis, (3,) each; crtk_msgs/CartesianImpedanceHalfPlaneGains.
+
+    Attributes:
+        p: [N/m or N m/rad], negative pulls back
+        d: [N s/m or N m s/rad], negative damps
+        bias: [N or N m]
+        deadband: errors smaller than this count as none [m or rad]
+    """
+
+    p: Array = field(default_factory=_zeros)
+    d: Array = field(default_factory=_zeros)
+    bias: Array = field(default_factory=_zeros)
+    deadband: Array = field(default_factory=_zeros)
+
+
+@dataclass(frozen=True, eq=False)
+class CartesianImpedance:
+    """A spring, damper and bias about a pose, in the frame of measured_cp.
+
+    Source: crtk_msgs/CartesianImpedance (names); the dVRK's examples (gains are negative).
+
+    Attributes:
+        force_position: where the springs pull to, (3,) [m]
+        force_orientation: axes of the springs, (3, 3)
+        torque_orientation: orientation that the springs turn to, and their axes, (3, 3)
+        position_positive, position_negative: gains where the error along an axis is above or below
+        orientation_positive, orientation_negative: the same about an axis
+    """
+
+    force_position: Array
+    force_orientation: Array = field(default_factory=lambda: np.eye(3))
+    torque_orientation: Array = field(default_factory=lambda: np.eye(3))
+    position_positive: HalfPlaneGains = field(default_factory=HalfPlaneGains)
+    position_negative: HalfPlaneGains = field(default_factory=HalfPlaneGains)
+    orientation_positive: HalfPlaneGains = field(default_factory=HalfPlaneGains)
+    orientation_negative: HalfPlaneGains = field(default_factory=HalfPlaneGains)
+
+    def act(self, now: TipState) -> Action:
+        """Return the joint efforts of springs and dampers where the arm is now."""
+        R = now.T[:3, :3]
+        twist = now.body @ now.qd
+        F, G = self.force_orientation, self.torque_orientation
+        force = _half_plane(
+            F.T @ (now.T[:3, 3] - self.force_position),
+            F.T @ R @ twist[:3],
+            self.position_positive,
+            self.position_negative,
+        )
+        torque = _half_plane(
+            rotation_vector_from_matrix(G.T @ R),
+            G.T @ R @ twist[3:],
+            self.orientation_positive,
+            self.orientation_negative,
+        )
+        return Action(now.body.T @ np.concatenate([R.T @ F @ force, R.T @ G @ torque]))
+
+
+def _half_plane(
+    error: Array, rate: Array, positive: HalfPlaneGains, negative: HalfPlaneGains
+) -> Array:
+    above = error > 0.0
+
+    def side(up: Array, down: Array) -> Array:
+        return np.where(above, up, down)
+
+    band = side(positive.deadband, negative.deadband)
+    beyond = np.sign(error) * np.maximum(np.abs(error) - band, 0.0)
+    gains = side(positive.p, negative.p), side(positive.d, negative.d)
+    push = gains[0] * beyond + gains[1] * rate + side(positive.bias, negative.bias)
+    return np.where(np.abs(error) > band, push, 0.0)

@@ -1,0 +1,270 @@
+"""Operating states: who may move, homing, faults."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from trocar.errors import InputError
+from trocar.simulation import World
+from trocar.simulation.arm import Arm
+from trocar.simulation.homing import NEAR_RAD, PATIENCE_S
+
+HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
+GOAL = [0.2, -0.1, 0.15, 0.3, 0.2, -0.1]
+
+
+@pytest.fixture
+def off() -> World:
+    """A PSM as after power-on."""
+    return World("psm", homed=False)
+
+
+def state(arm: Arm) -> tuple[str, bool, bool]:
+    now = arm.operating_state()
+    return now.state, now.is_homed, now.is_busy
+
+
+def told(world: World) -> list[tuple[str, bool, bool]]:
+    """What the world tells of operating states from now on."""
+    found: list[tuple[str, bool, bool]] = []
+
+    def keep(entry) -> None:
+        if entry.name == "operating_state":
+            found.append(tuple(entry.values[k] for k in ("state", "is_homed", "is_busy")))
+
+    world.listen(keep)
+    return found
+
+
+def test_arms_begin_enabled_and_homed_unless_the_world_says_otherwise(off):
+    assert state(World("psm").arm("PSM1")) == ("ENABLED", True, False)
+    assert state(off.arm("PSM1")) == ("DISABLED", False, False)
+
+
+def test_a_disabled_arm_is_held_where_it_is_and_exerts_nothing(off):
+    arm = off.arm("PSM1")
+    before = arm.measured_js().position
+    off.step(2000)
+    np.testing.assert_allclose(arm.measured_js().position, before, atol=1e-9)
+    assert not arm.measured_js().effort.any()
+
+
+@pytest.mark.parametrize(
+    "verb",
+    [
+        lambda arm: arm.servo_jp(GOAL),
+        lambda arm: arm.servo_jr([0.1, 0, 0, 0, 0, 0]),
+        lambda arm: arm.servo_jf([1.0, 0, 0, 0, 0, 0]),
+        lambda arm: arm.servo_cp(arm.setpoint_cp().T),
+        lambda arm: arm.servo_cr(np.eye(4)),
+        lambda arm: arm.servo_cf([0, 0, 5.0, 0, 0, 0]),
+        lambda arm: arm.move_jp(GOAL).wait(1.0),
+        lambda arm: arm.move_jr([0.1, 0, 0, 0, 0, 0]).wait(1.0),
+        lambda arm: arm.move_cp(arm.setpoint_cp().T).wait(1.0),
+        lambda arm: arm.free(),
+        lambda arm: arm.jaw.move_jp([0.5]).wait(1.0),
+        lambda arm: arm.jaw.servo_jp([0.5]),
+        lambda arm: arm.jaw.servo_jf([0.1]),
+    ],
+)
+@pytest.mark.parametrize("how", ["disabled", "not homed", "paused", "fault"])
+def test_no_verb_moves_an_arm_that_is_not_ready(verb, how):
+    world = World("psm")
+    arm = world.arm("PSM1")
+    world.step(500)
+    if how == "disabled":
+        arm.disable()
+    elif how == "not homed":
+        arm.unhome()
+    elif how == "paused":
+        arm.pause()
+    else:
+        arm.fault("a test")
+    before, state_before = arm.readings()[0], state(arm)
+    setpoint = arm.setpoint_js().position
+    assert not verb(arm)
+    assert arm.warnings == 1
+    assert state(arm) == state_before
+    world.step(200)
+    np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
+    np.testing.assert_allclose(arm.readings()[0], before, atol=2e-4)
+
+
+def test_homing_enables_brings_the_arm_home_and_only_then_lets_it_move(off):
+    arm = off.arm("PSM1")
+    states = told(off)
+    motion = arm.home()
+    assert state(arm) == ("ENABLED", False, True)
+    assert not arm.servo_jp(GOAL)
+    assert motion.wait(10.0)
+    assert state(arm) == ("ENABLED", True, False)
+    np.testing.assert_allclose(arm.setpoint_js().position, HOME, atol=1e-12)
+    assert np.abs(arm.measured_js().position - HOME).max() < NEAR_RAD
+    assert arm.servo_jp(arm.setpoint_js().position)
+    assert states == [
+        ("ENABLED", False, False),
+        ("ENABLED", False, True),
+        ("ENABLED", True, False),
+    ]
+
+
+def test_an_arm_that_does_not_arrive_home_is_in_fault_after_two_seconds(off, caplog):
+    arm = off.arm("PSM1")
+    off.set_state("PSM1", np.array([0.3, *HOME[1:], 0.0]))
+    arm.set_gains("yaw", p=0.1, d=0.0)
+    motion = arm.home()
+    arrived = None
+    with caplog.at_level(logging.ERROR):
+        for _ in range(20000):
+            off.step()
+            if arrived is None and not arm.busy:
+                arrived = off.time
+            if motion.done:
+                break
+    assert motion.done
+    assert not motion.goal_reached
+    assert state(arm) == ("FAULT", False, False)
+    assert arrived is not None
+    assert off.time - arrived == pytest.approx(PATIENCE_S, abs=0.01)
+    assert "yaw" in caplog.text
+
+
+def test_homing_that_is_disturbed_ends_without_a_home(off):
+    arm = off.arm("PSM1")
+    off.set_state("PSM1", np.array([0.3, *HOME[1:], 0.0]))
+    motion = arm.home()
+    off.step(100)
+    arm.disable()
+    assert motion.done
+    assert not motion.goal_reached
+    assert state(arm) == ("DISABLED", False, False)
+
+
+def test_a_paused_arm_holds_and_takes_commands_again_after_resume():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    motion = arm.move_jp(GOAL)
+    world.step(200)
+    assert arm.pause()
+    assert motion.done
+    assert not motion.goal_reached
+    held = arm.setpoint_js().position
+    world.step(500)
+    np.testing.assert_array_equal(arm.setpoint_js().position, held)
+    assert arm.resume()
+    assert arm.move_jp(GOAL).wait(5.0)
+
+
+@pytest.mark.parametrize(
+    ("before", "verb", "allowed"),
+    [
+        ("disable", "pause", "ENABLED"),
+        ("disable", "resume", "PAUSED"),
+        ("enable", "resume", "PAUSED"),
+        ("pause", "pause", "ENABLED"),
+        ("pause", "home", "DISABLED or ENABLED"),
+    ],
+)
+def test_state_commands_that_do_not_fit_are_refused(before, verb, allowed):
+    arm = World("psm").arm("PSM1")
+    assert arm.state_command(before)
+    was = state(arm)
+    assert not arm.state_command(verb)
+    assert state(arm) == was
+    assert allowed in arm.last_warning
+
+
+def test_an_unknown_state_command_lists_the_known_ones():
+    arm = World("psm").arm("PSM1")
+    assert not arm.state_command("dance")
+    assert "'dance'" in arm.last_warning
+    assert "enable, disable, home, unhome, pause, resume" in arm.last_warning
+
+
+def test_a_tracking_error_is_a_fault_that_names_the_joint(caplog):
+    world = World("psm")
+    arm = world.arm("PSM1")
+    errors: list[str] = []
+    world.listen(lambda e: errors.append(e.values["text"]) if e.name == "error" else None)
+    q = arm.setpoint_js().position
+    with caplog.at_level(logging.ERROR):
+        assert arm.servo_jp(q + np.array([0.0, 0.55, 0.0, 0.0, 0.0, 0.0]))
+        world.step(21)
+    assert state(arm) == ("FAULT", True, False)
+    assert "pitch" in errors[0]
+    assert "yaw" not in errors[0]
+    assert "allowed 0.5" in errors[0]
+    assert "PSM1: FAULT" in caplog.text
+
+
+def test_a_smaller_error_is_none_and_other_arms_go_on():
+    world = World("two_psm_ecm")
+    one, two = world.arm("PSM1"), world.arm("PSM2")
+    two.servo_jp(two.setpoint_js().position + np.array([0.45, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    one.servo_jp(one.setpoint_js().position + np.array([0.55, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    world.step(41)
+    assert one.operating_state().state == "FAULT"
+    assert two.operating_state().state == "ENABLED"
+
+
+def test_in_effort_mode_there_is_no_tracking_error():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    arm.use_gravity_compensation(False)
+    assert arm.free()
+    world.step(1500)
+    assert np.abs(arm.measured_js().position - arm.setpoint_js().position).max() > 0.5
+    assert arm.operating_state().state == "ENABLED"
+
+
+def test_a_fault_ends_by_enabling_and_the_arm_stays_homed():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    world.step(200)
+    arm.fault("a test")
+    before = arm.measured_js().position
+    world.step(100)
+    assert arm.enable()
+    assert state(arm) == ("ENABLED", True, False)
+    np.testing.assert_allclose(arm.setpoint_js().position, before, atol=1e-6)
+    assert arm.move_jp(GOAL).wait(5.0)
+
+
+def test_busy_goes_up_and_down_for_every_move_also_of_no_length_and_of_the_jaw():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.jaw is not None
+    states = told(world)
+    assert arm.move_jp(arm.setpoint_js().position).wait(1.0)
+    assert arm.jaw.move_jp(arm.jaw.setpoint_js().position).wait(1.0)
+    assert [busy for _, _, busy in states] == [True, False, True, False]
+
+
+def test_a_table_is_not_played_by_an_arm_that_is_not_ready():
+    world = World("psm", homed=False)
+    with pytest.raises(InputError, match="PSM1: the arm is DISABLED; enable it first"):
+        world.play({"PSM1": np.tile([*HOME, 0.0], (3, 1))})
+
+
+def test_a_reset_returns_to_the_states_that_the_world_began_in():
+    world = World("psm")
+    world.arm("PSM1").disable()
+    world.reset()
+    assert state(world.arm("PSM1")) == ("ENABLED", True, False)
+    world.step(10)
+    off = World("psm", homed=False)
+    off.arm("PSM1").home().wait(10.0)
+    off.reset()
+    assert state(off.arm("PSM1")) == ("DISABLED", False, False)
+
+
+def test_setup_joints_are_home_where_they_are():
+    world = World("suj_two_psm_ecm", homed=False)
+    arm = world.arm("SUJ_PSM1")
+    before = arm.measured_js().position
+    assert arm.home().wait(1.0)
+    np.testing.assert_allclose(arm.measured_js().position, before, atol=1e-9)
+    assert state(arm) == ("ENABLED", True, False)

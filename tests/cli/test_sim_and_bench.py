@@ -80,3 +80,14 @@ def test_bench_prints_one_document(capsys):
 def test_bench_refuses_a_duration_of_nothing(capsys):
     assert main(["bench", "--duration", "0"]) == 2
     assert "allowed: above 0" in capsys.readouterr().err
+
+
+def test_a_soak_is_measured_when_it_is_asked_for(capsys):
+    assert main(["bench", "--only", "soak", "--duration", "0.02", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert "trocar: measuring soak: 0.02 of 0.02 s ..." in printed.err
+    document = json.loads(printed.out)
+    assert document["table9"] == []
+    names = [figure["name"] for figure in document["figures"]]
+    assert "soak: commands refused or clipped" in names
+    assert {"name", "value", "unit", "limit", "at_least", "met"} == set(document["figures"][0])

@@ -2,6 +2,8 @@
 
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
+--only soak is an hour of the full cart in motion (some minutes of the machine's time); it is
+measured only when it is asked for.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
@@ -18,16 +21,22 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from trocar.apps.benchmarks import Figure, Table9Row
 
+#: What is measured unless parts are asked for, and all that may be.
 PARTS = ("speed", "figures", "startup")
+ALL_PARTS = (*PARTS, "soak")
+PASS_S = 10.0
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "--only", choices=PARTS, action="append", help="measure this part only; may be repeated"
+        "--only", choices=ALL_PARTS, action="append", help="measure this part only; may be repeated"
     )
     parser.add_argument(
-        "--duration", type=number, default=10.0, metavar="S", help="simulated time of a pass"
+        "--duration",
+        type=number,
+        metavar="S",
+        help="simulated time of a pass (default: 10 s), and of the soak (default: 3600 s)",
     )
     parser.add_argument(
         "--passes", type=int, default=5, metavar="N", help="interleaved passes of each speed"
@@ -41,14 +50,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Measure and print."""
-    if not 0.0 < args.duration < float("inf") or args.passes < 1 or args.poses < 1:
+    timed = args.duration is None or 0.0 < args.duration < float("inf")
+    if not timed or args.passes < 1 or args.poses < 1:
         raise InputError("--duration, --passes and --poses: allowed: above 0")
-    from trocar.apps.benchmarks import figures, startup, table9
+    from trocar.apps.benchmarks import figures, soak, startup, table9
 
     parts = args.only or PARTS
-    rows = table9(args.duration, args.passes, _watch) if "speed" in parts else []
+    each = () if args.duration is None else (args.duration,)
+    rows = table9(*(each or (PASS_S,)), args.passes, _watch) if "speed" in parts else []
     found = figures(_watch, args.poses) if "figures" in parts else []
     found += startup(_watch) if "startup" in parts else []
+    found += soak(*each, watch=_watch) if "soak" in parts else []
     found += _replayed(args.log) if args.log else []
     if args.json:
         measured = [{**asdict(f), "met": f.met} for f in found]
@@ -107,5 +119,6 @@ def _figures(found: list[Figure]) -> str:
             "" if figure.limit is None else f"{'>=' if figure.at_least else '<='} {figure.limit:g}"
         )
         verdict = {None: "", True: "met", False: "MISSED"}[figure.met]
-        rows.append([figure.name, f"{figure.value:.4g}", figure.unit, limit, verdict])
+        value = f"{figure.value:.4g}" if isfinite(figure.value) else "-"
+        rows.append([figure.name, value, figure.unit, limit, verdict])
     return table(["figure", "measured", "unit", "goal", ""], rows)

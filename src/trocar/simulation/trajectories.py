@@ -43,7 +43,9 @@ class TestTrajectory:
     expected: dict[str, Array]
 
 
-def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestTrajectory:
+def paper_sine(
+    rig: RigDescription, duration_s: float, period_s: float, begin_s: float = 0.0
+) -> TestTrajectory:
     """Return the paper's sine for every arm of a rig but its setup joints.
 
     A row is held for one period, so it is the set-point of the period's middle: held set-points
@@ -53,6 +55,7 @@ def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestT
         rig: the rig; where its arms would meet, its `test_share` scales the amplitude
         duration_s: length [s]
         period_s: time between rows [s]
+        begin_s: where on the sine the first row is, for one that is played in pieces [s]
 
     Raises:
         InputError: the rig has no arm that moves, or the duration is no positive number
@@ -65,7 +68,7 @@ def paper_sine(rig: RigDescription, duration_s: float, period_s: float) -> TestT
             f"rig {rig.name}: has no PSM, ECM or MTM to drive along the test trajectory"
         )
     count = max(1, round(duration_s / period_s))
-    begin = period_s * np.arange(count, dtype=np.float64)
+    begin = begin_s + period_s * np.arange(count, dtype=np.float64)
     middles = {
         name: rig.poses["test"][name] if rig.test_share < 1.0 else middle_of_range(arm)
         for name, arm in arms.items()

@@ -3,7 +3,17 @@
 from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.figures import figures
 from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
+from trocar.apps.benchmarks.soak import soak
 from trocar.apps.benchmarks.startup import startup
 from trocar.apps.benchmarks.table9 import Table9Row, table9
 
-__all__ = ["Figure", "HeadlessReport", "Table9Row", "figures", "run_headless", "startup", "table9"]
+__all__ = [
+    "Figure",
+    "HeadlessReport",
+    "Table9Row",
+    "figures",
+    "run_headless",
+    "soak",
+    "startup",
+    "table9",
+]

@@ -14,7 +14,9 @@ from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.simulation.controllers import TipState, WrenchFrame
 from trocar.simulation.drives import Drives
 from trocar.simulation.health import arm_health
+from trocar.simulation.homing import Homing
 from trocar.simulation.records import ArmHealth, ArmSnapshot, JointState, Pose, Twist, Wrench
+from trocar.simulation.states import OperatingState, States
 from trocar.simulation.verbs import Clock, Verbs
 
 Array = NDArray[np.float64]
@@ -40,8 +42,29 @@ class Readings:
     _drives: Drives
     _own: slice
     _base: tuple[Array, str] | None
+    _states: States
+    _homing: Homing | None
+    _told: OperatingState | None
 
     # ------------------------------------------------------------------ state
+
+    def operating_state(self) -> OperatingState:
+        """Return the state as CRTK has it."""
+        busy = self.busy or self._homing is not None
+        return OperatingState(self._states.state, self._states.homed, busy, self._clock.time)
+
+    def tell_state(self) -> None:
+        """Tell the journal of the operating state, when it changed."""
+        now = self.operating_state()
+        if self._told is None or (now.state, now.is_homed, now.is_busy) != (
+            self._told.state,
+            self._told.is_homed,
+            self._told.is_busy,
+        ):
+            self._told = now
+            self._verbs.tell(
+                "operating_state", state=now.state, is_homed=now.is_homed, is_busy=now.is_busy
+            )
 
     @property
     def effort_limit(self) -> Array:
@@ -89,7 +112,6 @@ class Readings:
     def snapshot(self, remote_centre: Array | None) -> ArmSnapshot:
         """Return a frozen copy of everything about this arm."""
         q, qd, effort = self.readings()
-        states = self._verbs.states
         return ArmSnapshot(
             self.joint_names,
             q,
@@ -102,8 +124,8 @@ class Readings:
             remote_centre,
             self.warnings,
             self.last_warning,
-            states.state,
-            states.homed,
+            self._states.state,
+            self._states.homed,
         )
 
     # ------------------------------------------------------------------ tip

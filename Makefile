@@ -15,8 +15,8 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 	&& { echo "$$python"; break; }; done)
 
 # What is installed beside trocar itself, for each thing one may want to do.
-EXTRAS_run :=
-EXTRAS_test := [test,browser]
+EXTRAS_run := [record,plot]
+EXTRAS_test := [record,bags,plot,test,browser]
 EXTRAS_dev := [dev]
 
 .PHONY: help venv run test check lint bench clean

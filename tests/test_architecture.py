@@ -40,6 +40,10 @@ HOMES = {
     "rospy": ("interfaces/crtk/transports",),
     "cyclonedds": ("interfaces/crtk/transports",),
     "moderngl": ("rendering",),
+    "mcap": ("simulation/recording",),
+    "zstandard": ("simulation/recording",),
+    "rosbags": ("apps/replay",),
+    "matplotlib": ("apps/plotting",),
 }
 # Siblings inside these folders must not know each other.
 ISOLATED = ("interfaces", "apps")

@@ -22,8 +22,8 @@ from trocar.errors import InputError, TrocarError
 #: `add_arguments(parser)` and `run(args) -> exit status`; it imports heavy libraries in `run` only.
 COMMANDS = {
     "sim": "simulate a rig: live in the browser, or headless",
-    "replay": "drive an arm along a recording of a real one",
     "tune": "step response of an arm's joints, and gains tuned from it",
+    "replay": "repeat a recording, or drive an arm along one of a real arm",
     "fk": "poses of an arm's frames from joint positions",
     "ik": "all joint positions that bring an arm's tip to a pose",
     "list": "names of the built-in arms, tools and rigs",

@@ -1,20 +1,26 @@
-"""Drive an arm along a recording of a real one, and compare its motion and its efforts.
+"""Repeat a recording of a simulation, or drive an arm along one of a real arm, and compare.
 
-LOG is comma-separated text without a header, plain or gzip, a row per sample: the positions of
-all joints, then their velocities, then their efforts (SI). docs/replay.md says more.
+A recording of trocar's own (trocar sim --record) is repeated command by command, and every physics
+period is compared to the last bit; of the options only --rig and --json matter then.
+
+Else FILE is what was recorded of a real arm: comma-separated text without a header, plain or gzip,
+a row per sample: the positions of all joints, then their velocities, then their efforts (SI).
+docs/replay.md says more.
 """
 
 from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, table
 
 if TYPE_CHECKING:
-    from trocar.apps.replay import ReplayReport
+    from trocar.apps.replay import RepeatReport, ReplayReport
 
 BAR_WIDTH = 32
 WIPE = "\r\x1b[K"
@@ -22,7 +28,8 @@ WIPE = "\r\x1b[K"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("log", metavar="LOG", help="the recording")
+    parser.add_argument("log", metavar="FILE", help="the recording")
+    parser.add_argument("--rig", help="where the rig of a recording of trocar's own lies now")
     parser.add_argument(
         "--arm", default="psm", help="a built-in arm (trocar list), or a TOML file; default: psm"
     )
@@ -63,6 +70,26 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Replay and print what was found."""
+    from trocar.simulation.recording import is_recording
+
+    return _repeat(args) if is_recording(args.log) else _replay(args)
+
+
+def _repeat(args: Namespace) -> int:
+    from trocar.apps.replay import repeat
+
+    with _progress(args, "periods") as watch:
+        report = repeat(args.log, args.rig, watch)
+    for text in (*report.warnings, *filter(None, [report.problem])):
+        print(f"trocar: warning: {args.log}: {text}", file=sys.stderr)
+    if args.json:
+        print_json(report.as_dict())
+    else:
+        print(_repeated(report))
+    return 0 if report.identical else 1
+
+
+def _replay(args: Namespace) -> int:
     from trocar.apps.replay import ReplaySettings, replay
 
     settings = ReplaySettings(
@@ -74,12 +101,8 @@ def run(args: Namespace) -> int:
         wrist=args.wrist,
         tool=args.tool,
     )
-    watched = sys.stderr.isatty() and not args.json
-    try:
-        report = replay(args.log, args.arm, settings, _draw_bar if watched else None)
-    finally:
-        if watched:
-            sys.stderr.write(WIPE)
+    with _progress(args, "rows") as watch:
+        report = replay(args.log, args.arm, settings, watch)
     if args.json:
         print_json(report.as_dict())
     else:
@@ -87,11 +110,36 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _draw_bar(done: int, total: int) -> None:
-    filled = BAR_WIDTH * done // total
-    bar = "#" * filled + "." * (BAR_WIDTH - filled)
-    sys.stderr.write(f"\r[{bar}] {done} of {total} rows")
-    sys.stderr.flush()
+@contextmanager
+def _progress(args: Namespace, unit: str) -> Iterator[Callable[[int, int], None] | None]:
+    """Draw a bar while something is under way, where somebody watches."""
+
+    def draw(done: int, total: int) -> None:
+        filled = BAR_WIDTH * done // total
+        bar = "#" * filled + "." * (BAR_WIDTH - filled)
+        sys.stderr.write(f"\r[{bar}] {done} of {total} {unit}")
+        sys.stderr.flush()
+
+    watched = sys.stderr.isatty() and not args.json
+    try:
+        yield draw if watched else None
+    finally:
+        if watched:
+            sys.stderr.write(WIPE)
+
+
+def _repeated(report: RepeatReport) -> str:
+    head = (
+        f"{report.file}: rig {report.rig}, {report.commands} commands,"
+        f" {report.periods} periods ({report.simulated_s:.3f} s)\n"
+    )
+    if report.difference is None:
+        return f"{head}the motion is identical to the last bit (digest {report.digest})"
+    d = report.difference
+    return (
+        f"{head}the motion DIFFERS from {d.time:.3f} s on; largest difference:"
+        f" {d.largest:.3g} in the {d.quantity} of {d.joint}"
+    )
 
 
 def _tables(report: ReplayReport, rate_hz: float) -> str:

@@ -3,12 +3,14 @@
 Live, the page is served on this machine only; its address is printed when the arms move.
 Headless, every arm but the setup joints follows the paper's sine, and speed, loop health and
 tracking are reported. --tip-load turns a force about each instrument's tip.
+--record writes a file that `trocar replay` repeats; headless it is one more pass along the sine.
 """
 
 from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -57,6 +59,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--timestep", type=number, default=0.001, metavar="S", help="physics period"
     )
+    parser.add_argument(
+        "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
+    )
     add_json(parser)
 
 
@@ -76,6 +81,7 @@ def run(args: Namespace) -> int:
         _world(args),
         HEADLESS_DURATION_S if args.duration is None else args.duration,
         realtime=args.speed == "realtime",
+        record=args.record,
     )
     if args.json:
         print_json(asdict(report))
@@ -93,13 +99,14 @@ def _live(args: Namespace) -> int:
     def tell(url: str) -> None:
         print(f"{url}  (Ctrl-C stops)", flush=True)
 
-    serve(
-        world,
-        port=args.port,
-        speed=args.speed or "realtime",
-        duration_s=args.duration,
-        on_ready=tell,
-    )
+    with world.record(args.record) if args.record else nullcontext():
+        serve(
+            world,
+            port=args.port,
+            speed=args.speed or "realtime",
+            duration_s=args.duration,
+            on_ready=tell,
+        )
     return 0
 
 

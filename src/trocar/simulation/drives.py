@@ -71,6 +71,7 @@ class Drives:
                 for j in self.arm.joints
             ]
         )
+        self._servos.revision += 1
         if not self.welded:
             limits = np.column_stack([-self.effort_limit, self.effort_limit])
             self._model.actuator_forcerange[self.binding.actuators] = limits
@@ -79,6 +80,7 @@ class Drives:
         """Write modes, gains and brakes into the model."""
         if self.welded:
             return
+        self._servos.revision += 1
         ids, on = self.binding.actuators, self.gains * self._servoed()[:, None]
         self._model.actuator_biasprm[ids, 1] = -on[:, 0]
         self._model.actuator_gainprm[ids, 0] = on[:, 1]
@@ -207,6 +209,10 @@ class Drives:
         if self.welded:
             return np.zeros(len(self.modes))
         return self._servos.holding[self.binding.actuators].copy()
+
+    def law(self) -> Array:
+        """Return P, I, D as they act now, 0 where no servo does, and the limit, (n, 4)."""
+        return np.column_stack([self.gains * self._servoed()[:, None], self.effort_limit])
 
     def target(self, joint: int) -> float:
         """Return the position that a joint's servo was told last [rad or m]."""

@@ -21,6 +21,7 @@ class ServoInputs:
         balanced: which servos get gravity compensation, (n_servos,) 0 or 1
         tolerance: tracking errors that are allowed, inf where none counts, (n_servos,) [rad or m]
         holding: efforts that hold every motor's load, computed last, (n_servos,) [N m or N]
+        revision: counts the changes of modes, gains, brakes and effort limits
     """
 
     def __init__(self, data: mujoco.MjData) -> None:
@@ -30,6 +31,7 @@ class ServoInputs:
         self.balanced = np.zeros(count)
         self.tolerance = np.full(count, np.inf)
         self.holding = np.zeros(count)
+        self.revision = 0
         self._balancing = np.zeros(count)
         self._efforts = self.table[:, 2]
 

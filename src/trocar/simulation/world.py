@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal
+from typing import IO, Literal
 
 import mujoco
 import numpy as np
@@ -26,6 +26,8 @@ from trocar.simulation.motion import Motion
 from trocar.simulation.places import Places
 from trocar.simulation.play import Player
 from trocar.simulation.probes import Probes
+from trocar.simulation.recording.past import Past
+from trocar.simulation.recording.recorder import Recorder
 from trocar.simulation.records import Health, Recording, ShapeRecord, Snapshot
 from trocar.simulation.sensor_readings import Reading
 from trocar.simulation.sensors import Sensors
@@ -82,6 +84,10 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
     ) -> None:
+        #: What the world was built with, the rig apart; a recording takes these along.
+        self.arguments = {k: v for k, v in locals().items() if k not in ("self", "rig")}
+        #: The name or path that the rig was loaded from, "" where it came as a description.
+        self.rig_source = "" if isinstance(rig, RigDescription) else str(rig)
         self._homed = bool(homed)
         self.rig = rig if isinstance(rig, RigDescription) else load_rig(rig)
         self.timestep = _checked_period(timestep_s)
@@ -150,6 +156,9 @@ class World:
         self._seed = _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         self.reset()
+        #: Who records this world now, and what it was told before.
+        self.recorder: Recorder | None = None
+        self.past = Past(self)
         warn_of_flattening(self.rig)
 
     # ------------------------------------------------------------------ time
@@ -170,6 +179,20 @@ class World:
         A listener is called where the world is stepped and commanded; it must not command it.
         """
         return self._journal.listen(listener)
+
+    def record(self, file: str | Path | IO[bytes]) -> Recorder:
+        """Record states, commands and events into an MCAP file, from now on.
+
+        `with world.record("run.mcap"): ...`, or keep what is returned and call its `stop`.
+
+        Args:
+            file: a path, or a binary file that is open for writing
+
+        Raises:
+            InputError: the file cannot be written, or the world is recorded already
+            MissingExtraError: the library for MCAP is not installed
+        """
+        return Recorder(self, file)
 
     def step(self, n: int = 1) -> None:
         """Advance n physics periods.

@@ -44,20 +44,30 @@ class HeadlessReport:
 
 
 def run_headless(
-    world: World, duration_s: float, passes: int = 5, realtime: bool = False
+    world: World,
+    duration_s: float,
+    passes: int = 5,
+    realtime: bool = False,
+    record: str | None = None,
 ) -> HeadlessReport:
     """Drive every arm of a world but its setup joints along the test trajectory.
 
     The timed passes sample every 5 ms; loop health is that of a separate, untimed pass that
     samples every physics period. In real time another pass keeps to the wall clock, and it is
-    that one's wall time and factor that are reported.
+    that one's wall time and factor that are reported. With `record` one more pass, the first and
+    untimed, is written to that file.
 
     Raises:
-        InputError: the duration, or a timestep that 5 ms is no whole multiple of
+        InputError: the duration, a timestep that 5 ms is no whole multiple of, or a file that
+            cannot be written
         DivergedError: the simulation left the finite numbers
     """
     every = periods_per_tick(world)
     trajectory = paper_sine(world.rig, duration_s, TICK_S)
+    if record is not None:
+        with world.record(record):
+            begin_trajectory(world, trajectory)
+            world.play(trajectory.positions, trajectory.velocities, every=every, record=False)
     timing = time_beside_bare(world, trajectory, every, passes)
     wall = _paced_pass(world, trajectory, every) if realtime else timing.own
     gap, rcm, branch = loop_health(world, trajectory, every)

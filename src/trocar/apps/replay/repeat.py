@@ -1,0 +1,263 @@
+"""Repeat a recording of a simulated world: same commands, and the same motion to the last bit."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar import __version__
+from trocar.descriptions import RigDescription
+from trocar.errors import DivergedError, LogError, TrocarError
+from trocar.simulation import World
+from trocar.simulation.journal import Entry, apply_command
+from trocar.simulation.recording import Recorded, open_recording
+from trocar.simulation.recording.blocks import PackedBlock, digest, single
+from trocar.simulation.recording.fingerprint import rig_fingerprint
+from trocar.simulation.recording.layout import quantities
+from trocar.simulation.recording.recorder import versions
+from trocar.simulation.recording.sampler import Block, Sampler
+from trocar.simulation.recording.values import Unknown, restored
+
+Array = NDArray[np.float64]
+
+#: Periods between two words of progress. Source: our own choice.
+PIECE_PERIODS = 1000
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a repeated motion left the recorded one.
+
+    Attributes:
+        time: simulated time of the first block that differs [s]
+        joint: with the largest difference of all, "ARM/joint"
+        quantity: "position", "velocity", "effort" or "setpoint"
+        largest: that difference [rad or m, per s, N m or N]
+    """
+
+    time: float
+    joint: str
+    quantity: str
+    largest: float
+
+
+@dataclass(frozen=True)
+class RepeatReport:
+    """What came of repeating a recording.
+
+    Attributes:
+        file, rig: what was repeated
+        simulated_s: length of the recording [s]
+        periods: physics periods that were compared
+        commands: how many were repeated
+        identical: whether every period's state is the recorded one to the last bit
+        digest: fingerprint of all recorded states
+        difference: where and how far the motion differs; None when identical
+        warnings: what is not as it was when the file was written, and may explain a difference
+        problem: why the file ends early, "" where it is whole
+    """
+
+    file: str
+    rig: str
+    simulated_s: float
+    periods: int
+    commands: int
+    identical: bool
+    digest: str
+    difference: Difference | None
+    warnings: tuple[str, ...]
+    problem: str
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the report as plain values, for JSON."""
+        return asdict(self)
+
+
+def repeat(
+    file: str | Path,
+    rig: RigDescription | str | Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> RepeatReport:
+    """Build the recorded world again, repeat its commands, and compare every period's state.
+
+    Args:
+        file: a recording (`World.record`, `trocar sim --record`)
+        rig: the recorded rig, where it is not to be had under the recorded name or path any more
+        progress: called with (periods done, periods) now and then
+
+    Raises:
+        LogError: no recording, or one that cannot be repeated; says why
+        InputError: another rig than the recorded one
+    """
+    recorded = open_recording(file)
+    world = _world(recorded, rig)
+    for entry in recorded.past:
+        _repeat(world, entry, str(file))
+    world_at = int(recorded.about["start_period"])
+    _step_to(world, world_at)
+    comparison = _Comparison(recorded)
+    sampler = comparison.sampler = Sampler(world, comparison)
+    done = 0
+    sampler.start()
+    try:
+        for entry in recorded.entries:
+            if entry.kind == "command":
+                _repeat(world, entry, str(file))
+                done += 1
+                if progress is not None:
+                    progress(min(sampler.count, recorded.rows), recorded.rows)
+        while sampler.count < recorded.rows:
+            world.step(min(PIECE_PERIODS, recorded.rows - sampler.count))
+            if progress is not None:
+                progress(sampler.count, recorded.rows)
+    except DivergedError:
+        pass  # as it did when it was recorded, or the comparison says so
+    finally:
+        sampler.stop()
+    return comparison.report(done)
+
+
+def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World:
+    """Build the world that was recorded.
+
+    Raises:
+        LogError: the recording cannot be repeated, or is of another rig
+    """
+    about, file = recorded.about, recorded.file
+    if about["repeatable"] != "yes":
+        raise LogError(file, f"cannot be repeated: {about['repeatable']}")
+    source = rig if rig is not None else about["rig_source"]
+    if isinstance(source, str) and not source:
+        raise LogError(
+            file,
+            f"its rig {about['rig']!r} was built in Python and lies in no file; hand it over:"
+            " repeat(file, rig=...)",
+        )
+    arguments: dict[str, Any] = {
+        name: restored(value) for name, value in json.loads(about["arguments"]).items()
+    }
+    strange = set(arguments) - set(inspect.signature(World.__init__).parameters)
+    if strange:
+        raise LogError(
+            file,
+            f"trocar {about['trocar']} built its world with {', '.join(sorted(strange))}, which"
+            f" trocar {__version__} does not know",
+        )
+    world = World(source, **arguments)
+    found = rig_fingerprint(world.rig)
+    if found != about["rig_fingerprint"]:
+        raise LogError(
+            file,
+            f"is a recording of rig {about['rig']!r} with the description"
+            f" {about['rig_fingerprint'][:12]} (trocar {about['trocar']}); here rig"
+            f" {world.rig.name!r} has {found[:12]}: its motion cannot be repeated",
+        )
+    return world
+
+
+def _repeat(world: World, entry: Entry, file: str) -> None:
+    """Step to a command and give it; what was refused then is refused again."""
+    unknown = [f"{k} = {v}" for k, v in entry.values.items() if isinstance(v, Unknown)]
+    if unknown:
+        raise LogError(
+            file,
+            f"cannot be repeated: the command {entry.source} {entry.name} at {entry.time:g} s"
+            f" was given {', '.join(unknown)}, which no file can hold",
+        )
+    _step_to(world, entry.period)
+    try:
+        apply_command(world, entry)
+    except DivergedError:
+        raise
+    except TrocarError:
+        return
+
+
+def _step_to(world: World, period: int) -> None:
+    if world.periods < period:
+        world.step(period - world.periods)
+
+
+@dataclass
+class _Comparison:
+    """Takes the blocks of the repeated motion and holds them against the recorded ones."""
+
+    recorded: Recorded
+    sampler: Sampler | None = None
+    periods: int = 0
+    differs_from: float | None = None
+    worst: tuple[float, str, str] = (0.0, "", "")
+    _digest: Any = field(default_factory=lambda: hashlib.blake2b(digest_size=16))
+    _blocks: Iterator[PackedBlock] | None = None
+
+    def take(self, block: Block, buffer: Array) -> None:
+        """Compare a block with the recorded one of the same rows."""
+        if self._blocks is None:
+            self._blocks = self.recorded.blocks()
+        if len(block.rows):
+            expected = next(self._blocks, None)
+            if expected is not None:
+                self._compare(block, expected)
+        if self.sampler is not None:
+            self.sampler.recycle(buffer)
+
+    def _compare(self, block: Block, expected: PackedBlock) -> None:
+        count = len(expected.times)
+        self._digest.update(expected.digest.encode())
+        self.periods += count
+        same = block.first == expected.first and len(block.rows) >= count
+        if same and digest(block.rows[:count]) == expected.digest:
+            return
+        if self.differs_from is None:
+            self.differs_from = float(expected.times[0])
+        count = min(count, len(block.rows))
+        values = single(quantities(block.shape.layout, block.rows, block.laws))[:, :, :count]
+        if values.shape[:2] != expected.values.shape[:2]:
+            self.worst = (np.inf, "the number of joints", "")
+            return
+        off = np.abs(values.astype(float) - expected.values[:, :, :count])
+        if off.size and not np.nanmax(off) <= self.worst[0]:
+            self._note(block, off)
+
+    def _note(self, block: Block, off: Array) -> None:
+        """Keep the largest difference so far."""
+        quantity, joint, _ = np.unravel_index(int(np.nanargmax(off)), off.shape)
+        names = [f"{a.name}/{j}" for a in block.shape.layout.arms for j in a.joints]
+        what = ("position", "velocity", "effort", "setpoint")[int(quantity)]
+        self.worst = (float(np.nanmax(off)), names[int(joint)], what)
+
+    def report(self, commands: int) -> RepeatReport:
+        """Return what was found."""
+        about = self.recorded.about
+        whole = self.periods == self.recorded.rows
+        same = self.differs_from is None and whole
+        largest, joint, quantity = self.worst
+        began = self.recorded.end if self.differs_from is None else self.differs_from
+        return RepeatReport(
+            self.recorded.file,
+            about["rig"],
+            self.recorded.end - self.recorded.start,
+            self.periods,
+            commands,
+            same,
+            self._digest.hexdigest(),
+            None if same else Difference(began, joint, quantity, largest),
+            tuple(_strangeness(about.items())),
+            self.recorded.problem,
+        )
+
+
+def _strangeness(about: Iterable[tuple[str, str]]) -> Iterator[str]:
+    """Say which versions are not those that the recording was made with."""
+    now = versions()
+    for name, value in about:
+        if name in now and now[name] != value:
+            yield f"recorded with {name} {value}, repeated with {now[name]}"

@@ -1,0 +1,12 @@
+"""Record a world, and read recordings."""
+
+from trocar.simulation.recording.reading import (
+    ArmStates,
+    Recorded,
+    is_mcap,
+    is_recording,
+    open_recording,
+)
+from trocar.simulation.recording.recorder import Recorder
+
+__all__ = ["ArmStates", "Recorded", "Recorder", "is_mcap", "is_recording", "open_recording"]

@@ -1,0 +1,198 @@
+"""What a recorded row holds: which numbers of the physics state are which joint of which arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import RigArm, RigDescription
+from trocar.simulation.drives import Drives
+from trocar.simulation.play import SAMPLE
+from trocar.simulation.servos import INPUTS
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: What is kept of every joint in every physics period, in this order.
+QUANTITIES = ("position", "velocity", "effort", "setpoint")
+
+
+@dataclass(frozen=True)
+class ArmColumns:
+    """Which columns are an arm's.
+
+    Attributes:
+        name, type: "PSM1", "PSM"
+        joints: names, the jaw last where there is one
+        kinds: "revolute" or "prismatic" of each
+        jaw: whether the last one is a jaw
+        first: column of the first joint
+    """
+
+    name: str
+    type: str
+    joints: tuple[str, ...]
+    kinds: tuple[str, ...]
+    jaw: bool
+    first: int
+
+    @property
+    def columns(self) -> slice:
+        """The arm's columns."""
+        return slice(self.first, self.first + len(self.joints))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain values, for JSON."""
+        return {
+            "name": self.name,
+            "type": self.type,
+            "joints": list(self.joints),
+            "kinds": list(self.kinds),
+            "jaw": self.jaw,
+            "first": self.first,
+        }
+
+
+def arm_columns(values: Mapping[str, Any]) -> ArmColumns:
+    """Return columns from plain values, the inverse of `ArmColumns.as_dict`."""
+    return ArmColumns(
+        str(values["name"]),
+        str(values["type"]),
+        tuple(values["joints"]),
+        tuple(values["kinds"]),
+        bool(values["jaw"]),
+        int(values["first"]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How rows of the physics state become joints, (n_joints,) over all arms.
+
+    Attributes:
+        arms: whose columns are which
+        rest: positions of joints that are welded into the model, else 0, (n_joints,)
+        weights: position = rest + sum over terms of weight times a coordinate, (terms, n_joints)
+        qpos, qvel: which coordinate and which rate that is, (terms, n_joints)
+        live: columns of joints that have a servo, (s,)
+        servos, act: ids of those servos and of their integrals, (s,)
+        ends: where time, qpos, qvel and act end in a row
+        size: numbers of a row
+    """
+
+    arms: tuple[ArmColumns, ...]
+    rest: Array
+    weights: Array
+    qpos: Index
+    qvel: Index
+    live: Index
+    servos: Index
+    act: Index
+    ends: Index
+    size: int
+
+    @property
+    def joints(self) -> int:
+        """Number of joints over all arms."""
+        return len(self.rest)
+
+
+def layout_of(
+    model: mujoco.MjModel,
+    rig: RigDescription,
+    drives: Mapping[str, Drives],
+    welded: Mapping[str, Array],
+) -> Layout:
+    """Return the layout of a model's rows; `welded` has the positions of arms without hinges."""
+    arms: list[ArmColumns] = []
+    first = 0
+    for rig_arm in rig.arms:
+        columns = _columns(rig_arm, drives[rig_arm.name], first)
+        arms.append(columns)
+        first += len(columns.joints)
+    terms = max(_terms(d) for d in drives.values())
+    weights, rest = np.zeros((terms, first)), np.zeros(first)
+    qpos, qvel = np.zeros((2, terms, first), np.intp)
+    live: list[int] = []
+    servos: list[int] = []
+    act: list[int] = []
+    for columns in arms:
+        d = drives[columns.name]
+        if d.welded:
+            rest[columns.columns] = welded[columns.name]
+            continue
+        for joint, row in enumerate(d.binding.drive):
+            for term, hinge in enumerate(np.flatnonzero(row)):
+                weights[term, columns.first + joint] = row[hinge]
+                qpos[term, columns.first + joint] = d.binding.qpos[hinge]
+                qvel[term, columns.first + joint] = d.binding.dof[hinge]
+        live += range(columns.columns.start, columns.columns.stop)
+        servos += d.binding.actuators.tolist()
+        act += d.binding.act.tolist()
+    return Layout(
+        tuple(arms),
+        rest,
+        weights,
+        qpos,
+        qvel,
+        np.array(live, np.intp),
+        np.array(servos, np.intp),
+        np.array(act, np.intp),
+        np.cumsum([1, model.nq, model.nv, model.na]),
+        mujoco.mj_stateSize(model, SAMPLE),
+    )
+
+
+def quantities(layout: Layout, rows: Array, laws: Sequence[tuple[int, Array]]) -> Array:
+    """Return positions, velocities, efforts and set-points of every joint.
+
+    Args:
+        layout: of the rows
+        rows: samples of the state, (k, size)
+        laws: (first row, P, I, D and effort limit as they act from there on (s, 4)), rows rising
+
+    Returns:
+        (4, n_joints, k) [rad or m, per s, N m or N, rad or m]
+    """
+    _, qpos, qvel, act, ctrl = np.split(rows, layout.ends, axis=1)
+    found = np.zeros((len(QUANTITIES), layout.joints, len(rows)))
+    found[0] = layout.rest[:, None]
+    for weight, place, rate in zip(layout.weights, layout.qpos, layout.qvel, strict=True):
+        # By hand: a matrix product would wake the threads of the algebra library, which then spin.
+        found[0] += weight[:, None] * qpos.T[place]
+        found[1] += weight[:, None] * qvel.T[rate]
+    inputs = ctrl.reshape(len(rows), -1, INPUTS)[:, layout.servos]
+    found[3] = layout.rest[:, None]
+    found[3, layout.live] = inputs[:, :, 0].T
+    position, velocity = found[0, layout.live], found[1, layout.live]
+    ends = [first for first, _ in laws[1:]] + [len(rows)]
+    for (first, law), end in zip(laws, ends, strict=True):
+        part = slice(first, end)
+        p, i, d, limit = law.T[:, :, None]
+        wanted = inputs[part].transpose(2, 1, 0)
+        effort = p * (wanted[0] - position[:, part]) + i * act[part][:, layout.act].T
+        effort += d * (wanted[1] - velocity[:, part]) + wanted[2]
+        found[2, layout.live, part] = np.clip(effort, -limit, limit)
+    return found
+
+
+def _terms(drives: Drives) -> int:
+    """Return how many hinges a joint's position is summed from at most."""
+    return 1 if drives.welded else max(1, int(drives.binding.driven.sum(axis=1).max()))
+
+
+def _columns(rig_arm: RigArm, drives: Drives, first: int) -> ArmColumns:
+    arm = rig_arm.arm
+    return ArmColumns(
+        rig_arm.name,
+        arm.type,
+        arm.mechanism.joint_names,
+        tuple(joint.kind for joint in drives.arm.joints),
+        arm.has_jaw,
+        first,
+    )

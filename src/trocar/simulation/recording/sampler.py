@@ -1,0 +1,201 @@
+"""Copies the physics state in every period, a block of rows at a time."""
+
+from __future__ import annotations
+
+import queue
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.simulation.journal import Entry
+from trocar.simulation.play import SAMPLE
+from trocar.simulation.recording.frames import Tips, tips_of
+from trocar.simulation.recording.layout import Layout, layout_of
+
+if TYPE_CHECKING:
+    from trocar.simulation.world import World
+
+Array = NDArray[np.float64]
+
+#: Simulated time of a block [s]. One block fills while the one before is written: what a killed
+#: process loses is less than two. Source: our own choice.
+BLOCK_S = 0.4
+BUFFERS = 2
+#: Commands after which poses are told in another frame.
+MOVES_BASES = ("set_base_frame",)
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """What rows mean until the model changes.
+
+    Attributes:
+        number: counts from 0
+        model: whose state the rows are
+        layout: which numbers are which joint
+        tips: where the tips are
+    """
+
+    number: int
+    model: mujoco.MjModel
+    layout: Layout
+    tips: Tips
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Rows of the state that follow one another, and what happened meanwhile.
+
+    Attributes:
+        shape: what the rows mean
+        first: number of the first row since the recording began
+        rows: samples after each period, (k, size); valid until `done` is called
+        laws: (row, how the servos act from there on), rows rising
+        entries: (row that the entry came before, entry)
+    """
+
+    shape: Shape
+    first: int
+    rows: Array
+    laws: tuple[tuple[int, Array], ...]
+    entries: tuple[tuple[int, Entry], ...]
+
+
+class Sink(Protocol):
+    """Takes blocks, in their order."""
+
+    def take(self, block: Block, buffer: Array) -> None:
+        """Take a block; hand `buffer` to `Sampler.recycle` when its rows are no longer needed."""
+        ...
+
+
+class Sampler:
+    """Stands between a world and mj_step, and hands on what it sees.
+
+    Args:
+        world: is sampled from `start` to `stop`
+        sink: gets the blocks
+    """
+
+    def __init__(self, world: World, sink: Sink) -> None:
+        self._world, self._sink = world, sink
+        self._block = max(1, round(BLOCK_S / world.timestep))
+        self._free: queue.SimpleQueue[tuple[Array, list[Array]]] = queue.SimpleQueue()
+        self._buffers: dict[int, tuple[Array, list[Array]]] = {}
+        self._rows: Array = np.zeros((0, 0))
+        self._views: list[Array] = []
+        self._filled = 0
+        self._shape: Shape | None = None
+        self._stale = True
+        self._entries: list[tuple[int, Entry]] = []
+        self._laws: list[tuple[int, Array]] = []
+        self._revision = -1
+        #: Rows so far, those of the block in work included.
+        self.count = 0
+
+    def start(self) -> None:
+        """Take the state as it is for the first row, and every period's from now on."""
+        self._deaf = self._world.listen(self._hear)
+        self._reshape()
+        mujoco.mj_getState(self._world._model, self._world._data, self._views[0], SAMPLE)
+        self._filled = self.count = 1
+        self._world._mj_step = self.step
+
+    def stop(self) -> None:
+        """Let go of the world and hand on what is left."""
+        self._world._mj_step = mujoco.mj_step
+        self._deaf()
+        self._hand_over(last=True)
+
+    def step(self, model: mujoco.MjModel, data: mujoco.MjData, count: int) -> None:
+        """Step some periods and copy the state after each."""
+        if self._stale or self._shape is None or model is not self._shape.model:
+            self._reshape()
+        if self._world._servos.revision != self._revision:
+            self._see_laws()
+        one, copy = mujoco.mj_step, mujoco.mj_getState
+        left = count
+        while left > 0:
+            begin = self._filled
+            run = min(left, self._block - begin)
+            for row in self._views[begin : begin + run]:
+                one(model, data)
+                copy(model, data, row, SAMPLE)
+            self._filled += run
+            self.count += run
+            left -= run
+            if self._filled == self._block:
+                self._hand_over()
+
+    def recycle(self, buffer: Array) -> None:
+        """Take back the rows of a block."""
+        known = self._buffers.get(id(buffer))
+        if known is not None:
+            self._free.put(known)
+
+    def _hear(self, entry: Entry) -> None:
+        self._entries.append((self.count, entry))
+        if entry.name in MOVES_BASES:
+            self._stale = True  # from the next period on: the command is about to act
+
+    def _see_laws(self) -> None:
+        """Note how the servos act from the next row on."""
+        self._revision = self._world._servos.revision
+        if self._laws and self._laws[-1][0] == self._filled:
+            self._laws.pop()
+        self._laws.append((self._filled, self._law()))
+
+    def _law(self) -> Array:
+        live = [d.law() for d in self._world._drives.values() if not d.welded]
+        return np.concatenate(live) if live else np.zeros((0, 4))
+
+    def _reshape(self) -> None:
+        """Begin with a model, or with another one."""
+        if self._filled:
+            self._hand_over()
+        world = self._world
+        number = 0 if self._shape is None else self._shape.number + 1
+        welded = {
+            name: world.arms[name].readings()[0] for name, d in world._drives.items() if d.welded
+        }
+        bases = {name: world.base_pose(name) for name in world.arms}
+        layout = layout_of(world._model, world.rig, world._drives, welded)
+        tips = tips_of(world.rig, world._drives, bases)
+        self._shape = Shape(number, world._model, layout, tips)
+        self._stale = False
+        if not self._views or self._rows.shape[1] != layout.size:
+            self._make_buffers(layout.size)
+        self._laws.clear()
+        self._see_laws()
+
+    def _make_buffers(self, size: int) -> None:
+        self._free = queue.SimpleQueue()
+        self._buffers = {}
+        for _ in range(BUFFERS):
+            rows = np.zeros((self._block, size))
+            self._buffers[id(rows)] = (rows, list(rows))
+            self._free.put(self._buffers[id(rows)])
+        self._rows, self._views = self._free.get()
+
+    def _hand_over(self, last: bool = False) -> None:
+        """Give the block away and go on with the other buffer, once that is free."""
+        if self._shape is None:
+            return
+        if self._filled or self._entries:
+            first = self.count - self._filled
+            block = Block(
+                self._shape,
+                first,
+                self._rows[: self._filled],
+                tuple(self._laws),
+                tuple(self._entries),
+            )
+            self._entries = []
+            self._sink.take(block, self._rows)
+        if not last:
+            self._rows, self._views = self._free.get()
+        self._laws = [(0, self._laws[-1][1])]
+        self._filled = 0

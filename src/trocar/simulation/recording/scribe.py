@@ -1,0 +1,243 @@
+"""Turns blocks into a file, in a thread of its own: the simulation does not wait for the disk."""
+
+from __future__ import annotations
+
+import json
+import logging
+import queue
+import threading
+from collections.abc import Sequence
+from typing import IO
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.simulation.journal import Entry
+from trocar.simulation.recording.blocks import PackedBlock, digest, pack, single
+from trocar.simulation.recording.layout import QUANTITIES, quantities
+from trocar.simulation.recording.mcap_file import McapFile, Part, messages
+from trocar.simulation.recording.ros2 import (
+    JOINT_STATE,
+    NANOSECONDS,
+    POSE_STAMPED,
+    SCHEMAS,
+    Cdr,
+    Instants,
+)
+from trocar.simulation.recording.sampler import Block, Sampler, Shape
+from trocar.simulation.recording.values import entry_json
+
+Array = NDArray[np.float64]
+
+_log = logging.getLogger("trocar")
+
+#: Simulated time between two messages for people [s]. Source: our own choice, 50 Hz.
+MESSAGE_PERIOD_S = 0.02
+STATES, LAYOUT = "/trocar/states", "/trocar/layout"
+COMMANDS, EVENTS, PAST = "/trocar/commands", "/trocar/events", "/trocar/past"
+#: Schemas of the messages in JSON. Source: MCAP's registry, "jsonschema".
+ENTRY_SCHEMA = json.dumps(
+    {
+        "type": "object",
+        "properties": {
+            "period": {"type": "integer"},
+            "time": {"type": "number"},
+            "kind": {"enum": ["command", "event"]},
+            "source": {"type": "string"},
+            "name": {"type": "string"},
+            "values": {"type": "object"},
+        },
+    }
+)
+
+
+class Scribe:
+    """Writes blocks to a stream; the first thing that goes wrong is said once, and kept.
+
+    Args:
+        stream: a binary file, open for writing; the scribe closes it
+        label: what the file is called in messages
+        about: names and values of the whole recording
+        start: simulation time of the first row [s]
+        timestep: physics period [s]
+    """
+
+    def __init__(
+        self, stream: IO[bytes], label: str, about: dict[str, str], start: float, timestep: float
+    ) -> None:
+        self._stream, self._label = stream, label
+        self._start, self._timestep = start, timestep
+        self._every = max(1, round(MESSAGE_PERIOD_S / timestep))
+        self._queue: queue.SimpleQueue[tuple[Block, Array] | None] = queue.SimpleQueue()
+        self._shape: Shape | None = None
+        self._instants: Instants | None = None
+        self._scratch: mujoco.MjData | None = None
+        self._told = 0
+        self._channels: dict[str, int] = {}
+        #: Why nothing more is written, "" while all is well.
+        self.failure = ""
+        self._error: Exception | None = None
+        self.sampler: Sampler | None = None
+        self._file = McapFile(stream, "ros2", f"trocar {about['trocar']}")
+        self._file.metadata("trocar", about)
+        text = self._file.schema("trocar.Entry", "jsonschema", ENTRY_SCHEMA)
+        form = self._file.schema("trocar.Layout", "jsonschema", '{"type": "object"}')
+        for topic in (PAST, COMMANDS, EVENTS):
+            self._channels[topic] = self._file.channel(topic, "json", text)
+        self._channels[LAYOUT] = self._file.channel(LAYOUT, "json", form)
+        self._channels[STATES] = self._file.channel(STATES, "trocar.states")
+        self._schemas = {n: self._file.schema(n, "ros2msg", t) for n, t in SCHEMAS.items()}
+        self._thread = threading.Thread(target=self._main, name="trocar-recording", daemon=True)
+        self._thread.start()
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._file.size
+
+    def past(self, entries: Sequence[Entry]) -> None:
+        """Write the commands that came before the first row; called before any block is."""
+        now = self._nanoseconds(0)
+        channel = self._channels[PAST]
+        self._file.chunk([messages([(channel, now, entry_json(e)) for e in entries])])
+
+    def take(self, block: Block, buffer: Array) -> None:
+        """Queue a block."""
+        self._queue.put((block, buffer))
+
+    def close(self) -> None:
+        """Write what is queued and the summary, and close the file.
+
+        Raises:
+            Exception: what stopped the thread and was nobody's disk
+        """
+        self._queue.put(None)
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def _main(self) -> None:
+        while (item := self._queue.get()) is not None:
+            block, buffer = item
+            try:
+                if not self.failure:
+                    self._write(block)
+            except OSError as error:
+                self._give_up(error.strerror or str(error))
+            except Exception as error:  # noqa: BLE001  handed over whole to whoever closes
+                self._error = error
+                self._give_up(repr(error))
+            finally:
+                if self.sampler is not None:
+                    self.sampler.recycle(buffer)
+        try:
+            if not self.failure:
+                self._file.finish()
+            self._stream.close()
+        except OSError as error:
+            self._give_up(error.strerror or str(error))
+
+    def _give_up(self, why: str) -> None:
+        if self.failure:
+            return
+        self.failure = why
+        _log.warning(
+            "%s: cannot be written any further: %s; the simulation goes on unrecorded, and what was"
+            " written until then can be read",
+            self._label,
+            why,
+        )
+
+    def _write(self, block: Block) -> None:
+        parts: list[Part] = []
+        if block.shape is not self._shape:
+            parts.append(self._begin(block.shape, block.first))
+        parts.append(self._entries(block))
+        if len(block.rows):
+            values = quantities(block.shape.layout, block.rows, block.laws)
+            parts.append(self._for_people(block, values))
+            packed = PackedBlock(
+                block.shape.number,
+                block.first,
+                block.rows[:, 0],
+                single(values),
+                digest(block.rows),
+            )
+            now = self._nanoseconds(block.first + len(block.rows) - 1)
+            parts.append(messages([(self._channels[STATES], now, pack(packed))]))
+        self._file.chunk(parts)
+
+    def _nanoseconds(self, row: int) -> int:
+        """Return the time that a row is logged at: simulated, and never going back [ns]."""
+        return round((self._start + row * self._timestep) * NANOSECONDS)
+
+    def _begin(self, shape: Shape, first: int) -> Part:
+        """Say what the rows mean from now on, and lay out the messages for people."""
+        self._shape, self._scratch = shape, mujoco.MjData(shape.model)
+        self._instants = Instants(self._templates(shape))
+        layout = {
+            "number": shape.number,
+            "first": first,
+            "quantities": list(QUANTITIES),
+            "arms": [arm.as_dict() for arm in shape.layout.arms],
+            "timestep": self._timestep,
+        }
+        data = json.dumps(layout).encode()
+        return messages([(self._channels[LAYOUT], self._nanoseconds(first), data)])
+
+    def _templates(self, shape: Shape) -> list[tuple[int, Cdr]]:
+        """Lay out an instant: numbers are those of `quantities`, then seven of each tip."""
+        count, found = shape.layout.joints, list[tuple[int, Cdr]]()
+        for index, arm in enumerate(shape.layout.arms):
+            own = range(arm.first, arm.first + len(arm.joints) - arm.jaw)
+            parts = [(f"/{arm.name}", own, arm.joints[: len(own)])]
+            if arm.jaw:
+                jaw = range(own.stop, own.stop + 1)
+                parts.append((f"/{arm.name}/jaw", jaw, arm.joints[len(own) :]))
+            for topic, columns, names in parts:
+                q, v, effort, told = ([k * count + c for c in columns] for k in range(4))
+                for name, which in (("measured", (q, v, effort)), ("setpoint", (told, (), ()))):
+                    channel = self._channel(f"{topic}/{name}_js", JOINT_STATE)
+                    found.append((channel, Cdr("").joint_state(names, which)))
+            first = len(QUANTITIES) * count + 7 * index
+            channel = self._channel(f"/{arm.name}/measured_cp", POSE_STAMPED)
+            tip = Cdr(shape.tips.frame_ids[index]).pose(range(first, first + 7))
+            found.append((channel, tip))
+        return found
+
+    def _channel(self, topic: str, schema: str) -> int:
+        if topic not in self._channels:
+            self._channels[topic] = self._file.channel(topic, "cdr", self._schemas[schema])
+        return self._channels[topic]
+
+    def _for_people(self, block: Block, values: Array) -> Part:
+        """Return the messages of those instants that are due in a block."""
+        due = np.arange(-block.first % self._every, len(block.rows), self._every)
+        if not len(due) or self._scratch is None or self._instants is None:
+            return messages([])
+        nq = block.shape.model.nq
+        tips = block.shape.tips.poses(block.shape.model, self._scratch, block.rows[due, 1 : 1 + nq])
+        numbers = np.concatenate(
+            [values[:, :, due].reshape(-1, len(due)).T, tips.reshape(len(due), -1)], axis=1
+        )
+        logged = (self._start + (block.first + due) * self._timestep) * NANOSECONDS
+        stamps = np.round(block.rows[due, 0] * NANOSECONDS)
+        part = self._instants.part(
+            numbers, np.round(logged).astype(np.uint64), stamps.astype(np.uint64), self._told
+        )
+        self._told += len(due)
+        return part
+
+    def _entries(self, block: Block) -> Part:
+        """Return the commands and events of a block, logged at the state that they met."""
+        return messages(
+            [
+                (
+                    self._channels[COMMANDS if entry.kind == "command" else EVENTS],
+                    self._nanoseconds(max(row - 1, 0)),
+                    entry_json(entry),
+                )
+                for row, entry in block.entries
+            ]
+        )

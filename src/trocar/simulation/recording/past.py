@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 #: What is kept at most. A recording that begins later cannot be repeated. Source: our own choice.
 MOST_COMMANDS = 4096
-MOST_NUMBERS = 100_000
+MOST_NUMBERS = 30_000
 
 
 class Past:

@@ -12,6 +12,7 @@ from trocar.apps.replay import repeat
 from trocar.descriptions import load_rig
 from trocar.errors import LogError
 from trocar.simulation import World
+from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 from trocar.simulation.recording import open_recording
 
 pytest.importorskip("mcap")
@@ -56,6 +57,34 @@ def test_a_recording_that_begins_in_the_middle_of_a_move_is_repeated_too(tmp_pat
         world.step(200)
         arm.hold()
         world.step(20)
+    assert repeat(file).identical
+
+
+def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    world = World("psm", homed=False)
+    arm = world.arm("PSM1")
+    with world.record(file):
+        world.step(13)
+        arm.enable()
+        arm.home().wait()
+        springs = HalfPlaneGains(p=np.full(3, -200.0), d=np.full(3, -5.0))
+        here = arm.measured_cp().T
+        arm.servo_ci(
+            CartesianImpedance(
+                here[:3, 3] + 0.01,
+                torque_orientation=here[:3, :3],
+                position_positive=springs,
+                position_negative=springs,
+            )
+        )
+        world.step(200)
+        arm.servo_cf([0.5, 0.0, 0.2, 0.0, 0.0, 0.0])
+        world.step(200)
+        arm.servo_jp(arm.measured_js().position)
+        world.step(100)
+        arm.disable()
+        world.step(100)
     assert repeat(file).identical
 
 

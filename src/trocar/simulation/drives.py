@@ -212,7 +212,8 @@ class Drives:
 
     def law(self) -> Array:
         """Return P, I, D as they act now, 0 where no servo does, and the limit, (n, 4)."""
-        return np.column_stack([self.gains * self._servoed()[:, None], self.effort_limit])
+        limit = self.effort_limit if self.powered else np.zeros(len(self.modes))
+        return np.column_stack([self.gains * self._servoed()[:, None], limit])
 
     def target(self, joint: int) -> float:
         """Return the position that a joint's servo was told last [rad or m]."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import mujoco
@@ -18,7 +18,6 @@ from trocar.simulation.drives import Drives
 Array = NDArray[np.float64]
 #: A body of the model and the pose of something that it carries, (4, 4).
 Carrier = tuple[int, Array]
-WORLD: Carrier = (0, np.eye(4))
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +57,10 @@ class Tips:
 
 
 def tips_of(
-    rig: RigDescription, drives: Mapping[str, Drives], bases: Mapping[str, tuple[Array, str]]
+    rig: RigDescription,
+    drives: Mapping[str, Drives],
+    bases: Mapping[str, tuple[Array, str]],
+    chosen: Collection[str],
 ) -> Tips:
     """Return the tips of a rig's arms.
 
@@ -66,10 +68,16 @@ def tips_of(
         rig: the arms
         drives: of each arm
         bases: {arm: (its reference frame in the frame of its public poses, that one's name)} now
+        chosen: arms whose user said what that pose is: it does not change then
     """
     carriers = _Carriers(rig, drives)
     tips = [carriers.of(a.name, a.arm.mechanism.tip) for a in rig.arms]
-    frames = [carriers.base(a.name, *bases[a.name]) for a in rig.arms]
+    frames = [
+        carriers.fixed(a.name, bases[a.name][0])
+        if a.name in chosen
+        else carriers.base(a.name, *bases[a.name])
+        for a in rig.arms
+    ]
     return Tips(
         np.array([body for body, _ in tips + frames], np.intp),
         np.stack([offset for _, offset in tips + frames]),
@@ -101,12 +109,16 @@ class _Carriers:
         """Return what carries the frame that an arm's poses are told in."""
         if frame_id in self._drives:
             return self.of(frame_id, self._rig.arm(frame_id).arm.mechanism.tip)
-        body, reference = self.of(name, self._rig.arm(name).arm.mechanism.reference)
         rig_arm = self._rig.arm(name)
         if rig_arm.arm.type == "ECM" and rig_arm.on:  # the cart, which does not move
             cart = self._rig.arm(rig_arm.on).arm.mechanism.reference
             if frame_id == cart:
                 return self.of(rig_arm.on, cart)
+        return self.fixed(name, base)
+
+    def fixed(self, name: str, base: Array) -> Carrier:
+        """Return what carries a frame in which an arm's reference frame stays where it is."""
+        body, reference = self.of(name, self._rig.arm(name).arm.mechanism.reference)
         return body, reference @ inverse(base)
 
     def _still(self, name: str) -> Array:

@@ -161,9 +161,10 @@ class Sampler:
         welded = {
             name: world.arms[name].readings()[0] for name, d in world._drives.items() if d.welded
         }
-        bases = {name: world.base_pose(name) for name in world.arms}
+        bases = {name: arm.base_frame() for name, arm in world.arms.items()}
+        chosen = [name for name, arm in world.arms.items() if arm._base is not None]
         layout = layout_of(world._model, world.rig, world._drives, welded)
-        tips = tips_of(world.rig, world._drives, bases)
+        tips = tips_of(world.rig, world._drives, bases, chosen)
         self._shape = Shape(number, world._model, layout, tips)
         self._stale = False
         if not self._views or self._rows.shape[1] != layout.size:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -13,12 +14,15 @@ from typing import Any, cast
 import numpy as np
 
 from trocar.errors import InputError
+from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 from trocar.simulation.journal import Entry
 
 #: Arrays with more numbers are written as the bytes of their numbers. Source: our own choice.
 MOST_NUMBERS = 64
 #: Keys that mark what JSON has no word for.
-ARRAY, NUMBER, UNKNOWN = "$array", "$number", "$unknown"
+ARRAY, NUMBER, RECORD, UNKNOWN = "$array", "$number", "$record", "$unknown"
+#: Records that commands take.
+RECORDS: dict[str, type[Any]] = {r.__name__: r for r in (CartesianImpedance, HalfPlaneGains)}
 
 
 def entry_json(entry: Entry) -> bytes:
@@ -66,6 +70,11 @@ def plain(value: object) -> Any:
         return value if math.isfinite(value) else {NUMBER: repr(value)}
     if isinstance(value, Path):
         return str(value)
+    if type(value).__name__ in RECORDS:
+        fields = {
+            f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(cast(Any, value))
+        }
+        return {RECORD: type(value).__name__, **fields}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in cast(Mapping[object, object], value).items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -90,6 +99,9 @@ def restored(value: Any) -> Any:
         return float(known[NUMBER])
     if ARRAY in known:
         return _restored_array(known)
+    if known.get(RECORD) in RECORDS:
+        fields = {key: restored(v) for key, v in known.items() if key != RECORD}
+        return RECORDS[known[RECORD]](**fields)
     return {key: restored(v) for key, v in known.items()}
 
 

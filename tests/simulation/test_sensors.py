@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -463,6 +464,17 @@ def test_reading_changes_no_bit_of_the_motion(tmp_path: Path) -> None:
                 for name in world.sensors:
                     world.sensor(name)
     np.testing.assert_array_equal(state(watched), state(alone))
+
+
+def test_sensors_are_no_part_of_the_physics(tmp_path: Path) -> None:
+    """The same model to the last byte, so that a step costs the same."""
+    models = [World(rig)._model for rig in (rig_with(tmp_path, ALL), "psm")]
+    sizes = [mujoco.mj_sizeModel(model) for model in models]
+    assert sizes[0] == sizes[1]
+    buffers = [np.zeros(size, dtype=np.uint8) for size in sizes]
+    for model, buffer in zip(models, buffers, strict=True):
+        mujoco.mj_saveModel(model, None, buffer)
+    np.testing.assert_array_equal(*buffers)
 
 
 def test_the_mark_of_an_arm_that_was_put_somewhere_changes_no_bit_of_the_motion() -> None:

@@ -83,7 +83,8 @@ class Sensors:
             rng: noise is drawn from it; another generator than before begins anew
 
         Raises:
-            UnknownNameError: no such sensor; the known ones are listed
+            UnknownNameError: no such sensor; the known ones are listed. Or it stands on a joint or
+                frame that the mounted tool does not have
         """
         sensor = self._known.get(name)
         if sensor is None:
@@ -109,9 +110,9 @@ class Sensors:
 
     def _joint_effort(self, sensor: SensorDescription, rng: np.random.Generator) -> Reading:
         drives = self._drives[sensor.arm]
+        kind = drives.arm.joint(sensor.joint).kind
         joint = drives.arm.mechanism.joint_index[sensor.joint]
         effort = 0.0 if drives.welded else float(drives.efforts()[joint])
-        kind = drives.arm.joints[joint].kind
         return EffortReading(
             **self._head(sensor, naming.scoped(sensor.arm, sensor.joint), EFFORT_UNITS[kind]),
             effort=float(_noisy(np.array(effort), sensor.noise["effort"], rng)),

@@ -501,6 +501,16 @@ def test_a_reading_right_after_an_arm_was_put_somewhere_is_of_there(tmp_path: Pa
     assert not wrench(world).force.any()
 
 
+def test_a_reading_at_the_start_is_what_the_first_period_feels(tmp_path: Path) -> None:
+    world = World(rig_with(tmp_path, imu("tip")))
+    for _ in range(2):
+        foreseen = inertial(world).linear_acceleration
+        world.step()
+        felt = inertial(world).linear_acceleration
+        np.testing.assert_allclose(foreseen, felt, atol=1e-4)  # it moved by less than 1 um
+        world.reset()
+
+
 def test_an_unknown_sensor_is_refused_and_the_known_ones_listed(tmp_path: Path) -> None:
     world = World(rig_with(tmp_path, TIP + TOUCH))
     assert list(world.sensors) == ["tip", "touch"]

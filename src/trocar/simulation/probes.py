@@ -148,7 +148,7 @@ class Probes:
         for contact, body, other in self._touching(data, mine):
             if mine[body] != mine[other]:
                 yield contact.point, contact.force, contact.torque
-        for body in np.flatnonzero(mine):
+        for body in np.flatnonzero(mine & data.xfrc_applied.any(axis=1)):
             applied = data.xfrc_applied[body]
             yield data.xipos[body], applied[:3], applied[3:]
         for body, point, force in self._load.acting():
@@ -158,7 +158,8 @@ class Probes:
     def _touching(self, data: mujoco.MjData, mine: Bodies) -> Iterator[tuple[Contact, int, int]]:
         """Yield each contact of some bodies with the ids of the two bodies, one of `mine` first."""
         model, felt = self._model, np.zeros(6)
-        for index, contact in enumerate(data.contact):
+        for index in range(data.ncon):
+            contact = data.contact[index]
             shapes = [int(shape) for shape in contact.geom]
             bodies = [int(model.geom_bodyid[shape]) for shape in shapes]
             if contact.efc_address < 0 or not mine[bodies].any():

@@ -273,6 +273,7 @@ class World:
             arm.begin(self.options.locked.get(name, at[name]), self._homed)
         mujoco.mj_forward(self._model, self._data)
         self._gravity.renew_here()
+        self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self._periods = 0
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:

@@ -474,7 +474,7 @@ def test_sensors_are_no_part_of_the_physics(tmp_path: Path) -> None:
     buffers = [np.zeros(size, dtype=np.uint8) for size in sizes]
     for model, buffer in zip(models, buffers, strict=True):
         mujoco.mj_saveModel(model, None, buffer)
-    np.testing.assert_array_equal(*buffers)
+    np.testing.assert_array_equal(buffers[0], buffers[1])
 
 
 def test_the_mark_of_an_arm_that_was_put_somewhere_changes_no_bit_of_the_motion() -> None:

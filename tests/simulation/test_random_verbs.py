@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
 from trocar.simulation.controllers import CartesianImpedance
 
 STATES = {"DISABLED", "ENABLED", "PAUSED", "FAULT"}
-#: Sequences and verbs in each. Source: our own choice.
-SEQUENCES, LENGTH = 10_000, 8
 
 
 def numbers(rng: np.random.Generator, count: int) -> object:
@@ -73,36 +74,56 @@ VERBS = {
 }
 
 
-@pytest.mark.parametrize(
-    "part", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 8))]
+WORLD = World("psm", homed=False)
+
+
+def check_sequence(names: list[str], seed: int, ready: bool) -> None:
+    """Give an arm verbs and look after each of them."""
+    rng = np.random.default_rng(seed)
+    world, arm = WORLD, WORLD.arm("PSM1")
+    world.reset()
+    if ready:
+        arm.begin(arm.readings()[0], ready=True)
+    for name in names:
+        was_ready = arm.operating_state().ready
+        before, told = arm.readings()[0], arm.setpoint_js().position
+        VERBS[name](arm, rng)
+        now = arm.operating_state()
+        assert now.state in STATES
+        assert not (now.ready and not was_ready) or name in ("enable", "resume")
+        world.step(int(rng.integers(1, 3)))
+        assert arm.operating_state().state in STATES
+        if not was_ready and not now.is_busy and name not in READ_ANEW:
+            np.testing.assert_array_equal(arm.setpoint_js().position, told)
+        if now.state in ("DISABLED", "FAULT") and not now.is_busy and not was_ready:
+            # a jaw that was pressed into its stop comes back out of it
+            np.testing.assert_allclose(arm.readings()[0][:6], before[:6], atol=1e-6)
+        assert np.isfinite(arm.readings()[0]).all()
+
+
+@pytest.fixture(autouse=True)
+def quiet() -> Iterator[None]:
+    log = logging.getLogger("trocar")
+    log.setLevel(logging.CRITICAL)
+    yield
+    log.setLevel(logging.NOTSET)
+
+
+sequences = given(
+    names=st.lists(st.sampled_from(sorted(VERBS)), min_size=1, max_size=10),
+    seed=st.integers(0, 2**32 - 1),
+    ready=st.booleans(),
 )
-def test_random_sequences_of_verbs_never_move_an_arm_that_is_not_ready(part):
-    """10,000 sequences over all parts; an arm that lost its readiness comes to rest first."""
-    logging.getLogger("trocar").setLevel(logging.CRITICAL)
-    rng = np.random.default_rng(part)
-    world = World("psm", homed=False)
-    arm = world.arm("PSM1")
-    names = list(VERBS)
-    try:
-        for _ in range(SEQUENCES // 8):
-            world.reset()
-            if rng.integers(2):
-                arm.begin(arm.readings()[0], ready=True)
-            for name in rng.choice(names, LENGTH):
-                ready = arm.operating_state().ready
-                before, told = arm.readings()[0], arm.setpoint_js().position
-                VERBS[name](arm, rng)
-                now = arm.operating_state()
-                assert now.state in STATES
-                assert not (now.ready and not ready) or name in ("enable", "resume")
-                world.step(int(rng.integers(1, 3)))
-                held = arm.operating_state()
-                assert held.state in STATES
-                if not ready and not now.is_busy and name not in READ_ANEW:
-                    np.testing.assert_array_equal(arm.setpoint_js().position, told)
-                if now.state in ("DISABLED", "FAULT") and not now.is_busy and not ready:
-                    # a jaw that was pressed into its stop comes back out of it
-                    np.testing.assert_allclose(arm.readings()[0][:6], before[:6], atol=1e-6)
-                assert np.isfinite(arm.readings()[0]).all()
-    finally:
-        logging.getLogger("trocar").setLevel(logging.NOTSET)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@sequences
+def test_verbs_in_any_order_never_move_an_arm_that_is_not_ready(names, seed, ready):
+    check_sequence(names, seed, ready)
+
+
+@pytest.mark.slow
+@settings(max_examples=10_000, deadline=None)
+@sequences
+def test_ten_thousand_orders_of_verbs_never_move_an_arm_that_is_not_ready(names, seed, ready):
+    check_sequence(names, seed, ready)

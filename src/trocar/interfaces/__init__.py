@@ -21,6 +21,7 @@ from trocar.interfaces.commands import (
     SetGains,
     SetGravityCompensation,
     SetMode,
+    Verb,
 )
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.state import LoopState
@@ -44,4 +45,5 @@ __all__ = [
     "SetGains",
     "SetGravityCompensation",
     "SetMode",
+    "Verb",
 ]

@@ -7,8 +7,9 @@ checking and clipping are the arm's own business, so that every interface meets 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -131,6 +132,28 @@ class JawServoJf:
     def apply(self, world: World) -> None:
         """Call the jaw's `servo_jf`."""
         _jaw(world.arm(self.arm)).servo_jf([self.effort])
+
+
+@dataclass(frozen=True)
+class Verb:
+    """Any verb of an arm, its jaw or the world, by name.
+
+    Args:
+        arm: name of the arm, "world" for the world's own
+        name: the verb: "servo_cp", "move_jr", "enable", "jaw.close", ...
+        values: its arguments by name
+    """
+
+    arm: str
+    name: str
+    values: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    def apply(self, world: World) -> None:
+        """Call the verb; a verb that is none is an InputError."""
+        from trocar.simulation.journal import Entry, apply_command
+
+        entry = Entry(world.periods, world.time, "command", self.arm, self.name, self.values)
+        apply_command(world, entry)
 
 
 @dataclass(frozen=True)

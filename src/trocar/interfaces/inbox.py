@@ -11,6 +11,7 @@ from trocar.interfaces.commands import (
     JawServoJf,
     ServoJf,
     ServoJp,
+    Verb,
 )
 from trocar.interfaces.state import Question
 
@@ -18,6 +19,9 @@ _log = logging.getLogger("trocar")
 
 CAPACITY = 64
 """How many moves and states may wait. Source: our own choice; a tick lasts 5 ms."""
+
+SUPERSEDING = {"servo_jp", "servo_jf", "servo_cp", "servo_cf", "servo_ci"}
+"""Set-points of which only the newest counts; servo_jr and servo_cr add up, so each counts."""
 
 
 class Inbox:
@@ -79,4 +83,8 @@ def stream(command: Command) -> tuple[str, str] | None:
         return command.arm, "arm"
     if isinstance(command, JawServo | JawServoJf):
         return command.arm, "jaw"
+    if isinstance(command, Verb):
+        *part, verb = command.name.split(".")
+        if verb in SUPERSEDING:
+            return command.arm, part[0] if part else "arm"
     return None

@@ -12,6 +12,7 @@ from trocar.interfaces.commands import Hold, MoveTo, Pause, Reset, Resume
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames
 from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
+from trocar.interfaces.viewer.power import PowerButtons
 from trocar.interfaces.viewer.sheet import ArmSheet, read_sheet
 from trocar.interfaces.viewer.sliders import JointSliders
 from trocar.interfaces.viewer.tuning import BrakeButtons, GainsTable, GravityChoice, ModeChoice
@@ -30,6 +31,7 @@ class ArmControls:
         arm = now.arms[sheet.name]
         self._folders: list[viser.GuiFolderHandle] = []
         with self._folder(gui, f"{sheet.name} joints"):
+            self._power = PowerButtons(gui, loop, sheet.name, arm)
             self._sliders = JointSliders(gui, loop, sheet, arm)
             self._poses(gui, sheet)
             if sheet.has_brakes:
@@ -44,6 +46,7 @@ class ArmControls:
     def follow(self, now: Snapshot) -> None:
         """Show where the arm is."""
         arm = now.arms[self._name]
+        self._power.follow(arm)
         self._sliders.follow(arm)
         self._mode.follow(arm)
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 
 from trocar.errors import InputError
+from trocar.simulation.journal import Entry, apply_command
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -150,8 +151,6 @@ class Verb:
 
     def apply(self, world: World) -> None:
         """Call the verb; a verb that is none is an InputError."""
-        from trocar.simulation.journal import Entry, apply_command
-
         entry = Entry(world.periods, world.time, "command", self.arm, self.name, self.values)
         apply_command(world, entry)
 

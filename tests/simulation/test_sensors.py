@@ -165,19 +165,23 @@ def test_a_known_force_at_the_tip_is_read_in_the_tips_own_axes(
 
 
 def test_the_worlds_own_tip_load_is_read_while_the_arm_moves(tmp_path: Path) -> None:
-    world = World(rig_with(tmp_path, TIP), tip_load_n=5.0)
+    """On an arm whose base is turned in the world."""
+    path = rig_with(tmp_path, TIP.replace("PSM1", "PSM2"), "two_psm_ecm")
+    world = World(path, tip_load_n=5.0)
     assert not wrench(world).force.any()  # it begins with the first period
-    arm = world.arm("PSM1")
+    arm = world.arm("PSM2")
     arm.move_jp(POSES[0][:6])
     for _ in range(40):
         world.step(10)
-        root = frame_in_world(world, "base", POSES[0])
-        tip = frame_in_world(world, "tip", arm.readings()[0])
+        root = frame_in_world(world, "base", POSES[0], "PSM2")
+        tip = frame_in_world(world, "tip", arm.readings()[0], "PSM2")
         # The load is renewed every 5 ms, in the pose at its period's beginning.
         applied = root[:3, :3] @ (5.0 * load_direction(world.time - 0.005))
         told = wrench(world)
         np.testing.assert_allclose(told.force, tip[:3, :3].T @ applied, atol=0.01 * 5.0)
         np.testing.assert_allclose(told.torque, 0.0, atol=1e-12)
+    world.reset()
+    assert not wrench(world).force.any()
 
 
 def test_inertia_and_weight_are_no_wrench(tmp_path: Path) -> None:
@@ -333,6 +337,20 @@ def test_the_ray_between_the_pads_ends_at_a_box(
     told = near(world)
     assert told.gap == pytest.approx(span, abs=1e-9)
     assert told.distance == pytest.approx(expected, abs=1e-9)
+
+
+def test_what_lies_beyond_the_end_of_a_ray_is_not_seen(tmp_path: Path) -> None:
+    """The box's near side is 1.92 mm from the pad, square to which the ray leaves."""
+    path = rig_with_thing(tmp_path, '{ kind = "box", center_mm = [0, 0, 0], size_mm = [1, 2, 9] }')
+    ray = NEAR + 'frame = "finger_left"\nto_frame = "finger_left"\n'
+    text = path.read_text(encoding="utf-8")
+    start = np.array([*World(path).rig.poses["start"]["PSM1"][:6], 0.6])
+    for length, seen in ((1.0, False), (3.0, True)):
+        path.write_text(text.replace(NEAR, f"{ray}to_xyz_mm = [{-length}, -8.0, 0.0]\n"))
+        world = World(path)
+        world.set_state("PSM1", start)
+        assert np.isfinite(near(world).distance) == seen
+        assert near(world).gap == pytest.approx(1e-3 * length)
 
 
 def test_nothing_between_the_pads_is_infinitely_far(tmp_path: Path) -> None:
@@ -564,3 +582,5 @@ def test_a_sensor_with_a_rate_has_one_sample_a_period(tmp_path: Path) -> None:
     world.reset()
     told = wrench(world)
     assert (told.time, told.force[0]) == first
+    world.reset(seed=1)
+    assert wrench(world).force[0] != told.force[0]  # at the same time, and yet a new sample

@@ -101,7 +101,8 @@ class Probes:
         """Return how far it is from one site towards another to what is no part of an arm.
 
         Returns:
-            distance, inf when nothing lies between the sites; from site to site [m]
+            distance, below 0 where it reaches behind the first site, inf when nothing lies between
+            the sites; from site to site [m]
         """
         now = self._now()
         first, last = start.pose_in(now)[:3, 3], end.pose_in(now)[:3, 3]
@@ -117,7 +118,7 @@ class Probes:
             if free < 0.0 or passed >= gap:
                 break
             if not arm[self._model.geom_bodyid[hit[0]]]:
-                return max(0.0, passed), gap
+                return passed, gap
             passed += BEHIND_SURFACE_M
         return np.inf, gap
 

@@ -89,6 +89,7 @@ SECTIONS = (
     (r"rotor(\.[^.]+)?", "rotor"),
     (r"control\.[^.]+", "control"),
     (r"(body|prop)\.shape", "shape"),
+    (r"joint\.spring", "spring"),
 )
 
 

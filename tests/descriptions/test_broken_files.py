@@ -134,6 +134,19 @@ def test_a_fault_in_a_tool_is_named(old, new, key, message, tmp_path):
     assert message in str(caught.value)
 
 
+def test_a_spring_is_for_the_last_joint_and_pushes(tmp_path):
+    text = (DATA / "arms" / "mtml.toml").read_text(encoding="utf-8")
+    spring = "spring = { stiffness_nm_per_rad = 0.1, rest_deg = 90.0 }"
+    path = tmp_path / "arm.toml"
+    on_yaw = text.replace("drive = { outer_yaw = 1.0 }", f"drive = {{ outer_yaw = 1.0 }}\n{spring}")
+    path.write_text(on_yaw, encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"joint outer_yaw\.spring: allowed: on the last"):
+        load_arm(path)
+    path.write_text(text.replace("rad = 0.1, rest", "rad = -0.1, rest"), encoding="utf-8")
+    with pytest.raises(DescriptionError, match=r"spring\.stiffness: got -0\.1; allowed: above 0"):
+        load_arm(path)
+
+
 RIG_FAULTS = [
     ('name = "PSM1"\ndescription = "psm"', 'name = "PSM1"\ndescription = "pzm"', "", "arm 'pzm'"),
     ('on = "SUJ_PSM1"', 'on = "PSM1"', "on", "(earlier arms)"),

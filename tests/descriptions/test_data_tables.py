@@ -99,7 +99,7 @@ def master_chain(q: Array) -> Array:
         (0.0, 0.0, 0.0, RIGHT),
     ]
     reached = np.eye(4)
-    for (a, alpha, d, theta), angle in zip(rows, q, strict=True):
+    for (a, alpha, d, theta), angle in zip(rows, q[:7], strict=True):  # the gripper is the eighth
         reached = reached @ standard_dh(a, alpha, d, theta + angle)
     return reached
 

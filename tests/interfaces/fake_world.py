@@ -55,6 +55,7 @@ class FakeArm:
         self.effort_limit = np.full(n, 3.316)
         self.has_jaw = "jaw" in joints
         self.jaw = FakeJaw(self) if self.has_jaw else None
+        self.gripper = None
         self.poses = {"home": np.clip(np.zeros(n), self.lower, self.upper)}
         self.poses["start"] = np.clip(self.poses["home"] + 0.1, self.lower, self.upper)
         self.remote_centre = rcm

@@ -1,7 +1,8 @@
 """Where the tip of an arm, or any of its frames, is at given joint positions.
 
 Joint positions are in radians, the insertion (and a setup joint's slide) in metres, in the
-dVRK's order and with its signs. A PSM takes six, or seven with the jaw's opening angle last.
+dVRK's order and with its signs. A PSM takes six, or seven with the jaw's opening angle last;
+an MTM seven, or eight with its gripper's.
 """
 
 from __future__ import annotations
@@ -61,14 +62,14 @@ def run(args: Namespace) -> int:
 
 
 def _positions(arm: ArmDescription, values: list[float]) -> list[float]:
-    """Return a value for each joint, the jaw shut where it is not given; warn beyond limits."""
+    """Return a value for each joint, jaw or gripper shut where not given; warn beyond limits."""
     joints = [joint.name for joint in arm.joints]
-    without_jaw = joints[:-1] if arm.has_jaw else joints
-    if len(values) not in (len(joints), len(without_jaw)):
-        more = f", or {len(joints)} with the jaw" if arm.has_jaw else ""
+    own = joints[: arm.own_joints]
+    if len(values) not in (len(joints), len(own)):
+        more = f", or {len(joints)} with the {joints[-1]}" if joints != own else ""
         raise InputError(
-            f"{arm.name}: got {len(values)} joint positions; allowed: {len(without_jaw)} "
-            f"({', '.join(without_jaw)}){more}"
+            f"{arm.name}: got {len(values)} joint positions; allowed: {len(own)} "
+            f"({', '.join(own)}){more}"
         )
     for joint, value in zip(arm.joints, values, strict=False):
         if not joint.lower <= value <= joint.upper and math.isfinite(value):

@@ -39,7 +39,7 @@ def _arms() -> list[dict[str, Any]]:
             "type": arm.type,
             "generation": arm.generation,
             "tool": arm.tool or None,
-            "joints": len(arm.joints) - arm.has_jaw,
+            "joints": arm.own_joints,
             "title": arm.title,
         }
         for arm in map(load_arm, names("arms"))

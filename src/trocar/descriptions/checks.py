@@ -23,6 +23,11 @@ def check_arm(arm: ArmDescription) -> None:
     for name in joints:
         if joints.count(name) > 1:
             raise DescriptionError(arm.file, "joint", f"got {name!r} a second time")
+    for joint in arm.joints[:-1]:
+        if joint.spring is not None:
+            raise DescriptionError(
+                arm.file, f"joint {joint.name}.spring", "allowed: on the last joint only"
+            )
     for model, entries in arm.friction.items():
         for name in entries:
             check_name(arm.file, f"friction.{model}", name, dict.fromkeys((*joints, *frames)))

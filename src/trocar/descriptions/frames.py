@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import JointDescription
+from trocar.descriptions.records import JointDescription, Spring
 from trocar.descriptions.table import Table
 from trocar.errors import TrocarError
 from trocar.geometry.dh import modified_dh, standard_dh
@@ -49,12 +49,25 @@ def read_joint(row: Table) -> JointDescription:
         drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
         stop_lower=row.quantity("stop_lower", measure, default=lower),
         stop_upper=row.quantity("stop_upper", measure, default=upper),
+        spring=_read_spring(row) if turns else None,
         source=row.text("source", ""),
     )
     if not lower <= joint.stop_lower < joint.stop_upper <= upper:
         raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
     row.done()
     return joint
+
+
+def _read_spring(row: Table) -> Spring | None:
+    """Return the spring of a joint without a motor, None of one with a motor."""
+    if "spring" not in row:
+        return None
+    table = row.table("spring")
+    spring = Spring(
+        _positive(table, "stiffness", "angular stiffness", 0.0), table.quantity("rest", "angle")
+    )
+    table.done()
+    return spring
 
 
 def _positive(row: Table, name: str, dimension: str, default: float) -> float:

@@ -77,6 +77,19 @@ class Body:
 
 
 @dataclass(frozen=True)
+class Spring:
+    """What a joint without a motor has instead.
+
+    Attributes:
+        stiffness: [N m/rad]
+        rest: where it exerts nothing, which may lie beyond a stop [rad]
+    """
+
+    stiffness: float
+    rest: float
+
+
+@dataclass(frozen=True)
 class JointDescription:
     """What a motor and its servo know of a public joint; SI units.
 
@@ -86,6 +99,7 @@ class JointDescription:
         velocity_max, acceleration_max: of move_* [per s, per s^2]
         tracking_tolerance: measured against set-point [rad or m]
         stop_lower, stop_upper: mechanical stops, where they lie inside the limits [rad or m]
+        spring: of a joint that has no motor, only a sensor; None of a joint with a motor
         source: where the numbers are from
     """
 
@@ -100,6 +114,7 @@ class JointDescription:
     drive: tuple[tuple[str, float], ...]
     stop_lower: float
     stop_upper: float
+    spring: Spring | None
     source: str
 
 
@@ -202,6 +217,16 @@ class ArmDescription:
     def has_jaw(self) -> bool:
         """Whether the last joint is a jaw."""
         return self.joints[-1].name == "jaw"
+
+    @property
+    def has_gripper(self) -> bool:
+        """Whether the last joint is a gripper: a spring and a sensor, no motor."""
+        return self.joints[-1].spring is not None
+
+    @property
+    def own_joints(self) -> int:
+        """How many joints `measured_js` has: all but a jaw or a gripper."""
+        return len(self.joints) - (self.has_jaw or self.has_gripper)
 
     def joint(self, name: str) -> JointDescription:
         """Return the joint called `name`.

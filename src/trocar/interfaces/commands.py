@@ -156,6 +156,24 @@ class Verb:
 
 
 @dataclass(frozen=True)
+class GripperSqueezeTo:
+    """Hold a master's gripper at an opening angle [rad]; wide open is letting it go."""
+
+    arm: str
+    position: float
+
+    def apply(self, world: World) -> None:
+        """Call the gripper's `squeeze_to` or `release`."""
+        arm = world.arm(self.arm)
+        if arm.gripper is None:
+            raise InputError(f"{arm.name} has no gripper")
+        if self.position >= arm.upper[-1]:
+            arm.gripper.release()
+        else:
+            arm.gripper.squeeze_to(self.position)
+
+
+@dataclass(frozen=True)
 class Hold:
     """Stop where the arm is."""
 

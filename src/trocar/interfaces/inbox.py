@@ -7,6 +7,7 @@ import threading
 
 from trocar.interfaces.commands import (
     Command,
+    GripperSqueezeTo,
     JawServo,
     JawServoJf,
     ServoJf,
@@ -87,4 +88,6 @@ def stream(command: Command) -> tuple[str, str] | None:
         *part, verb = command.name.split(".")
         if verb in SUPERSEDING:
             return command.arm, part[0] if part else "arm"
+    if isinstance(command, GripperSqueezeTo):
+        return command.arm, "gripper"
     return None

@@ -156,6 +156,9 @@ def _add_hinge(
         damping=[loss.viscous, 0.0, 0.0],
         frictionloss=loss.coulomb,
     )
+    if joint is not None and joint.spring is not None:
+        hinge.stiffness = [joint.spring.stiffness * weight**2, 0.0, 0.0]
+        hinge.springref = joint.spring.rest / weight
     if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
         hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
         hinge.range = sorted([joint.stop_lower / weight, joint.stop_upper / weight])

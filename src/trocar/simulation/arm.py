@@ -9,6 +9,7 @@ from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.controllers import Law
 from trocar.simulation.drives import Drives
+from trocar.simulation.gripper import Gripper
 from trocar.simulation.homing import Homing
 from trocar.simulation.jaw import Jaw
 from trocar.simulation.journal import command
@@ -32,6 +33,7 @@ class Arm(StateVerbs, TipVerbs, Settings):
         lower, upper: limits, (n,) [rad or m]
         poses: {name: q (n,)}
         jaw: the jaw's own verbs, None without one
+        gripper: a master's gripper, None without one
         journal: where its commands and events are told
     """
 
@@ -52,14 +54,16 @@ class Arm(StateVerbs, TipVerbs, Settings):
         self._homing: Homing | None = None
         #: Periodic laws by name; the efforts that were commanded, which theirs are added to.
         self._laws: dict[str, Law] = {}
-        self._push = np.zeros(len(self.joint_names) - rig_arm.arm.has_jaw)
+        self._push = np.zeros(rig_arm.arm.own_joints)
         self._absolute = False
         self._told: OperatingState | None = None
-        jaw = rig_arm.arm.has_jaw
-        count, last = len(self.joint_names) - jaw, len(self.joint_names) - 1
-        self._own = slice(0, count)
+        jaw, last = rig_arm.arm.has_jaw, len(self.joint_names) - 1
+        self._own = slice(0, rig_arm.arm.own_joints)
         self._parts = [self._own, slice(last, last + 1)] if jaw else [self._own]
         self.jaw = Jaw(self, self._verbs, last) if jaw else None
+        grips = rig_arm.arm.has_gripper
+        told = (self.journal, self.name, lambda: clock.time)
+        self.gripper = Gripper(self._verbs, rig_arm.arm.joints[last], last, told) if grips else None
 
     # ------------------------------------------------------------------ joints
 
@@ -117,7 +121,8 @@ class Arm(StateVerbs, TipVerbs, Settings):
         """
         if name not in self.poses:
             raise UnknownNameError("pose", name, self.poses, self.name)
-        return self._begun(self._verbs.move_parts(self.poses[name], self._parts, "move_to"))
+        goal = self.poses[name][: self._parts[-1].stop]
+        return self._begun(self._verbs.move_parts(goal, self._parts, "move_to"))
 
     @command
     def hold(self) -> None:
@@ -161,6 +166,8 @@ class Arm(StateVerbs, TipVerbs, Settings):
         self._abandon_homing()
         self._verbs.keep_modes()
         self._drives.restore()
+        if self.gripper is not None:
+            self.gripper.forget()
         self._states.begin(ready)
         self.start_at(q)
         if not ready:

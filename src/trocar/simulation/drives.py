@@ -51,13 +51,14 @@ class Drives:
         joints = self.arm.joints
         self.welded = not len(self.binding.hinges)
         self.brakes = self.arm.type == "SUJ"
-        self.modes: list[Mode] = ["position"] * len(joints)
         self.gains = np.array([[g.p, g.i, g.d] for g in (control.pid[j.name] for j in joints)])
         self.locked = np.full(len(joints), self.brakes)
-        self.powered = True
+        #: A gripper has no motor: its servo stands for a person's fingers.
+        self._fingers = np.array([j.spring is not None for j in joints])
+        self.restore()
         #: A jaw below 0 or on an object is force, not error.
         self._tolerance = np.array(
-            [np.inf if j.name == "jaw" else j.tracking_tolerance for j in joints]
+            [np.inf if j.name == "jaw" or j.spring else j.tracking_tolerance for j in joints]
         )
         self._dry = model.dof_frictionloss[self.binding.dof].copy()
         self._viscous = model.dof_damping[self.binding.dof].copy()
@@ -67,7 +68,9 @@ class Drives:
         """Switch the motors' effort limits; a jaw's grip is always limited."""
         self.effort_limit = np.array(
             [
-                j.effort_max if (on or j.name == "jaw") and np.isfinite(j.effort_max) else UNLIMITED
+                j.effort_max
+                if (on or j.name == "jaw" or j.spring) and np.isfinite(j.effort_max)
+                else UNLIMITED
                 for j in self.arm.joints
             ]
         )
@@ -86,7 +89,7 @@ class Drives:
         self._model.actuator_gainprm[ids, 0] = on[:, 1]
         self._model.actuator_biasprm[ids, 2] = -on[:, 2]
         still = self.locked | np.array([m == "set" for m in self.modes]) | (not self.powered)
-        held = still @ self.binding.driven
+        held = (still & ~self._fingers) @ self.binding.driven
         self._model.dof_damping[self.binding.dof] = np.where(held, HOLDING_DAMPING, self._viscous)
         self._servos.tolerance[ids] = np.where(self._servoed(), self._tolerance, np.inf)
         if self.brakes:
@@ -107,7 +110,8 @@ class Drives:
 
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
-        self._servos.balanced[self.binding.actuators] = 1.0 if on or self.brakes else 0.0
+        if not self.welded:
+            self._servos.balanced[self.binding.actuators] = ~self._fingers & (on or self.brakes)
         self._servos.write_efforts()
 
     @property
@@ -116,8 +120,8 @@ class Drives:
         return bool(self._servos.balanced[self.binding.actuators].any())
 
     def restore(self) -> None:
-        """Go back to position mode, brakes locked; gains and compensation stay."""
-        self.modes = ["position"] * len(self.modes)
+        """Go back to position mode, brakes locked, no fingers; gains and compensation stay."""
+        self.modes: list[Mode] = ["effort" if f else "position" for f in self._fingers]
         self.locked[:] = self.brakes
         self.powered = True
 
@@ -155,8 +159,19 @@ class Drives:
         """Write efforts of the joints in mode "effort", (n,) [N m or N]; others ignore theirs."""
         if self.welded:
             return
-        open_loop = np.array([m == "effort" for m in self.modes])
-        self._servos.commanded[self.binding.actuators] = np.where(open_loop, effort, 0.0)
+        open_loop = np.array([m == "effort" for m in self.modes]) & ~self._fingers
+        ids = self.binding.actuators
+        kept = np.where(self._fingers, self._servos.commanded[ids], 0.0)
+        self._servos.commanded[ids] = np.where(open_loop, effort, kept)
+        self._servos.write_efforts()
+
+    def finger(self, mode: Mode, q: float, effort: float) -> None:
+        """Put fingers to the last joint: they hold it at q with an effort, or just exert it."""
+        servo = self.binding.actuators[-1]
+        self.modes[-1] = mode
+        self.apply()
+        self._servos.table[servo, :2] = q, 0.0
+        self._servos.commanded[servo] = effort
         self._servos.write_efforts()
 
     def place(self, q: Array, v: Array) -> None:
@@ -202,7 +217,7 @@ class Drives:
         p, i, d = (self.gains * self._servoed()[:, None]).T
         servo = p * (inputs[..., 0] - q) + i * integral + d * (inputs[..., 1] - v)
         total = np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
-        return total if self.powered else np.zeros_like(total)
+        return np.where(self.powered | self._fingers, total, 0.0)
 
     def load(self) -> Array:
         """Return the efforts that the weight of the links asks for, renewed with it, (n,)."""
@@ -227,7 +242,8 @@ class Drives:
 
     def _servoed(self) -> NDArray[np.bool_]:
         """Return which joints their servos drive, (n,)."""
-        return np.array([m == "position" for m in self.modes]) & ~self.locked & self.powered
+        live = self._fingers | self.powered
+        return np.array([m == "position" for m in self.modes]) & ~self.locked & live
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)
@@ -238,7 +254,7 @@ class Drives:
         self._data.qacc[self.binding.dof] = np.nan
 
     def _forget(self, which: Iterable[int]) -> None:
-        chosen = np.array(list(which), dtype=np.intp)
+        chosen = np.array([i for i in which if not self._fingers[i]], dtype=np.intp)
         if self.welded or not len(chosen):
             return
         self._data.act[self.binding.act[chosen]] = 0.0

@@ -94,7 +94,7 @@ class Readings:
     # ------------------------------------------------------------------ joints
 
     def measured_js(self) -> JointState:
-        """Return measured positions, velocities and efforts, the jaw not included."""
+        """Return measured positions, velocities and efforts, jaw or gripper not included."""
         return self._verbs.state(self._own, setpoint=False)
 
     def setpoint_js(self) -> JointState:
@@ -112,12 +112,15 @@ class Readings:
     def snapshot(self, remote_centre: Array | None) -> ArmSnapshot:
         """Return a frozen copy of everything about this arm."""
         q, qd, effort = self.readings()
+        told = self._verbs.setpoints.position.copy()
+        if self.description.has_gripper and self._drives.modes[-1] == "effort":
+            told[-1] = q[-1]  # nothing holds its levers
         return ArmSnapshot(
             self.joint_names,
             q,
             qd,
             effort,
-            self._verbs.setpoints.position.copy(),
+            told,
             tuple(self._drives.modes),
             tuple(bool(v) for v in self._drives.locked),
             self.busy,

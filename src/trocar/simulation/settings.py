@@ -239,7 +239,12 @@ class Settings:
             )
 
     def _which(self, joints: Iterable[str] | None) -> list[int]:
-        return [self._index(name) for name in (self.joint_names if joints is None else joints)]
+        arm = self._drives.arm
+        motors = self.joint_names[: arm.own_joints] if arm.has_gripper else self.joint_names
+        which = [self._index(name) for name in (motors if joints is None else joints)]
+        if any(k >= len(motors) for k in which):
+            raise InputError(f"{self.name}: {self.joint_names[-1]} has no motor; squeeze it")
+        return which
 
     def _index(self, joint: str) -> int:
         if joint not in self.joint_names:

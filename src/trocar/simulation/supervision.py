@@ -32,9 +32,12 @@ class Supervision:
             self._measure[np.ix_(d.binding.actuators, d.binding.qpos)] = d.binding.drive
         self._error = np.zeros(count)
         self._told = servos.table[:, 0]
+        self._grippers = [arm.gripper for arm in arms.values() if arm.gripper is not None]
 
     def check(self) -> None:
-        """Put arms with a joint beyond its tolerance into FAULT."""
+        """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""
+        for gripper in self._grippers:
+            gripper.watch()
         self._measure.dot(self._qpos, self._error)
         np.subtract(self._error, self._told, self._error)
         np.abs(self._error, self._error)

@@ -86,23 +86,28 @@ def paper_sine(
 
 
 def middle_of_range(arm: ArmDescription) -> Array:
-    """Return the middle of each joint's range, the insertion at 0.12 m, the jaw shut, (n,)."""
+    """Return the middle of each joint's range, the insertion at 0.12 m, the jaw shut, (n,).
+
+    A gripper is where its spring has it.
+    """
     middle = np.array([0.5 * (j.lower + j.upper) for j in arm.joints])
     for index, joint in enumerate(arm.joints):
         if joint.name == "insertion" and arm.type == "PSM":
             middle[index] = INSERTION_MIDDLE_M
         if joint.name == "jaw":
             middle[index] = 0.0
+        if joint.spring is not None:
+            middle[index] = np.clip(joint.spring.rest, joint.lower, joint.upper)
     return middle
 
 
 def amplitudes(arm: ArmDescription) -> Array:
-    """Return the amplitude of each joint, none for the jaw, (n,) [rad or m]."""
+    """Return the amplitude of each joint, none for a jaw or a gripper, (n,) [rad or m]."""
     found: list[float] = []
-    for joint in arm.joints:
+    for index, joint in enumerate(arm.joints):
         most = AMPLITUDE_RAD if joint.kind == "revolute" else AMPLITUDE_M
         half = 0.5 * (joint.upper - joint.lower)
-        found.append(0.0 if joint.name == "jaw" else min(most, SHARE_OF_RANGE * half))
+        found.append(min(most, SHARE_OF_RANGE * half) if index < arm.own_joints else 0.0)
     return np.array(found)
 
 

@@ -171,6 +171,16 @@ class Verbs:
         motion.finish(False)
         return motion
 
+    def hold_end(self, q: float, effort: float) -> None:
+        """Hold a gripper's levers at an opening, with an effort that is fed forward."""
+        self.setpoints.position[-1], self.setpoints.effort[-1] = q, effort
+        self._drives.finger("position", q, effort)
+
+    def push_end(self, effort: float) -> None:
+        """Exert an effort on a gripper's levers, and nothing else."""
+        self.setpoints.effort[-1] = effort
+        self._drives.finger("effort", float(self.setpoints.position[-1]), effort)
+
     def write(self) -> None:
         """Hand the set-points to the motors."""
         self._drives.command(self.setpoints.position, self.setpoints.velocity)

@@ -33,7 +33,10 @@ UNLIMITED = 100.0
 
 @dataclass(frozen=True)
 class JointSheet:
-    """One joint: limits [rad or m], largest effort [N m or N], gains (p, i, d) in SI units."""
+    """One joint: limits [rad or m], largest effort [N m or N], gains (p, i, d) in SI units.
+
+    A gripper has no motor; its slider is a person's fingers.
+    """
 
     name: str
     unit: Unit
@@ -41,6 +44,7 @@ class JointSheet:
     upper: float
     effort_max: float
     gains: tuple[float, float, float]
+    is_gripper: bool = False
 
     @property
     def is_jaw(self) -> bool:
@@ -72,6 +76,7 @@ def read_sheet(world: World, name: str) -> ArmSheet:
             upper=float(arm.upper[k]),
             effort_max=_effort_max(float(arm.effort_limit[k])),
             gains=arm.gains(joint),
+            is_gripper=arm.gripper is not None and joint == arm.joint_names[-1],
         )
         for k, joint in enumerate(arm.joint_names)
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser
 
-from trocar.interfaces.commands import JawMove, JawServoJf, MoveJp, ServoJf
+from trocar.interfaces.commands import GripperSqueezeTo, JawMove, JawServoJf, MoveJp, ServoJf
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.own_thread import when_touched
 from trocar.interfaces.viewer.sheet import ArmSheet, JointSheet
@@ -71,7 +71,7 @@ class JointSliders:
 
     def _slider(self, k: int) -> viser.GuiSliderHandle[float]:
         joint = self._sheet.joints[k]
-        if self._modes[k] == "effort":
+        if self._pushed(k):
             low, high, step = effort_range(joint)
             label, value = f"{joint.name} {joint.unit.effort_text}", float(self._effort[k])
         else:
@@ -86,7 +86,7 @@ class JointSliders:
     def _touched(self, k: int, value: float) -> None:
         joint = self._sheet.joints[k]
         self._untouched, self._mine = 0, True
-        if self._modes[k] == "effort":
+        if self._pushed(k):
             self._effort[k] = value
             self._push(joint)
         else:
@@ -95,25 +95,32 @@ class JointSliders:
 
     def _move(self, joint: JointSheet) -> None:
         arm = self._sheet.name
-        if joint.is_jaw:
+        if joint.is_gripper:
+            self._loop.post(GripperSqueezeTo(arm, float(self._goal[-1])))
+        elif joint.is_jaw:
             self._loop.post(JawMove(arm, float(self._goal[-1])))
         else:
-            self._loop.post(MoveJp(arm, self._without_jaw(self._goal)))
+            self._loop.post(MoveJp(arm, self._own(self._goal)))
 
     def _push(self, joint: JointSheet) -> None:
         arm = self._sheet.name
         if joint.is_jaw:
             self._loop.post(JawServoJf(arm, float(self._effort[-1])))
         else:
-            self._loop.post(ServoJf(arm, self._without_jaw(self._effort)))
+            self._loop.post(ServoJf(arm, self._own(self._effort)))
 
-    def _without_jaw(self, values: np.ndarray) -> tuple[float, ...]:
-        arm_joints = [k for k, joint in enumerate(self._sheet.joints) if not joint.is_jaw]
-        return tuple(float(values[k]) for k in arm_joints)
+    def _pushed(self, k: int) -> bool:
+        """Tell whether a slider is an effort; fingers have an opening whatever the mode."""
+        return self._modes[k] == "effort" and not self._sheet.joints[k].is_gripper
+
+    def _own(self, values: np.ndarray) -> tuple[float, ...]:
+        joints = enumerate(self._sheet.joints)
+        own = [k for k, joint in joints if not (joint.is_jaw or joint.is_gripper)]
+        return tuple(float(values[k]) for k in own)
 
     def _show_goal(self) -> None:
         for k, handle in enumerate(self._handles):
-            if self._modes[k] == "effort":
+            if self._pushed(k):
                 continue
             value = self._goal[k] * self._sheet.joints[k].unit.scale
             if abs(value - handle.value) > 0.6 * handle.step:

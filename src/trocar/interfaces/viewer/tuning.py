@@ -37,7 +37,7 @@ class ModeChoice:
 
     def __init__(self, gui: viser.GuiApi, loop: Loop, sheet: ArmSheet, now: ArmSnapshot) -> None:
         self._loop, self._sheet = loop, sheet
-        self._names = [joint.name for joint in sheet.joints]
+        self._names = [joint.name for joint in sheet.joints if not joint.is_gripper]
         self._mode = gui.add_dropdown("Mode", list(MODES), initial_value=_title(now.modes[0]))
         self._scope = gui.add_dropdown("Applies to", [ALL_JOINTS, *self._names])
         when_touched(self._mode, self._chosen)
@@ -85,7 +85,7 @@ class GainsTable:
         self._loop, self._arm = loop, sheet.name
         self._typed: dict[str, tuple[float, float, float]] = {}
         self._untouched = SETTLED
-        self._rows = {joint.name: self._row(gui, joint) for joint in sheet.joints}
+        self._rows = {j.name: self._row(gui, j) for j in sheet.joints if not j.is_gripper}
 
     def follow(self, sheet: ArmSheet) -> None:
         """Post what was typed, or show what is in force."""
@@ -96,7 +96,8 @@ class GainsTable:
             self._post_typed()
             return
         for joint in sheet.joints:
-            self._rows[joint.name].value = joint.gains
+            if joint.name in self._rows:
+                self._rows[joint.name].value = joint.gains
 
     def _post_typed(self) -> None:
         for joint, (p, i, d) in self._typed.items():

@@ -80,3 +80,12 @@ def test_bad_input_is_one_line(trocar, file, tmp_path, monkeypatch):
     answer = trocar("sim", "--headless", "--rig", "psm", "--record", tmp_path / "x.mcap")
     assert answer.status == 1
     assert "pip install 'trocar[record]'" in answer.complaint
+
+
+def test_a_recording_is_drawn(trocar, file, tmp_path):
+    pytest.importorskip("matplotlib")
+    answer = trocar("plot", file)
+    assert (answer.status, answer.out) == (0, f"{file.with_suffix('.png')}\n")
+    assert trocar("plot", file, "-o", tmp_path / "x.html", "--joint", "yaw").status == 0
+    answer = trocar("plot", file, "--arm", "PSM7")
+    assert (answer.status, "known: PSM1" in answer.complaint) == (2, True)

@@ -10,6 +10,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.descriptions.catalogue import DATA
+from trocar.errors import DescriptionError
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import gaps, loops_are_parallelograms
 from trocar.modeling import naming
@@ -83,3 +84,45 @@ def test_every_moving_frame_that_no_motor_and_no_loop_moves_is_coupled():
     model = rig_spec(lone_rig(arm)).compile()
     for frame, ratio in (("counterweight", 0.6025), ("finger_right", -1.0)):
         assert model.equality(naming.scoped("arm", frame)).data[1] == pytest.approx(ratio)
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Path:
+    """A PSM whose upper long link has come off its pin."""
+    text = (DATA / "arms" / "psm.toml").read_text(encoding="utf-8")
+    path = tmp_path / "opened.toml"
+    path.write_text(text.replace('name = "c2"', 'name = "c2"\nopen = true'), encoding="utf-8")
+    return path
+
+
+def test_an_open_hinge_is_left_out_with_the_guard_and_ties_nothing_instead(opened):
+    model = rig_spec(lone_rig(load_arm(opened))).compile()
+    sound = rig_spec(lone_rig(load_arm("psm"))).compile()
+    assert set(equalities(sound)) - set(equalities(model)) == {
+        naming.scoped("arm", "c2"),
+        naming.guard("arm", "c2"),
+    }
+    assert set(equalities(model)) <= set(equalities(sound))
+    assert (model.nq, model.nbody) == (sound.nq, sound.nbody)
+
+
+def test_an_open_loop_lets_the_shaft_leave_the_remote_centre_and_a_closed_one_does_not(opened):
+    for file, least, most in (("psm", 0.0, 1e-7), (opened, 1e-2, 1.0)):
+        world = World(lone_rig(load_arm(file), "PSM1"))
+        world.step(200)
+        health = world.health()
+        assert least <= health.rcm_error_m <= most
+        assert least <= health.loop_gap_m <= most
+
+
+def test_what_is_computed_without_simulating_is_the_closed_linkage(opened):
+    q = [0.1, 0.4, 0.12, 0.0, 0.2, 0.0, 0.3]
+    open_arm, sound = load_arm(opened).mechanism, load_arm("psm").mechanism
+    np.testing.assert_array_equal(coordinates(open_arm, q), coordinates(sound, q))
+    assert gaps(open_arm, coordinates(open_arm, q)).max() < 1e-9
+
+
+def test_open_says_what_is_allowed(opened):
+    opened.write_text(opened.read_text(encoding="utf-8").replace("open = true", 'open = "yes"'))
+    with pytest.raises(DescriptionError, match=r"open: got 'yes'; allowed: true, false"):
+        load_arm(opened)

@@ -162,6 +162,7 @@ def read_closure(row: Table) -> Closure:
         row.vector("point_b", 3, "length"),
         (passive[0], passive[1]),
         guard,
+        row.flag("open", False),
     )
     row.done()
     return closure

@@ -67,6 +67,8 @@ class Closure:
         frame_b, point_b: the same on the other side
         passive: the two frames whose coordinates this hinge determines
         guard: two frames that turn alike when the loop is a parallelogram, or ()
+        open: whether the hinge has come apart, for whoever simulates; what is computed here is
+            always the closed linkage
     """
 
     name: str
@@ -76,6 +78,7 @@ class Closure:
     point_b: Array
     passive: tuple[str, str]
     guard: tuple[str, ...] = ()
+    open: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -247,8 +247,10 @@ def _add_loops(
     anchors: Mapping[str, Anchor],
     options: ModelOptions,
 ) -> None:
-    parallel = loops_are_parallelograms(arm.mechanism)
-    for closure in arm.mechanism.closures:
+    closures = arm.mechanism.closures
+    # A guard relies on the other loops: beside an open one it would hold what has come apart.
+    guarded = loops_are_parallelograms(arm.mechanism) and not any(c.open for c in closures)
+    for closure in closures:
         for side, frame, point in (
             ("a", closure.frame_a, closure.point_a),
             ("b", closure.frame_b, closure.point_b),
@@ -256,6 +258,8 @@ def _add_loops(
             anchor = anchors[frame]
             at = anchor.pose @ transform(np.eye(3), point)
             _add_site(anchor.body, naming.closing_site(name, closure.name, side), at)
+        if closure.open:  # its passive frames are tied by nothing else: they swing
+            continue
         _add_equality(
             spec,
             naming.scoped(name, closure.name),
@@ -265,7 +269,7 @@ def _add_loops(
             name1=naming.closing_site(name, closure.name, "a"),
             name2=naming.closing_site(name, closure.name, "b"),
         )
-        if closure.guard and parallel:
+        if closure.guard and guarded:
             _add_equality(
                 spec,
                 naming.guard(name, closure.name),

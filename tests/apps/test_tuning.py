@@ -256,3 +256,14 @@ def test_a_joint_without_p_cannot_be_stepped(tmp_path: Path) -> None:
 def test_an_unknown_joint_is_answered_with_those_that_are_known() -> None:
     with pytest.raises(UnknownNameError, match=r"unknown joint 'rol' \(did you mean 'roll'\?\)"):
         tune("ecm", TuneSettings(("rol",)))
+
+
+def test_a_gripper_has_no_motor_and_the_rest_of_its_arm_is_tuned_around_it() -> None:
+    bench = StepBench(load_arm("mtmr"))
+    assert bench.joints == load_arm("mtmr").mechanism.joint_names[:-1]
+    trace = bench.step("wrist_roll")
+    assert trace.position[-1] == pytest.approx(
+        trace.target, abs=0.1 * bench.step_size("wrist_roll")
+    )
+    with pytest.raises(InputError, match="mtmr: gripper has no motor; allowed: outer_yaw, "):
+        tune("mtmr", TuneSettings(("wrist_roll", "gripper")))

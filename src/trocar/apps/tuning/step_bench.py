@@ -66,22 +66,29 @@ class StepBench:
         self.arm = arm
         self._world = World(lone_arm_rig(arm), control=control, friction=friction)
         (self._name,) = self._world.arms
-        self._present = {joint.name: self._gains(joint.name) for joint in arm.joints}
+        #: Joints with a motor, in the arm's order; a gripper has only a spring.
+        self.joints = tuple(joint.name for joint in arm.joints if joint.spring is None)
+        self._present = {name: self._gains(name) for name in self.joints}
 
     def present(self, joint: str) -> Gains:
         """Return the gains that a joint has by its description.
 
         Raises:
             UnknownNameError: no such joint
+            InputError: a joint without a motor
         """
-        return self._present[self.arm.joint(joint).name]
+        if self.arm.joint(joint).name not in self.joints:
+            raise InputError(
+                f"{self.arm.name}: {joint} has no motor; allowed: {', '.join(self.joints)}"
+            )
+        return self._present[joint]
 
     def step_size(self, joint: str) -> float:
         """Return how far a joint is stepped, with two digits [rad or m].
 
         Raises:
             UnknownNameError: no such joint
-            InputError: a joint without P, which answers nothing
+            InputError: a joint without a motor, or without P, which answers nothing
         """
         described, gains = self.arm.joint(joint), self.present(joint)
         if gains.p <= 0.0:
@@ -99,7 +106,7 @@ class StepBench:
 
         Raises:
             UnknownNameError: no such joint
-            InputError: a joint without P
+            InputError: as for `step_size`
             DivergedError: the simulation left the finite numbers
         """
         size = self.step_size(joint)
@@ -131,7 +138,7 @@ class StepBench:
         arm.set_gains(joint, gains.p, gains.i, gains.d)
         world.reset()
         world.set_state(self._name, start)
-        others = [name for name in arm.joint_names if name != joint]
+        others = [name for name in self.joints if name != joint]
         if arm.brakes:
             arm.release_brakes([joint])
         elif others:
@@ -145,7 +152,7 @@ class StepBench:
         if joint == "jaw" and arm.jaw is not None:
             arm.jaw.servo_jp(q[-1:])
         else:
-            arm.servo_jp(q[:-1] if arm.jaw is not None else q)
+            arm.servo_jp(q[: self.arm.own_joints])
 
     def _start(self, joint: str, room: float) -> Array:
         """Return the pose "home" with room on both sides of a joint, (n,)."""

@@ -97,8 +97,10 @@ def tune(
     how = settings or TuneSettings()
     described = arm if isinstance(arm, ArmDescription) else load_arm(arm, how.tool)
     wanted = {described.joint(name).name for name in how.joints}
-    names = [j.name for j in described.joints if not wanted or j.name in wanted]
     bench = StepBench(described, how.control, how.friction)
+    for name in wanted:
+        bench.step_size(name)  # what cannot be stepped is refused before anything is
+    names = [name for name in bench.joints if not wanted or name in wanted]
     found: list[JointTuning] = []
     for number, name in enumerate(names, 1):
         if watch is not None:

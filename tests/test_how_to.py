@@ -56,9 +56,10 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     names: dict[str, object] = {}
-    for block in blocks("design-a-tool.md", "python")[1:]:
-        exec(compile(block, "design-a-tool.md", "exec"), names)
+    _, moved, rig = blocks("design-a-tool.md", "python")
+    exec(compile(moved, "design-a-tool.md", "exec"), names)
     world = names["world"]
+    assert world.arm("PSM1").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     arm = world.arm("PSM1")  # type: ignore[attr-defined]
     world.step(300)  # type: ignore[attr-defined]
     wanted = [0.2, -0.1, 0.15, 0.5, 0.3, -0.3, np.deg2rad(50)]
@@ -69,4 +70,7 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     (part,) = parts_of([seen[0]])
     assert len(part.faces) > 400 and np.abs(part.vertices).max() < 0.02
     assert not caplog.records
+    exec(compile(rig, "design-a-tool.md", "exec"), names)
+    world = names["world"]
+    assert world.arm("PSM2").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     assert capsys.readouterr().out

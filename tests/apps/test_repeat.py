@@ -190,3 +190,26 @@ def test_too_long_a_past_cannot_be_repeated(
     with pytest.raises(LogError, match="cannot be repeated: it began after more than 3 commands"):
         repeat(file)
     assert open_recording(file).rows == 6
+
+
+def test_an_exchange_of_tools_is_recorded_and_repeated(tmp_path: Path) -> None:
+    """One before the recording, one in it, one to a tool with fewer joints."""
+    file = tmp_path / "run.mcap"
+    world = World("three_psm")
+    arm = world.arm("PSM1")
+    world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
+    world.reset()
+    with world.record(file):
+        arm.move_jp(GOAL)
+        world.arm("PSM2").move_to("work")
+        world.step(150)
+        arm.set_tool_type("MARYLAND_BIPOLAR_FORCEPS:400172")
+        world.step(150)
+        assert arm.jaw is not None
+        arm.jaw.open()
+        world.step(100)
+        world.exchange_tool("PSM2", "none")
+        world.step(100)
+    report = repeat(file)
+    assert report.identical and report.difference is None
+    assert report.periods == open_recording(file).rows == 501

@@ -34,9 +34,20 @@ def test_a_headless_run_tells_people_what_it_found(capsys):
         assert text in out
 
 
+def test_tools_are_chosen_at_the_start(capsys):
+    words = ["sim", "--headless", "--rig", "three_psm", "--duration", "0.1"]
+    tools = ["PSM1=PROGRASP_FORCEPS:420093", "PSM3=MARYLAND_BIPOLAR_FORCEPS:400172"]
+    assert main([*words, "--tool", tools[0], "--tool", tools[1]]) == 0
+    assert "PSM3" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
+        (["--tool", "PSM1", "--headless"], "--tool: got 'PSM1'; allowed: ARM=TOOL, as PSM1=LARGE"),
+        (["--tool", "PSM1=SPOON", "--headless"], "unknown tool 'SPOON'; known: FENESTRATED"),
+        (["--tool", "PSM9=PROGRASP_FORCEPS:420093", "--headless"], "unknown arm 'PSM9'"),
+        (["--tool", "ECM=PROGRASP_FORCEPS:420093", "--headless"], "ECM: ecm: takes no tool"),
         (["--duration", "0", "--headless"], "--duration: got 0; allowed: above 0 s"),
         (["--tip-load", "-1", "--headless"], "--tip-load: got -1; allowed: 0 N or more"),
         (["--json"], "--json: only a headless run has a report; add --headless"),

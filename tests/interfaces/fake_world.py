@@ -50,8 +50,9 @@ class FakeArm:
         n = len(joints)
         kinds = ["prismatic" if joint in LENGTHS else "revolute" for joint in joints]
         self.description = Namespace(
-            mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds])
+            mechanism=Namespace(joints=[Namespace(kind=kind) for kind in kinds]), tool_frame=""
         )
+        self.tool = ""
         self.effort_limit = np.full(n, 3.316)
         self.has_jaw = "jaw" in joints
         self.jaw = FakeJaw(self) if self.has_jaw else None

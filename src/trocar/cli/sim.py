@@ -24,12 +24,20 @@ if TYPE_CHECKING:
 
 HEADLESS_DURATION_S = 10.0
 PORT = 8080
+DEFAULT_TOOL = "LARGE_NEEDLE_DRIVER:400006"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
         "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+    )
+    parser.add_argument(
+        "--tool",
+        action="append",
+        default=[],
+        metavar="ARM=TOOL",
+        help="mount another tool (trocar list tools, or a TOML file); may be repeated",
     )
     parser.add_argument("--headless", action="store_true", help="no page: measure and report")
     parser.add_argument(
@@ -113,7 +121,7 @@ def _live(args: Namespace) -> int:
 def _world(args: Namespace) -> World:
     from trocar.simulation import World
 
-    return World(
+    world = World(
         args.rig,
         timestep_s=args.timestep,
         control=args.control,
@@ -121,6 +129,22 @@ def _world(args: Namespace) -> World:
         setup_joints=args.setup_joints,
         tip_load_n=args.tip_load,
     )
+    for arm, tool in _tools(args):
+        world.exchange_tool(arm, tool)
+    if args.tool:
+        world.reset()
+    return world
+
+
+def _tools(args: Namespace) -> list[tuple[str, str]]:
+    """Return (arm, tool) of every --tool."""
+    pairs = [wanted.partition("=") for wanted in args.tool]
+    for arm, given, tool in pairs:
+        if not (arm and given and tool):
+            raise InputError(
+                f"--tool: got {arm + given + tool!r}; allowed: ARM=TOOL, as PSM1={DEFAULT_TOOL}"
+            )
+    return [(arm, tool) for arm, _, tool in pairs]
 
 
 def _report(report: HeadlessReport) -> str:

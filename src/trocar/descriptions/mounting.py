@@ -50,7 +50,7 @@ def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescri
 
     Raises:
         UnknownNameError: no such arm or tool
-        InputError, DescriptionError: as for `with_tool`
+        InputError, DescriptionError: as for `with_tool`; a sensor that would stand on nothing
     """
     old = rig.arm(name)
     try:
@@ -59,6 +59,7 @@ def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescri
         if type(problem) is InputError:
             raise InputError(f"{name}: {problem}") from problem
         raise
+    _check_sensors(rig, name, new.arm)
     poses = {
         pose: {
             arm: carried_over(q, old.arm, new.arm) if arm == name else q
@@ -68,6 +69,19 @@ def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescri
     }
     arms = tuple(new if arm.name == name else arm for arm in rig.arms)
     return replace(rig, arms=arms, poses=poses)
+
+
+def _check_sensors(rig: RigDescription, name: str, arm: ArmDescription) -> None:
+    """Refuse a tool that lacks what a sensor of the rig stands on."""
+    for sensor in rig.sensors:
+        wanted = {sensor.frame, sensor.beyond, sensor.to_frame} - {""}
+        lacking = wanted - set(arm.mechanism.frame_index)
+        lacking |= {sensor.joint} - {""} - set(arm.mechanism.joint_names)
+        if sensor.arm == name and lacking:
+            raise InputError(
+                f"{name}: sensor {sensor.name!r} needs {', '.join(sorted(lacking))}, which"
+                f" {arm.tool or 'the bare arm'} does not have"
+            )
 
 
 def carried_over(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
@@ -82,6 +96,19 @@ def carried_over(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
     known: Mapping[str, float] = dict(zip(old.mechanism.joint_names, q.tolist(), strict=True))
     wanted = np.array([known.get(joint, 0.0) for joint in new.mechanism.joint_names])
     return np.clip(wanted, new.mechanism.lower, new.mechanism.upper)
+
+
+def joints_without_tool(arm: ArmDescription) -> tuple[str, ...]:
+    """Return the joints that an arm has without its tool."""
+    mechanism = arm.mechanism
+    if not arm.tool_frame:
+        return mechanism.joint_names
+    base = mechanism.frame_index[arm.tool_frame]
+    return tuple(
+        joint.name
+        for joint in arm.joints
+        if joint.drive[0][0] == arm.tool_frame or base not in mechanism.chain(joint.drive[0][0])
+    )
 
 
 @lru_cache

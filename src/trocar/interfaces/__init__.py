@@ -7,6 +7,7 @@ CRTK and gym) know the loop and the World's frozen answers; they never touch the
 from trocar.interfaces.commands import (
     Brakes,
     Command,
+    ExchangeTool,
     GripperSqueezeTo,
     Hold,
     JawMove,
@@ -30,6 +31,7 @@ from trocar.interfaces.state import LoopState
 __all__ = [
     "Brakes",
     "Command",
+    "ExchangeTool",
     "GripperSqueezeTo",
     "Hold",
     "JawMove",

@@ -250,6 +250,18 @@ class Brakes:
 
 
 @dataclass(frozen=True)
+class ExchangeTool:
+    """Mount another tool on an arm: a built-in one, the path of a TOML file, or "none"."""
+
+    arm: str
+    tool: str
+
+    def apply(self, world: World) -> None:
+        """Call `exchange_tool`."""
+        world.exchange_tool(self.arm, self.tool)
+
+
+@dataclass(frozen=True)
 class Reset:
     """Put the whole rig back to a named start pose at time zero."""
 

@@ -8,6 +8,11 @@ def scoped(arm: str, name: str) -> str:
     return f"{arm}/{name}"
 
 
+def owner(scoped_name: str) -> str:
+    """Return the arm that a scoped name belongs to."""
+    return scoped_name.partition("/")[0]
+
+
 def closing_site(arm: str, closure: str, side: str) -> str:
     """Return the name of the site on side "a" or "b" of a loop's closing hinge."""
     return f"{arm}/{closure}/{side}"

@@ -11,7 +11,7 @@ from trocar.simulation.controllers import Law
 from trocar.simulation.drives import Drives
 from trocar.simulation.gripper import Gripper
 from trocar.simulation.homing import Homing
-from trocar.simulation.jaw import Jaw
+from trocar.simulation.jaw import Jaw, NoJaw
 from trocar.simulation.journal import command
 from trocar.simulation.motion import Motion
 from trocar.simulation.settings import Settings
@@ -38,32 +38,50 @@ class Arm(StateVerbs, TipVerbs, Settings):
     """
 
     def __init__(self, rig_arm: RigArm, drives: Drives, clock: Clock) -> None:
-        self.name = rig_arm.name
-        self.description = rig_arm.arm
-        self.type = rig_arm.arm.type
-        self.joint_names = rig_arm.arm.mechanism.joint_names
-        self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
-        self.poses = dict(rig_arm.arm.poses)
+        self.name, self.type = rig_arm.name, rig_arm.arm.type
         self.journal = self._journal = clock.journal
         self._source, self._prefix = rig_arm.name, ""
-        self._drives = drives
         self._clock = clock
         self._base: tuple[Array, str] | None = None
-        self._verbs = Verbs(self.name, self.description, drives, clock)
-        self._states = self._verbs.states
         self._homing: Homing | None = None
         #: Periodic laws by name; the efforts that were commanded, which theirs are added to.
         self._laws: dict[str, Law] = {}
-        self._push = np.zeros(rig_arm.arm.own_joints)
         self._absolute = False
         self._told: OperatingState | None = None
+        #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
+        self._jaw: Jaw | None = None
+        self._fit(rig_arm, drives)
+
+    def _fit(self, rig_arm: RigArm, drives: Drives) -> None:
+        """Take what the mounted tool determines."""
+        self.description = rig_arm.arm
+        self.joint_names = rig_arm.arm.mechanism.joint_names
+        self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
+        self.poses = dict(rig_arm.arm.poses)
+        self._drives = drives
+        self._verbs = Verbs(self.name, self.description, drives, self._clock)
+        self._states = self._verbs.states
+        self._push = np.zeros(rig_arm.arm.own_joints)
         jaw, last = rig_arm.arm.has_jaw, len(self.joint_names) - 1
         self._own = slice(0, rig_arm.arm.own_joints)
         self._parts = [self._own, slice(last, last + 1)] if jaw else [self._own]
-        self.jaw = Jaw(self, self._verbs, last) if jaw else None
+        if jaw and self._jaw is None:
+            self._jaw = Jaw(self, self._verbs, last)
+        elif self._jaw is not None:
+            self._jaw.fit(self._verbs if jaw else NoJaw(self.name), last)
+        self.jaw = self._jaw if jaw else None
         grips = rig_arm.arm.has_gripper
-        told = (self.journal, self.name, lambda: clock.time)
+        told = (self.journal, self.name, lambda: self._clock.time)
         self.gripper = Gripper(self._verbs, rig_arm.arm.joints[last], last, told) if grips else None
+
+    @command
+    def set_tool_type(self, name: str) -> None:
+        """Mount another tool; the world's `exchange_tool` says what becomes of the arm.
+
+        Raises:
+            UnknownNameError, InputError, DescriptionError: as `exchange_tool` does
+        """
+        self._clock.exchange_tool(self.name, name)
 
     # ------------------------------------------------------------------ joints
 
@@ -173,6 +191,29 @@ class Arm(StateVerbs, TipVerbs, Settings):
         if not ready:
             self._drives.switch(False)
         self._told = None
+
+    def come_off(self) -> None:
+        """End every move, law and effort, before another tool is mounted."""
+        self._stop()
+
+    def setpoints(self) -> Array:
+        """Return the set-points of every joint, the jaw included, (n,) [rad or m]."""
+        return self._verbs.setpoints.position.copy()
+
+    def refit(self, rig_arm: RigArm, drives: Drives, q: Array, told: Array) -> None:
+        """Take another tool with its motors; what was set stays.
+
+        The arm is at rest at joint positions q and told to be at others, (n,) each.
+        """
+        before = self._verbs
+        self._fit(rig_arm, drives)
+        self._verbs.inherit(before)
+        self._states = self._verbs.states
+        self._verbs.setpoints.put(told)
+        drives.place(q, np.zeros(len(q)))
+        drives.command(told, np.zeros(len(q)))
+        drives.apply()
+        self.tell_state()
 
     def come_to_rest(self) -> None:
         """Hold, when the set-points are on their way."""

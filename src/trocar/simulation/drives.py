@@ -45,9 +45,8 @@ class Drives:
         rig_arm: RigArm,
         control: Control,
     ) -> None:
-        self.binding: Binding = bind(model, rig_arm)
-        self.arm = rig_arm.arm
-        self._model, self._data, self._servos = model, data, servos
+        self._rig_arm, self.arm = rig_arm, rig_arm.arm
+        self._find(model, data, servos)
         joints = self.arm.joints
         self.welded = not len(self.binding.hinges)
         self.brakes = self.arm.type == "SUJ"
@@ -60,9 +59,21 @@ class Drives:
         self._tolerance = np.array(
             [np.inf if j.name == "jaw" or j.spring else j.tracking_tolerance for j in joints]
         )
+        self.limit_efforts(control.effort_limits)
+
+    def attach(self, model: mujoco.MjModel, data: mujoco.MjData, servos: ServoInputs) -> None:
+        """Go on in a model that was compiled anew, with modes, gains, brakes and limits as set."""
+        balanced = self._servos.balanced[self.binding.actuators]
+        self._find(model, data, servos)
+        servos.balanced[self.binding.actuators] = balanced
+        self._write_limits()
+        self.apply()
+
+    def _find(self, model: mujoco.MjModel, data: mujoco.MjData, servos: ServoInputs) -> None:
+        self.binding: Binding = bind(model, self._rig_arm)
+        self._model, self._data, self._servos = model, data, servos
         self._dry = model.dof_frictionloss[self.binding.dof].copy()
         self._viscous = model.dof_damping[self.binding.dof].copy()
-        self.limit_efforts(control.effort_limits)
 
     def limit_efforts(self, on: bool) -> None:
         """Switch the motors' effort limits; a jaw's grip is always limited."""
@@ -74,6 +85,9 @@ class Drives:
                 for j in self.arm.joints
             ]
         )
+        self._write_limits()
+
+    def _write_limits(self) -> None:
         self._servos.revision += 1
         if not self.welded:
             limits = np.column_stack([-self.effort_limit, self.effort_limit])

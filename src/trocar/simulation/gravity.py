@@ -69,6 +69,12 @@ class GravityCompensation:
         self._servos.holding[:] = self.efforts()
         self._servos.write_efforts()
 
+    def renew_one(self, drives: Drives) -> None:
+        """Feed forward what one arm's servos need where it is now; the others keep theirs."""
+        used = drives.binding.actuators
+        self._servos.holding[used] = self.efforts()[used]
+        self._servos.write_efforts()
+
     def _compute(self, out: Array) -> Array:
         self._com.take(self._bodies, 0, self._lever, "clip")
         np.subtract(self._lever, self._anchor, self._lever)

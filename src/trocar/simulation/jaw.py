@@ -7,6 +7,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.errors import InputError
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.motion import Motion
 from trocar.simulation.records import JointState
@@ -56,6 +57,40 @@ class PartVerbs(Protocol):
         ...
 
 
+class NoJaw:
+    """The verbs of a jaw that is still held when the mounted tool has none: each says so."""
+
+    def __init__(self, arm: str) -> None:
+        self._arm = arm
+
+    def _refuse(self) -> InputError:
+        return InputError(f"{self._arm} has no jaw with this tool")
+
+    def state(self, part: slice, setpoint: bool) -> JointState:  # noqa: ARG002  as PartVerbs
+        """Refuse."""
+        raise self._refuse()
+
+    def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:  # noqa: ARG002
+        """Refuse."""
+        raise self._refuse()
+
+    def servo_effort(self, effort: ArrayLike, part: slice, verb: str) -> bool:  # noqa: ARG002
+        """Refuse."""
+        raise self._refuse()
+
+    def servo_relative(self, dq: ArrayLike, part: slice, verb: str) -> bool:  # noqa: ARG002
+        """Refuse."""
+        raise self._refuse()
+
+    def move(self, q: ArrayLike, part: slice, verb: str) -> Motion:  # noqa: ARG002
+        """Refuse."""
+        raise self._refuse()
+
+    def move_relative(self, dq: ArrayLike, part: slice, verb: str) -> Motion:  # noqa: ARG002
+        """Refuse."""
+        raise self._refuse()
+
+
 class Jaw:
     """The verbs of an arm's jaw; positions are the full opening angle [rad]."""
 
@@ -65,9 +100,14 @@ class Jaw:
 
     def __init__(self, owner: Owner, verbs: PartVerbs, index: int) -> None:
         self._journal, self._source, self._prefix = owner.journal, owner.name, "jaw."
-        self._owner, self._verbs = owner, verbs
+        self._owner = owner
+        self.fit(verbs, index)
+
+    def fit(self, verbs: PartVerbs, index: int) -> None:
+        """Take the verbs and limits of the tool that is mounted now."""
+        self._verbs = verbs
         self._part = slice(index, index + 1)
-        self._lower, self._upper = float(owner.lower[index]), float(owner.upper[index])
+        self._lower, self._upper = float(self._owner.lower[index]), float(self._owner.upper[index])
 
     def measured_js(self) -> JointState:
         """Return the measured opening, its velocity and effort."""

@@ -129,6 +129,7 @@ class Readings:
             self.last_warning,
             self._states.state,
             self._states.homed,
+            self.tool,
         )
 
     # ------------------------------------------------------------------ tip

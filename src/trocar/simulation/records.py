@@ -70,16 +70,22 @@ class ArmSnapshot:
     last_warning: str
     state: str = "ENABLED"
     homed: bool = True
+    tool: str = ""
 
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A world at a time: where every body is, and every arm."""
+    """A world at a time: where every body is, and every arm.
+
+    `build` counts how often the rig was compiled: bodies of another build are others, as after an
+    exchange of a tool.
+    """
 
     time: float
     positions: Array
     quaternions: Array
     arms: Mapping[str, ArmSnapshot]
+    build: int = 1
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,12 @@ class Sensors:
         self._known = {sensor.name: sensor for sensor in rig.sensors}
         self._held: dict[str, _Held] = {}
 
+    def go_on(self, before: Sensors, without: str) -> None:
+        """Keep the last samples of the sensors that were read before, but those of one arm."""
+        self._held = {
+            name: held for name, held in before._held.items() if self._known[name].arm != without
+        }
+
     def read(self, name: str, rng: np.random.Generator) -> Reading:
         """Return what a sensor tells now, or its last sample while its rate allows no new one.
 

@@ -45,6 +45,10 @@ class Clock(Protocol):
         """Return the pose of an arm's reference frame in the frame of its public poses."""
         ...
 
+    def exchange_tool(self, name: str, tool: str) -> None:
+        """Mount another tool on an arm."""
+        ...
+
 
 class Verbs:
     """Commands and readings of an arm's joints, for the arm without its jaw and for the jaw.
@@ -74,6 +78,13 @@ class Verbs:
             clock.wait,
             self._over,
         )
+
+    def inherit(self, before: Verbs) -> None:
+        """Keep what was set and happened before another tool was mounted."""
+        self.states, self.refusals = before.states, before.refusals
+        self.strict_limits = before.strict_limits
+        self.setpoints.velocity_ratio = before.setpoints.velocity_ratio
+        self.setpoints.acceleration_ratio = before.setpoints.acceleration_ratio
 
     # ------------------------------------------------------------------ readings
 

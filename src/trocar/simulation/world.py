@@ -18,6 +18,7 @@ from trocar.modeling.mjcf import rig_spec
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm
 from trocar.simulation.drives import Drives
+from trocar.simulation.exchange import exchange
 from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
 from trocar.simulation.gravity import GravityCompensation
 from trocar.simulation.health import warn_of_flattening
@@ -89,7 +90,10 @@ class World:
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = "" if isinstance(rig, RigDescription) else str(rig)
         self._homed = bool(homed)
+        self._build = 0
         self.rig = rig if isinstance(rig, RigDescription) else load_rig(rig)
+        #: The rig that the world was built with, whatever tools were exchanged since.
+        self.first_rig = self.rig
         self.timestep = _checked_period(timestep_s)
         for got, name, allowed in (
             (control, "control", ("dvrk", "paper")),
@@ -107,50 +111,28 @@ class World:
         self.options = ModelOptions(
             timestep=timestep_s, friction=friction, collisions=collisions, locked=locked
         )
-        self._model = _compiled(self.rig, self.options)
-        self._data = mujoco.MjData(self._model)
-        self._shown = mujoco.MjData(self._model)
         self._mj_step: Callable[[mujoco.MjModel, mujoco.MjData, int], None] = mujoco.mj_step
-        self._bad = self._data.warning.number
-        self._servos = ServoInputs(self._data)
+        self._control, self._compensated = control, gravity_compensation
+        self._tip_load_n = tip_load_n
+        self._adopt(self.rig, self._compile(self.rig))
         self._periods = 0
         self.journal = self._journal = Journal(lambda: (self._periods, self.time))
         self._source, self._prefix = WORLD, ""
         self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
-            preset = _preset(rig_arm, control)
-            drives = Drives(self._model, self._data, self._servos, rig_arm, preset)
-            on = (
-                preset.gravity_compensation
-                if gravity_compensation is None
-                else gravity_compensation
-            )
-            drives.compensate_gravity(on)
+            drives = self._new_drives(rig_arm.name)
             self._drives[rig_arm.name] = drives
             self.arms[rig_arm.name] = Arm(rig_arm, drives, self)
-            self.arms[rig_arm.name].poses |= {
-                name: by_arm[rig_arm.name]
-                for name, by_arm in self.rig.poses.items()
-                if rig_arm.name in by_arm
-            }
-        self._places = Places(self.rig, self.arms)
-        self._player = Player(self._model, self._data, self._servos, self._drives)
-        self._gravity = GravityCompensation(
-            self._model, self._data, self._servos, self._drives.values()
-        )
-        self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
-        self._load = TipLoad(self._model, self._data, self.rig, self._drives, tip_load_n)
+            self._name_poses(self.arms[rig_arm.name])
+        self._wire()
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        probes = Probes(self._model, self._data, self._shown, self._load)
-        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, probes)
         #: Forces from outside the servos are renewed each so many periods, counted from a reset, so
         #: that motion does not depend on how many periods each call of `step` takes.
         load = max(1, round(LOAD_PERIOD_S / self.timestep))
         self._gravity_renewal = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
         self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
-        self._before = np.zeros(mujoco.mj_stateSize(self._model, STATE))
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
         self._seed = _checked_seed(seed)
@@ -312,6 +294,26 @@ class World:
         drives.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
         self._gravity.renew_here()
 
+    @command
+    def exchange_tool(self, name: str, tool: str) -> None:
+        """Mount another tool on an arm, in no time; all other arms go on as they were.
+
+        The arm's moves end. It keeps its own joints and its roll, clipped to the new tool's limits
+        with a warning; its wrist is straight and its jaw shut. State, modes and gains of its own
+        joints stay; the tool's joints start with the tool's gains. The Arm and its Jaw remain the
+        same objects.
+
+        Args:
+            name: of the arm
+            tool: a built-in tool ("PROGRASP_FORCEPS:420093"), the path of a TOML file, or "none"
+
+        Raises:
+            UnknownNameError: no such arm or tool; the known ones are listed
+            InputError: the arm takes no tool, or this one is made for another generation
+            DescriptionError: the tool's file is broken
+        """
+        exchange(self, name, str(tool))
+
     # ------------------------------------------------------------------ looking
 
     def arm(self, name: str) -> Arm:
@@ -343,6 +345,7 @@ class World:
             shown.xpos.copy(),
             shown.xquat.copy(),
             {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items()},
+            self._build,
         )
 
     def remote_centres(self) -> dict[str, Array]:
@@ -376,6 +379,46 @@ class World:
         return shape_records(self.rig, self._model)
 
     # ------------------------------------------------------------------ inside
+
+    def _compile(self, rig: RigDescription) -> mujoco.MjModel:
+        return _compiled(rig, self.options)
+
+    def _adopt(self, rig: RigDescription, model: mujoco.MjModel) -> None:
+        """Take a compiled rig; what looks into the physics must be attached to it next."""
+        self.rig, self._model = rig, model
+        self._data = mujoco.MjData(model)
+        self._shown = mujoco.MjData(model)
+        self._bad = self._data.warning.number
+        self._servos = ServoInputs(self._data)
+        self._before = np.zeros(mujoco.mj_stateSize(model, STATE))
+        self._build += 1
+
+    def _new_drives(self, name: str) -> Drives:
+        """Return an arm's motors with the gains that the world started with."""
+        rig_arm = self.rig.arm(name)
+        preset = _preset(rig_arm, self._control)
+        drives = Drives(self._model, self._data, self._servos, rig_arm, preset)
+        own = preset.gravity_compensation
+        drives.compensate_gravity(own if self._compensated is None else self._compensated)
+        return drives
+
+    def _name_poses(self, arm: Arm) -> None:
+        """Add the rig's named poses to an arm's own."""
+        arm.poses |= {
+            pose: by_arm[arm.name] for pose, by_arm in self.rig.poses.items() if arm.name in by_arm
+        }
+
+    def _wire(self) -> None:
+        """Make what looks into the physics and keeps nothing of its own."""
+        self._places = Places(self.rig, self.arms)
+        self._player = Player(self._model, self._data, self._servos, self._drives)
+        self._gravity = GravityCompensation(
+            self._model, self._data, self._servos, self._drives.values()
+        )
+        self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
+        self._load = TipLoad(self._model, self._data, self.rig, self._drives, self._tip_load_n)
+        probes = Probes(self._model, self._data, self._shown, self._load)
+        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, probes)
 
     def _advance(self, count: int) -> None:
         """Step the physics, and stop when it is no longer finite."""

@@ -243,6 +243,7 @@ def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(
         loop.run(0.1)
         page.refresh()
     assert page._panel.arm == "PSM1"
+    assert page._panel._controls is not None
     assert page._panel._controls._sliders._handles[0].value == pytest.approx(28.6, abs=0.2)
     assert "PSM1/yaw/measured" in page._tables._joints.content
     page._tools.set_visible(True)

@@ -37,8 +37,12 @@ class History:
         self._kept: deque[Snapshot] = deque(maxlen=LENGTH)
 
     def add(self, snapshot: Snapshot) -> None:
-        """Remember a snapshot; forget what is too old, and everything when time was set back."""
-        if self._kept and snapshot.time < self._kept[-1].time:
+        """Remember a snapshot; forget what is too old.
+
+        Everything is forgotten when time was set back or an arm got another tool.
+        """
+        last = self._kept[-1] if self._kept else snapshot
+        if snapshot.time < last.time or snapshot.build != last.build:
             self._kept.clear()
         if not self._kept or snapshot.time > self._kept[-1].time:
             self._kept.append(snapshot)

@@ -26,6 +26,7 @@ from trocar.interfaces.viewer.status import Notices, StatusTables
 
 if TYPE_CHECKING:
     from trocar.simulation import World
+    from trocar.simulation.records import ShapeRecord, Snapshot
 
 Floats = NDArray[np.float64]
 
@@ -58,6 +59,8 @@ class Page:
         floor(server.scene)
         look_at_all(server, shapes, now)
         self._bodies = Bodies(server.scene, shapes)
+        self._build = now.build
+        self._shapes: Future[tuple[int, tuple[ShapeRecord, ...]]] | None = None
         self._centres = RemoteCentres(server.scene, now)
         self._tools = ToolFrames(server.scene, tips_of(world))
         self._tips: Future[dict[str, Floats]] | None = None
@@ -81,15 +84,28 @@ class Page:
         if not self._server.get_clients():
             return
         with self._server.atomic():
-            self._bodies.show(state.snapshot)
+            self._show_bodies(state.snapshot)
             self._centres.show(state.snapshot)
             self._show_tools()
         if self._looks % PLOTS_EVERY == 0:
             self._panel.follow(state.snapshot)
-            self._plots.show(self._history, self._panel.sheet)
-        if self._looks % NUMBERS_EVERY == 0:
+            if self._panel.knows(state.snapshot):
+                self._plots.show(self._history, self._panel.sheet)
+        if self._looks % NUMBERS_EVERY == 0 and self._panel.knows(state.snapshot):
             self._tables.show(state, self._panel.sheet)
         self._looks += 1
+
+    def _show_bodies(self, now: Snapshot) -> None:
+        """Show where the bodies are; those of another tool first have to be asked for."""
+        if self._shapes is not None and self._shapes.done():
+            answer, self._shapes = self._shapes, None
+            if not answer.cancelled():
+                self._build, shapes = answer.result()
+                self._bodies.renew(shapes)
+        if now.build == self._build:
+            self._bodies.show(now)
+        elif self._shapes is None:
+            self._shapes = self._loop.ask(lambda world: (world.snapshot().build, world.shapes()))
 
     def _show_tools(self) -> None:
         if not self._tools.visible:

@@ -10,6 +10,7 @@ import viser
 
 from trocar.interfaces.commands import Hold, MoveTo, Pause, Reset, Resume
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.viewer.instrument import InstrumentChoice
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames
 from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
 from trocar.interfaces.viewer.power import PowerButtons
@@ -30,6 +31,10 @@ class ArmControls:
         self._loop, self._name = loop, sheet.name
         arm = now.arms[sheet.name]
         self._folders: list[viser.GuiFolderHandle] = []
+        self._instrument: InstrumentChoice | None = None
+        if sheet.tools:
+            with self._folder(gui, "Tool"):
+                self._instrument = InstrumentChoice(gui, loop, sheet)
         with self._folder(gui, f"{sheet.name} joints"):
             self._power = PowerButtons(gui, loop, sheet.name, arm)
             self._sliders = JointSliders(gui, loop, sheet, arm)
@@ -52,6 +57,8 @@ class ArmControls:
 
     def follow_sheet(self, sheet: ArmSheet) -> None:
         """Show what is set, whoever set it."""
+        if self._instrument is not None:
+            self._instrument.follow(sheet)
         if self._gravity is not None:
             self._gravity.follow(sheet)
         self._gains.follow(sheet)
@@ -94,7 +101,8 @@ class Panel:
         _rig_poses(gui, loop, poses, sheets)
         self._choice = gui.add_dropdown("Arm", list(sheets))
         when_touched(self._choice, lambda _: self._choose())
-        self._controls = ArmControls(gui, loop, sheets[self.arm], loop.latest)
+        self._controls: ArmControls | None = None
+        self._choose()
         _view_switches(gui, marks)
 
     @property
@@ -107,9 +115,14 @@ class Panel:
         """The chosen arm's sheet."""
         return self._sheets[self.arm]
 
+    def knows(self, now: Snapshot) -> bool:
+        """Tell whether the sheet is of the tool that the chosen arm has now."""
+        return now.arms[self.arm].tool == self.sheet.tool
+
     def follow(self, now: Snapshot) -> None:
         """Show where the chosen arm is and what is set."""
-        self._controls.follow(now)
+        if self._controls is not None and self.knows(now):
+            self._controls.follow(now)
         if self._asked is None:
             name = self.arm
             self._asked = self._loop.ask(lambda world: read_sheet(world, name))
@@ -121,13 +134,23 @@ class Panel:
         if answer.cancelled() or answer.exception() is not None:
             return
         sheet = answer.result()
+        other = self._sheets[sheet.name].tool != sheet.tool
         self._sheets[sheet.name] = sheet
-        if sheet.name == self.arm:
+        if sheet.name != self.arm:
+            return
+        if other or self._controls is None:
+            self._choose()
+        else:
             self._controls.follow_sheet(sheet)
 
     def _choose(self) -> None:
-        self._controls.remove()
-        self._controls = ArmControls(self._gui, self._loop, self.sheet, self._loop.latest)
+        """Make the chosen arm's controls, once its sheet is of the tool that it has now."""
+        if self._controls is not None:
+            self._controls.remove()
+            self._controls = None
+        now = self._loop.latest
+        if self.knows(now):
+            self._controls = ArmControls(self._gui, self._loop, self.sheet, now)
 
 
 def _time_buttons(gui: viser.GuiApi, loop: Loop) -> None:

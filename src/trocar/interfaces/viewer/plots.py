@@ -36,7 +36,7 @@ class JointPlots:
 
     def show(self, history: History, sheet: ArmSheet) -> None:
         """Draw the chosen joint of an arm."""
-        if sheet.name != self._sheet.name:
+        if sheet.name != self._sheet.name or _names(sheet) != _names(self._sheet):
             self._choice.options = _names(sheet)
             self._choice.value = _names(sheet)[0]
         self._sheet = sheet

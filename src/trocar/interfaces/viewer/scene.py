@@ -40,13 +40,27 @@ class Bodies:
     """One node per body; only those that moved are sent."""
 
     def __init__(self, scene: viser.SceneApi, shapes: Iterable[ShapeRecord]) -> None:
+        self._scene = scene
+        self._looks: dict[int, bytes] = {}
+        self._nodes: dict[int, viser.GlbHandle] = {}
+        self.renew(shapes)
+
+    def renew(self, shapes: Iterable[ShapeRecord]) -> int:
+        """Show other shapes, as after an exchange of a tool; return how many bodies look new."""
         by_body = sorted(shapes, key=lambda shape: shape.body)
-        self._nodes = {
-            body: scene.add_glb(f"/cart/body_{body}", pack(parts_of(tuple(group))))
+        looks = {
+            body: pack(parts_of(tuple(group)))
             for body, group in groupby(by_body, key=lambda shape: shape.body)
         }
+        for body in [b for b, look in self._looks.items() if looks.get(b) != look]:
+            self._nodes.pop(body).remove()
+        fresh = [body for body in looks if body not in self._nodes]
+        for body in fresh:
+            self._nodes[body] = self._scene.add_glb(f"/cart/body_{body}", looks[body])
+        self._looks = looks
         self._index = np.array(list(self._nodes), dtype=int)
         self._sent: Floats | None = None
+        return len(fresh)
 
     def show(self, snapshot: Snapshot) -> int:
         """Send the poses that changed; return how many."""

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trocar.descriptions import fitting_tools
+
 if TYPE_CHECKING:
     from trocar.simulation import World
 
@@ -54,7 +56,11 @@ class JointSheet:
 
 @dataclass(frozen=True)
 class ArmSheet:
-    """One arm: its joints with the jaw last, the names of its poses, whether it has brakes."""
+    """One arm: its joints with the jaw last, the names of its poses, whether it has brakes.
+
+    `tool` is the mounted one, "" when there is none; `tools` are those that fit, none for an arm
+    that takes no tool.
+    """
 
     name: str
     type: str
@@ -62,6 +68,8 @@ class ArmSheet:
     poses: tuple[str, ...]
     has_brakes: bool
     gravity_compensation: bool
+    tool: str
+    tools: tuple[str, ...]
 
 
 def read_sheet(world: World, name: str) -> ArmSheet:
@@ -87,6 +95,8 @@ def read_sheet(world: World, name: str) -> ArmSheet:
         poses=tuple(arm.poses),
         has_brakes=bool(arm.brakes),
         gravity_compensation=arm.gravity_compensation,
+        tool=arm.tool,
+        tools=fitting_tools(arm.description),
     )
 
 

@@ -114,7 +114,7 @@ def _about(world: World) -> dict[str, str]:
         **versions(),
         "rig": world.rig.name,
         "rig_source": world.rig_source,
-        "rig_fingerprint": rig_fingerprint(world.rig),
+        "rig_fingerprint": rig_fingerprint(world.first_rig),
         "arguments": json.dumps({k: plain(v) for k, v in world.arguments.items()}),
         "timestep_s": repr(world.timestep),
         "start_s": repr(world.time),

@@ -120,3 +120,14 @@ def test_a_push_moves_a_floating_master_and_friction_stops_it():
     assert moved > 0.01
     np.testing.assert_allclose(rest.velocity, 0.0, atol=1e-3)
     assert rest.position[1] > left.poses["start"][1] + moved
+
+
+def test_a_master_that_is_pushed_away_is_not_at_fault():
+    """Source: SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check: false."""
+    world = World("mtm")
+    left = world.arm("MTML")
+    left.servo_jp(left.poses["start"][:7] + 0.8 * np.eye(7)[0])
+    world.step(100)
+    off = left.setpoint_js().position[0] - left.measured_js().position[0]
+    assert off > left.description.joint("outer_yaw").tracking_tolerance
+    assert left.operating_state().state == "ENABLED"

@@ -107,7 +107,7 @@ def inverse_gimbal_arm(
         choices = [np.full((len(arm), 1), platform_angle)]
     tried = np.empty((0, len(JOINTS)))
     for angles in choices:
-        q, sine = _gimbal_branches(pose[:3, :3], arm, angles)
+        q, sine = gimbal_branches(pose[:3, :3], arm, angles)
         solutions = inside(q, joints)
         if len(solutions):
             _refuse_singular(pose[:3, 3], inside(q[sine < SINGULAR], joints))
@@ -198,8 +198,8 @@ def _with_platform_at(joints: JointRange, angle: float) -> JointRange:
     return replace(joints, lower=low, upper=high)
 
 
-def _gimbal_branches(R: Array, arm: Array, angles: Array) -> tuple[Array, Array]:
-    """Solve the last three joints for every arm branch and platform angle.
+def gimbal_branches(R: Array, arm: Array, angles: Array) -> tuple[Array, Array]:
+    """Solve the last three joints for every arm branch and platform angle, limits aside.
 
     R_47 = Rz(q5) Ry(q6 - pi/2) Rz(q7 + pi/2), so its last row and column have the angles.
 

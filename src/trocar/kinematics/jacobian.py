@@ -31,11 +31,12 @@ def jacobian_spatial(mechanism: Mechanism, q: ArrayLike, frame: str | None = Non
     where = coordinates(mechanism, q)
     at = frame_poses(mechanism, where)
     rates = coordinate_rates(mechanism, where)
-    screws = np.zeros((*where.shape[:-1], 6, len(mechanism.frames)))
-    for index in mechanism.chain(frame or mechanism.tip):
-        screws[..., index] = _screw(mechanism, index, at)
+    chain = mechanism.chain(frame or mechanism.tip)
+    moving = [index for index in chain if mechanism.frames[index].motion != "fixed"]
+    if not moving:
+        return np.zeros((*where.shape[:-1], 6, len(mechanism.joints)))
     base = at[mechanism.frame_index[mechanism.reference]]
-    return adjoint(inverse(base)) @ screws @ rates
+    return adjoint(inverse(base)) @ _screws(mechanism, moving, at) @ rates[..., moving, :]
 
 
 def jacobian_body(mechanism: Mechanism, q: ArrayLike, frame: str | None = None) -> Array:
@@ -50,11 +51,12 @@ def jacobian_body(mechanism: Mechanism, q: ArrayLike, frame: str | None = None) 
     return adjoint(inverse(end) @ base) @ jacobian_spatial(mechanism, q, name)
 
 
-def _screw(mechanism: Mechanism, index: int, at: dict[int, Array]) -> Array:
-    motion = mechanism.frames[index].motion
-    if motion == "fixed":
-        return np.zeros(6)
-    point, direction = hinge_axis(mechanism, index, at)
-    if motion == "prismatic":
-        return np.concatenate([direction, np.zeros_like(direction)], axis=-1)
-    return np.concatenate([np.cross(point, direction), direction], axis=-1)
+def _screws(mechanism: Mechanism, moving: list[int], at: dict[int, Array]) -> Array:
+    """Return the unit twist of each moving frame's own coordinate, (..., 6, k)."""
+    axes = [hinge_axis(mechanism, index, at) for index in moving]
+    point = np.stack([axis[0] for axis in axes], axis=-2)
+    along = np.stack([axis[1] for axis in axes], axis=-2)
+    slides = np.array([mechanism.frames[index].motion == "prismatic" for index in moving])[:, None]
+    linear = np.where(slides, along, np.cross(point, along))
+    angular = np.where(slides, 0.0, along)
+    return np.swapaxes(np.concatenate([linear, angular], axis=-1), -1, -2)

@@ -13,6 +13,7 @@ from trocar.simulation.gripper import Gripper
 from trocar.simulation.homing import Homing
 from trocar.simulation.jaw import Jaw, NoJaw
 from trocar.simulation.journal import command
+from trocar.simulation.locking import Locking
 from trocar.simulation.motion import Motion
 from trocar.simulation.settings import Settings
 from trocar.simulation.state_verbs import StateVerbs
@@ -23,7 +24,7 @@ from trocar.simulation.verbs import Clock, Verbs
 Array = NDArray[np.float64]
 
 
-class Arm(StateVerbs, TipVerbs, Settings):
+class Arm(StateVerbs, Locking, TipVerbs, Settings):
     """One arm of a rig. Commands that cannot be used are refused with a warning; nothing moves.
 
     Attributes:
@@ -46,6 +47,7 @@ class Arm(StateVerbs, TipVerbs, Settings):
         self._homing: Homing | None = None
         #: Periodic laws by name; the efforts that were commanded, which theirs are added to.
         self._laws: dict[str, Law] = {}
+        self._lock: Array | None = None
         self._absolute = False
         self._told: OperatingState | None = None
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
@@ -173,7 +175,7 @@ class Arm(StateVerbs, TipVerbs, Settings):
 
     def start_at(self, q: Array) -> None:
         """Forget every command and start at joint positions, (n,)."""
-        self._laws.clear()
+        self._end_laws()
         self._verbs.refusals.forget()
         self._verbs.setpoints.put(q)
         self._drives.place(q, np.zeros(len(q)))
@@ -249,9 +251,9 @@ class Arm(StateVerbs, TipVerbs, Settings):
         return accepted
 
     def _pushed(self, accepted: bool) -> bool:
-        """End the law of the tip after an effort command that was accepted."""
+        """End laws after an effort command that was accepted."""
         if accepted:
-            self._laws.pop("wrench", None)
+            self._end_laws()
             self._push = self._verbs.setpoints.effort[self._own].copy()
             self.tell_state()
         return accepted
@@ -262,3 +264,4 @@ class Arm(StateVerbs, TipVerbs, Settings):
 
     def _end_laws(self) -> None:
         self._laws.clear()
+        self._forget_lock()

@@ -40,10 +40,14 @@ class TipState:
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """What a law wants: efforts, (n,), added up over laws; set-points, (n,), NaN where none."""
+    """What a law wants: efforts, (n,), added up over laws; set-points, (n,), NaN where none.
+
+    Set-points may have velocities, (n,).
+    """
 
     effort: Array
     position: Array | None = None
+    velocity: Array | None = None
 
 
 class Law(Protocol):

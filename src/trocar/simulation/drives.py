@@ -55,9 +55,11 @@ class Drives:
         #: A gripper has no motor: its servo stands for a person's fingers.
         self._fingers = np.array([j.spring is not None for j in joints])
         self.restore()
-        #: A jaw below 0 or on an object is force, not error.
+        #: A jaw below 0 or on an object is force, not error; a master is moved by hand. Source: SAW
+        #: mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check.
+        held = ["jaw"] if self.arm.type != "MTM" else [j.name for j in joints]
         self._tolerance = np.array(
-            [np.inf if j.name == "jaw" or j.spring else j.tracking_tolerance for j in joints]
+            [np.inf if j.name in held else j.tracking_tolerance for j in joints]
         )
         self.limit_efforts(control.effort_limits)
 

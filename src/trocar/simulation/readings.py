@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, SingularError, UnreachableError
-from trocar.geometry.se3 import check_transform, inverse
+from trocar.geometry.se3 import adjoint, check_transform, inverse
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
@@ -253,14 +253,15 @@ class Readings:
         """Return where the arm is, for periodic laws."""
         q, qd, _ = self.readings()
         mechanism = self.description.mechanism
-        base = self.base_frame()[0]
+        base, tip = self.base_frame()[0], pose(mechanism, q)
+        spatial = jacobian_spatial(mechanism, q)[:, self._own]
         return TipState(
             q[self._own],
             qd[self._own],
-            base @ pose(mechanism, q),
+            base @ tip,
             base,
-            jacobian_body(mechanism, q)[:, self._own],
-            jacobian_spatial(mechanism, q)[:, self._own],
+            adjoint(inverse(tip)) @ spatial,
+            spatial,
         )
 
     def _local_pose(self, q: Array) -> Pose:

@@ -25,6 +25,10 @@ class StateVerbs(Readings):
     poses: dict[str, Array]
     _laws: dict[str, Law]
 
+    def _end_laws(self) -> None:
+        """End periodic laws; `Arm` does."""
+        raise NotImplementedError
+
     @command
     def state_command(self, name: str) -> bool:
         """Obey "enable", "disable", "home", "unhome", "pause" or "resume".
@@ -139,7 +143,7 @@ class StateVerbs(Readings):
     def _stop(self) -> None:
         """End everything under way; stay at the set-points, or where joints were free."""
         self._abandon_homing()
-        self._laws.clear()
+        self._end_laws()
         every = slice(0, len(self.joint_names))
         self._verbs.under_position(every)
         self._verbs.setpoints.end(every)
@@ -158,7 +162,7 @@ class StateVerbs(Readings):
         if not self._states.powered:
             return
         self._abandon_homing()
-        self._laws.clear()
+        self._end_laws()
         self._verbs.under_position(slice(0, len(self.joint_names)))
         self._settle()
         self._drives.switch(False)

@@ -35,8 +35,8 @@ class TipVerbs(Readings):
         """End laws after a move that began; `Arm` does."""
         raise NotImplementedError
 
-    def _pushed(self, accepted: bool) -> bool:
-        """Keep the efforts of a command that was accepted; `Arm` does."""
+    def _begin_master_laws(self, law: Law) -> None:
+        """Add what a master does under force control; `Locking` does."""
         raise NotImplementedError
 
     @command
@@ -125,9 +125,12 @@ class TipVerbs(Readings):
     def _follow_law(self, law: Law, verb: str) -> bool:
         if not self._verbs.ready(verb) or not self._deep_enough(verb):
             return False
-        if not self._pushed(self._verbs.servo_effort(0.0 * self._push, self._own, verb)):
+        locked = "lock" in self._laws  # then it is under force control, and the gimbal goes on
+        self._push = np.zeros_like(self._push)
+        if not locked and not self._verbs.servo_effort(self._push, self._own, verb):
             return False
         self._laws["wrench"] = law
+        self._begin_master_laws(law)
         self._obey()
         self.tell_state()
         return True
@@ -140,5 +143,5 @@ class TipVerbs(Readings):
             action = law.act(now)
             effort += action.effort
             if action.position is not None:
-                self._verbs.steer(action.position, self._own)
+                self._verbs.steer(action.position, action.velocity, self._own)
         self._verbs.exert(effort, self._own, "efforts")

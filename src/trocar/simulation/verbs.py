@@ -68,7 +68,9 @@ class Verbs:
         self._names = arm.mechanism.joint_names
         self._lower, self._upper = arm.mechanism.lower, arm.mechanism.upper
         self._drives, self._clock = drives, clock
+        #: Joints that an effort command took from position control, and that a law took back.
         self._lent: set[int] = set()
+        self._taken: set[int] = set()
         self.states = States()
         self.strict_limits = False
         self.refusals = Refusals(name, lambda: clock.time, clock.journal)
@@ -209,24 +211,24 @@ class Verbs:
         """Put joints into mode "effort", unless some were put there on purpose."""
         modes = self._drives.modes
         inside = range(part.start, part.stop)
+        if self._taken:
+            self.lend(sorted(self._taken), part)
         if any(modes[i] == "effort" for i in inside):
             return
         which = [i for i in inside if modes[i] == "position" and not self._drives.locked[i]]
-        self._rest_here(which, part)
-        self._drives.set_mode("effort", which, self.setpoints.position)
-        self._lent |= set(which)
+        self.lend(which, part)
 
     def under_position(self, part: slice) -> None:
         """Take joints back that `under_effort` had put into mode "effort", where they are."""
         which = sorted(self._lent & set(range(part.start, part.stop)))
         if which:
-            self._rest_here(which, part)
-            self._drives.set_mode("position", which, self.setpoints.position)
-            self._lent -= set(which)
+            self.take(which, part)
+        self._taken.clear()
 
     def keep_modes(self) -> None:
         """Forget which joints were lent: their modes are now the caller's choice."""
         self._lent.clear()
+        self._taken.clear()
 
     def told(self, part: slice) -> Array:
         """Return the set-points; of joints under effort control where they are, (n,)."""
@@ -236,12 +238,27 @@ class Verbs:
             told[lent] = self.readings()[0][lent]
         return told[part]
 
-    def steer(self, q: Array, part: slice) -> None:
+    def take(self, which: Sequence[int], part: slice) -> None:
+        """Put some joints of a part under position control, from where they are."""
+        self._rest_here(which, part)
+        self._drives.set_mode("position", which, self.setpoints.position)
+        self._taken |= self._lent & set(which)
+        self._lent -= set(which)
+
+    def lend(self, which: Sequence[int], part: slice) -> None:
+        """Put some joints of a part under effort control until the next position command."""
+        self._rest_here(which, part)
+        self._drives.set_mode("effort", which, self.setpoints.position)
+        self._lent |= set(which)
+        self._taken -= set(which)
+
+    def steer(self, q: Array, v: Array | None, part: slice) -> None:
         """Set the set-points of joints under position control inside their limits; NaN: leave."""
         inside = np.clip(q, self._lower[part], self._upper[part])
-        self.setpoints.position[part] = np.where(
-            np.isfinite(q), inside, self.setpoints.position[part]
-        )
+        told, wanted = self.setpoints, np.isfinite(q)
+        told.position[part] = np.where(wanted, inside, told.position[part])
+        if v is not None:
+            told.velocity[part] = np.where(wanted, v, told.velocity[part])
         self.write()
 
     # ------------------------------------------------------------------ inside

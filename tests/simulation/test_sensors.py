@@ -584,3 +584,25 @@ def test_a_sensor_with_a_rate_has_one_sample_a_period(tmp_path: Path) -> None:
     assert (told.time, told.force[0]) == first
     world.reset(seed=1)
     assert wrench(world).force[0] != told.force[0]  # at the same time, and yet a new sample
+
+
+def test_sensors_stay_when_another_tool_is_mounted(tmp_path: Path) -> None:
+    finger = (
+        NEAR.replace('"near"', '"finger"')
+        .replace("proximity", "imu")
+        .replace("xyz_mm", 'frame = "finger_left"\nxyz_mm')
+    )
+    world = World(rig_with(tmp_path, TIP + finger + imu("insertion")))
+    world.step(10)
+    for tool in ("PROGRASP_FORCEPS:420093", "none", "LARGE_NEEDLE_DRIVER:400006"):
+        world.exchange_tool("PSM1", tool)
+        for _ in range(2):
+            told = inertial(world).linear_acceleration
+            assert np.linalg.norm(told) == pytest.approx(G, rel=0.05)
+            world.step(300)
+        if tool == "none":
+            with pytest.raises(UnknownNameError, match=r"frame 'finger_left'.*known: base,"):
+                world.sensor("finger")
+        else:
+            assert not wrench(world).force.any()
+            assert world.sensor("finger").time == world.time

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.descriptions.catalogue import DATA
-from trocar.errors import UnknownNameError
+from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
 from trocar.geometry.se3 import adjoint, transform
 from trocar.kinematics import jacobian_body, pose
@@ -587,22 +587,19 @@ def test_a_sensor_with_a_rate_has_one_sample_a_period(tmp_path: Path) -> None:
 
 
 def test_sensors_stay_when_another_tool_is_mounted(tmp_path: Path) -> None:
-    finger = (
-        NEAR.replace('"near"', '"finger"')
-        .replace("proximity", "imu")
-        .replace("xyz_mm", 'frame = "finger_left"\nxyz_mm')
-    )
-    world = World(rig_with(tmp_path, TIP + finger + imu("insertion")))
+    world = World(rig_with(tmp_path, TIP + NEAR + imu("finger_left")))
     world.step(10)
-    for tool in ("PROGRASP_FORCEPS:420093", "none", "LARGE_NEEDLE_DRIVER:400006"):
+    for tool in ("PROGRASP_FORCEPS:420093", "LARGE_NEEDLE_DRIVER:400006"):
         world.exchange_tool("PSM1", tool)
         for _ in range(2):
-            told = inertial(world).linear_acceleration
-            assert np.linalg.norm(told) == pytest.approx(G, rel=0.05)
-            world.step(300)
-        if tool == "none":
-            with pytest.raises(UnknownNameError, match=r"frame 'finger_left'.*known: base,"):
-                world.sensor("finger")
-        else:
+            felt = inertial(world).linear_acceleration
+            assert np.linalg.norm(felt) == pytest.approx(G, rel=0.05)
             assert not wrench(world).force.any()
-            assert world.sensor("finger").time == world.time
+            assert near(world).time == world.time
+            world.step(300)
+        world._data.xfrc_applied[world._model.body("PSM1/finger_right").id, :3] = [0.1, 0.0, 0.0]
+        world.step()
+        assert np.linalg.norm(wrench(world).force) == pytest.approx(0.1)
+    with pytest.raises(InputError, match=r"PSM1: sensor 'tip' needs tip, which the bare arm"):
+        world.exchange_tool("PSM1", "none")
+    assert wrench(world).time == world.time

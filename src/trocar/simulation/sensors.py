@@ -89,8 +89,7 @@ class Sensors:
             rng: noise is drawn from it; another generator than before begins anew
 
         Raises:
-            UnknownNameError: no such sensor; the known ones are listed. Or it stands on a joint or
-                frame that the mounted tool does not have
+            UnknownNameError: no such sensor; the known ones are listed
         """
         sensor = self._known.get(name)
         if sensor is None:

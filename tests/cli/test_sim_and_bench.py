@@ -102,3 +102,13 @@ def test_a_soak_is_measured_when_it_is_asked_for(capsys):
     names = [figure["name"] for figure in document["figures"]]
     assert "soak: commands refused or clipped" in names
     assert {"name", "value", "unit", "limit", "at_least", "met"} == set(document["figures"][0])
+
+
+def test_the_cost_of_recording_is_measured_when_it_is_asked_for(capsys):
+    pytest.importorskip("mcap")
+    words = ["bench", "--only", "recording", "--duration", "0.5", "--passes", "1", "--json"]
+    assert main(words) == 0
+    found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
+    assert found["recording: loss of real-time factor"]["limit"] == 5.0
+    minute = found["recording: a simulated minute"]
+    assert 0.0 < minute["value"] <= minute["limit"] == 40.0

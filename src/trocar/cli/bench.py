@@ -2,8 +2,8 @@
 
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
---only soak is an hour of the full cart in motion (some minutes of the machine's time); it is
-measured only when it is asked for.
+Measured only when asked for: --only recording, the cost of recording the full cart in motion, and
+--only soak, an hour of it (some minutes of the machine's time).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 #: What is measured unless parts are asked for, and all that may be.
 PARTS = ("speed", "figures", "startup")
-ALL_PARTS = (*PARTS, "soak")
+ALL_PARTS = (*PARTS, "recording", "soak")
 PASS_S = 10.0
 
 
@@ -53,13 +53,14 @@ def run(args: Namespace) -> int:
     timed = args.duration is None or 0.0 < args.duration < float("inf")
     if not timed or args.passes < 1 or args.poses < 1:
         raise InputError("--duration, --passes and --poses: allowed: above 0")
-    from trocar.apps.benchmarks import figures, soak, startup, table9
+    from trocar.apps.benchmarks import figures, recording, soak, startup, table9
 
     parts = args.only or PARTS
     each = () if args.duration is None else (args.duration,)
     rows = table9(*(each or (PASS_S,)), args.passes, _watch) if "speed" in parts else []
     found = figures(_watch, args.poses) if "figures" in parts else []
     found += startup(_watch) if "startup" in parts else []
+    found += recording(*(each or (PASS_S,)), args.passes, _watch) if "recording" in parts else []
     found += soak(*each, watch=_watch) if "soak" in parts else []
     found += _replayed(args.log) if args.log else []
     if args.json:

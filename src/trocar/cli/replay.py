@@ -4,8 +4,8 @@ A recording of trocar's own (trocar sim --record) is repeated command by command
 period is compared to the last bit; of the options only --rig and --json matter then.
 
 Else FILE is what was recorded of a real arm: comma-separated text without a header, plain or gzip,
-a row per sample: the positions of all joints, then their velocities, then their efforts (SI).
-docs/replay.md says more.
+a row per sample: the positions of all joints, then their velocities, then their efforts (SI); or a
+rosbag 1, a rosbag 2 or an MCAP file with the topic /<ARM>/measured_js. docs/replay.md says more.
 """
 
 from __future__ import annotations
@@ -48,7 +48,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="in mode effort, restart from the recorded state this often; default: 0.5 s",
     )
     parser.add_argument(
-        "--rate", type=number, default=200.0, metavar="HZ", help="rows a second; default: 200"
+        "--rate",
+        type=number,
+        default=200.0,
+        metavar="HZ",
+        help="rows a second, to which a bag is brought; default: 200",
     )
     parser.add_argument(
         "--wrist",
@@ -56,6 +60,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         default="motor",
         help="which side of the coupling a PSM's wrist and jaw were recorded on; default: motor",
     )
+    parser.add_argument("--topic", help="of a bag's joint states; default: the one that fits")
     parser.add_argument(
         "--control", choices=("dvrk", "paper"), default="dvrk", help="gains; default: dvrk"
     )
@@ -100,6 +105,7 @@ def _replay(args: Namespace) -> int:
         friction=args.friction,
         wrist=args.wrist,
         tool=args.tool,
+        topic=args.topic,
     )
     with _progress(args, "rows") as watch:
         report = replay(args.log, args.arm, settings, watch)

@@ -243,7 +243,7 @@ class Drives:
 
     def law(self) -> Array:
         """Return P, I, D as they act now, 0 where no servo does, and the limit, (n, 4)."""
-        limit = self.effort_limit if self.powered else np.zeros(len(self.modes))
+        limit = np.where(self.powered | self._fingers, self.effort_limit, 0.0)
         return np.column_stack([self.gains * self._servoed()[:, None], limit])
 
     def target(self, joint: int) -> float:

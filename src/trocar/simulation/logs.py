@@ -139,6 +139,16 @@ def _chunk(
 ) -> Array:
     """Return rows as (k, 3, n) in public joints, refusing what this arm cannot have done."""
     chunk = convert(np.array(rows).reshape(len(rows), len(QUANTITIES), len(arm.joints)))
+    check_rows(file, first, chunk, arm)
+    return chunk
+
+
+def check_rows(file: str, first: int, chunk: Array, arm: ArmDescription) -> None:
+    """Check that rows (k, 3, n) are what this arm can have done; `first` is the first one's number.
+
+    Raises:
+        LogError: they are not; file, row and joint are named
+    """
     lower, upper = arm.mechanism.lower, arm.mechanism.upper
     beyond = MOST_RANGES_BEYOND * (upper - lower)
     least = np.stack([lower - beyond, np.full(len(lower), -MOST_VELOCITY), 0.0 * lower])
@@ -155,7 +165,6 @@ def _chunk(
             f" (is this a recording of a {arm.name}?)",
             first + row,
         )
-    return chunk
 
 
 def _numbers(file: str, number: int, line: str, count: int, arm: ArmDescription) -> list[float]:

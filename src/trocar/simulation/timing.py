@@ -85,6 +85,67 @@ def time_beside_bare(
     )
 
 
+@dataclass(frozen=True)
+class RecordingCost:
+    """What recording takes, medians over interleaved passes.
+
+    Attributes:
+        simulated: simulated time of a pass [s]
+        with_it, without: wall-clock time of a pass [s]
+        lost: share of the real-time factor that recording takes: 1 - without / with
+        thread: share of the stepping thread's own processor time that it adds
+        size: of a recording [bytes]
+    """
+
+    simulated: float
+    with_it: float
+    without: float
+    lost: float
+    thread: float
+    size: int
+
+
+def time_recording(
+    world: World, trajectory: TestTrajectory, every: int, file: str, passes: int = 5
+) -> RecordingCost:
+    """Play a trajectory with and without a recording, in turn.
+
+    Args:
+        world: is reset before each pass
+        trajectory: what the arms follow
+        every: physics periods of a row
+        file: is written anew by each pass
+        passes: how often each is done
+    """
+    spent: list[tuple[float, float]] = []
+    own: list[tuple[float, float]] = []
+    size = 0
+
+    def played() -> tuple[float, float]:
+        before, worked = time.perf_counter(), time.thread_time()
+        world.play(trajectory.positions, trajectory.velocities, every=every)
+        return time.perf_counter() - before, time.thread_time() - worked
+
+    for _ in range(passes):
+        begin_trajectory(world, trajectory)
+        without, alone = played()
+        begin_trajectory(world, trajectory)
+        with world.record(file) as recorder:
+            with_it, busy = played()
+        size = recorder.size
+        spent.append((with_it, without))
+        own.append((busy, alone))
+    count = every * len(next(iter(trajectory.positions.values())))
+    return RecordingCost(
+        count * world.timestep,
+        statistics.median(a for a, _ in spent),
+        statistics.median(b for _, b in spent),
+        statistics.median(1.0 - b / a for a, b in spent),
+        statistics.median(a / b - 1.0 for a, b in own),
+        size,
+    )
+
+
 def _seconds_in_mujoco(world: World, trajectory: TestTrajectory, every: int) -> float:
     """Play a trajectory and return how long mj_step took of it [s]."""
     spent = 0.0

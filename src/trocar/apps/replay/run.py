@@ -11,12 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.replay.bags import is_bag, read_bag
 from trocar.apps.replay.report import ReplayMode, ReplayReport, Sums
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.lone_arm import lone_arm_rig
-from trocar.errors import InputError
+from trocar.errors import InputError, LogError
 from trocar.simulation import World
-from trocar.simulation.logs import Wrist, count_rows, read_log
+from trocar.simulation.logs import Wrist, check_rows, count_rows, read_log
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,8 @@ class ReplaySettings:
         window_s: in mode "effort" the arm restarts from the recorded state this often [s]
         rate_hz: of the recording; 1000 divided by a whole number [Hz]
         control, friction: as for `World`
-        wrist: as for `read_log`
+        wrist: as for `read_log`; a bag holds public joints
+        topic: of a bag's joint states; its only one that fits when omitted
         tool: the mounted tool, the arm's default when omitted
     """
 
@@ -47,6 +49,7 @@ class ReplaySettings:
     friction: Literal["identified", "paper"] = "identified"
     wrist: Wrist = "motor"
     tool: str | None = None
+    topic: str | None = None
 
 
 def replay(
@@ -59,10 +62,11 @@ def replay(
 
     Between two rows the set-points move evenly, once per physics period. The arm is compared with
     the recording at every row but the first, which it starts from: positions at that time, efforts
-    as the mean since the row before, of both. Memory does not grow with the recording.
+    as the mean since the row before, of both. Memory does not grow with a recording in rows; a bag
+    is read as a whole.
 
     Args:
-        log: the recording, read twice: first all of it is checked
+        log: rows of numbers, read twice: first all of it is checked; or a bag
         arm: a built-in arm, or the path of a description
         settings: the defaults when omitted
         progress: called with (rows done, rows) now and then
@@ -82,14 +86,41 @@ def replay(
     rig = lone_arm_rig(described)
     world = World(rig, control=how.control, friction=how.friction)
     periods, restart = _periods(how, world.timestep), _restart(how)
-    total = count_rows(log, described, how.wrist)
+    piece_rows = max(1, PIECE_PERIODS // periods)
+    if is_bag(log):
+        table = _bag_rows(log, described, how)
+        total, rows = len(table), _cut(table, piece_rows)
+    else:
+        total = count_rows(log, described, how.wrist)
+        rows = read_log(log, described, how.wrist, piece_rows)
     run = _Run(world, described, rig.arms[0].name, how.mode, periods)
-    rows = read_log(log, described, how.wrist, max(1, PIECE_PERIODS // periods))
     for piece, fresh in pieces(rows, restart):
         run.play(piece, fresh)
         if progress is not None:
             progress(run.sums.count + 1, total)
     return run.report(str(log))
+
+
+def _bag_rows(log: str | Path, arm: ArmDescription, how: ReplaySettings) -> Array:
+    """Read a bag at even times, (k, 3, n), and check it.
+
+    Raises:
+        LogError: it cannot be used
+    """
+    rows, has_efforts = read_bag(log, arm, how.rate_hz, how.topic)
+    if how.mode == "effort" and not has_efforts:
+        raise LogError(str(log), "holds no efforts; allowed: mode position")
+    if len(rows) < 2:
+        raise LogError(
+            str(log), f"lasts less than {1.0 / how.rate_hz:g} s; allowed: 2 rows or more"
+        )
+    check_rows(str(log), 1, rows, arm)
+    return rows
+
+
+def _cut(rows: Array, size: int) -> Iterator[Array]:
+    for begin in range(0, len(rows), size):
+        yield rows[begin : begin + size]
 
 
 def pieces(chunks: Iterable[Array], restart: int) -> Iterator[tuple[Array, bool]]:

@@ -5,8 +5,17 @@ from trocar.simulation.recording.reading import (
     Recorded,
     is_mcap,
     is_recording,
+    mcap_messages,
     open_recording,
 )
 from trocar.simulation.recording.recorder import Recorder
 
-__all__ = ["ArmStates", "Recorded", "Recorder", "is_mcap", "is_recording", "open_recording"]
+__all__ = [
+    "ArmStates",
+    "Recorded",
+    "Recorder",
+    "is_mcap",
+    "is_recording",
+    "mcap_messages",
+    "open_recording",
+]

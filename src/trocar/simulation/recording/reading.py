@@ -7,7 +7,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,9 +62,9 @@ class Recorded:
 
     def blocks(self) -> Iterator[PackedBlock]:
         """Read the states block by block."""
-        for topic, data in _messages(Path(self.file).expanduser(), self.file, _Notes()):
-            if topic == STATES:
-                yield unpack(data)
+        for told in _messages(Path(self.file).expanduser(), self.file, _Notes()):
+            if told.topic == STATES:
+                yield unpack(told.data)
 
     def states(self, arm: ArmColumns, every: int = 1) -> ArmStates:
         """Return one arm's states, of every n-th row; rows of another layout are left out."""
@@ -104,6 +104,15 @@ class ArmStates:
     velocity: Array
     effort: Array
     setpoint: Array
+
+
+class Told(NamedTuple):
+    """A message of an MCAP file: topic, name of its schema, when it was logged [ns], its data."""
+
+    topic: str
+    schema: str
+    time: int
+    data: bytes
 
 
 @dataclass
@@ -149,7 +158,7 @@ def open_recording(path: str | Path) -> Recorded:
     layouts: dict[int, tuple[ArmColumns, ...]] = {}
     rows = 0
     try:
-        for topic, data in _messages(where, file, notes):
+        for topic, _, _, data in _messages(where, file, notes):
             _check(file, notes)
             if topic == PAST:
                 past.append(entry_from_json(data))
@@ -201,8 +210,18 @@ def _check(file: str, notes: _Notes) -> None:
         )
 
 
-def _messages(path: Path, file: str, notes: _Notes) -> Iterator[tuple[str, bytes]]:
-    """Give (topic, data) of every message up to where the file ends or breaks off."""
+def mcap_messages(path: str | Path) -> Iterator[Told]:
+    """Read the messages of any MCAP file, up to where it ends or breaks off.
+
+    Raises:
+        LogError: no such file, or none of MCAP
+        MissingExtraError: the library for MCAP is not installed
+    """
+    return _messages(Path(path).expanduser(), str(path), _Notes())
+
+
+def _messages(path: Path, file: str, notes: _Notes) -> Iterator[Told]:
+    """Give every message up to where the file ends or breaks off, and note what else is there."""
     mcap = mcap_library("reading a recording")
     try:
         with path.open("rb") as stream:
@@ -214,11 +233,10 @@ def _messages(path: Path, file: str, notes: _Notes) -> Iterator[tuple[str, bytes
         raise LogError(file, f"cannot be read: {error.strerror or error}") from error
 
 
-def _records(
-    mcap: Mcap, stream: IO[bytes], size: int, notes: _Notes
-) -> Iterator[tuple[str, bytes]]:
+def _records(mcap: Mcap, stream: IO[bytes], size: int, notes: _Notes) -> Iterator[Told]:
     records = mcap.records
-    topics: dict[int, str] = {}
+    schemas: dict[int, str] = {0: ""}
+    channels: dict[int, Any] = {}
     reader = mcap.stream_reader.StreamReader(stream, record_size_limit=size, validate_crcs=True)
     found = iter(reader.records)
     while True:
@@ -235,6 +253,9 @@ def _records(
         if isinstance(record, records.Metadata) and record.name == "trocar":
             notes.about.update(record.metadata)
         elif isinstance(record, records.Channel):
-            topics[record.id] = record.topic
+            channels[record.id] = record
+        elif isinstance(record, records.Schema):
+            schemas[record.id] = record.name
         elif isinstance(record, records.Message):
-            yield topics[record.channel_id], record.data
+            channel = channels[record.channel_id]
+            yield Told(channel.topic, schemas[channel.schema_id], record.log_time, record.data)

@@ -88,6 +88,31 @@ def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
     assert repeat(file).identical
 
 
+def test_tools_that_are_exchanged_before_and_meanwhile_are_repeated(tmp_path: Path) -> None:
+    file = tmp_path / "run.mcap"
+    world = World("two_psm_ecm")
+    arm, other = world.arm("PSM1"), world.arm("PSM2")
+    world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
+    arm.move_jp(GOAL)
+    world.step(50)
+    with world.record(file):
+        world.step(100)
+        world.exchange_tool("PSM1", "none")
+        other.move_jp(GOAL)
+        world.step(450)
+        world.exchange_tool("PSM1", "LARGE_NEEDLE_DRIVER:420006")
+        world.step(100)
+        last = other.measured_js().position
+    assert repeat(file).identical
+    recorded = open_recording(file)
+    assert (len(recorded.layouts), recorded.rows) == (3, 651)
+    columns = recorded.columns("PSM2")
+    assert columns is not None
+    states = recorded.states(columns)
+    assert len(states.time) == 651
+    np.testing.assert_allclose(states.position[-1, :6], last, atol=1e-6)
+
+
 def test_played_tables_are_repeated(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm")

@@ -67,20 +67,26 @@ class Recorded:
                 yield unpack(told.data)
 
     def states(self, arm: ArmColumns, every: int = 1) -> ArmStates:
-        """Return one arm's states, of every n-th row; rows of another layout are left out."""
+        """Return one arm's states, of every n-th row; rows of other joints are left out."""
         times: list[Array] = []
         values: list[Array] = []
         for block in self.blocks():
-            if arm not in self.layouts[block.layout]:
+            own = self._same(arm, block.layout)
+            if own is None:
                 continue
             due = slice(-block.first % every, None, every)
             rows = np.arange(block.first, block.first + len(block.times))[due]
             times.append(np.asarray(self.start + rows * self.timestep, np.float64))
-            values.append(block.values[:, arm.columns, due].astype(np.float64))
+            values.append(block.values[:, own.columns, due].astype(np.float64))
         if not times:
             return ArmStates(arm, np.zeros(0), *np.zeros((len(QUANTITIES), 0, len(arm.joints))))
         table = np.concatenate(values, axis=-1).transpose(0, 2, 1)
         return ArmStates(arm, np.concatenate(times), *table)
+
+    def _same(self, arm: ArmColumns, layout: int) -> ArmColumns | None:
+        """Return where the arm is in a layout, None where it has other joints."""
+        found = (a for a in self.layouts[layout] if a.name == arm.name and a.joints == arm.joints)
+        return next(found, None)
 
     def columns(self, name: str) -> ArmColumns | None:
         """Return where an arm's joints are in the first layout that has it."""

@@ -112,7 +112,7 @@ def _about(world: World) -> dict[str, str]:
     return {
         "format": str(FORMAT),
         **versions(),
-        "rig": world.rig.name,
+        "rig": world.first_rig.name,
         "rig_source": world.rig_source,
         "rig_fingerprint": rig_fingerprint(world.first_rig),
         "arguments": json.dumps({k: plain(v) for k, v in world.arguments.items()}),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -167,6 +169,18 @@ def test_positions_are_carried_over_by_name_and_clipped() -> None:
     assert moved.tolist() == [0.1, 0.2, 0.15, -4.4506, 1.2217, -0.4, 0.5]
     assert carried_over(q, driver, bare).tolist() == [0.1, 0.2, 0.15]
     assert carried_over(q[:3], bare, driver).tolist() == [0.1, 0.2, 0.15, 0, 0, 0, 0]
+
+
+def test_an_arm_that_was_changed_in_python_is_not_read_again() -> None:
+    """The change would be lost without a word."""
+    arm = load_arm("psm")
+    first, *others = arm.mechanism.closures
+    loose = replace(arm.mechanism, closures=(replace(first, open=True), *others))
+    with pytest.raises(InputError, match=r"psm: c1 differs from .*psm.toml; a tool is mounted on"):
+        with_tool(replace(arm, mechanism=loose), "PROGRASP_FORCEPS:420093")
+    yaw = replace(arm.joints[0], upper=1.0)
+    with pytest.raises(InputError, match=r"psm: yaw differs from"):
+        with_tool(replace(arm, joints=(yaw, *arm.joints[1:])), "PROGRASP_FORCEPS:420093")
 
 
 @pytest.mark.parametrize(

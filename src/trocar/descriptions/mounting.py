@@ -31,7 +31,7 @@ def with_tool(arm: ArmDescription, tool: str | Path) -> ArmDescription:
 
     Raises:
         InputError: the arm takes no tools, the tool is made for another generation, or the arm
-            does not come from a file
+            is not what stands in its file
         UnknownNameError, DescriptionError: the tool
     """
     if not arm.tool_frame:
@@ -42,7 +42,35 @@ def with_tool(arm: ArmDescription, tool: str | Path) -> ArmDescription:
         raise InputError(
             f"{arm.name}: its file {arm.file!r} is gone; a tool is mounted on what stands there"
         )
+    _check_as_in_file(arm)
     return load_arm(Path(arm.file), tool)
+
+
+def _check_as_in_file(arm: ArmDescription) -> None:
+    """Refuse an arm that was changed in Python: reading it again would take the change back."""
+    bare = load_arm(Path(arm.file), "none")
+    changed = [
+        frame.name
+        for frame in bare.mechanism.frames
+        if frame.name not in arm.mechanism.frame_index
+        or not _same(frame, arm.mechanism.frame(frame.name))
+    ]
+    closures = {closure.name: closure for closure in arm.mechanism.closures}
+    changed += [c.name for c in bare.mechanism.closures if not _same(c, closures.get(c.name))]
+    changed += [j.name for j in bare.joints if j not in arm.joints]
+    if changed:
+        raise InputError(
+            f"{arm.name}: {', '.join(dict.fromkeys(changed))} differs from {arm.file}; a tool is"
+            " mounted on what stands there, so write the change into a file of your own first"
+        )
+
+
+def _same(one: object, other: object) -> bool:
+    """Tell whether two frozen records of numbers and arrays hold the same."""
+    if type(one) is not type(other):
+        return False
+    pairs = [(value, vars(other)[key]) for key, value in vars(one).items()]
+    return all(np.array_equal(np.asarray(a, object), np.asarray(b, object)) for a, b in pairs)
 
 
 def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescription:

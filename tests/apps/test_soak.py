@@ -60,6 +60,8 @@ def test_a_short_soak_of_the_cart_meets_its_goals_but_for_memory(caplog) -> None
     assert 0.0 < found["loop gap, first 0.25 s"].value <= 0.1
     assert 0.0 < found["remote-centre error, all the time"].value <= 3.0
     assert found["simulated time"].value == 1.0
+    if sys.platform.startswith("linux"):
+        assert found["growth of it from then on"].limit is None  # a goal for whole minutes
 
 
 def test_a_soak_is_the_same_each_time_but_for_memory() -> None:

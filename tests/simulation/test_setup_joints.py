@@ -37,6 +37,16 @@ def test_brakes_are_locked_and_hold_ten_newtons():
     assert np.linalg.norm(world.remote_centres()["PSM1"] - centre) < 1e-8
 
 
+def test_motors_behind_locked_brakes_exert_nothing(world):
+    """The column's weight rests on its brake; released, it is carried."""
+    setup = world.arm("SUJ_PSM1")
+    world.step(100)
+    assert not setup.measured_js().effort.any()
+    setup.release_brakes()
+    world.step(100)
+    assert setup.measured_js().effort[0] > 100.0
+
+
 def test_released_joints_move_and_what_hangs_on_them_follows(world):
     setup = world.arm("SUJ_PSM1")
     goal = setup.measured_js().position + np.array([0.05, 0.1, -0.1, 0.05, 0.1, -0.1])

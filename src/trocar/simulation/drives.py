@@ -233,7 +233,7 @@ class Drives:
         p, i, d = (self.gains * self._servoed()[:, None]).T
         servo = p * (inputs[..., 0] - q) + i * integral + d * (inputs[..., 1] - v)
         total = np.clip(servo + inputs[..., 2], -self.effort_limit, self.effort_limit)
-        return np.where(self.powered | self._fingers, total, 0.0)
+        return np.where(self._driven(), total, 0.0)
 
     def load(self) -> Array:
         """Return the efforts that the weight of the links asks for, renewed with it, (n,)."""
@@ -243,7 +243,7 @@ class Drives:
 
     def law(self) -> Array:
         """Return P, I, D as they act now, 0 where no servo does, and the limit, (n, 4)."""
-        limit = np.where(self.powered | self._fingers, self.effort_limit, 0.0)
+        limit = np.where(self._driven(), self.effort_limit, 0.0)
         return np.column_stack([self.gains * self._servoed()[:, None], limit])
 
     def target(self, joint: int) -> float:
@@ -256,10 +256,13 @@ class Drives:
         found[self.binding.hinges] = self._data.qpos[self.binding.qpos]
         return found
 
+    def _driven(self) -> NDArray[np.bool_]:
+        """Return which joints a motor or a person's fingers act on, (n,); brakes let none."""
+        return (self._fingers | self.powered) & ~self.locked
+
     def _servoed(self) -> NDArray[np.bool_]:
         """Return which joints their servos drive, (n,)."""
-        live = self._fingers | self.powered
-        return np.array([m == "position" for m in self.modes]) & ~self.locked & live
+        return np.array([m == "position" for m in self.modes]) & self._driven()
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)

@@ -166,19 +166,27 @@ def quantities(layout: Layout, rows: Array, laws: Sequence[tuple[int, Array]]) -
         # By hand: a matrix product would wake the threads of the algebra library, which then spin.
         found[0] += weight[:, None] * qpos.T[place]
         found[1] += weight[:, None] * qvel.T[rate]
-    inputs = ctrl.reshape(len(rows), -1, INPUTS)[:, layout.servos]
+    live, integrals = _run(layout.live), act[:, _run(layout.act)]
+    inputs = ctrl.reshape(len(rows), -1, INPUTS)[:, _run(layout.servos)]
     found[3] = layout.rest[:, None]
-    found[3, layout.live] = inputs[:, :, 0].T
-    position, velocity = found[0, layout.live], found[1, layout.live]
+    found[3, live] = inputs[:, :, 0].T
+    position, velocity = found[0, live], found[1, live]
     ends = [first for first, _ in laws[1:]] + [len(rows)]
     for (first, law), end in zip(laws, ends, strict=True):
         part = slice(first, end)
         p, i, d, limit = law.T[:, :, None]
         wanted = inputs[part].transpose(2, 1, 0)
-        effort = p * (wanted[0] - position[:, part]) + i * act[part][:, layout.act].T
+        effort = p * (wanted[0] - position[:, part]) + i * integrals[part].T
         effort += d * (wanted[1] - velocity[:, part]) + wanted[2]
-        found[2, layout.live, part] = np.clip(effort, -limit, limit)
+        found[2, live, part] = np.clip(effort, -limit, limit)
     return found
+
+
+def _run(index: Index) -> Index | slice:
+    """Return indices as a slice where they follow one another: no copy, and no lock held for it."""
+    if len(index) and (np.diff(index) == 1).all():
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index
 
 
 def _terms(drives: Drives) -> int:

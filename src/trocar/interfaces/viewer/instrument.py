@@ -27,8 +27,9 @@ class InstrumentChoice:
     def follow(self, sheet: ArmSheet) -> None:
         """Show what is mounted, but not what was mounted before the last touch."""
         self._untouched += 1
-        if self._untouched >= SETTLED:
-            self._choice.value = sheet.tool or NONE
+        mounted = sheet.tool or NONE
+        if self._untouched >= SETTLED and self._choice.value != mounted:
+            self._choice.value = mounted
 
     def _chosen(self, tool: str) -> None:
         self._untouched = 0

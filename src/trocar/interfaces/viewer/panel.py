@@ -32,9 +32,6 @@ class ArmControls:
         arm = now.arms[sheet.name]
         self._folders: list[viser.GuiFolderHandle] = []
         self._instrument: InstrumentChoice | None = None
-        if sheet.tools:
-            with self._folder(gui, "Tool"):
-                self._instrument = InstrumentChoice(gui, loop, sheet)
         with self._folder(gui, f"{sheet.name} joints"):
             self._power = PowerButtons(gui, loop, sheet.name, arm)
             self._sliders = JointSliders(gui, loop, sheet, arm)
@@ -42,6 +39,8 @@ class ArmControls:
             if sheet.has_brakes:
                 BrakeButtons(gui, loop, sheet)
         with self._folder(gui, "Control"):
+            if sheet.tools:
+                self._instrument = InstrumentChoice(gui, loop, sheet)
             self._mode = ModeChoice(gui, loop, sheet, arm)
             self._gravity = None if sheet.has_brakes else GravityChoice(gui, loop, sheet)
             with gui.add_folder("Gains P, I, D", expand_by_default=False):

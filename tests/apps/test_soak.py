@@ -1,4 +1,4 @@
-"""`trocar bench --only soak`: what it compares, and that it sees what grows."""
+"""`trocar bench soak`: what it compares, and that it sees what grows."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def test_a_port_that_is_taken_is_one_clear_error(capsys):
 
 
 def test_bench_prints_one_document(capsys):
-    assert main(["bench", "--only", "speed", "--duration", "0.05", "--passes", "1", "--json"]) == 0
+    assert main(["bench", "speed", "--duration", "0.05", "--passes", "1", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert [row["rig"] for row in document["table9"]][-2:] == ["full_cart", "full_cart"]
     assert document["figures"] == []
@@ -94,7 +94,7 @@ def test_bench_refuses_a_duration_of_nothing(capsys):
 
 
 def test_a_soak_is_measured_when_it_is_asked_for(capsys):
-    assert main(["bench", "--only", "soak", "--duration", "0.02", "--json"]) == 0
+    assert main(["bench", "soak", "--duration", "0.02", "--json"]) == 0
     printed = capsys.readouterr()
     assert "trocar: measuring soak: 0.02 of 0.02 s ..." in printed.err
     document = json.loads(printed.out)
@@ -106,7 +106,7 @@ def test_a_soak_is_measured_when_it_is_asked_for(capsys):
 
 def test_the_cost_of_recording_is_measured_when_it_is_asked_for(capsys):
     pytest.importorskip("mcap")
-    words = ["bench", "--only", "recording", "--duration", "0.5", "--passes", "1", "--json"]
+    words = ["bench", "recording", "--duration", "0.5", "--passes", "1", "--json"]
     assert main(words) == 0
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
     assert found["recording: loss of real-time factor"]["limit"] == 5.0

@@ -2,14 +2,14 @@
 
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
-Measured only when asked for: --only recording, the cost of recording the full cart in motion, and
---only soak, an hour of it (some minutes of the machine's time).
+Measured only when asked for: recording, the cost of recording the full cart in motion, and soak, an
+hour of it (some minutes of the machine's time).
 """
 
 from __future__ import annotations
 
 import sys
-from argparse import ArgumentParser, Namespace
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import asdict
 from math import isfinite
 from typing import TYPE_CHECKING
@@ -30,7 +30,11 @@ PASS_S = 10.0
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "--only", choices=ALL_PARTS, action="append", help="measure this part only; may be repeated"
+        "part",
+        nargs="*",
+        type=_part,
+        metavar="PART",
+        help=f"what to measure: {', '.join(ALL_PARTS)}; default: {', '.join(PARTS)}",
     )
     parser.add_argument(
         "--duration",
@@ -55,7 +59,7 @@ def run(args: Namespace) -> int:
         raise InputError("--duration, --passes and --poses: allowed: above 0")
     from trocar.apps.benchmarks import figures, recording, soak, startup, table9
 
-    parts = args.only or PARTS
+    parts = args.part or PARTS
     each = () if args.duration is None else (args.duration,)
     rows = table9(*(each or (PASS_S,)), args.passes, _watch) if "speed" in parts else []
     found = figures(_watch, args.poses) if "figures" in parts else []
@@ -69,6 +73,12 @@ def run(args: Namespace) -> int:
     else:
         print("\n\n".join(filter(None, [_speeds(rows), _figures(found)])))
     return 0
+
+
+def _part(name: str) -> str:
+    if name not in ALL_PARTS:  # argparse's own choices refuse that none is named
+        raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(ALL_PARTS)}")
+    return name
 
 
 def _watch(what: str) -> None:

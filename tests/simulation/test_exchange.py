@@ -27,7 +27,7 @@ def jaw_of(world: World, name: str = "PSM1") -> Jaw:
 
 def busy_cart() -> World:
     """A cart in which everything that can be set is set, and much is under way."""
-    world = World("full_cart", homed=True)
+    world = World("full_cart", collisions=False)
     world.set_state("PSM3", np.array([0.1, -0.2, 0.1, 0.3, 0.2, -0.1, 0.4]), np.full(7, 0.1))
     world.arm("PSM2").set_gains("yaw", p=111.0, i=3.0, d=7.0)
     world.arm("PSM2").set_trajectory_ratio(0.5)
@@ -40,6 +40,7 @@ def busy_cart() -> World:
     world.arm("SUJ_ECM").release_brakes()
     world.arm("SUJ_PSM2").disable()
     world.step(137)
+    assert all(arm.operating_state().state != "FAULT" for arm in world.arms.values())
     return world
 
 
@@ -69,6 +70,7 @@ def test_every_other_arm_keeps_its_state_bit_for_bit() -> None:
     world = busy_cart()
     before, physics = world.snapshot(), physics_of(world, "PSM1")
     states = {name: arm.operating_state() for name, arm in world.arms.items()}
+    assert physics["servo PSM2/yaw"][0] != 0.0  # its integral
     world.exchange_tool("PSM1", PROGRASP)
     after = world.snapshot()
     assert physics_of(world, "PSM1") == physics
@@ -182,6 +184,7 @@ def test_an_arm_that_may_not_move_stays_so(verbs: tuple[str, ...]) -> None:
     before, q = arm.operating_state(), arm.readings()[0]
     world.exchange_tool("PSM1", PROGRASP)
     assert arm.operating_state() == before
+    assert arm.readings()[2].any() == ("disable" not in verbs)
     world.step(300)
     assert np.abs(arm.readings()[0] - q).max() < 1e-3
     assert arm.move_jp([0.1, 0, 0.12, 0, 0, 0]).done

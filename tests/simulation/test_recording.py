@@ -10,6 +10,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -208,11 +209,27 @@ def test_a_second_recording_of_the_same_world_is_refused(tmp_path: Path) -> None
 
 # ---------------------------------------------------------------- what goes wrong
 
+
+def test_a_writer_that_is_gone_is_said_once_and_the_simulation_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    world = World("psm")
+    with world.record(tmp_path / "run.mcap") as recorder:
+        world.step(500)
+        recorder._writer._child.kill()
+        recorder._writer._child.wait(30)
+        world.step(2000)
+    assert world.time == pytest.approx(2.5)
+    assert recorder.failure
+    said = [r for r in caplog.records if "cannot be written any further" in r.getMessage()]
+    assert len(said) == 1
+
+
 KILLED = """
 import sys, time
 from trocar.simulation import World
 world = World("psm")
-world.record(sys.argv[1])
+print(world.record(sys.argv[1])._writer._child.pid, flush=True)
 arm = world.arm("PSM1")
 arm.move_jp([0.5, 0.3, 0.2, 1.0, 0.5, 0.5])
 while True:
@@ -222,8 +239,9 @@ while True:
 """
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="kill -9 is for systems that have it")
-def test_a_killed_process_loses_less_than_its_last_second(tmp_path: Path) -> None:
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc for the process")
+@pytest.mark.parametrize("writer", ["goes on", "is killed too"])
+def test_a_killed_process_loses_less_than_its_last_second(tmp_path: Path, writer: str) -> None:
     file = tmp_path / "run.mcap"
     child = subprocess.Popen(
         [sys.executable, "-c", KILLED, str(file)],
@@ -232,21 +250,38 @@ def test_a_killed_process_loses_less_than_its_last_second(tmp_path: Path) -> Non
         text=True,
     )
     assert child.stdout is not None
+    pid = int(child.stdout.readline())
     reached = 0.0
     while reached < 2.5:
         reached = float(child.stdout.readline())
+    if writer == "is killed too":
+        os.kill(pid, signal.SIGKILL)
     child.send_signal(signal.SIGKILL)
     reached = max([reached, *map(float, child.stdout.read().split())])
     child.stdout.close()
     child.wait(30)
+    if writer == "goes on":  # until it finds that nothing more comes
+        wait_until_gone(pid)
     recorded = open_recording(file)
     assert reached - 1.0 <= recorded.end <= reached + 0.1
-    assert recorded.problem
+    assert [e.name for e in recorded.entries if e.kind == "command"] == ["move_jp"]
+    assert bool(recorded.problem) == (writer == "is killed too")
+    if not recorded.problem:
+        return
     with file.open("rb") as stream:  # no summary: read from its beginning
         reader = mcap_reader.NonSeekingReader(stream)
         with pytest.raises(Exception):  # noqa: B017, PT011  the library's own end of file
             list(reader.iter_messages(log_time_order=False))
-    assert [e.name for e in recorded.entries if e.kind == "command"] == ["move_jp"]
+
+
+def wait_until_gone(pid: int) -> None:
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        state = Path(f"/proc/{pid}/stat")
+        if not state.exists() or state.read_text().rsplit(")", 1)[1].split()[0] == "Z":
+            return
+        time.sleep(0.05)
+    raise AssertionError("the writer is still there")
 
 
 def test_a_file_cut_anywhere_is_read_to_its_last_whole_block(tmp_path: Path) -> None:

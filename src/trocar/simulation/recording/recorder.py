@@ -17,8 +17,8 @@ from trocar.errors import InputError
 from trocar.simulation.recording.fingerprint import rig_fingerprint
 from trocar.simulation.recording.library import mcap_library
 from trocar.simulation.recording.sampler import Sampler
-from trocar.simulation.recording.scribe import Scribe
 from trocar.simulation.recording.values import plain
+from trocar.simulation.recording.writers import ProcessWriter, ThreadWriter
 
 if TYPE_CHECKING:
     from trocar.simulation.world import World
@@ -45,16 +45,20 @@ class Recorder:
         if world.recorder is not None:
             raise InputError(f"{self.file}: the world is recorded into {world.recorder.file} now")
         try:
-            stream = _opened(file)
-            scribe = Scribe(stream, self.file, _about(world), world.time, world.timestep)
-            scribe.past(world.past.entries if world.past.complete else ())
+            about = _about(world), world.time, world.timestep
+            writer = (
+                ProcessWriter(Path(file).expanduser(), *about)
+                if isinstance(file, str | Path)
+                else ThreadWriter(file, self.file, *about)
+            )
+            writer.past(world.past.entries if world.past.complete else ())
         except OSError as error:
             raise InputError(
                 f"{self.file}: cannot be written: {error.strerror or error}"
             ) from error
-        self._world, self._scribe = world, scribe
-        self._sampler = Sampler(world, scribe)
-        scribe.sampler = self._sampler
+        self._world, self._writer = world, writer
+        self._sampler = Sampler(world, writer)
+        writer.recycle = self._sampler.recycle
         self._sampler.start()
         self._stopped = False
         world.recorder = self
@@ -68,12 +72,12 @@ class Recorder:
     @property
     def size(self) -> int:
         """Bytes in the file so far."""
-        return self._scribe.size
+        return self._writer.size
 
     @property
     def failure(self) -> str:
         """Why the file could not be written to its end; "" while all is well."""
-        return self._scribe.failure
+        return self._writer.failure
 
     def stop(self) -> None:
         """End the recording and close the file; a second time nothing happens."""
@@ -83,7 +87,7 @@ class Recorder:
         atexit.unregister(self.stop)
         self._world.recorder = None
         self._sampler.stop()
-        self._scribe.close()
+        self._writer.close()
 
     def __enter__(self) -> Self:
         return self
@@ -127,9 +131,3 @@ def _label(file: str | Path | IO[bytes]) -> str:
     if isinstance(file, str | Path):
         return str(file)
     return str(getattr(file, "name", "the recording"))
-
-
-def _opened(file: str | Path | IO[bytes]) -> IO[bytes]:
-    if isinstance(file, str | Path):
-        return Path(file).expanduser().open("wb")
-    return file

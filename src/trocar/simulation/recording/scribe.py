@@ -1,12 +1,9 @@
-"""Turns blocks into a file, in a thread of its own: the simulation does not wait for the disk."""
+"""Turns blocks into a file."""
 
 from __future__ import annotations
 
 import json
-import logging
-import queue
-import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import IO
 
 import mujoco
@@ -25,12 +22,10 @@ from trocar.simulation.recording.ros2 import (
     Cdr,
     Instants,
 )
-from trocar.simulation.recording.sampler import Block, Sampler, Shape
+from trocar.simulation.recording.sampler import Block, Shape
 from trocar.simulation.recording.values import entry_json
 
 Array = NDArray[np.float64]
-
-_log = logging.getLogger("trocar")
 
 #: Simulated time between two messages for people [s]. Source: our own choice, 50 Hz.
 MESSAGE_PERIOD_S = 0.02
@@ -57,19 +52,23 @@ class Scribe:
 
     Args:
         stream: a binary file, open for writing; the scribe closes it
-        label: what the file is called in messages
         about: names and values of the whole recording
         start: simulation time of the first row [s]
         timestep: physics period [s]
+        complain: told why nothing more is written
     """
 
     def __init__(
-        self, stream: IO[bytes], label: str, about: dict[str, str], start: float, timestep: float
+        self,
+        stream: IO[bytes],
+        about: dict[str, str],
+        start: float,
+        timestep: float,
+        complain: Callable[[str], None],
     ) -> None:
-        self._stream, self._label = stream, label
+        self._stream, self._complain = stream, complain
         self._start, self._timestep = start, timestep
         self._every = max(1, round(MESSAGE_PERIOD_S / timestep))
-        self._queue: queue.SimpleQueue[tuple[Block, Array] | None] = queue.SimpleQueue()
         self._shape: Shape | None = None
         self._instants: Instants | None = None
         self._scratch: mujoco.MjData | None = None
@@ -77,8 +76,6 @@ class Scribe:
         self._channels: dict[str, int] = {}
         #: Why nothing more is written, "" while all is well.
         self.failure = ""
-        self._error: Exception | None = None
-        self.sampler: Sampler | None = None
         self._file = McapFile(stream, "ros2", f"trocar {about['trocar']}")
         self._file.metadata("trocar", about)
         text = self._file.schema("trocar.Entry", "jsonschema", ENTRY_SCHEMA)
@@ -88,8 +85,6 @@ class Scribe:
         self._channels[LAYOUT] = self._file.channel(LAYOUT, "json", form)
         self._channels[STATES] = self._file.channel(STATES, "trocar.states")
         self._schemas = {n: self._file.schema(n, "ros2msg", t) for n, t in SCHEMAS.items()}
-        self._thread = threading.Thread(target=self._main, name="trocar-recording", daemon=True)
-        self._thread.start()
 
     @property
     def size(self) -> int:
@@ -102,52 +97,28 @@ class Scribe:
         channel = self._channels[PAST]
         self._file.chunk([messages([(channel, now, entry_json(e)) for e in entries])])
 
-    def take(self, block: Block, buffer: Array) -> None:
-        """Queue a block."""
-        self._queue.put((block, buffer))
+    def write(self, block: Block) -> None:
+        """Write a block; an error of the disk is kept, and nothing more is written."""
+        if self.failure:
+            return
+        try:
+            self._write(block)
+        except OSError as error:
+            self._give_up(error)
 
-    def close(self) -> None:
-        """Write what is queued and the summary, and close the file.
-
-        Raises:
-            Exception: what stopped the thread and was nobody's disk
-        """
-        self._queue.put(None)
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-
-    def _main(self) -> None:
-        while (item := self._queue.get()) is not None:
-            block, buffer = item
-            try:
-                if not self.failure:
-                    self._write(block)
-            except OSError as error:
-                self._give_up(error.strerror or str(error))
-            except Exception as error:  # noqa: BLE001  handed over whole to whoever closes
-                self._error = error
-                self._give_up(repr(error))
-            finally:
-                if self.sampler is not None:
-                    self.sampler.recycle(buffer)
+    def finish(self) -> None:
+        """Write the summary and close the file."""
         try:
             if not self.failure:
                 self._file.finish()
             self._stream.close()
         except OSError as error:
-            self._give_up(error.strerror or str(error))
+            self._give_up(error)
 
-    def _give_up(self, why: str) -> None:
-        if self.failure:
-            return
-        self.failure = why
-        _log.warning(
-            "%s: cannot be written any further: %s; the simulation goes on unrecorded, and what was"
-            " written until then can be read",
-            self._label,
-            why,
-        )
+    def _give_up(self, error: OSError) -> None:
+        if not self.failure:
+            self.failure = error.strerror or str(error)
+            self._complain(self.failure)
 
     def _write(self, block: Block) -> None:
         parts: list[Part] = []

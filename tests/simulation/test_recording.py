@@ -216,8 +216,9 @@ def test_a_writer_that_is_gone_is_said_once_and_the_simulation_goes_on(
     world = World("psm")
     with world.record(tmp_path / "run.mcap") as recorder:
         world.step(500)
-        recorder._writer._child.kill()
-        recorder._writer._child.wait(30)
+        writer: Any = recorder._writer
+        writer._child.kill()
+        writer._child.wait(30)
         world.step(2000)
     assert world.time == pytest.approx(2.5)
     assert recorder.failure

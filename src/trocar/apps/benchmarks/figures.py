@@ -142,7 +142,7 @@ def inverse_poses(count: int) -> Iterator[Figure]:
         for row, pose in zip(q, target, strict=True):
             given = {"platform_angle": row[3]} if name == "mtmr" else {}
             solutions = inverse_kinematics(mechanism, arm.inverse_kinematics, pose, **given)
-            wide = np.zeros((len(solutions), len(mechanism.joints)))
+            wide = np.tile(row, (len(solutions), 1))  # jaw and gripper do not move the tip
             wide[:, : solutions.shape[1]] = solutions
             off = max(off, float(np.abs(forward.pose(mechanism, wide) - pose).max()))
             missed = max(missed, float(np.abs(wide - row).max(axis=1).min()))

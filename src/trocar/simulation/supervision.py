@@ -30,7 +30,7 @@ class Supervision:
         self._measure = np.zeros((count, len(qpos)))
         for d in self._drives.values():
             self._measure[np.ix_(d.binding.actuators, d.binding.qpos)] = d.binding.drive
-        self._error = np.zeros(count)
+        self._error, self._share = np.zeros(count), np.zeros(count)
         self._told = servos.table[:, 0]
         self._grippers = [arm.gripper for arm in arms.values() if arm.gripper is not None]
 
@@ -38,10 +38,14 @@ class Supervision:
         """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""
         for gripper in self._grippers:
             gripper.watch()
-        self._measure.dot(self._qpos, self._error)
-        np.subtract(self._error, self._told, self._error)
-        np.abs(self._error, self._error)
-        if (self._error > self._servos.tolerance).any():
+        error = self._error
+        self._measure.dot(self._qpos, error)
+        np.subtract(error, self._told, error)
+        np.divide(error, self._servos.tolerance, self._share)
+        if self._share.dot(self._share) < 1.0:  # then none is beyond, and it is the usual case
+            return
+        np.abs(error, error)
+        if (error > self._servos.tolerance).any():
             self._trip()
 
     def _trip(self) -> None:

@@ -249,6 +249,18 @@ def test_a_table_is_not_played_by_an_arm_that_is_not_ready():
         world.play({"PSM1": np.tile([*HOME, 0.0], (3, 1))})
 
 
+def test_a_table_that_is_refused_leaves_a_free_arm_free():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.free()
+    for wrong in ({"PSM1": np.zeros((3, 2))}, {"PSM1": np.full((3, 7), np.nan)}):
+        with pytest.raises(InputError):
+            world.play(wrong)
+    assert set(arm.snapshot(None).modes[:6]) == {"effort"}
+    world.play({"PSM1": np.tile([*HOME, 0.0], (3, 1))})
+    assert set(arm.snapshot(None).modes) == {"position"}
+
+
 def test_a_reset_returns_to_the_states_that_the_world_began_in():
     world = World("psm")
     world.arm("PSM1").disable()

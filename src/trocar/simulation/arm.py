@@ -222,15 +222,18 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         if self.active or self._verbs.setpoints.velocity.any():
             self._stop()
 
-    def prepare_to_play(self) -> None:
-        """Take joints back from effort control, for a table of set-points.
+    def check_playable(self) -> None:
+        """Refuse a table of set-points while the arm takes no commands.
 
         Raises:
-            InputError: the arm takes no commands now
+            InputError: why it takes none
         """
         why = self._states.why_not_ready()
         if why:
             raise InputError(f"play: {self.name}: {why}")
+
+    def prepare_to_play(self) -> None:
+        """Take joints back from effort control, for a table of set-points."""
         self._end_laws()
         self._verbs.under_position(slice(0, len(self.joint_names)))
 

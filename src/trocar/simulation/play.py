@@ -95,7 +95,7 @@ class Player:
                 setpoints[:, used, 1] = speed
             if name in efforts:
                 effort = _checked(name, efforts[name], target.shape, "efforts")
-                open_loop[:, used] = np.where([m == "effort" for m in d.modes], effort, 0.0)
+                open_loop[:, used] = effort
         return Table(setpoints, open_loop if efforts else None, tuple(positions), clipped)
 
     def run(
@@ -116,6 +116,10 @@ class Player:
             raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
         for arm in arms.values():
             arm.come_to_rest()
+        for name in table.played:
+            arms[name].prepare_to_play()
+        if table.efforts is not None:
+            self._leave_to_servos(table.efforts, table.played)
         model, data = self._model, self._data
         samples = np.zeros(
             (len(table.setpoints) if record else 0, mujoco.mj_stateSize(model, SAMPLE))
@@ -134,6 +138,13 @@ class Player:
             last = table.setpoints[-1, used]
             arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
         return self._recording(samples, table.clipped)
+
+    def _leave_to_servos(self, efforts: Array, played: tuple[str, ...]) -> None:
+        """Blank the efforts of joints that are not in mode "effort", now that all modes are."""
+        for name in played:
+            d = self._drives[name]
+            servoed = [m != "effort" for m in d.modes]
+            efforts[:, d.binding.actuators[servoed]] = 0.0
 
     def _recording(self, samples: Array, clipped: dict[str, int]) -> Recording:
         """Take samples of the state apart; MuJoCo has time, qpos, qvel, act and ctrl in a row."""

@@ -224,7 +224,7 @@ class World:
         """
         for name in positions:
             if name in self.arms and not self._drives[name].welded:
-                self.arms[name].prepare_to_play()
+                self.arms[name].check_playable()
         table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self._advance, self.arms)
 

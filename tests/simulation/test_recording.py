@@ -396,7 +396,7 @@ def test_another_format_is_refused_with_both_versions(
     world = World("psm")
     with world.record(tmp_path / "run.mcap"):
         world.step()
-    with pytest.raises(LogError, match=r"got format 99, written by trocar \S+; allowed: 1"):
+    with pytest.raises(LogError, match=r"got format 99, written by trocar \S+; allowed: 2"):
         open_recording(tmp_path / "run.mcap")
 
 

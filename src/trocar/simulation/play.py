@@ -14,17 +14,9 @@ from trocar.simulation.arm import Arm
 from trocar.simulation.drives import Drives
 from trocar.simulation.records import Recording
 from trocar.simulation.servos import INPUTS, ServoInputs
+from trocar.simulation.state_view import StateView
 
 Array = NDArray[np.float64]
-
-#: What a sample holds, in MuJoCo's order; one call copies it all.
-SAMPLE = int(
-    mujoco.mjtState.mjSTATE_TIME
-    | mujoco.mjtState.mjSTATE_QPOS
-    | mujoco.mjtState.mjSTATE_QVEL
-    | mujoco.mjtState.mjSTATE_ACT
-    | mujoco.mjtState.mjSTATE_CTRL
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +36,11 @@ class Player:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
+        state: StateView,
         servos: ServoInputs,
         drives: Mapping[str, Drives],
     ) -> None:
-        self._model, self._data = model, data
+        self._model, self._data, self._state = model, data, state
         self._drives = {name: d for name, d in drives.items() if not d.welded}
         self._servos = servos
 
@@ -120,10 +113,8 @@ class Player:
             arms[name].prepare_to_play()
         if table.efforts is not None:
             self._leave_to_servos(table.efforts, table.played)
-        model, data = self._model, self._data
-        samples = np.zeros(
-            (len(table.setpoints) if record else 0, mujoco.mj_stateSize(model, SAMPLE))
-        )
+        state, begin = self._state.values, self._data.time
+        samples = np.zeros((len(table.setpoints) if record else 0, len(state)))
         setpoints = self._servos.table[:, :2]
         for row, wanted in enumerate(table.setpoints):
             setpoints[:] = wanted
@@ -132,12 +123,14 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                mujoco.mj_getState(model, data, samples[row], SAMPLE)
+                samples[row] = state
         for name in table.played:
             used = self._drives[name].binding.actuators
             last = table.setpoints[-1, used]
             arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
-        return self._recording(samples, table.clipped)
+        periods = np.full(len(samples) * every + 1, self._model.opt.timestep)
+        periods[0] = begin
+        return self._recording(np.add.accumulate(periods)[every::every], samples, table.clipped)
 
     def _leave_to_servos(self, efforts: Array, played: tuple[str, ...]) -> None:
         """Blank the efforts of joints that are not in mode "effort", now that all modes are."""
@@ -146,12 +139,11 @@ class Player:
             servoed = [m != "effort" for m in d.modes]
             efforts[:, d.binding.actuators[servoed]] = 0.0
 
-    def _recording(self, samples: Array, clipped: dict[str, int]) -> Recording:
-        """Take samples of the state apart; MuJoCo has time, qpos, qvel, act and ctrl in a row."""
-        model = self._model
-        ends = np.cumsum([1, model.nq, model.nv, model.na])
-        time, qpos, qvel, act, ctrl = np.split(samples, ends, axis=1)
-        inputs = ctrl.reshape(len(samples), model.nu // INPUTS, INPUTS)
+    def _recording(self, times: Array, samples: Array, clipped: dict[str, int]) -> Recording:
+        """Take samples of the state apart."""
+        part = self._state.part
+        qpos, qvel, act = (part(samples, name) for name in ("qpos", "qvel", "act"))
+        inputs = part(samples, "ctrl").reshape(len(samples), self._model.nu // INPUTS, INPUTS)
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
@@ -164,7 +156,7 @@ class Player:
             efforts[name] = d.servo_efforts(inputs[:, b.actuators], state)
             coordinates[name] = np.zeros((len(samples), len(d.arm.mechanism.frames)))
             coordinates[name][:, b.hinges] = qpos[:, b.qpos]
-        return Recording(time[:, 0].copy(), positions, velocities, efforts, coordinates, clipped)
+        return Recording(times, positions, velocities, efforts, coordinates, clipped)
 
 
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:

@@ -34,6 +34,7 @@ from trocar.simulation.sensor_readings import Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import ServoInputs
 from trocar.simulation.shapes import shape_records
+from trocar.simulation.state_view import StateView
 from trocar.simulation.supervision import Supervision
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
@@ -47,8 +48,6 @@ BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
 BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
 BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
-#: What a step changes and the next one depends on; inputs stay as they are.
-STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART)
 
 
 class World:
@@ -390,7 +389,8 @@ class World:
         self._shown = mujoco.MjData(model)
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
-        self._before = np.zeros(mujoco.mj_stateSize(model, STATE))
+        self._state = StateView(model, self._data)
+        self._before, self._time_before = self._state.values.copy(), 0.0
         self._build += 1
 
     def _new_drives(self, name: str) -> Drives:
@@ -411,7 +411,7 @@ class World:
     def _wire(self) -> None:
         """Make what looks into the physics and keeps nothing of its own."""
         self._places = Places(self.rig, self.arms)
-        self._player = Player(self._model, self._data, self._servos, self._drives)
+        self._player = Player(self._model, self._data, self._state, self._servos, self._drives)
         self._gravity = GravityCompensation(
             self._model, self._data, self._servos, self._drives.values()
         )
@@ -431,7 +431,7 @@ class World:
                 self._gravity.renew()
                 self._supervision.check()
             run = min(left, self._renewal - since)
-            mujoco.mj_getState(self._model, self._data, self._before, STATE)
+            self._before[:], self._time_before = self._state.values, self._data.time
             self._mj_step(self._model, self._data, run)
             self._periods += run
             left -= run
@@ -441,7 +441,7 @@ class World:
 
     def _diverged(self) -> None:
         """Go through the last periods again, one by one, to name what left the numbers first."""
-        mujoco.mj_setState(self._model, self._data, self._before, STATE)
+        self._state.values[:], self._data.time = self._before, self._time_before
         self._bad[:] = 0
         for _ in range(self._renewal):
             mujoco.mj_step(self._model, self._data)

@@ -23,7 +23,7 @@ from trocar.simulation.recording.blocks import PackedBlock, digest, single
 from trocar.simulation.recording.fingerprint import rig_fingerprint
 from trocar.simulation.recording.layout import quantities
 from trocar.simulation.recording.recorder import versions
-from trocar.simulation.recording.sampler import Block, Sampler
+from trocar.simulation.recording.sampler import Block, Buffer, Sampler
 from trocar.simulation.recording.values import Unknown, restored
 
 Array = NDArray[np.float64]
@@ -198,7 +198,7 @@ class _Comparison:
     _digest: Any = field(default_factory=lambda: hashlib.blake2b(digest_size=16))
     _blocks: Iterator[PackedBlock] | None = None
 
-    def take(self, block: Block, buffer: Array) -> None:
+    def take(self, block: Block, buffer: Buffer) -> None:
         """Compare a block with the recorded one of the same rows."""
         if self._blocks is None:
             self._blocks = self.recorded.blocks()
@@ -219,7 +219,8 @@ class _Comparison:
         if self.differs_from is None:
             self.differs_from = float(expected.times[0])
         count = min(count, len(block.rows))
-        values = single(quantities(block.shape.layout, block.rows, block.laws))[:, :, :count]
+        found = quantities(block.shape.layout, block.rows, block.inputs, block.laws)
+        values = single(found)[:, :, :count]
         if values.shape[:2] != expected.values.shape[:2]:
             self.worst = (np.inf, "the number of joints", "")
             return

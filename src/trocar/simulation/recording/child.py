@@ -9,10 +9,14 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from trocar.simulation.recording.layout import Inputs
 from trocar.simulation.recording.sampler import Block, Shape
 from trocar.simulation.recording.scribe import Scribe
 from trocar.simulation.recording.writers import LENGTH
+
+Array = NDArray[np.float64]
 
 
 def main() -> None:
@@ -41,11 +45,17 @@ def main() -> None:
 
 
 def _block(source: IO[bytes], shape: Shape, content: list[Any]) -> Block | None:
-    first, laws, entries, (rows, columns) = content
-    data = source.read(8 * rows * columns)
-    if len(data) < 8 * rows * columns:
+    first, laws, entries, starts, shapes = content
+    rows, ctrl = (_numbers(source, size) for size in shapes)
+    if rows is None or ctrl is None:
         return None
-    return Block(shape, first, np.frombuffer(data).reshape(rows, columns), laws, entries)
+    return Block(shape, first, rows, Inputs(starts, ctrl), laws, entries)
+
+
+def _numbers(source: IO[bytes], shape: tuple[int, int]) -> Array | None:
+    count = 8 * shape[0] * shape[1]
+    data = source.read(count)
+    return np.frombuffer(data).reshape(shape) if len(data) == count else None
 
 
 def _receive(source: IO[bytes]) -> Any:

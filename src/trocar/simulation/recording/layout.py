@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.simulation.drives import Drives
-from trocar.simulation.play import SAMPLE
 from trocar.simulation.servos import INPUTS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
+#: What a row copies of the physics state, in MuJoCo's order: time, qpos, qvel, act.
+STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 #: What is kept of every joint in every physics period, in this order.
 QUANTITIES = ("position", "velocity", "effort", "setpoint")
 
@@ -68,6 +69,24 @@ def arm_columns(values: Mapping[str, Any]) -> ArmColumns:
         bool(values["jaw"]),
         int(values["first"]),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What the servos were told, kept where it may have changed only.
+
+    Attributes:
+        first: rows from which on each set holds, rising, the first 0 where there are rows, (j,)
+        ctrl: `ctrl` from there on, (j, nu)
+    """
+
+    first: Index
+    ctrl: Array
+
+    def of_each(self, rows: int) -> Array:
+        """Return the servos' inputs in each of so many rows, (rows, nu / 3, 3)."""
+        lasting = np.diff(self.first, append=rows)
+        return np.repeat(self.ctrl, lasting, axis=0).reshape(rows, -1, INPUTS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,22 +163,25 @@ def layout_of(
         np.array(servos, np.intp),
         np.array(act, np.intp),
         np.cumsum([1, model.nq, model.nv, model.na]),
-        mujoco.mj_stateSize(model, SAMPLE),
+        mujoco.mj_stateSize(model, STATE),
     )
 
 
-def quantities(layout: Layout, rows: Array, laws: Sequence[tuple[int, Array]]) -> Array:
+def quantities(
+    layout: Layout, rows: Array, told: Inputs, laws: Sequence[tuple[int, Array]]
+) -> Array:
     """Return positions, velocities, efforts and set-points of every joint.
 
     Args:
         layout: of the rows
         rows: samples of the state, (k, size)
+        told: what the servos were told meanwhile
         laws: (first row, P, I, D and effort limit as they act from there on (s, 4)), rows rising
 
     Returns:
         (4, n_joints, k) [rad or m, per s, N m or N, rad or m]
     """
-    _, qpos, qvel, act, ctrl = np.split(rows, layout.ends, axis=1)
+    _, qpos, qvel, act, _ = np.split(rows, layout.ends, axis=1)
     found = np.zeros((len(QUANTITIES), layout.joints, len(rows)))
     found[0] = layout.rest[:, None]
     for weight, place, rate in zip(layout.weights, layout.qpos, layout.qvel, strict=True):
@@ -167,7 +189,7 @@ def quantities(layout: Layout, rows: Array, laws: Sequence[tuple[int, Array]]) -
         found[0] += weight[:, None] * qpos.T[place]
         found[1] += weight[:, None] * qvel.T[rate]
     live, integrals = _run(layout.live), act[:, _run(layout.act)]
-    inputs = ctrl.reshape(len(rows), -1, INPUTS)[:, _run(layout.servos)]
+    inputs = told.of_each(len(rows))[:, _run(layout.servos)]
     found[3] = layout.rest[:, None]
     found[3, live] = inputs[:, :, 0].T
     position, velocity = found[0, live], found[1, live]

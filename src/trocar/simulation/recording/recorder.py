@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trocar.simulation.world import World
 
 #: Of our own channels; a reader refuses what it does not know.
-FORMAT = 1
+FORMAT = 2
 
 
 class Recorder:

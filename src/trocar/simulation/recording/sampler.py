@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.simulation.journal import Entry
-from trocar.simulation.play import SAMPLE
 from trocar.simulation.recording.frames import Tips, tips_of
-from trocar.simulation.recording.layout import Layout, layout_of
+from trocar.simulation.recording.layout import STATE, Inputs, Layout, layout_of
 
 if TYPE_CHECKING:
     from trocar.simulation.world import World
@@ -52,7 +51,8 @@ class Block:
     Attributes:
         shape: what the rows mean
         first: number of the first row since the recording began
-        rows: samples after each period, (k, size); valid until `done` is called
+        rows: physics state after each period, (k, size); valid until its buffer is recycled
+        inputs: what the servos were told meanwhile; valid as long as the rows
         laws: (row, how the servos act from there on), rows rising
         entries: (row that the entry came before, entry)
     """
@@ -60,14 +60,30 @@ class Block:
     shape: Shape
     first: int
     rows: Array
+    inputs: Inputs
     laws: tuple[tuple[int, Array], ...]
     entries: tuple[tuple[int, Entry], ...]
+
+
+class Buffer:
+    """Room for a block's rows, and for as many inputs as there may be beside them.
+
+    Attributes:
+        sizes: numbers of a state and of a set of inputs
+        rows, each: the states, (k, sizes[0]), and one view of each row
+        inputs, told: the inputs, (k, sizes[1]), and one view of each row
+    """
+
+    def __init__(self, count: int, sizes: tuple[int, int]) -> None:
+        self.sizes = sizes
+        self.rows, self.inputs = (np.zeros((count, size)) for size in sizes)
+        self.each, self.told = list(self.rows), list(self.inputs)
 
 
 class Sink(Protocol):
     """Takes blocks, in their order."""
 
-    def take(self, block: Block, buffer: Array) -> None:
+    def take(self, block: Block, buffer: Buffer) -> None:
         """Take a block; hand `buffer` to `Sampler.recycle` when its rows are no longer needed."""
         ...
 
@@ -83,10 +99,10 @@ class Sampler:
     def __init__(self, world: World, sink: Sink) -> None:
         self._world, self._sink = world, sink
         self._block = max(1, round(BLOCK_S / world.timestep))
-        self._free: queue.SimpleQueue[tuple[Array, list[Array]]] = queue.SimpleQueue()
-        self._buffers: dict[int, tuple[Array, list[Array]]] = {}
-        self._rows: Array = np.zeros((0, 0))
-        self._views: list[Array] = []
+        self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
+        self._sizes = (0, 0)
+        self._buffer = Buffer(0, self._sizes)
+        self._starts: list[int] = []
         self._filled = 0
         self._shape: Shape | None = None
         self._stale = True
@@ -100,7 +116,9 @@ class Sampler:
         """Take the state as it is for the first row, and every period's from now on."""
         self._deaf = self._world.listen(self._hear)
         self._reshape()
-        mujoco.mj_getState(self._world._model, self._world._data, self._views[0], SAMPLE)
+        self._starts.append(0)
+        self._buffer.told[0][:] = self._world._data.ctrl
+        mujoco.mj_getState(self._world._model, self._world._data, self._buffer.each[0], STATE)
         self._filled = self.count = 1
         self._world._mj_step = self.step
 
@@ -116,25 +134,26 @@ class Sampler:
             self._reshape()
         if self._world._servos.revision != self._revision:
             self._see_laws()
-        one, copy = mujoco.mj_step, mujoco.mj_getState
+        one, copy, ctrl = mujoco.mj_step, mujoco.mj_getState, data.ctrl
         left = count
         while left > 0:
-            begin = self._filled
+            begin, buffer = self._filled, self._buffer
             run = min(left, self._block - begin)
-            for row in self._views[begin : begin + run]:
+            buffer.told[len(self._starts)][:] = ctrl
+            self._starts.append(begin)
+            for row in buffer.each[begin : begin + run]:
                 one(model, data)
-                copy(model, data, row, SAMPLE)
+                copy(model, data, row, STATE)
             self._filled += run
             self.count += run
             left -= run
             if self._filled == self._block:
                 self._hand_over()
 
-    def recycle(self, buffer: Array) -> None:
-        """Take back the rows of a block."""
-        known = self._buffers.get(id(buffer))
-        if known is not None:
-            self._free.put(known)
+    def recycle(self, buffer: Buffer) -> None:
+        """Take back the rows of a block, unless rows have another size by now."""
+        if buffer.sizes == self._sizes:
+            self._free.put(buffer)
 
     def _hear(self, entry: Entry) -> None:
         self._entries.append((self.count, entry))
@@ -167,36 +186,37 @@ class Sampler:
         tips = tips_of(world.rig, world._drives, bases, chosen)
         self._shape = Shape(number, world._model, layout, tips)
         self._stale = False
-        if not self._views or self._rows.shape[1] != layout.size:
-            self._make_buffers(layout.size)
+        sizes = (layout.size, world._model.nu)
+        if sizes != self._sizes:
+            self._make_buffers(sizes)
         self._laws.clear()
         self._see_laws()
 
-    def _make_buffers(self, size: int) -> None:
-        self._free = queue.SimpleQueue()
-        self._buffers = {}
+    def _make_buffers(self, sizes: tuple[int, int]) -> None:
+        self._sizes, self._free = sizes, queue.SimpleQueue()
         for _ in range(BUFFERS):
-            rows = np.zeros((self._block, size))
-            self._buffers[id(rows)] = (rows, list(rows))
-            self._free.put(self._buffers[id(rows)])
-        self._rows, self._views = self._free.get()
+            self._free.put(Buffer(self._block, sizes))
+        self._buffer = self._free.get()
 
     def _hand_over(self, last: bool = False) -> None:
         """Give the block away and go on with the other buffer, once that is free."""
         if self._shape is None:
             return
+        buffer = self._buffer
         if self._filled or self._entries:
-            first = self.count - self._filled
+            told = Inputs(np.array(self._starts, np.intp), buffer.inputs[: len(self._starts)])
             block = Block(
                 self._shape,
-                first,
-                self._rows[: self._filled],
+                self.count - self._filled,
+                buffer.rows[: self._filled],
+                told,
                 tuple(self._laws),
                 tuple(self._entries),
             )
             self._entries = []
-            self._sink.take(block, self._rows)
-        if not last:
-            self._rows, self._views = self._free.get()
+            self._sink.take(block, buffer)
+            if not last:
+                self._buffer = self._free.get()
+        self._starts = []
         self._laws = [(0, self._laws[-1][1])]
         self._filled = 0

@@ -126,7 +126,7 @@ class Scribe:
             parts.append(self._begin(block.shape, block.first))
         parts.append(self._entries(block))
         if len(block.rows):
-            values = quantities(block.shape.layout, block.rows, block.laws)
+            values = quantities(block.shape.layout, block.rows, block.inputs, block.laws)
             parts.append(self._for_people(block, values))
             packed = PackedBlock(
                 block.shape.number,

@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.simulation.journal import Entry
-from trocar.simulation.recording.sampler import Block, Shape
+from trocar.simulation.recording.sampler import Block, Buffer, Shape
 from trocar.simulation.recording.scribe import Scribe
 
 Array = NDArray[np.float64]
-Recycle = Callable[[Array], None]
+Recycle = Callable[[Buffer], None]
 
 _log = logging.getLogger("trocar")
 
@@ -49,10 +49,10 @@ class Writer:
         self.failure = ""
         self._label = label
         self._error: Exception | None = None
-        self._queue: queue.SimpleQueue[tuple[Block, Array] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[Block, Buffer] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._main, name="trocar-recording", daemon=True)
 
-    def take(self, block: Block, buffer: Array) -> None:
+    def take(self, block: Block, buffer: Buffer) -> None:
         """Queue a block."""
         self._queue.put((block, buffer))
 
@@ -173,8 +173,11 @@ class ProcessWriter(Writer):
         if block.shape is not self._shape:
             self._shape = block.shape
             self._send(("shape", block.shape))
-        self._send(("block", block.first, block.laws, block.entries, block.rows.shape))
+        told = block.inputs
+        shapes = block.rows.shape, told.ctrl.shape
+        self._send(("block", block.first, block.laws, block.entries, told.first, shapes))
         self._pipe().write(block.rows.data)  # rows of a buffer, one after the other
+        self._pipe().write(told.ctrl.data)
         self._pipe().flush()
 
     def _finish(self) -> None:

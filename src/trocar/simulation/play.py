@@ -141,9 +141,10 @@ class Player:
 
     def _recording(self, times: Array, samples: Array, clipped: dict[str, int]) -> Recording:
         """Take samples of the state apart."""
-        part = self._state.part
-        qpos, qvel, act = (part(samples, name) for name in ("qpos", "qvel", "act"))
-        inputs = part(samples, "ctrl").reshape(len(samples), self._model.nu // INPUTS, INPUTS)
+        qpos, qvel, act, ctrl = (
+            samples[:, self._state.parts[name]] for name in ("qpos", "qvel", "act", "ctrl")
+        )
+        inputs = ctrl.reshape(len(samples), self._model.nu // INPUTS, INPUTS)
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}

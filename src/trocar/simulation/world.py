@@ -389,7 +389,7 @@ class World:
         self._shown = mujoco.MjData(model)
         self._bad = self._data.warning.number
         self._servos = ServoInputs(self._data)
-        self._state = StateView(model, self._data)
+        self._state = StateView(self._data)
         self._before, self._time_before = self._state.values.copy(), 0.0
         self._build += 1
 

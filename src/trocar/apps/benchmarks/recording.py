@@ -12,8 +12,8 @@ from trocar.simulation import World
 from trocar.simulation.timing import time_recording
 from trocar.simulation.trajectories import paper_sine
 
-#: Simulated time of a pass [s]. Source: our own choice.
-DURATION_S = 10.0
+#: Simulated time of a pass [s]. Many short ones: what else the machine does comes and goes slowly.
+DURATION_S = 4.0
 #: Source: the project's own goals.
 MOST_PERCENT, MOST_MB = 5.0, 40.0
 SECONDS_A_MINUTE = 60.0
@@ -21,7 +21,7 @@ SECONDS_A_MINUTE = 60.0
 
 def recording(
     duration_s: float = DURATION_S,
-    passes: int = 5,
+    passes: int = 31,
     watch: Callable[[str], None] | None = None,
 ) -> list[Figure]:
     """Measure the cost of recording `full_cart` along the test trajectory.

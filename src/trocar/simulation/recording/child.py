@@ -45,11 +45,11 @@ def main() -> None:
 
 
 def _block(source: IO[bytes], shape: Shape, content: list[Any]) -> Block | None:
-    first, laws, entries, starts, shapes = content
+    first, times, laws, entries, starts, shapes = content
     rows, ctrl = (_numbers(source, size) for size in shapes)
     if rows is None or ctrl is None:
         return None
-    return Block(shape, first, rows, Inputs(starts, ctrl), laws, entries)
+    return Block(shape, first, times, rows, Inputs(starts, ctrl), laws, entries)
 
 
 def _numbers(source: IO[bytes], shape: tuple[int, int]) -> Array | None:

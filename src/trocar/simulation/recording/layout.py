@@ -6,19 +6,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.simulation.drives import Drives
 from trocar.simulation.servos import INPUTS
+from trocar.simulation.state_view import StateView
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: What a row copies of the physics state, in MuJoCo's order: time, qpos, qvel, act.
-STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
+#: What a row copies of the physics state.
+STATE = ("qpos", "qvel", "act")
 #: What is kept of every joint in every physics period, in this order.
 QUANTITIES = ("position", "velocity", "effort", "setpoint")
 
@@ -100,7 +100,7 @@ class Layout:
         qpos, qvel: which coordinate and which rate that is, (terms, n_joints)
         live: columns of joints that have a servo, (s,)
         servos, act: ids of those servos and of their integrals, (s,)
-        ends: where time, qpos, qvel and act end in a row
+        parts: where qpos, qvel and act are in a row
         size: numbers of a row
     """
 
@@ -112,7 +112,7 @@ class Layout:
     live: Index
     servos: Index
     act: Index
-    ends: Index
+    parts: Mapping[str, slice]
     size: int
 
     @property
@@ -122,12 +122,12 @@ class Layout:
 
 
 def layout_of(
-    model: mujoco.MjModel,
+    state: StateView,
     rig: RigDescription,
     drives: Mapping[str, Drives],
     welded: Mapping[str, Array],
 ) -> Layout:
-    """Return the layout of a model's rows; `welded` has the positions of arms without hinges."""
+    """Return the layout of copies of a state; `welded` has the positions of arms without hinges."""
     arms: list[ArmColumns] = []
     first = 0
     for rig_arm in rig.arms:
@@ -162,8 +162,8 @@ def layout_of(
         np.array(live, np.intp),
         np.array(servos, np.intp),
         np.array(act, np.intp),
-        np.cumsum([1, model.nq, model.nv, model.na]),
-        mujoco.mj_stateSize(model, STATE),
+        state.parts,
+        len(state.values),
     )
 
 
@@ -181,7 +181,7 @@ def quantities(
     Returns:
         (4, n_joints, k) [rad or m, per s, N m or N, rad or m]
     """
-    _, qpos, qvel, act, _ = np.split(rows, layout.ends, axis=1)
+    qpos, qvel, act = (rows[:, layout.parts[name]] for name in STATE)
     found = np.zeros((len(QUANTITIES), layout.joints, len(rows)))
     found[0] = layout.rest[:, None]
     for weight, place, rate in zip(layout.weights, layout.qpos, layout.qvel, strict=True):

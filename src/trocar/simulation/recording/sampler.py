@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trocar.simulation.journal import Entry
 from trocar.simulation.recording.frames import Tips, tips_of
 from trocar.simulation.recording.layout import STATE, Inputs, Layout, layout_of
+from trocar.simulation.state_view import StateView
 
 if TYPE_CHECKING:
     from trocar.simulation.world import World
@@ -51,7 +52,8 @@ class Block:
     Attributes:
         shape: what the rows mean
         first: number of the first row since the recording began
-        rows: physics state after each period, (k, size); valid until its buffer is recycled
+        times: simulation time after each period, (k,) [s]
+        rows: physics state there, (k, size); valid until its buffer is recycled
         inputs: what the servos were told meanwhile; valid as long as the rows
         laws: (row, how the servos act from there on), rows rising
         entries: (row that the entry came before, entry)
@@ -59,6 +61,7 @@ class Block:
 
     shape: Shape
     first: int
+    times: Array
     rows: Array
     inputs: Inputs
     laws: tuple[tuple[int, Array], ...]
@@ -70,14 +73,13 @@ class Buffer:
 
     Attributes:
         sizes: numbers of a state and of a set of inputs
-        rows, each: the states, (k, sizes[0]), and one view of each row
-        inputs, told: the inputs, (k, sizes[1]), and one view of each row
+        rows: the states, (k, sizes[0])
+        inputs: (k, sizes[1])
     """
 
     def __init__(self, count: int, sizes: tuple[int, int]) -> None:
         self.sizes = sizes
         self.rows, self.inputs = (np.zeros((count, size)) for size in sizes)
-        self.each, self.told = list(self.rows), list(self.inputs)
 
 
 class Sink(Protocol):
@@ -102,6 +104,8 @@ class Sampler:
         self._free: queue.SimpleQueue[Buffer] = queue.SimpleQueue()
         self._sizes = (0, 0)
         self._buffer = Buffer(0, self._sizes)
+        self._state = np.zeros(0)
+        self._times: list[float] = []
         self._starts: list[int] = []
         self._filled = 0
         self._shape: Shape | None = None
@@ -116,9 +120,11 @@ class Sampler:
         """Take the state as it is for the first row, and every period's from now on."""
         self._deaf = self._world.listen(self._hear)
         self._reshape()
+        data = self._world._data
         self._starts.append(0)
-        self._buffer.told[0][:] = self._world._data.ctrl
-        mujoco.mj_getState(self._world._model, self._world._data, self._buffer.each[0], STATE)
+        self._buffer.inputs[0] = data.ctrl
+        self._times.append(data.time)
+        self._buffer.rows[0] = self._state
         self._filled = self.count = 1
         self._world._mj_step = self.step
 
@@ -134,16 +140,18 @@ class Sampler:
             self._reshape()
         if self._world._servos.revision != self._revision:
             self._see_laws()
-        one, copy, ctrl = mujoco.mj_step, mujoco.mj_getState, data.ctrl
+        one, state = mujoco.mj_step, self._state
         left = count
         while left > 0:
-            begin, buffer = self._filled, self._buffer
+            begin, rows, keep_time = self._filled, self._buffer.rows, self._times.append
             run = min(left, self._block - begin)
-            buffer.told[len(self._starts)][:] = ctrl
+            del self._times[begin:]  # of periods that an interrupt broke off
+            self._buffer.inputs[len(self._starts)] = data.ctrl
             self._starts.append(begin)
-            for row in buffer.each[begin : begin + run]:
+            for row in range(begin, begin + run):  # by number: a thousand views cost cache
                 one(model, data)
-                copy(model, data, row, STATE)
+                rows[row] = state
+                keep_time(data.time)
             self._filled += run
             self.count += run
             left -= run
@@ -182,9 +190,10 @@ class Sampler:
         }
         bases = {name: arm.base_frame() for name, arm in world.arms.items()}
         chosen = [name for name, arm in world.arms.items() if arm._base is not None]
-        layout = layout_of(world._model, world.rig, world._drives, welded)
+        state = StateView(world._data, STATE)
+        layout = layout_of(state, world.rig, world._drives, welded)
         tips = tips_of(world.rig, world._drives, bases, chosen)
-        self._shape = Shape(number, world._model, layout, tips)
+        self._shape, self._state = Shape(number, world._model, layout, tips), state.values
         self._stale = False
         sizes = (layout.size, world._model.nu)
         if sizes != self._sizes:
@@ -208,6 +217,7 @@ class Sampler:
             block = Block(
                 self._shape,
                 self.count - self._filled,
+                np.array(self._times),
                 buffer.rows[: self._filled],
                 told,
                 tuple(self._laws),
@@ -217,6 +227,6 @@ class Sampler:
             self._sink.take(block, buffer)
             if not last:
                 self._buffer = self._free.get()
-        self._starts = []
+        self._times, self._starts = [], []
         self._laws = [(0, self._laws[-1][1])]
         self._filled = 0

@@ -131,7 +131,7 @@ class Scribe:
             packed = PackedBlock(
                 block.shape.number,
                 block.first,
-                block.rows[:, 0],
+                block.times,
                 single(values),
                 digest(block.rows),
             )
@@ -187,13 +187,13 @@ class Scribe:
         due = np.arange(-block.first % self._every, len(block.rows), self._every)
         if not len(due) or self._scratch is None or self._instants is None:
             return messages([])
-        nq = block.shape.model.nq
-        tips = block.shape.tips.poses(block.shape.model, self._scratch, block.rows[due, 1 : 1 + nq])
+        qpos = block.rows[due, block.shape.layout.parts["qpos"]]
+        tips = block.shape.tips.poses(block.shape.model, self._scratch, qpos)
         numbers = np.concatenate(
             [values[:, :, due].reshape(-1, len(due)).T, tips.reshape(len(due), -1)], axis=1
         )
         logged = (self._start + (block.first + due) * self._timestep) * NANOSECONDS
-        stamps = np.round(block.rows[due, 0] * NANOSECONDS)
+        stamps = np.round(block.times[due] * NANOSECONDS)
         part = self._instants.part(
             numbers, np.round(logged).astype(np.uint64), stamps.astype(np.uint64), self._told
         )

@@ -27,6 +27,9 @@ from trocar.simulation.journal import Entry
 from trocar.simulation.recording.sampler import Block, Buffer, Shape
 from trocar.simulation.recording.scribe import Scribe
 
+if sys.platform == "linux":
+    import fcntl
+
 Array = NDArray[np.float64]
 Recycle = Callable[[Buffer], None]
 
@@ -34,6 +37,8 @@ _log = logging.getLogger("trocar")
 
 CHILD = "from trocar.simulation.recording.child import main; main()"
 LENGTH = struct.Struct("<Q")
+#: A block of the largest rig fits. Source: what Linux lets every user have.
+PIPE_BYTES = 1 << 20
 
 
 class Writer:
@@ -142,11 +147,13 @@ class ProcessWriter(Writer):
         self._shape: Shape | None = None
         self._child = subprocess.Popen(
             [sys.executable, "-c", CHILD],
+            bufsize=0,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             start_new_session=True,  # an interrupt from the keyboard is for the simulation
         )
+        self._widen()
         self._send(("begin", str(path), about, start, timestep))
         if not self._answer().get("ready"):
             raise OSError(f"the process that writes it ended with status {self._child.wait()}")
@@ -175,10 +182,9 @@ class ProcessWriter(Writer):
             self._send(("shape", block.shape))
         told = block.inputs
         shapes = block.rows.shape, told.ctrl.shape
-        self._send(("block", block.first, block.laws, block.entries, told.first, shapes))
-        self._pipe().write(block.rows.data)  # rows of a buffer, one after the other
-        self._pipe().write(told.ctrl.data)
-        self._pipe().flush()
+        about = block.first, block.times, block.laws, block.entries, told.first, shapes
+        # Few long writes: whatever the interpreter does here, it does not do for the simulation.
+        self._send(("block", *about), block.rows.data, told.ctrl.data)
 
     def _finish(self) -> None:
         with contextlib.suppress(OSError):  # a process that is gone is told of below
@@ -190,11 +196,19 @@ class ProcessWriter(Writer):
         if status:
             self._give_up(f"the process that writes it ended with status {status}")
 
-    def _send(self, message: object) -> None:
+    def _send(self, message: object, *numbers: memoryview) -> None:
         data = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
-        self._pipe().write(LENGTH.pack(len(data)))
-        self._pipe().write(data)
-        self._pipe().flush()
+        pipe = self._pipe()
+        for part in (memoryview(LENGTH.pack(len(data)) + data), *numbers):
+            left = part.cast("B")
+            while left:
+                left = left[pipe.write(left) :]
+
+    def _widen(self) -> None:
+        """Let the pipe take a whole block at once, where the system can."""
+        if sys.platform == "linux":
+            with contextlib.suppress(OSError):  # more than this user may have; slower, no worse
+                fcntl.fcntl(self._pipe().fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
 
     def _pipe(self) -> IO[bytes]:
         assert self._child.stdin is not None  # noqa: S101  it was asked for

@@ -43,7 +43,7 @@ HOMES = {
     "mcap": ("simulation/recording",),
     "zstandard": ("simulation/recording",),
     "rosbags": ("apps/replay",),
-    "matplotlib": ("apps/plotting",),
+    "matplotlib": ("apps",),
 }
 # Siblings inside these folders must not know each other.
 ISOLATED = ("interfaces", "apps")

@@ -6,7 +6,7 @@ from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
 from trocar.apps.benchmarks.recording import recording
 from trocar.apps.benchmarks.soak import soak
 from trocar.apps.benchmarks.startup import startup
-from trocar.apps.benchmarks.table9 import Table9Row, table9
+from trocar.simulation.table9 import Table9Row, table9
 
 __all__ = [
     "Figure",

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.benchmarks.at_rest import at_set_points, hands_off, masters_loops
 from trocar.apps.benchmarks.figure import Figure
-from trocar.apps.benchmarks.headless import TICK_S, loop_health, tracking_rms
 from trocar.descriptions import load_arm, names
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.paper import load_printed
@@ -21,11 +19,11 @@ from trocar.geometry.se3 import pose_difference
 from trocar.kinematics import forward
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.loops import NEAR_FLAT_RAD, flattenings
-from trocar.modeling import naming
-from trocar.modeling.mjcf import lone_rig, rig_spec
 from trocar.simulation import World
+from trocar.simulation.agreement import compiled_poses
 from trocar.simulation.timing import begin_trajectory
-from trocar.simulation.trajectories import FREQUENCY_HZ, TestTrajectory, amplitudes, paper_sine
+from trocar.simulation.trajectories import FREQUENCY_HZ, amplitudes, paper_sine
+from trocar.simulation.trials import TICK_S, loop_health, tracking_rms, whole_pitch
 
 Array = NDArray[np.float64]
 
@@ -105,24 +103,14 @@ def compiled_frames() -> Iterator[Figure]:
     worst = 0.0
     for name in names("arms"):
         arm = load_arm(name)
+        q = _random_positions(arm, 100)
         try:
-            model = rig_spec(lone_rig(arm)).compile()
+            compiled = compiled_poses(arm, q)
         except TrocarError:
             continue  # kinematics only: no masses are known
-        data = mujoco.MjData(model)
-        for q in _random_positions(arm, 100):
-            coordinate = forward.coordinates(arm.mechanism, q)
-            for index, frame in enumerate(arm.mechanism.frames):
-                if frame.motion != "fixed":
-                    data.joint(naming.scoped("arm", frame.name)).qpos = coordinate[index]
-            mujoco.mj_kinematics(model, data)
-            analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
-            for frame, pose in analytic.items():
-                body = mujoco.mj_name2id(
-                    model, mujoco.mjtObj.mjOBJ_BODY, naming.scoped("arm", frame)
-                )
-                if body >= 0:
-                    worst = max(worst, float(np.abs(data.xpos[body] - pose[:3, 3]).max()))
+        analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
+        for frame, pose in compiled.items():
+            worst = max(worst, float(np.abs(pose - analytic[frame])[:, :3, 3].max()))
     yield Figure("analytic chain against the compiled model, every frame", worst, "m", 1e-9)
 
 
@@ -184,7 +172,7 @@ def loops_under_load() -> Iterator[Figure]:
     """Turn 10 N about the tip while the pitch sweeps its whole range at 1 ms."""
     for rig in ("psm", "ecm"):
         world = World(rig, tip_load_n=10.0)
-        sweep = _whole_pitch(paper_sine(world.rig, 10.0, TICK_S), world)
+        sweep = whole_pitch(paper_sine(world.rig, 10.0, TICK_S), world)
         gap, rcm, branch = loop_health(world, sweep, round(TICK_S / world.timestep))
         yield Figure(f"{rig}: loop gap under 10 N", 1e6 * gap, "um", 0.1)
         yield Figure(f"{rig}: remote-centre error under 10 N", 1e6 * rcm, "um", 3.0)
@@ -232,19 +220,6 @@ def released_insertion() -> Iterator[Figure]:
     world.step(round(1.0 / world.timestep))
     drift = abs(arm.measured_js().position[2] - before)
     yield Figure("psm: drift of the released insertion in 1 s", 1e3 * drift, "mm", 1.0)
-
-
-def _whole_pitch(sine: TestTrajectory, world: World) -> TestTrajectory:
-    """Return the trajectory with the pitch stretched to its whole range."""
-    for name, middle in sine.start.items():
-        arm = world.rig.arm(name).arm
-        pitch = arm.mechanism.joint_index["pitch"]
-        half = 0.5 * (arm.joints[pitch].upper - arm.joints[pitch].lower)
-        stretch = half / amplitudes(arm)[pitch]
-        for table in (sine.positions[name], sine.expected[name]):
-            table[:, pitch] = middle[pitch] + stretch * (table[:, pitch] - middle[pitch])
-        sine.velocities[name][:, pitch] *= stretch
-    return sine
 
 
 def _random_positions(arm: ArmDescription, count: int) -> Array:

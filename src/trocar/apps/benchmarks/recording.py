@@ -7,10 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from trocar.apps.benchmarks.figure import Figure
-from trocar.apps.benchmarks.headless import TICK_S, periods_per_tick
 from trocar.simulation import World
 from trocar.simulation.timing import time_recording
 from trocar.simulation.trajectories import paper_sine
+from trocar.simulation.trials import TICK_S, periods_per_tick
 
 #: Simulated time of a pass [s]. Many short ones: what else the machine does comes and goes slowly.
 DURATION_S = 4.0

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trocar.apps.benchmarks.figures import Figure
-from trocar.apps.benchmarks.headless import TICK_S, periods_per_tick
 from trocar.errors import InputError
 from trocar.simulation import World
 from trocar.simulation.engine import engine_warnings
 from trocar.simulation.health import arm_health
 from trocar.simulation.timing import begin_trajectory
 from trocar.simulation.trajectories import paper_sine
+from trocar.simulation.trials import TICK_S, periods_per_tick
 
 #: Simulated time of a soak, and its first and last part that are compared. Source: the project's
 #: own goal. [s]

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trocar.apps.plotting.figure import arm_figure, png, svg
+from trocar.apps.drawing import png, svg
+from trocar.apps.plotting.figure import arm_figure
 from trocar.apps.plotting.page import Section, page
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.recording import ArmStates, Recorded, open_recording

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -11,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, WARNING, new_figure
 from trocar.apps.plotting.thin import thinned
-from trocar.errors import MissingExtraError
 from trocar.simulation.recording import ArmStates
 
 if TYPE_CHECKING:
@@ -22,10 +20,7 @@ Array = NDArray[np.float64]
 
 #: Stretches that a curve is thinned to: more than a figure has pixels. Source: our own choice.
 BINS = 1500
-#: Colours that people with any colour vision tell apart. Source: Okabe and Ito, 2008.
-MEASURED, SETPOINT, ERROR, EFFORT, WARNING = "#0072B2", "#D55E00", "#CC79A7", "#009E73", "#E69F00"
 WIDTH_IN, ROW_IN, HEAD_IN, LONE_ROW_IN = 15.0, 1.75, 1.1, 4.0
-PNG_DPI = 110
 #: Half of the least height of an axis in its unit, so that a joint at rest looks at rest.
 #: Source: our own choice.
 LEAST = 1e-3
@@ -64,9 +59,8 @@ def arm_figure(
     Raises:
         MissingExtraError: matplotlib is not installed
     """
-    figure_type = _figure_type()
     height = HEAD_IN + (ROW_IN * len(which) if len(which) > 1 else LONE_ROW_IN)
-    figure = figure_type(figsize=(WIDTH_IN, height), layout="constrained")
+    figure = new_figure(WIDTH_IN, height, "drawing a recording")
     figure.suptitle(title, fontsize=13, fontweight="bold")
     axes: Any = figure.subplots(len(which), 3, sharex=True, squeeze=False)
     for row, joint in zip(axes, which, strict=True):
@@ -86,25 +80,6 @@ def arm_figure(
         handles.values(), handles.keys(), loc="outside lower center", ncols=5, frameon=False
     )
     return figure
-
-
-def png(figure: Figure) -> bytes:
-    """Return a figure as PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=PNG_DPI)
-    return buffer.getvalue()
-
-
-def svg(figure: Figure) -> str:
-    """Return a figure as an SVG element to stand in a page."""
-    from matplotlib import rc_context
-
-    buffer = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "trocar"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    drawn = buffer.getvalue()
-    drawn = drawn[drawn.index("<svg") :]
-    return re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)
 
 
 def _draw_joint(row: Any, states: ArmStates, joint: int, warnings: Sequence[float]) -> None:
@@ -141,11 +116,3 @@ def _widen(axis: Any) -> None:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     if np.isfinite(half) and half < LEAST:
         axis.set_ylim(middle - LEAST, middle + LEAST)
-
-
-def _figure_type() -> type[Figure]:
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtraError("matplotlib", "plot", "drawing a recording") from error
-    return Figure

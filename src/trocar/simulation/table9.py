@@ -7,10 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-from trocar.apps.benchmarks.headless import TICK_S, periods_per_tick
-from trocar.simulation import World
 from trocar.simulation.timing import time_beside_bare
 from trocar.simulation.trajectories import paper_sine
+from trocar.simulation.trials import TICK_S, periods_per_tick
+from trocar.simulation.world import World
 
 #: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, comes with
 #: the endoscope. The least real-time factors on one core are the project's own goal.

@@ -66,6 +66,16 @@ class LogError(InputError):
         super().__init__(f"{place}: {problem}")
 
 
+class TracksError(InputError):
+    """A file of motion capture that cannot be used; `line` counts from 1."""
+
+    def __init__(self, file: str, problem: str, line: int | None = None) -> None:
+        self.file = file
+        self.line = line
+        place = f"{file}: line {line}" if line is not None else file
+        super().__init__(f"{place}: {problem}")
+
+
 class UnreachableError(TrocarError):
     """A pose that the arm cannot take.
 

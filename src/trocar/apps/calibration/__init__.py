@@ -1,0 +1,11 @@
+"""A robot from motion capture: tracks in, an overlay of its description out."""
+
+from trocar.apps.calibration.tracks import (
+    Tracks,
+    check_together,
+    parse_bodies,
+    read_tracks,
+    select_bodies,
+)
+
+__all__ = ["Tracks", "check_together", "parse_bodies", "read_tracks", "select_bodies"]

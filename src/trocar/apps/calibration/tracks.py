@@ -1,0 +1,238 @@
+"""Tracks of marker clusters: the pose of each body over time, from a Motive export or tidy CSV."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration.cells import BodyTrack, read_rows
+from trocar.apps.calibration.motive import is_motive, read_motive
+from trocar.apps.calibration.tidy import COLUMNS, is_tidy, read_tidy
+from trocar.errors import InputError, TracksError
+from trocar.geometry.rotations import matrix_from_quaternion
+
+Array = NDArray[np.float64]
+
+#: Bodies of one arm are never this far from one another, nor all this near. The longest distance on
+#: a real arm is about 1 m. Source: our own choice, wide enough for any arm and its base. [m]
+FARTHEST_M, NEAREST_M = 10.0, 0.005
+#: A rate in a header that is off the times by more than this is worth a warning.
+RATE_TOLERANCE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """What a camera system saw.
+
+    Attributes:
+        file: where it was read
+        sha256: of the file's bytes
+        times: of every sample, increasing, (n,) [s]
+        poses: {body: T_camera_body (n, 4, 4)}, NaN where the body is not tracked
+        rate_hz: samples a second
+        warnings: what a user should know
+    """
+
+    file: str
+    sha256: str
+    times: Array
+    poses: Mapping[str, Array]
+    rate_hz: float
+    warnings: tuple[str, ...] = ()
+
+    def tracked(self, body: str) -> NDArray[np.bool_]:
+        """Tell at which samples a body is tracked, (n,)."""
+        return ~np.isnan(self.poses[body][:, 0, 0])
+
+    def together(self, *bodies: str) -> NDArray[np.bool_]:
+        """Tell at which samples all of some bodies are tracked, (n,)."""
+        return np.logical_and.reduce([self.tracked(body) for body in bodies])
+
+    def coverage(self, body: str) -> str:
+        """Say how much of a body there is: how many samples, from when to when, longest gap."""
+        seen = np.flatnonzero(self.tracked(body))
+        if not len(seen):
+            return f"none of {len(self.times)} samples"
+        first, last = self.times[seen[0]], self.times[seen[-1]]
+        gap = float(np.diff(self.times[seen]).max(initial=0.0))
+        return (
+            f"{len(seen)} of {len(self.times)} samples, from {first:.3f} to {last:.3f} s,"
+            f" longest gap {gap:.3f} s"
+        )
+
+
+def read_tracks(path: str | Path) -> Tracks:
+    """Read a file of motion capture: a CSV export of OptiTrack Motive, or tidy CSV.
+
+    Raises:
+        TracksError: naming file, line, what was got and what is allowed
+    """
+    file = str(path)
+    try:
+        content = Path(path).read_bytes()
+        text = content.decode("utf-8-sig")
+    except OSError as problem:
+        raise TracksError(file, f"cannot be read: {problem.strerror}") from problem
+    except UnicodeDecodeError as problem:
+        raise TracksError(file, "is no UTF-8 text; allowed: CSV of Motive, or tidy") from problem
+    rows = read_rows(file, text)
+    head = rows[0].cells if rows else []
+    told, warnings = None, ()
+    if is_motive(head):
+        bodies, told, warnings = read_motive(file, rows)
+    elif is_tidy(head):
+        bodies = read_tidy(file, rows)
+    else:
+        raise TracksError(file, _no_header(head), rows[0].line if rows else None)
+    tracks = _joined(file, hashlib.sha256(content).hexdigest(), bodies)
+    check_size(tracks)
+    return _with_rate(tracks, told, warnings)
+
+
+def _no_header(head: list[str]) -> str:
+    """Say what is wrong with a first line that belongs to no known format."""
+    allowed = f'allowed: a Motive export ("Format Version", ...), or {",".join(COLUMNS)}'
+    first = head[0] if head else ""
+    if not head:
+        return f"is empty; {allowed}"
+    if re.fullmatch(r"\s*[-+.\d][-+.\deE]*\s*", first):
+        return (
+            "has no header, so no names; export it with the header switched on (Motive: Data"
+            f" Export, Header Information); {allowed}"
+        )
+    if ";" in first:
+        return f"is separated by semicolons; {allowed}, separated by commas"
+    return f"got {','.join(head)[:60]!r} as the first line; {allowed}"
+
+
+def _joined(file: str, sha256: str, bodies: Mapping[str, BodyTrack]) -> Tracks:
+    """Bring every body to the same times."""
+    times = np.unique(np.concatenate([track.times for track in bodies.values()]))
+    poses: dict[str, Array] = {}
+    for body, track in bodies.items():
+        pose = np.full((len(times), 4, 4), np.nan)
+        seen = ~np.isnan(track.positions[:, 0])
+        at = np.searchsorted(times, track.times[seen])
+        pose[at, :3, :3] = matrix_from_quaternion(track.quaternions[seen])
+        pose[at, :3, 3] = track.positions[seen]
+        pose[at, 3] = (0.0, 0.0, 0.0, 1.0)
+        pose.setflags(write=False)
+        poses[body] = pose
+    times.setflags(write=False)
+    return Tracks(file, sha256, times, poses, np.nan)
+
+
+def _with_rate(tracks: Tracks, told: float | None, warnings: tuple[str, ...]) -> Tracks:
+    """Take the rate from the times, and compare it with what the file says."""
+    if len(tracks.times) < 2:
+        raise TracksError(tracks.file, f"got {len(tracks.times)} sample; allowed: 2 or more")
+    rate = 1.0 / float(np.median(np.diff(tracks.times)))
+    if told is not None and abs(rate / told - 1.0) <= RATE_TOLERANCE:
+        rate = told  # the times are rounded
+    elif told is not None:
+        text = f"the header says {told:g} Hz, the times {rate:.3g} Hz; the times are used"
+        warnings = (*warnings, text)
+    return replace(tracks, rate_hz=rate, warnings=warnings)
+
+
+def check_size(tracks: Tracks) -> None:
+    """Refuse tracks whose bodies are too far from one another, or too near, for any arm.
+
+    Raises:
+        TracksError: naming two bodies, their distance, and the likely unit
+    """
+    seen = {body: pose[tracks.tracked(body)] for body, pose in tracks.poses.items()}
+    middles = {body: np.median(p[:, :3, 3], axis=0) for body, p in seen.items() if len(p)}
+    distances = {
+        (a, b): float(np.linalg.norm(middles[a] - middles[b])) for a, b in combinations(middles, 2)
+    }
+    if not distances:
+        return
+    (a, b), far = max(distances.items(), key=lambda item: item[1])
+    if far > FARTHEST_M:
+        raise TracksError(
+            tracks.file,
+            f"{a} and {b} are {far:.4g} m apart, and no arm is that large: are the positions in"
+            f" millimetres (1000 times too large)? allowed: at most {FARTHEST_M:g} m",
+        )
+    if far < NEAREST_M:
+        raise TracksError(
+            tracks.file,
+            f"all bodies lie within {far:.3g} m, and no arm is that small: are the positions in"
+            f" metres where millimetres were announced (1000 times too small)? allowed: at least"
+            f" {NEAREST_M:g} m",
+        )
+
+
+def parse_bodies(text: str) -> dict[str, str]:
+    """Read "psm_yaw=Rigid Body 3,psm_base=Base": {body: its name in the file}.
+
+    A comma inside a name is part of it where no "=" follows before the next comma.
+
+    Raises:
+        InputError: a part without "=", a blank side, or a body named twice
+    """
+    found: dict[str, str] = {}
+    for part in re.split(r",(?=[^,=]*=)", text):
+        body, given, name = (word.strip() for word in part.partition("="))
+        if not (body and given and name):
+            raise InputError(
+                f"bodies: got {part!r}; allowed: BODY=NAME IN THE FILE, separated by commas, as"
+                " psm_yaw=Rigid Body 3,psm_base=Base"
+            )
+        if body in found:
+            raise InputError(f"bodies: got {body} a second time")
+        found[body] = name
+    return found
+
+
+def select_bodies(
+    tracks: Tracks, wanted: Mapping[str, str], optional: Collection[str] = ()
+) -> Tracks:
+    """Return the tracks of some bodies alone, under the names that a method knows them by.
+
+    Args:
+        tracks: as a file has them
+        wanted: {body: its name in the file}
+        optional: bodies that may be missing
+
+    Raises:
+        TracksError: a body is not in the file, or is nowhere tracked; those found and those
+            expected are listed
+    """
+    missing = [b for b, name in wanted.items() if name not in tracks.poses and b not in optional]
+    if missing:
+        shown = ", ".join(b if wanted[b] == b else f"{b} ({wanted[b]!r})" for b in missing)
+        raise TracksError(
+            tracks.file,
+            f"bodies missing: {shown}; found: {', '.join(tracks.poses) or 'none'}; expected:"
+            f" {', '.join(wanted)}; --bodies {missing[0]}=NAME says what one is called",
+        )
+    picked = {b: tracks.poses[name] for b, name in wanted.items() if name in tracks.poses}
+    chosen = replace(tracks, poses=picked)
+    lost = [body for body in picked if not chosen.tracked(body).any()]
+    if lost:
+        raise TracksError(tracks.file, f"nowhere tracked: {', '.join(lost)}")
+    return chosen
+
+
+def check_together(tracks: Tracks, first: str, second: str, needed: int = 1) -> None:
+    """Refuse two bodies that are not tracked at the same time often enough.
+
+    Raises:
+        TracksError: saying when each of them is tracked
+    """
+    count = int(tracks.together(first, second).sum())
+    if count < needed:
+        raise TracksError(
+            tracks.file,
+            f"{first} and {second} are tracked together in {count} samples; needed: {needed}"
+            f" ({first}: {tracks.coverage(first)}; {second}: {tracks.coverage(second)})",
+        )

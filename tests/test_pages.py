@@ -82,7 +82,10 @@ def test_the_page_on_the_mechanism_shows_the_errata_that_are_in_the_data() -> No
 #: Longest first: q_rad_m is a joint vector, no length.
 UNITS = sorted({unit for units in table.UNITS.values() for unit in units}, key=len, reverse=True)
 #: Tables whose keys are names that a file chooses; beside these, what is fixed in them.
-NAMES_ONLY = r"joint\.drive|frame\.q|control|control\.[^.]+\.pid|friction|pose\.q_rad_m"
+NAMES_ONLY = (
+    r"joint\.drive|frame\.q|control|control\.[^.]+\.pid|friction|calibration\.(axes|betas)"
+    r"|pose\.q_rad_m"
+)
 #: Paths as files have them, and the section that describes them.
 SECTIONS = (
     (r"friction\.[^.]+(\.[^.]+)?", "friction"),

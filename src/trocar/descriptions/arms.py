@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.calibration_plan import check_plan, read_calibration
 from trocar.descriptions.checks import check_arm, check_name
 from trocar.descriptions.control import (
     read_control,
@@ -114,6 +115,7 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
     missing = tuple(Missing(row.text("what"), row.text("why")) for row in table.tables("missing"))
     parts = _read_parts(table, name)
     balance = read_counterweight(table)
+    plan = read_calibration(table)
     table.raw("erratum")  # printed tables carry their errata; descriptions.paper reads them
     table.done()
     if not parts.frames or parts.frames[0].name != root:
@@ -159,7 +161,10 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         missing=missing,
         row_sources=parts.sources,
         block_sources=parts.block_sources,
+        calibration=plan,
     )
+    if plan is not None and (problem := check_plan(plan, mechanism)):
+        raise table.fail("calibration.axes", problem)
     check_arm(arm)
     return arm
 

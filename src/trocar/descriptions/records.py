@@ -9,7 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.calibration_plan import CalibrationPlan
 from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
@@ -185,6 +187,8 @@ class ArmDescription:
         row_sources: {frame: source}
         block_sources: {block: source} of the other blocks ("friction identified", "rotor", the
             mounted tool, ...); a block of the tool has the tool's name in front
+        calibration: what a calibration reports of it, None where its file does not say
+        overlay: the calibration that it carries, None of a nominal arm
     """
 
     name: str
@@ -207,6 +211,8 @@ class ArmDescription:
     missing: tuple[Missing, ...]
     row_sources: Mapping[str, str]
     block_sources: Mapping[str, str]
+    calibration: CalibrationPlan | None = None
+    overlay: Overlay | None = None
 
     @property
     def root(self) -> str:

@@ -218,7 +218,16 @@ def read_table(path: Path) -> Table:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
         raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
+    return parse_table(text, str(path))
+
+
+def parse_table(text: str, file: str) -> Table:
+    """Return the root table of the text of a TOML file.
+
+    Raises:
+        DescriptionError: it is not TOML; line and column are named
+    """
     try:
-        return Table(tomllib.loads(text), str(path))
+        return Table(tomllib.loads(text), file)
     except tomllib.TOMLDecodeError as problem:
-        raise DescriptionError(str(path), "", f"is not TOML: {problem}") from problem
+        raise DescriptionError(file, "", f"is not TOML: {problem}") from problem

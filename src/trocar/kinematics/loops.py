@@ -140,7 +140,7 @@ def branch_determinants(mechanism: Mechanism, coordinates: Array) -> Array:
     slope = residual_jacobian(mechanism, coordinates)
     found: list[Array] = []
     for row, closure in enumerate(mechanism.closures):
-        first, second = (mechanism.frame_index[name] for name in closure.passive)
+        first, second = (mechanism.frame_index[name] for name in closure.passive[:2])
         one = slope[..., 3 * row : 3 * row + 3, first]
         two = slope[..., 3 * row : 3 * row + 3, second]
         _, normal = hinge_axis(mechanism, first, poses)

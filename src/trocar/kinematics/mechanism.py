@@ -65,7 +65,8 @@ class Closure:
         name: name of the point ("c1")
         frame_a, point_a: frame and point in it, (3,) [m]
         frame_b, point_b: the same on the other side
-        passive: the two frames whose coordinates this hinge determines
+        passive: the two frames whose coordinates this hinge determines; where its pin may slide
+            along its axis, the frame of the pin comes third
         guard: two frames that turn alike when the loop is a parallelogram, or ()
         open: whether the hinge has come apart, for whoever simulates; what is computed here is
             always the closed linkage
@@ -76,7 +77,7 @@ class Closure:
     point_a: Array
     frame_b: str
     point_b: Array
-    passive: tuple[str, str]
+    passive: tuple[str, ...]
     guard: tuple[str, ...] = ()
     open: bool = False
 

@@ -12,7 +12,7 @@ import numpy as np
 from trocar.descriptions.records import RigDescription
 
 #: Fields that say where something was read or why, not what it is.
-REMARKS = {"file", "source", "title"}
+REMARKS = {"file", "source", "title", "calibration", "overlay"}
 
 
 def rig_fingerprint(rig: RigDescription) -> str:

@@ -76,6 +76,36 @@ class TracksError(InputError):
         super().__init__(f"{place}: {problem}")
 
 
+class UndeterminedError(InputError):
+    """Measurements that do not fix what is sought.
+
+    Args:
+        problem: what is open, and why
+        got: the angle by which the poses differ in the way that counts [rad]
+        wanted: the least angle [rad]
+        condition: condition number of the normal matrix
+        direction: along which the answer is open, a unit vector, if it is one
+    """
+
+    def __init__(
+        self,
+        problem: str,
+        got: float,
+        wanted: float,
+        condition: float,
+        direction: Iterable[float] | None = None,
+    ) -> None:
+        self.got = got
+        self.wanted = wanted
+        self.condition = condition
+        self.direction = None if direction is None else tuple(float(v) for v in direction)
+        way = "" if self.direction is None else f" {tuple(round(v, 3) for v in self.direction)}"
+        super().__init__(
+            f"{problem}{way}: got {got:.4f} rad (condition number {condition:.3g}), "
+            f"at least {wanted:g} rad wanted"
+        )
+
+
 class UnreachableError(TrocarError):
     """A pose that the arm cannot take.
 

@@ -1,0 +1,250 @@
+"""The point of a body that stays where it is: pivot calibration by maximum likelihood.
+
+The closed-loop paper's equations 3 and 4, `R_k tip + p_k = post`, are linear, but R is measured:
+with noise sigma_R in it plain least squares draws the tip to the body. Here every sample's pose is
+moved onto the model first, each part by its share of the noise (errors in variables), and the
+residuals are weighted by their covariance.
+
+Source: equations 3 to 5 of the closed-loop paper, section 4; equation 5 lacks the 1/n that its
+Table 7 needs, so the root mean square here has it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import InputError, UndeterminedError
+from trocar.geometry.rotations import matrix_from_rotation_vector, skew
+from trocar.kinematics.estimation.robust import near, shared_point
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+#: Rotations that turn by less than this about a second axis leave the point's place along the
+#: first open [rad, root mean square]. Source: our choice; 0.05 rad of sweep, as for a hinge.
+LEAST_TURN = 0.015
+#: Source: our choice; six unknowns need three poses.
+LEAST_POSES = 8
+# Source: our choice; chi-squared with three degrees of freedom exceeds it once in a million.
+_FAR_SQUARED = 31.0
+# Source: our choice; noise below this is rounding.
+_ROUNDING = 1e-11
+_ROUNDS = 8
+_STEPS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class PivotFit:
+    """The point that a body turns about.
+
+    Attributes:
+        tip: the point in the body, the paper's b_tip, (3,) [m]
+        post: the point in the frame of the poses, b_post, (3,) [m]
+        rms_axes: root of the mean squared difference R tip + p - post per axis, (3,) [m]
+        rms: the same as a distance [m]
+        condition: of the normal matrix, (1 + s) / (1 - s), s the largest singular value of the
+            mean rotation
+        sigma_tip, sigma_post: standard deviations, (3,) [m]
+        points: R tip + p, where each sample has the point, (n, 3) [m]; NaN where not tracked
+        used: which samples were, (n,)
+        influence: effect of each sample's own residual on (tip, post), (n, 6) [m]; zero where
+            unused
+        outliers: samples that were tracked but far off, and not used
+    """
+
+    tip: Array
+    post: Array
+    rms_axes: Array
+    rms: float
+    condition: float
+    sigma_tip: Array
+    sigma_post: Array
+    points: Array
+    used: Mask
+    influence: Array
+    outliers: int
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """Noise of the body's pose and of the frame's that it is told in [m], [rad]."""
+
+    position: float
+    rotation: float
+    frame: bool
+
+
+def fit_pivot(
+    R: ArrayLike, p: ArrayLike, *, rotation_sigma: float | None = None, relative: bool = True
+) -> PivotFit:
+    """Find the point of a body that stays still.
+
+    Args:
+        R: rotations of the body, (n, 3, 3); NaN where not tracked
+        p: its origin, (n, 3) [m], same frame
+        rotation_sigma: noise of each measured rotation, per axis [rad]; estimated from the
+            residuals when omitted
+        relative: whether the frame is another measured body, with noise of its own, or rests
+
+    Returns:
+        the point in both frames and how well it stays
+
+    Raises:
+        InputError: wrong shapes, or fewer than `LEAST_POSES` poses
+        UndeterminedError: all rotations share one axis, along which the point is not determined
+    """
+    T, tracked = _check(R, p)
+    Rt, pt = T[tracked, :, :3], T[tracked, :, 3]
+    tip, used = _start(Rt, pt)
+    _check_determined(Rt[used])
+    post = (Rt[used] @ tip + pt[used]).mean(axis=0)
+    x, sigma = np.concatenate([tip, post]), _Noise(1.0, rotation_sigma or 0.0, relative)
+    linear = _linear(x, Rt, pt, sigma)
+    for _ in range(_ROUNDS):
+        sigma = _noise(x, Rt, pt, used, rotation_sigma, relative)
+        x, linear = _descend(x, Rt, pt, used, sigma)
+        far: Array = (linear[0] ** 2).sum(axis=1)
+        chosen = far < _FAR_SQUARED * max(float(far[used].mean()) / 3.0, 1e-30)
+        if (chosen == used).all():
+            break
+        used = chosen
+    return _result(x, T, linear, used, tracked)
+
+
+def _check(R: ArrayLike, p: ArrayLike) -> tuple[Array, Mask]:
+    """Return R beside p, (n, 3, 4), and which of them are finite, (n,)."""
+    turns, origins = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    if turns.ndim != 3 or turns.shape[1:] != (3, 3) or origins.shape != (len(turns), 3):
+        raise InputError(
+            f"poses of a body: arrays of shape (n, 3, 3) and (n, 3) wanted, got {turns.shape} and "
+            f"{origins.shape}"
+        )
+    T = np.concatenate([turns, origins[:, :, None]], axis=2)
+    tracked: Mask = np.asarray(np.isfinite(T).all(axis=(1, 2)))
+    if tracked.sum() < LEAST_POSES:
+        raise InputError(
+            f"poses of a body: it is tracked in {tracked.sum()} of {len(T)} samples; "
+            f"at least {LEAST_POSES} wanted"
+        )
+    return T, tracked
+
+
+def _start(R: Array, p: Array) -> tuple[Array, Mask]:
+    """Find a tip to start from, and the samples that are near it."""
+    _, tip, missed = shared_point(R, p, np.ones(len(R)), free=3)
+    return tip, near(missed)
+
+
+def _check_determined(R: Array) -> None:
+    """Refuse rotations that share one axis.
+
+    The two smaller of the three angles tell: the mean rotation shortens a direction by half the
+    mean squared angle by which it is turned.
+    """
+    left, values, _ = np.linalg.svd(R.mean(axis=0))
+    turn = float(np.sqrt(max(2.0 * (1.0 - values[0]), 0.0)))
+    if turn < LEAST_TURN:
+        raise UndeterminedError(
+            "the poses turn about one axis only, so the point's place along it is not determined",
+            got=turn,
+            wanted=LEAST_TURN,
+            condition=_condition(R),
+            direction=left[:, 0],
+        )
+
+
+def _condition(R: Array) -> float:
+    shared = float(np.linalg.svd(R.mean(axis=0))[1][0])
+    return (1.0 + shared) / max(1.0 - shared, np.finfo(float).tiny)
+
+
+def _levers(x: Array, R: Array, p: Array) -> tuple[Array, Array]:
+    """Return what the body's and the frame's rotation move the point by, (n, 3, 3) each."""
+    return -R @ skew(x[:3]), skew(R @ x[:3] + p)
+
+
+def _linear(x: Array, R: Array, p: Array, sigma: _Noise) -> tuple[Array, Array]:
+    """Return whitened residuals, (n, 3), and their derivatives, (n, 3, 6), at adjusted poses."""
+    residual = R @ x[:3] + p - x[3:]
+    body, frame = _levers(x, R, p)
+    covariance = _covariance(body, frame, sigma)
+    share = sigma.rotation**2 * np.linalg.solve(covariance, residual[..., None])
+    adjusted = R @ matrix_from_rotation_vector(-(np.swapaxes(body, 1, 2) @ share)[..., 0])
+    if sigma.frame:
+        turn = -(np.swapaxes(frame, 1, 2) @ share)[..., 0]
+        adjusted = matrix_from_rotation_vector(-turn) @ adjusted
+    white = np.linalg.inv(np.linalg.cholesky(covariance))
+    derivative = np.concatenate([adjusted, np.broadcast_to(-np.eye(3), R.shape)], axis=2)
+    return (white @ residual[..., None])[..., 0], white @ derivative
+
+
+def _covariance(body: Array, frame: Array, sigma: _Noise) -> Array:
+    count = 2.0 if sigma.frame else 1.0
+    turned = body @ np.swapaxes(body, 1, 2)
+    if sigma.frame:
+        turned = turned + frame @ np.swapaxes(frame, 1, 2)
+    return count * sigma.position**2 * np.eye(3) + sigma.rotation**2 * turned
+
+
+def _noise(
+    x: Array, R: Array, p: Array, used: Mask, rotation: float | None, relative: bool
+) -> _Noise:
+    """Split the residuals' covariance into noise of positions and of rotations."""
+    residual = (R @ x[:3] + p - x[3:])[used]
+    unit = _Noise(0.0, 1.0, relative)
+    body, frame = _levers(x, R[used], p[used])
+    turned = _covariance(body, frame, unit)
+    still = (2.0 if relative else 1.0) * np.eye(3)
+    squares = residual[:, :, None] * residual[:, None, :]
+    if rotation is None:
+        columns = np.stack([np.broadcast_to(still, turned.shape).ravel(), turned.ravel()], axis=1)
+        found = np.linalg.lstsq(columns, squares.ravel())[0]
+        rotation = float(np.sqrt(max(found[1], 0.0)))
+    left = np.trace((squares - rotation**2 * turned).mean(axis=0)) / np.trace(still)
+    total = float(np.trace(squares.mean(axis=0)) / np.trace(still))
+    return _Noise(float(np.sqrt(max(left, 1e-2 * total, _ROUNDING**2))), rotation, relative)
+
+
+def _descend(
+    x: Array, R: Array, p: Array, used: Mask, sigma: _Noise
+) -> tuple[Array, tuple[Array, Array]]:
+    """Take Gauss-Newton steps until they are rounding."""
+    for _ in range(_STEPS):
+        r, C = _linear(x, R, p, sigma)
+        flat = C[used].reshape(-1, 6)
+        step = -np.linalg.solve(flat.T @ flat, flat.T @ r[used].reshape(-1))
+        x = x + step
+        if np.abs(step).max() < 1e-13:
+            break
+    return x, _linear(x, R, p, sigma)
+
+
+def _result(x: Array, T: Array, linear: tuple[Array, Array], used: Mask, tracked: Mask) -> PivotFit:
+    """Gather what a fit of the tracked samples has found."""
+    R, p = T[:, :, :3], T[:, :, 3]
+    r, C = linear
+    flat = C[used].reshape(-1, 6)
+    effect = -np.einsum("kij,ki->kj", C, r) @ np.linalg.inv(flat.T @ flat) * used[:, None]
+    influence = np.zeros((len(R), 6))
+    influence[tracked] = effect
+    chosen = np.zeros(len(R), dtype=bool)
+    chosen[tracked] = used
+    points = R @ x[:3] + p
+    rms_axes = np.sqrt(np.mean((points[chosen] - x[3:]) ** 2, axis=0))
+    sigma = np.sqrt(np.sum(influence**2, axis=0))
+    return PivotFit(
+        tip=x[:3],
+        post=x[3:],
+        rms_axes=rms_axes,
+        rms=float(np.linalg.norm(rms_axes)),
+        condition=_condition(R[chosen]),
+        sigma_tip=sigma[:3],
+        sigma_post=sigma[3:],
+        points=points,
+        used=chosen,
+        influence=influence,
+        outliers=int(tracked.sum() - chosen.sum()),
+    )

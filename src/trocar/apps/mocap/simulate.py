@@ -1,0 +1,147 @@
+"""Tracks of the links of a simulated arm, as cameras would tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.mocap.clusters import place_camera, place_clusters
+from trocar.apps.mocap.dynamic import simulated_coordinates
+from trocar.apps.mocap.linkage import marked_frames
+from trocar.apps.mocap.noise import Noise, spoil
+from trocar.apps.mocap.sweeps import sweep
+from trocar.apps.mocap.truth import geometry
+from trocar.descriptions.records import ArmDescription
+from trocar.errors import InputError
+from trocar.kinematics.forward import coordinates
+from trocar.kinematics.tree import frame_poses
+
+Array = NDArray[np.float64]
+Motion = Literal["dynamic", "kinematic"]
+Parts = Literal["axes", "rcm", "both"]
+PARTS: Mapping[str, tuple[str, ...]] = {
+    "axes": ("axes",), "rcm": ("rcm",), "both": ("axes", "rcm"),
+}  # fmt: skip
+#: The rates that a camera system may have. [Hz]
+RATES_HZ = (10.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class MocapSettings:
+    """How an arm is swept and seen.
+
+    Attributes:
+        motion: "dynamic" (simulated with its servos) or "kinematic" (exactly as told)
+        parts: sweeps of the loops for their axes, about the remote centre, or both in turn
+        duration_s: of each part [s]
+        amplitude: of the joints that are swept [rad]
+        rate_hz: of the cameras [Hz]
+        noise: how bad they are
+        seed: of everything random
+    """
+
+    motion: Motion = "dynamic"
+    parts: Parts = "both"
+    duration_s: float = 24.0
+    amplitude: float = 0.6
+    rate_hz: float = 120.0
+    noise: Noise = field(default_factory=Noise)
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedTracks:
+    """What the cameras tell, and the truth.
+
+    Attributes:
+        times: (n,) [s]
+        poses: {body: T_camera_body (n, 4, 4)}, NaN where it is lost
+        q: where the arm was told to be, (n, n_joints) [rad or m]
+        rate_hz: samples a second
+        truth: what a calibration should find, and how it was made, as plain data
+    """
+
+    times: Array
+    poses: Mapping[str, Array]
+    q: Array
+    rate_hz: float
+    truth: Mapping[str, Any]
+
+
+def simulate_tracks(
+    arm: ArmDescription,
+    settings: MocapSettings | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> SimulatedTracks:
+    """Sweep an arm before cameras.
+
+    Clusters sit at random places on the links, the cameras at a random place of the room; both
+    depend on the seed alone, not on noise or motion.
+
+    Args:
+        arm: with closed loops; for the part "rcm" with a remote centre
+        settings: the default ones when omitted
+        progress: is told (done, all) of the simulation's samples
+
+    Raises:
+        InputError: settings that cannot be used, an arm without loops
+        DivergedError: the simulation left the finite numbers
+    """
+    wanted = settings or MocapSettings()
+    _check(wanted)
+    parts = PARTS[wanted.parts]
+    count = round(len(parts) * wanted.duration_s * wanted.rate_hz) + 1
+    times = np.arange(count) / wanted.rate_hz
+    told = sweep(arm, times, wanted.duration_s, wanted.amplitude, parts)
+    if wanted.motion == "kinematic":
+        moved = coordinates(arm.mechanism, told.q)
+    else:
+        moved = simulated_coordinates(
+            arm,
+            times,
+            lambda t: sweep(arm, t, wanted.duration_s, wanted.amplitude, parts).q,
+            progress,
+        )
+    bodies = marked_frames(arm)
+    places, cameras, spoiling = (
+        np.random.default_rng(s) for s in np.random.SeedSequence(wanted.seed).spawn(3)
+    )
+    camera, clusters = place_camera(cameras), place_clusters(places, bodies)
+    at = frame_poses(arm.mechanism, moved)
+    seen = {
+        body: spoil(
+            camera @ at[arm.mechanism.frame_index[frame]] @ clusters[body], wanted.noise, spoiling
+        )
+        for body, frame in bodies.items()
+    }
+    truth = {
+        "arm": arm.name,
+        **geometry(arm, bodies, clusters),
+        "bodies": {
+            body: {"frame": frame, "T_link_body": clusters[body].tolist()}
+            for body, frame in bodies.items()
+        },
+        "T_camera_root": camera.tolist(),
+        "parts_s": {part: list(span) for part, span in told.parts.items()},
+        "swings_rad": told.swings,
+        "settings": asdict(wanted),
+    }
+    return SimulatedTracks(times, seen, told.q, wanted.rate_hz, truth)
+
+
+def _check(settings: MocapSettings) -> None:
+    for name, got, allowed in (
+        ("motion", settings.motion, ("dynamic", "kinematic")),
+        ("parts", settings.parts, tuple(PARTS)),
+    ):
+        if got not in allowed:
+            raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")
+    if not RATES_HZ[0] <= settings.rate_hz <= RATES_HZ[1]:
+        low, high = RATES_HZ
+        raise InputError(f"rate: got {settings.rate_hz:g}; allowed: {low:g} to {high:g} Hz")
+    if settings.seed < 0:
+        raise InputError(f"seed: got {settings.seed}; allowed: a whole number from 0 on")

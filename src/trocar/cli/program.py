@@ -24,6 +24,7 @@ COMMANDS = {
     "sim": "simulate a rig: live in the browser, or headless",
     "tune": "step response of an arm's joints, and gains tuned from it",
     "replay": "repeat a recording, or drive an arm along one of a real arm",
+    "mocap": "tracks of a simulated arm, as cameras would tell them",
     "plot": "draw a recording: joints, errors, efforts",
     "fk": "poses of an arm's frames from joint positions",
     "ik": "all joint positions that bring an arm's tip to a pose",

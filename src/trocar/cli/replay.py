@@ -12,18 +12,14 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, table
+from trocar.cli.progress import progress_bar
 
 if TYPE_CHECKING:
     from trocar.apps.replay import RepeatReport, ReplayReport
-
-BAR_WIDTH = 32
-WIPE = "\r\x1b[K"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -83,7 +79,7 @@ def run(args: Namespace) -> int:
 def _repeat(args: Namespace) -> int:
     from trocar.apps.replay import repeat
 
-    with _progress(args, "periods") as watch:
+    with progress_bar("periods", not args.json) as watch:
         report = repeat(args.log, args.rig, watch)
     for text in (*report.warnings, *filter(None, [report.problem])):
         print(f"trocar: warning: {args.log}: {text}", file=sys.stderr)
@@ -107,31 +103,13 @@ def _replay(args: Namespace) -> int:
         tool=args.tool,
         topic=args.topic,
     )
-    with _progress(args, "rows") as watch:
+    with progress_bar("rows", not args.json) as watch:
         report = replay(args.log, args.arm, settings, watch)
     if args.json:
         print_json(report.as_dict())
     else:
         print(_tables(report, settings.rate_hz))
     return 0
-
-
-@contextmanager
-def _progress(args: Namespace, unit: str) -> Iterator[Callable[[int, int], None] | None]:
-    """Draw a bar while something is under way, where somebody watches."""
-
-    def draw(done: int, total: int) -> None:
-        filled = BAR_WIDTH * done // total
-        bar = "#" * filled + "." * (BAR_WIDTH - filled)
-        sys.stderr.write(f"\r[{bar}] {done} of {total} {unit}")
-        sys.stderr.flush()
-
-    watched = sys.stderr.isatty() and not args.json
-    try:
-        yield draw if watched else None
-    finally:
-        if watched:
-            sys.stderr.write(WIPE)
 
 
 def _repeated(report: RepeatReport) -> str:

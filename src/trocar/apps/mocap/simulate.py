@@ -76,6 +76,7 @@ def simulate_tracks(
     arm: ArmDescription,
     settings: MocapSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
+    robot: str = "as drawn",
 ) -> SimulatedTracks:
     """Sweep an arm before cameras.
 
@@ -85,7 +86,8 @@ def simulate_tracks(
     Args:
         arm: with closed loops; for the part "rcm" with a remote centre
         settings: the default ones when omitted
-        progress: is told (done, all) of the simulation's samples
+        progress: is told (done, all) of the simulation's periods
+        robot: what the truth shall call the arm
 
     Raises:
         InputError: settings that cannot be used, an arm without loops
@@ -120,6 +122,7 @@ def simulate_tracks(
     }
     truth = {
         "arm": arm.name,
+        "robot": robot,
         **geometry(arm, bodies, clusters),
         "bodies": {
             body: {"frame": frame, "T_link_body": clusters[body].tolist()}

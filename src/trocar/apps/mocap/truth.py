@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.mocap.linkage import DISTANCES, LABELS, labelled_axes, shared_pairs
+from trocar.descriptions.calibration_plan import Pair, default_plan
 from trocar.descriptions.records import ArmDescription
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import poses
@@ -30,23 +30,23 @@ def geometry(
     mechanism = arm.mechanism
     zero = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
     at = poses(mechanism, zero, arm.root)
-    axes = {label: _axis(mechanism, at, name) for label, name in labelled_axes(arm).items()}
-    pairs = DISTANCES if arm.type in LABELS else shared_pairs(arm)
+    plan = arm.calibration or default_plan(mechanism)
+    axes = {label: _axis(mechanism, at, name) for label, name in plan.axes.items()}
     found: dict[str, Any] = {
-        "axis_distances_m": {f"{a}-{b}": _distance(axes[a], axes[b]) for a, b in pairs}
+        "axis_distances_m": {f"{a}-{b}": _distance(axes[a], axes[b]) for a, b in plan.distances}
     }
-    if "8" in axes:
-        along = axes["8"][0] - axes["6"][0]
+    if plan.betas:
         found["beta_rad"] = {
-            name: _angle(along, axes[end][0] - axes["3"][0], axes["3"][1]) - 0.5 * np.pi
-            for name, end in (("beta1", "6"), ("beta2", "7"))
+            name: _angle(_line(axes, one), _line(axes, two), axes[two[0]][1]) - 0.5 * np.pi
+            for name, (one, two) in plan.betas.items()
         }
-    if "rcm" in mechanism.frame_index and "3" in axes:
+    if "rcm" in mechanism.frame_index:
         centre, root = at["rcm"], f"{arm.name}_{arm.root}"
+        pitch = axes[next(iter(plan.axes))]
         body = at[bodies[root]] @ clusters[root]
         found["rcm"] = {
             "position_in_base_body_m": (inverse(body) @ centre)[:3, 3].tolist(),
-            "distance_to_pitch_axis_m": _distance(axes["3"], (centre[:3, 3], axes["3"][1])),
+            "distance_to_pitch_axis_m": _distance(pitch, (centre[:3, 3], pitch[1])),
         }
     return found
 
@@ -58,6 +58,11 @@ def _axis(mechanism: Mechanism, at: Mapping[str, Array], name: str) -> tuple[Arr
         axis = at[frame.parent or ""] @ frame.before
         return axis[:3, 3], axis[:3, 2]
     return at[name][:3, 3], at[name][:3, 2]
+
+
+def _line(axes: Mapping[str, tuple[Array, Array]], pair: Pair) -> Array:
+    """Return what leads from the first axis of a pair to the second, (3,) [m]."""
+    return axes[pair[1]][0] - axes[pair[0]][0]
 
 
 def _distance(one: tuple[Array, Array], two: tuple[Array, Array]) -> float:

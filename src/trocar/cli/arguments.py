@@ -47,6 +47,23 @@ def add_arm(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_calibration(parser: argparse.ArgumentParser) -> None:
+    """Let the user lay a calibration over the arm."""
+    parser.add_argument(
+        "--calibration", metavar="OVERLAY", help="a calibrated robot in place of the nominal one"
+    )
+
+
+def add_calibrations(parser: argparse.ArgumentParser) -> None:
+    """Let the user lay calibrations over the arms of a rig."""
+    parser.add_argument(
+        "--calibration",
+        action="append",
+        metavar="[ARM=]OVERLAY",
+        help="a calibrated robot: for this arm, or for all of its kind; may be repeated",
+    )
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Let the user ask for JSON."""
     parser.add_argument("--json", action="store_true", help="print one JSON document, for programs")

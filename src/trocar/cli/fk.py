@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_arm, add_json, number
+from trocar.cli.arguments import add_arm, add_calibration, add_json, number
 from trocar.cli.output import fixed, print_json, short, table, title, warn
 from trocar.errors import InputError
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
+    add_calibration(parser)
     parser.add_argument(
         "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, slides m]"
     )
@@ -42,7 +43,7 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.kinematics import forward
 
-    arm = load_arm(args.arm, args.tool)
+    arm = load_arm(args.arm, args.tool, args.calibration)
     q = _positions(arm, args.q)
     head = {"arm": arm.name, "tool": arm.tool or None, "relative_to": arm.mechanism.reference}
     if args.frame == "all":

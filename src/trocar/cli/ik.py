@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_arm, add_json, number
+from trocar.cli.arguments import add_arm, add_calibration, add_json, number
 from trocar.cli.output import fixed, print_json, table, title
 from trocar.errors import InputError, SingularError, UnreachableError
 
@@ -31,6 +31,7 @@ NORM_TOLERANCE = 1e-3
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
+    add_calibration(parser)
     for name in ("X", "Y", "Z"):
         parser.add_argument(name, type=number, help="position of the tip [m]")
     for name in ("QW", "QX", "QY", "QZ"):
@@ -56,7 +57,7 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.kinematics.inverse import inverse_kinematics
 
-    arm = load_arm(args.arm, args.tool)
+    arm = load_arm(args.arm, args.tool, args.calibration)
     T = _pose([args.X, args.Y, args.Z], [args.QW, args.QX, args.QY, args.QZ])
     answer = {"arm": arm.name, "tool": arm.tool or None, "relative_to": arm.mechanism.reference}
     try:

@@ -14,7 +14,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_calibration, add_json, number
 from trocar.cli.output import print_json, table
 from trocar.cli.progress import progress_bar
 
@@ -30,6 +30,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--arm", default="psm", help="a built-in arm (trocar list), or a TOML file; default: psm"
     )
     parser.add_argument("--tool", help="another tool, or its TOML file; default: the arm's")
+    add_calibration(parser)
     parser.add_argument(
         "--mode",
         choices=("position", "effort"),
@@ -102,6 +103,7 @@ def _replay(args: Namespace) -> int:
         wrist=args.wrist,
         tool=args.tool,
         topic=args.topic,
+        calibration=args.calibration,
     )
     with progress_bar("rows", not args.json) as watch:
         report = replay(args.log, args.arm, settings, watch)

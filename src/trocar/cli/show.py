@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_arm, add_json
+from trocar.cli.arguments import add_arm, add_calibration, add_json
 from trocar.cli.output import print_json, short, warn
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
+    add_calibration(parser)
     add_json(parser)
 
 
@@ -21,7 +22,7 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.kinematics.loops import NEAR_FLAT_RAD
 
-    found = document(load_arm(args.arm, args.tool))
+    found = document(load_arm(args.arm, args.tool, args.calibration))
     for flat in (flat for closure in found["closures"] for flat in closure["flattenings"]):
         if flat["margin"] is not None and flat["margin"] < NEAR_FLAT_RAD:
             warn(

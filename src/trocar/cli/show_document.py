@@ -27,6 +27,7 @@ def document(arm: ArmDescription) -> Document:
             "title": arm.title,
             "tool": arm.tool or None,
             "file": arm.file,
+            "calibration": _calibration(arm),
             "source": " ".join(arm.source.split()),
             "root": arm.root,
             "relative_to": mechanism.reference,
@@ -45,6 +46,21 @@ def document(arm: ArmDescription) -> Document:
             "missing": [asdict(entry) for entry in arm.missing],
         }
     )
+
+
+def _calibration(arm: ArmDescription) -> Document | None:
+    """Return where the arm's own geometry comes from, None of a nominal arm."""
+    overlay = arm.overlay
+    if overlay is None:
+        return None
+    return {
+        "file": overlay.file,
+        "closure": overlay.closure,
+        "frames": list(overlay.frames),
+        "closures": list(overlay.closures),
+        "source": dict(overlay.source),
+        "warnings": list(overlay.warnings),
+    }
 
 
 def _frames(arm: ArmDescription) -> list[Document]:

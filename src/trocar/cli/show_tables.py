@@ -55,6 +55,8 @@ def _head(arm: Document) -> str:
         ("inverse", arm["inverse_kinematics"] or "no closed form"),
         ("file", arm["file"]),
     ]
+    if arm["calibration"] is not None:
+        rows.append(("overlay", f"{arm['calibration']['file']} ({arm['calibration']['closure']})"))
     return "\n".join(
         [f"{arm['arm']}: {arm['title']}", *(f"  {key:<8} {text}" for key, text in rows)]
     )
@@ -84,6 +86,8 @@ def _frames(frames: list[Document]) -> str:
 
 def _motion(frame: Document) -> str:
     verb = {"fixed": "fixed", "revolute": "turns by ", "prismatic": "slides by "}[frame["motion"]]
+    if frame["motion"] != "fixed" and not frame["couplings"]:
+        return "slides as its loop has it"
     return verb + _sum(frame["couplings"]) if frame["couplings"] else verb
 
 

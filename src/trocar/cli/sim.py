@@ -14,7 +14,7 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_calibrations, add_json, number
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError
 
@@ -39,6 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="ARM=TOOL",
         help="mount another tool (trocar list tools, or a TOML file); may be repeated",
     )
+    add_calibrations(parser)
     parser.add_argument("--headless", action="store_true", help="no page: measure and report")
     parser.add_argument(
         "--duration", type=number, metavar="S", help="stop after this much simulated time"
@@ -128,6 +129,7 @@ def _world(args: Namespace) -> World:
         friction=args.friction,
         setup_joints=args.setup_joints,
         tip_load_n=args.tip_load,
+        calibration=args.calibration,
     )
     for arm, tool in _tools(args):
         world.exchange_tool(arm, tool)

@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_json
+from trocar.cli.arguments import add_arm, add_calibration, add_json
 from trocar.cli.output import print_json, short, table
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
+    add_calibration(parser)
     parser.add_argument(
         "--joint",
         metavar="J",
@@ -47,9 +48,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Tune and print."""
     from trocar.apps.tuning import TuneSettings, tune
+    from trocar.descriptions import load_arm
 
     settings = TuneSettings(tuple(args.joint), args.tool, args.control, args.friction)
-    report = tune(args.arm, settings, _watch)
+    arm = load_arm(args.arm, args.tool, args.calibration)
+    report = tune(arm, settings, _watch)
     if args.json:
         print_json(_document(report))
     else:

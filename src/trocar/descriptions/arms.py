@@ -19,6 +19,7 @@ from trocar.descriptions.control import (
     read_rotor,
 )
 from trocar.descriptions.frames import read_closure, read_frame, read_joint
+from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
@@ -199,15 +200,16 @@ def _read_parts(table: Table, part: str) -> Parts:
     rows = table.tables("frame")
     sources = {row.text("name"): row.text("source", "") for row in rows}
     frames = tuple(read_frame(row) for row in rows)
-    closures = tuple(read_closure(row) for row in table.tables("closure"))
+    hinges = [read_closure(row) for row in table.tables("closure")]
+    pins = [closure for closure, slides in hinges if slides]
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
     return Parts(
         joints,
-        frames,
-        closures,
-        bodies,
+        (*frames, *(pin_frame(closure) for closure in pins)),
+        tuple(pinned(closure) if slides else closure for closure, slides in hinges),
+        (*bodies, *(pin_body(closure.name, part) for closure in pins)),
         read_friction(table),
-        read_rotor(table),
+        {**read_rotor(table), **{pin_name(closure.name): PIN_ROTOR_KG for closure in pins}},
         read_control(table),
         _read_poses(table, len(joints)),
         sources,

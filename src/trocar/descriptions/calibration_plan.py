@@ -92,8 +92,8 @@ def axis_links(mechanism: Mechanism, axis: str) -> Pair:
     """
     closure = next((c for c in mechanism.closures if c.name == axis), None)
     if closure is not None:
-        frame_a, _ = hinge_side(mechanism, closure)
-        return link_of(mechanism, frame_a), link_of(mechanism, closure.frame_b)
+        frame_b, _ = hinge_side(mechanism, closure)
+        return link_of(mechanism, closure.frame_a), link_of(mechanism, frame_b)
     frame = mechanism.frame(axis)
     return link_of(mechanism, frame.parent or frame.name), frame.name
 
@@ -107,8 +107,8 @@ def link_of(mechanism: Mechanism, name: str) -> str:
 
 
 def hinge_side(mechanism: Mechanism, closure: Closure) -> tuple[str, str]:
-    """Return the frame of a closure's side a, and that of the pin that slides in it ("": none)."""
-    frame = mechanism.frame(closure.frame_a)
+    """Return the frame of a closure's side b, and that of the pin that slides in it ("": none)."""
+    frame = mechanism.frame(closure.frame_b)
     pinned = frame.motion == "prismatic" and frame.name in closure.passive
     return (frame.parent or "", frame.name) if pinned else (frame.name, "")
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from trocar.descriptions.arms import ToolDescription, read_arm, read_tool, tool_wanted
+from trocar.descriptions.calibrated import Calibration, One, calibrated, calibrated_rig
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.table import read_table
@@ -22,21 +23,26 @@ def names(shelf: Shelf) -> tuple[str, ...]:
     return tuple(_tool_name(stem) if shelf == "tools" else stem for stem in found)
 
 
-def load_arm(name: str | Path, tool: str | Path | None = None) -> ArmDescription:
+def load_arm(
+    name: str | Path, tool: str | Path | None = None, calibration: One | None = None
+) -> ArmDescription:
     """Load an arm with its tool.
 
     Args:
         name: a built-in arm ("psm"), or the path of a TOML file
         tool: a built-in tool ("LARGE_NEEDLE_DRIVER:400006"), a path, "none" for a bare arm;
             the arm's own default when omitted
+        calibration: an overlay or the path of one; None: the nominal arm
 
     Raises:
         UnknownNameError: no such arm or tool; the known ones are listed
         DescriptionError: the file is broken; file, key, got and allowed are named
+        InputError: the overlay is for another arm
     """
     path = _find("arms", name)
     wanted = tool_wanted(path) if tool is None else str(tool)
-    return read_arm(path, None if wanted in ("", "none") else load_tool(wanted))
+    arm = read_arm(path, None if wanted in ("", "none") else load_tool(wanted))
+    return calibrated(arm, calibration)
 
 
 def load_tool(name: str | Path) -> ToolDescription:
@@ -44,8 +50,19 @@ def load_tool(name: str | Path) -> ToolDescription:
     return read_tool(_find("tools", name))
 
 
-def load_rig(name: str | Path) -> RigDescription:
-    """Load a rig by its name or path; paths inside it are relative to its folder."""
+def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDescription:
+    """Load a rig by its name or path; paths inside it are relative to its folder.
+
+    Args:
+        name: a built-in rig ("psm"), or the path of a TOML file
+        calibration: an overlay (or its path) for every arm of its kind, {arm of the rig: overlay},
+            or a list of overlays and texts "ARM=FILE"; arms without one are nominal
+
+    Raises:
+        UnknownNameError: no such rig, or an arm that it does not have
+        DescriptionError: a file is broken
+        InputError: an overlay for none of the arms
+    """
     path = _find("rigs", name)
     loaded: dict[tuple[str, str | None], ArmDescription] = {}
 
@@ -57,7 +74,7 @@ def load_rig(name: str | Path) -> RigDescription:
             loaded[arm, tool] = load_arm(beside(arm), tool if tool is None else beside(tool))
         return loaded[arm, tool]
 
-    return read_rig(path, load)
+    return calibrated_rig(read_rig(path, load), calibration)
 
 
 def _find(shelf: Shelf, name: str | Path) -> Path:

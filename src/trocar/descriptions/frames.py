@@ -145,8 +145,8 @@ def exact(matrix: Array) -> Array:
     return np.where(np.abs(matrix) < 1e-15, 0.0, matrix)
 
 
-def read_closure(row: Table) -> Closure:
-    """Return a hinge that closes a loop."""
+def read_closure(row: Table) -> tuple[Closure, bool]:
+    """Return a hinge that closes a loop, and whether its pin may slide along its axis."""
     name = row.text("name")
     passive, guard = row.texts("passive"), row.texts("guard")
     if len(passive) != 2:
@@ -164,5 +164,6 @@ def read_closure(row: Table) -> Closure:
         guard,
         row.flag("open", False),
     )
+    slides = row.flag("slides", False)
     row.done()
-    return closure
+    return closure, slides

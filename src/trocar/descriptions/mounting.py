@@ -43,12 +43,12 @@ def with_tool(arm: ArmDescription, tool: str | Path) -> ArmDescription:
             f"{arm.name}: its file {arm.file!r} is gone; a tool is mounted on what stands there"
         )
     _check_as_in_file(arm)
-    return load_arm(Path(arm.file), tool)
+    return load_arm(Path(arm.file), tool, arm.overlay)
 
 
 def _check_as_in_file(arm: ArmDescription) -> None:
     """Refuse an arm that was changed in Python: reading it again would take the change back."""
-    bare = load_arm(Path(arm.file), "none")
+    bare = load_arm(Path(arm.file), "none", arm.overlay)
     changed = [
         frame.name
         for frame in bare.mechanism.frames

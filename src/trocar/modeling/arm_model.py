@@ -24,6 +24,7 @@ from trocar.modeling.options import (
     CONTACT_FRICTION,
     CONTACT_IMPEDANCE,
     CONTACT_PERIODS,
+    LAYERS,
     STIFF_IMPEDANCE,
     STIFF_PERIODS,
     STOP_PERIODS,
@@ -249,7 +250,8 @@ def _add_loops(
 ) -> None:
     closures = arm.mechanism.closures
     # A guard relies on the other loops: beside an open one it would hold what has come apart.
-    guarded = loops_are_parallelograms(arm.mechanism) and not any(c.open for c in closures)
+    parallel = loops_are_parallelograms(arm.mechanism)
+    guarded = parallel and not any(c.open for c in closures)
     for closure in closures:
         for side, frame, point in (
             ("a", closure.frame_a, closure.point_a),
@@ -260,15 +262,16 @@ def _add_loops(
             _add_site(anchor.body, naming.closing_site(name, closure.name, side), at)
         if closure.open:  # its passive frames are tied by nothing else: they swing
             continue
-        _add_equality(
-            spec,
-            naming.scoped(name, closure.name),
-            mujoco.mjtEq.mjEQ_CONNECT,
-            options,
-            objtype=mujoco.mjtObj.mjOBJ_SITE,
-            name1=naming.closing_site(name, closure.name, "a"),
-            name2=naming.closing_site(name, closure.name, "b"),
-        )
+        for layer in range(1 if parallel else LAYERS):
+            _add_equality(
+                spec,
+                naming.connect(name, closure.name, layer),
+                mujoco.mjtEq.mjEQ_CONNECT,
+                options,
+                objtype=mujoco.mjtObj.mjOBJ_SITE,
+                name1=naming.closing_site(name, closure.name, "a"),
+                name2=naming.closing_site(name, closure.name, "b"),
+            )
         if closure.guard and guarded:
             _add_equality(
                 spec,

@@ -18,6 +18,11 @@ def closing_site(arm: str, closure: str, side: str) -> str:
     return f"{arm}/{closure}/{side}"
 
 
+def connect(arm: str, closure: str, layer: int) -> str:
+    """Return the name of one of the equalities that close a loop: the closure's for the first."""
+    return scoped(arm, closure if layer == 0 else f"{closure}/{layer + 1}")
+
+
 def guard(arm: str, closure: str) -> str:
     """Return the name of the equality that keeps a loop on its branch."""
     return f"{arm}/guard/{closure}"

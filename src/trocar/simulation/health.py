@@ -12,6 +12,7 @@ from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.kinematics.loops import (
     NEAR_FLAT_RAD,
     branch_determinants,
+    closed_coordinates,
     coupled_coordinates,
     flattenings,
     gaps,
@@ -24,6 +25,10 @@ Array = NDArray[np.float64]
 
 
 log = logging.getLogger("trocar")
+
+#: Multiples of their square roots spread samples over the joint range, no joint with another.
+PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0)
+WANDER_SAMPLES = 256
 
 
 def warn_of_flattening(rig: RigDescription) -> None:
@@ -44,22 +49,38 @@ def arm_health(arm: ArmDescription, coordinates: Array) -> ArmHealth:
     """Return the worst over samples of every frame's coordinate, (..., n_frames)."""
     mechanism = arm.mechanism
     gap = gaps(mechanism, coordinates)
-    rcm = remote_centre_error(arm, coordinates)
+    rcm = remote_centre_error(mechanism, coordinates)
     right = branch_determinants(mechanism, coordinates) * _built_branch(mechanism) > 0.0
     return ArmHealth(
         loop_gap_m=float(gap.max(initial=0.0)),
         rcm_error_m=float("nan") if rcm is None else float(rcm.max(initial=0.0)),
         branch_ok=bool(right.all()),
         flattening_margin_rad=flattening_margin(mechanism),
+        rcm_wander_m=remote_centre_wander(mechanism),
     )
 
 
-def remote_centre_error(arm: ArmDescription, coordinates: Array) -> Array | None:
+@lru_cache(maxsize=64)
+def remote_centre_wander(mechanism: Mechanism) -> float:
+    """Return how far an arm's own geometry takes the shaft from its remote centre at most [m].
+
+    A calibrated arm whose loops are no parallelograms, or whose axes are askew, has no fixed
+    remote centre. Over the joint range, loops closed; 0 for an arm without a remote centre.
+    """
+    if "rcm" not in mechanism.frame_index:
+        return 0.0
+    spread = np.resize(np.sqrt(np.array(PRIMES)), len(mechanism.joints))
+    share = np.outer(np.arange(WANDER_SAMPLES), spread) % 1.0
+    q = mechanism.lower + share * (mechanism.upper - mechanism.lower)
+    error = remote_centre_error(mechanism, closed_coordinates(mechanism, q))
+    return 0.0 if error is None else float(error.max())
+
+
+def remote_centre_error(mechanism: Mechanism, coordinates: Array) -> Array | None:
     """Return the distance of the instrument's shaft from the remote centre, (...) [m].
 
     The shaft is the z axis of the frame that the insertion moves. None when the arm has neither.
     """
-    mechanism = arm.mechanism
     if "rcm" not in mechanism.frame_index or "insertion" not in mechanism.frame_index:
         return None
     wanted = sorted({*mechanism.chain("rcm"), *mechanism.chain("insertion")})

@@ -97,12 +97,15 @@ class ArmHealth:
         rcm_error_m: distance of the shaft's line from the remote centre [m], NaN without one
         branch_ok: whether every loop is on the branch it was built on
         flattening_margin_rad: distance of the joint range from a flat loop [rad], inf without loops
+        rcm_wander_m: how much of rcm_error_m the arm's own geometry may account for: the largest
+            over the joint range, loops closed. 0 to rounding on a nominal arm, 0 without a centre
     """
 
     loop_gap_m: float
     rcm_error_m: float
     branch_ok: bool
     flattening_margin_rad: float
+    rcm_wander_m: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -114,6 +117,7 @@ class Health:
     branch_ok: bool
     flattening_margin_rad: float
     per_arm: Mapping[str, ArmHealth]
+    rcm_wander_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig
+from trocar.descriptions.calibrated import Calibration, calibrated_rig
 from trocar.descriptions.records import Control, RigArm
 from trocar.errors import DescriptionError, DivergedError, InputError, UnknownNameError
 from trocar.modeling import naming
@@ -64,9 +65,10 @@ class World:
         seed: of the random numbers that sensors draw
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
+        calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
 
     Raises:
-        UnknownNameError, DescriptionError: the rig
+        UnknownNameError, DescriptionError: the rig or a calibration
         InputError: another argument
     """
 
@@ -83,14 +85,17 @@ class World:
         seed: int = 0,
         tip_load_n: float = 0.0,
         homed: bool = True,
+        calibration: Calibration | None = None,
     ) -> None:
         #: What the world was built with, the rig apart; a recording takes these along.
-        self.arguments = {k: v for k, v in locals().items() if k not in ("self", "rig")}
+        apart = ("self", "rig", "calibration")
+        self.arguments = {k: v for k, v in locals().items() if k not in apart}
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = "" if isinstance(rig, RigDescription) else str(rig)
         self._homed = bool(homed)
         self._build = 0
-        self.rig = rig if isinstance(rig, RigDescription) else load_rig(rig)
+        nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
+        self.rig = calibrated_rig(nominal, calibration)
         #: The rig that the world was built with, whatever tools were exchanged since.
         self.first_rig = self.rig
         self.timestep = _checked_period(timestep_s)
@@ -371,6 +376,7 @@ class World:
             all(h.branch_ok for h in each.values()),
             min((h.flattening_margin_rad for h in each.values()), default=np.inf),
             each,
+            max((h.rcm_wander_m for h in each.values()), default=0.0),
         )
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
@@ -452,7 +458,10 @@ class World:
         hinge = self._model.joint(int(self._model.dof_jntid[dof])).name
         owner, _, frame = hinge.partition("/")
         mechanism = self.arms[owner].description.mechanism
-        joint = mechanism.frame(frame).couplings[0][0]
+        moving = mechanism.frame(frame)
+        if not moving.couplings and moving.parent:  # a pin, which slides in what moves
+            moving = mechanism.frame(moving.parent)
+        joint = moving.couplings[0][0]
         raise DivergedError(
             self.time,
             naming.scoped(owner, joint),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar import __version__
 from trocar.descriptions import RigDescription
+from trocar.descriptions.overlay import Overlay, parse_overlay
 from trocar.errors import DivergedError, LogError, TrocarError
 from trocar.simulation import World
 from trocar.simulation.journal import Entry, apply_command
@@ -151,7 +152,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f"trocar {about['trocar']} built its world with {', '.join(sorted(strange))}, which"
             f" trocar {__version__} does not know",
         )
-    world = World(source, **arguments)
+    world = World(source, calibration=_calibration(about, file), **arguments)
     found = rig_fingerprint(world.rig)
     if found != about["rig_fingerprint"]:
         raise LogError(
@@ -161,6 +162,17 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f" {world.rig.name!r} has {found[:12]}: its motion cannot be repeated",
         )
     return world
+
+
+def _calibration(about: Mapping[str, str], file: str) -> dict[str, Overlay] | None:
+    """Return the overlays that the recorded arms carried, None where all were nominal."""
+    if "calibration" not in about:
+        return None
+    texts: dict[str, list[str]] = json.loads(about["calibration"])
+    return {
+        arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
+        for arm, (name, text) in texts.items()
+    }
 
 
 def _repeat(world: World, entry: Entry, file: str) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.apps.replay.bags import is_bag, read_bag
 from trocar.apps.replay.report import ReplayMode, ReplayReport, Sums
 from trocar.descriptions import ArmDescription, load_arm
+from trocar.descriptions.calibrated import One
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, LogError
 from trocar.simulation import World
@@ -40,6 +41,7 @@ class ReplaySettings:
         wrist: as for `read_log`; a bag holds public joints
         topic: of a bag's joint states; its only one that fits when omitted
         tool: the mounted tool, the arm's default when omitted
+        calibration: an overlay of the arm, or its path; None: the nominal arm
     """
 
     mode: ReplayMode = "position"
@@ -50,6 +52,7 @@ class ReplaySettings:
     wrist: Wrist = "motor"
     tool: str | None = None
     topic: str | None = None
+    calibration: One | None = None
 
 
 def replay(
@@ -78,7 +81,7 @@ def replay(
         DivergedError: the simulation left the finite numbers
     """
     how = settings or ReplaySettings()
-    described = load_arm(arm, how.tool)
+    described = load_arm(arm, how.tool, how.calibration)
     if described.type not in ("PSM", "ECM"):
         raise InputError(
             f"{described.name}: is a {described.type}; allowed for a replay: a PSM or an ECM"

@@ -13,6 +13,8 @@ import mujoco
 import numpy as np
 
 from trocar import __version__
+from trocar.descriptions.calibrated import rig_overlays
+from trocar.descriptions.overlay import overlay_text
 from trocar.errors import InputError
 from trocar.simulation.recording.fingerprint import rig_fingerprint
 from trocar.simulation.recording.library import mcap_library
@@ -120,11 +122,19 @@ def _about(world: World) -> dict[str, str]:
         "rig_source": world.rig_source,
         "rig_fingerprint": rig_fingerprint(world.first_rig),
         "arguments": json.dumps({k: plain(v) for k, v in world.arguments.items()}),
+        **_calibration(world),
         "timestep_s": repr(world.timestep),
         "start_s": repr(world.time),
         "start_period": str(world.periods),
         "repeatable": world.past.why_not or "yes",
     }
+
+
+def _calibration(world: World) -> dict[str, str]:
+    """Return the overlays that the arms carry, whole, so that their files may change or go."""
+    overlays = rig_overlays(world.first_rig)
+    texts = {arm: [overlay.file, overlay_text(overlay)] for arm, overlay in overlays.items()}
+    return {"calibration": json.dumps(texts)} if texts else {}
 
 
 def _label(file: str | Path | IO[bytes]) -> str:

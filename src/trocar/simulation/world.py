@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 
 #: Set-points of moves are renewed this often, in physics periods. Source: our own choice.
 SETPOINT_PERIODS = 1
+#: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
+#: overlays are kept whole.
+APART = ("self", "rig", "calibration")
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
@@ -88,8 +91,7 @@ class World:
         calibration: Calibration | None = None,
     ) -> None:
         #: What the world was built with, the rig apart; a recording takes these along.
-        apart = ("self", "rig", "calibration")
-        self.arguments = {k: v for k, v in locals().items() if k not in apart}
+        self.arguments = {k: v for k, v in locals().items() if k not in APART}
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = "" if isinstance(rig, RigDescription) else str(rig)
         self._homed = bool(homed)

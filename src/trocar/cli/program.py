@@ -26,6 +26,7 @@ COMMANDS = {
     "replay": "repeat a recording, or drive an arm along one of a real arm",
     "mocap": "tracks of a simulated arm, as cameras would tell them",
     "plot": "draw a recording: joints, errors, efforts",
+    "calibrate": "a robot's own geometry, from motion capture",
     "fk": "poses of an arm's frames from joint positions",
     "ik": "all joint positions that bring an arm's tip to a pose",
     "list": "names of the built-in arms, tools and rigs",

@@ -1,5 +1,7 @@
 """A robot from motion capture: tracks in, an overlay of its description out."""
 
+from trocar.apps.calibration.calibrate import calibrate
+from trocar.apps.calibration.records import Calibration
 from trocar.apps.calibration.tracks import (
     Tracks,
     check_together,
@@ -8,4 +10,12 @@ from trocar.apps.calibration.tracks import (
     select_bodies,
 )
 
-__all__ = ["Tracks", "check_together", "parse_bodies", "read_tracks", "select_bodies"]
+__all__ = [
+    "Calibration",
+    "Tracks",
+    "calibrate",
+    "check_together",
+    "parse_bodies",
+    "read_tracks",
+    "select_bodies",
+]

@@ -1,0 +1,212 @@
+"""The axes of a linkage as the tracks show them, each hinge by itself.
+
+Distances are taken inside one link that carries both axes, so they need no home; angles are those
+of the still start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration.linkage import Hinge, Linkage
+from trocar.apps.calibration.tracks import Tracks, check_together
+from trocar.errors import InputError
+from trocar.geometry import inverse
+from trocar.kinematics.estimation import (
+    LEAST_SPAN,
+    SMALL_SPAN,
+    Axis,
+    HingeFit,
+    axis_distance,
+    fit_hinge,
+    likely_cause,
+)
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Source: our own choice: twice what a hinge has unknown, and then some.
+LEAST_SAMPLES = 30
+#: A hinge whose poses are this far from any turn about an axis is no hinge. Source: our own choice;
+#: a hundred times the noise of a camera system, a tenth of what mixed conventions leave. [m]
+WRONG_M = 5e-3
+#: Two axes nearer than this in the description are one, and have no distance. [m]
+APART_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Value:
+    """A number with its standard deviation, in SI units."""
+
+    value: float
+    sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class Axes:
+    """Every hinge that the tracks show.
+
+    Attributes:
+        linkage: the loops
+        fits: {hinge: its fit}
+        signs: {hinge: whether the fit's direction agrees with the description's (1) or not (-1)}
+        warnings: what a user should know
+    """
+
+    linkage: Linkage
+    fits: Mapping[str, HingeFit]
+    signs: Mapping[str, float]
+    warnings: tuple[str, ...]
+
+    def axis(self, name: str, body: str) -> Axis:
+        """Return a hinge's axis as one of its bodies has it, directed as in the description."""
+        fit, hinge = self.fits[name], self.linkage.hinge(name)
+        axis, sign = fit.in_a if body == hinge.body_a else fit.in_b, self.signs[name]
+        turned = axis.influence * np.repeat([1.0, sign], 3)
+        return Axis(axis.point, sign * axis.direction, turned)
+
+    def angles(self, name: str) -> Array:
+        """Return a hinge's angles, positive as in the description, (n,) [rad]."""
+        return self.signs[name] * self.fits[name].angles
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Noise of a pose, position [m] and rotation [rad] per axis: the median of the hinges'."""
+        fits = self.fits.values()
+        return (
+            float(np.median([fit.position_sigma for fit in fits])),
+            float(np.median([fit.rotation_sigma for fit in fits])),
+        )
+
+
+def measure_axes(
+    tracks: Tracks, linkage: Linkage, watch: Callable[[str], None] = lambda _: None
+) -> Axes:
+    """Find every axis whose two bodies are in the tracks.
+
+    Raises:
+        InputError: bodies that are never seen together, a sweep too small to fix an axis, or
+            motion that is no turn about one
+    """
+    fits: dict[str, HingeFit] = {}
+    for hinge in linkage.hinges:
+        if hinge.body_a in tracks.poses and hinge.body_b in tracks.poses:
+            watch(f"axis {hinge.label}")
+            fits[hinge.name] = _fit(tracks, hinge)
+    if not fits:
+        raise InputError(
+            f"{tracks.file}: no two bodies that share a hinge; found: "
+            f"{', '.join(tracks.poses)}; expected: {', '.join(linkage.bodies)}"
+        )
+    _check_hinges(tracks, linkage, fits)
+    warnings = tuple(
+        f"axis {hinge.label} was swept by {fits[hinge.name].span:.3f} rad only; below"
+        f" {SMALL_SPAN} rad its place is loose (condition number"
+        f" {fits[hinge.name].condition:.0f})"
+        for hinge in linkage.hinges
+        if hinge.name in fits and fits[hinge.name].span < SMALL_SPAN
+    )
+    return Axes(linkage, fits, _signs(linkage, fits), warnings)
+
+
+def _fit(tracks: Tracks, hinge: Hinge) -> HingeFit:
+    check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
+    poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
+    fit = fit_hinge(poses)
+    if fit.span < LEAST_SPAN:
+        raise InputError(
+            f"{tracks.file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
+            f" {fit.span:.4f} rad, condition number {fit.condition:.3g}; needed: {LEAST_SPAN} rad"
+            f" at least, {SMALL_SPAN} rad to trust it, 1.2 rad to reach the stated accuracy"
+        )
+    return fit
+
+
+def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> None:
+    """Refuse motion that is no turn about an axis, and name the likely cause."""
+    bad = [n for n, fit in fits.items() if _wrong(fit)]
+    if not bad:
+        return
+    worst = max(bad, key=lambda name: fits[name].residual_position)
+    fit, hinge = fits[worst], linkage.hinge(worst)
+    others = sorted({b for n in bad for b in (linkage.hinge(n).body_a, linkage.hinge(n).body_b)})
+    cause = likely_cause(tracks.poses[hinge.body_a], tracks.poses[hinge.body_b])
+    if cause is None:
+        cause = f"wrong names, or a loose cluster on one of {', '.join(others)}"
+    share = fit.outliers / max(1, fit.outliers + int(fit.used.sum()))
+    raise InputError(
+        f"{tracks.file}: {hinge.body_a} and {hinge.body_b} do not turn about one axis"
+        f" ({hinge.label}):"
+        f" {1e3 * fit.residual_position:.1f} mm and {fit.residual_rotation:.3f} rad from the"
+        f" nearest hinge, {100 * share:.0f} % of the samples left out; allowed:"
+        f" {1e3 * WRONG_M:.0f} mm and 30 %. Likely: {cause}"
+    )
+
+
+def _wrong(fit: HingeFit) -> bool:
+    kept = int(fit.used.sum())
+    return fit.residual_position > WRONG_M or fit.outliers > 0.3 * (kept + fit.outliers)
+
+
+def _signs(linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, float]:
+    """Give all directions one sense; which of the two is up to `home`."""
+    found: dict[str, float] = {}
+    for start in fits:
+        if start in found:
+            continue
+        found[start] = 1.0
+        waiting = [start]
+        while waiting:
+            one = linkage.hinge(waiting.pop())
+            for body in (one.body_a, one.body_b):
+                for name in linkage.carried(body):
+                    if name not in fits or name in found:
+                        continue
+                    agree = _direction(fits[name], linkage.hinge(name), body) @ _direction(
+                        fits[one.name], one, body
+                    )
+                    found[name] = found[one.name] * (1.0 if agree >= 0.0 else -1.0)
+                    waiting.append(name)
+    return found
+
+
+def _direction(fit: HingeFit, hinge: Hinge, body: str) -> Array:
+    return fit.direction_a if body == hinge.body_a else fit.direction_b
+
+
+def turned_over(axes: Axes) -> Axes:
+    """Return the axes with every direction reversed."""
+    return replace(axes, signs={name: -sign for name, sign in axes.signs.items()})
+
+
+def distances(axes: Axes, pairs: Mapping[str, tuple[str, str]]) -> dict[str, Value]:
+    """Measure distances of axes, each inside a link that carries both.
+
+    Args:
+        axes: as measured
+        pairs: {label: two hinges}
+
+    Returns:
+        {label: distance [m]} of those that the tracks show
+    """
+    found: dict[str, Value] = {}
+    for label, (one, two) in pairs.items():
+        body = shared_body(axes.linkage, one, two)
+        near = np.linalg.norm(axes.linkage.points[one] - axes.linkage.points[two]) < APART_M
+        if one not in axes.fits or two not in axes.fits or body is None or near:
+            continue
+        across = [axes.axis(n, body) for n in axes.linkage.carried(body) if n in axes.fits]
+        distance = axis_distance(axes.axis(one, body), axes.axis(two, body), across)
+        found[label] = Value(distance.value, distance.sigma)
+    return found
+
+
+def shared_body(linkage: Linkage, one: str, two: str) -> str | None:
+    """Return the body that carries both hinges, None when there is none."""
+    return next(
+        (b for b in linkage.bodies if one in linkage.carried(b) and two in linkage.carried(b)), None
+    )

@@ -1,0 +1,151 @@
+"""Where a calibrated linkage stands on its arm.
+
+The sweep of the loops alone says how the axes stand to one another, not how the whole stands on the
+arm. Where the description has a remote centre (a slide on a link of the loops whose line passes the
+arm's reference point at every joint position), the calibrated linkage is placed so that its own
+remote centre is there, in the direction from its first axis that the description has, and the slide
+passes it as before. Elsewhere the first axis of the ground stays, and its direction to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration.geometry import (
+    Slot,
+    displacements,
+    home_points,
+    in_frame,
+    rebuilt,
+    shift_rows,
+    slots,
+)
+from trocar.apps.calibration.home import planar_turn
+from trocar.apps.calibration.linkage import Linkage, bodies_of
+from trocar.apps.calibration.motion import mechanism_of
+from trocar.apps.calibration.start import Robot
+from trocar.descriptions import ArmDescription
+from trocar.kinematics.forward import poses
+from trocar.kinematics.loops import closed_coordinates
+from trocar.kinematics.mechanism import Frame, Mechanism
+from trocar.kinematics.tree import frame_poses
+
+Array = NDArray[np.float64]
+
+# Source: our own choice; a description whose slide passes its reference point is exact to rounding.
+PASSES_M = 1e-6
+#: The linkage's own remote centre is that over this many positions of a joint, and over this range
+#: about home. Source: our own choice; the sweep that is asked for. [rad]
+POSITIONS, SWEEP_RAD = 17, 0.6
+
+
+@dataclass(frozen=True, eq=False)
+class Centre:
+    """The remote centre of a description.
+
+    Attributes:
+        body: the body of the loops that turns about it
+        slide: the frame that slides through it
+        base: the body on which it rests
+        point: in the plane of the linkage at home, (2,) [m]
+        start: the ground's first hinge, in the same plane (2,) [m]
+    """
+
+    body: str
+    slide: str
+    base: str
+    point: Array
+    start: Array
+
+
+def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
+    """Return the remote centre that a description is built for, None where there is none."""
+    mechanism, body_of = arm.mechanism, bodies_of(arm)
+    q = _sweep(linkage, mechanism)
+    every = poses(mechanism, q, mechanism.reference)
+    ground = poses(mechanism, linkage.rest, linkage.bodies[linkage.ground])
+    base = body_of[mechanism.reference]
+    if base in linkage.bodies and base != linkage.ground:
+        return None
+    for frame in mechanism.frames:
+        body = body_of.get(str(frame.parent), "")
+        if frame.motion != "prismatic" or body not in linkage.bodies:
+            continue
+        axis = every[str(frame.parent)] @ frame.before
+        along, at = axis[..., :3, 2], axis[..., :3, 3]
+        if np.linalg.norm(np.cross(at, along), axis=-1).max() < PASSES_M:
+            point = linkage.plane[:, :2].T @ ground[mechanism.reference][:3, 3]
+            start = linkage.points[linkage.hinges[0].name]
+            return Centre(body, frame.name, base, point, start)
+    return None
+
+
+def _sweep(linkage: Linkage, mechanism: Mechanism) -> Array:
+    """Return joint positions over the range of the joints that move the loops, (n, n_joints)."""
+    q = np.tile(linkage.rest, (POSITIONS, 1))
+    for joint in linkage.joints:
+        q[:, joint] = np.linspace(
+            max(mechanism.lower[joint], -SWEEP_RAD),
+            min(mechanism.upper[joint], SWEEP_RAD),
+            POSITIONS,
+        )
+    return q
+
+
+def still_point(robot: Robot, body: str) -> tuple[Array, float]:
+    """Find the point of a body that moves least in the ground, over a sweep of the joints.
+
+    Returns:
+        it at home, in the plane (2,) [m]; and the root of its mean squared distance from there [m]
+    """
+    linkage, mechanism = robot.linkage, mechanism_of(robot)
+    q = _sweep(linkage, mechanism)
+    at = frame_poses(mechanism, closed_coordinates(mechanism, q))
+    index = mechanism.frame_index
+    ground = np.linalg.inv(at[index[linkage.bodies[linkage.ground]]])
+    pose = linkage.plane.T @ (ground @ at[index[linkage.bodies[body]]])[..., :3, :]
+    # In the plane: turn @ tip + place = post, for the body's tip and the ground's post.
+    turn = pose[:, :2, :3] @ linkage.frames[linkage.bodies[body]][:3, :3].T @ linkage.plane[:, :2]
+    place = pose[:, :2, 3]
+    left = np.concatenate([turn, -np.tile(np.eye(2), (len(q), 1, 1))], axis=2).reshape(-1, 4)
+    found = np.asarray(np.linalg.lstsq(left, -place.ravel(), rcond=None)[0], dtype=np.float64)
+    away = turn @ found[:2] + place - found[2:]
+    return found[2:], float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+
+
+def placed(robot: Robot, centre: Centre | None) -> Array:
+    """Return the displacements with the linkage placed on its arm, (n_slots, 2) [m]."""
+    if centre is None:
+        return robot.moved
+    linkage = robot.linkage
+    points = home_points(linkage, robot.moved)
+    first = linkage.hinges[0]
+    start = points[Slot(first.name, first.body_a)]
+    own, _ = still_point(robot, centre.body)
+    have, want = own - start, centre.point - centre.start
+    angle = np.arctan2(have[0] * want[1] - have[1] * want[0], have @ want)
+    turn = planar_turn(float(angle))
+    return displacements(
+        linkage, {slot: turn @ (points[slot] - own) + centre.point for slot in slots(linkage)}
+    )
+
+
+def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mechanism:
+    """Return the whole arm's mechanism with the calibrated linkage in it."""
+    linkage, moved = robot.linkage, placed(robot, centre)
+    mechanism = rebuilt(linkage, arm.mechanism, moved, robot.tilts)
+    if centre is None:
+        return mechanism
+    shift = shift_rows(linkage)[centre.body] @ moved
+
+    def follow(frame: Frame) -> Frame:
+        if frame.name != centre.slide:
+            return frame
+        before = frame.before.copy()
+        before[:3, 3] -= in_frame(linkage, str(frame.parent), shift)
+        return replace(frame, before=before)
+
+    return replace(mechanism, frames=tuple(follow(frame) for frame in mechanism.frames))

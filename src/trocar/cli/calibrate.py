@@ -1,0 +1,125 @@
+"""From motion capture to a robot's own geometry: an overlay of its description.
+
+The tracks hold the poses of marker clusters on the links: a still start of half a second or more,
+then a sweep of the pitch (and of yaw and pitch for the remote centre, here or in --rcm FILE).
+docs/calibration.md says how to record them. No description is changed.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json
+from trocar.cli.output import print_json, table, warn
+
+if TYPE_CHECKING:
+    from trocar.apps.calibration.records import Calibration
+
+BAR = 28
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("tracks", metavar="TRACKS", help="a CSV export of Motive, or tidy CSV")
+    parser.add_argument(
+        "--arm", required=True, metavar="ARM", help="a built-in arm (trocar list), or a TOML file"
+    )
+    parser.add_argument("-o", "--output", metavar="OVERLAY", help="where to write the overlay")
+    parser.add_argument("--rcm", metavar="FILE", help="the sweep of the remote centre, if apart")
+    parser.add_argument(
+        "--bodies",
+        metavar="BODY=NAME,...",
+        help="what bodies are called in the files, as psm_yaw=Rigid Body 3",
+    )
+    parser.add_argument(
+        "--closure",
+        choices=("parallelogram", "general"),
+        help="parallelogram: loops that close exactly, the default where the description has them;"
+        " general: four-bars with the sides as they are",
+    )
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Calibrate, write the overlay, print."""
+    from trocar.apps.calibration import calibrate, parse_bodies, read_tracks
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+
+    arm = load_arm(args.arm)
+    bodies = parse_bodies(args.bodies) if args.bodies else {}
+    bar = _Bar()
+    try:
+        bar("reading")
+        tracks = read_tracks(args.tracks)
+        sweep = read_tracks(args.rcm) if args.rcm else None
+        found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=bar)
+    finally:
+        bar.done()
+    if args.output:
+        write_overlay(args.output, found.overlay)
+    for text in found.warnings:
+        warn(text)
+    if args.json:
+        print_json(found.as_dict())
+    else:
+        print(_report(found, args.output))
+    return 0
+
+
+class _Bar:
+    """A bar on a terminal's standard error; elsewhere nothing."""
+
+    def __init__(self) -> None:
+        self._shown = sys.stderr.isatty()
+        self._share = 0.0
+
+    def __call__(self, what: str) -> None:
+        # How many rounds a fit takes is not known before: each step takes a share of the rest.
+        self._share += 0.12 * (1.0 - self._share)
+        if self._shown:
+            full = round(BAR * self._share)
+            text = f"\r[{'#' * full}{'.' * (BAR - full)}] {what}"
+            print(f"{text:<72}", end="", file=sys.stderr, flush=True)
+
+    def done(self) -> None:
+        """Take the bar away."""
+        if self._shown:
+            print("\r" + " " * 72 + "\r", end="", file=sys.stderr, flush=True)
+
+
+def _report(found: Calibration, output: str | None) -> str:
+    rows = [
+        [label, f"{1e3 * v.value:.4f}", f"{1e3 * v.sigma:.4f}",
+         f"{1e3 * found.closed_distances[label]:.4f}",
+         f"{1e3 * (found.closed_distances[label] - v.value):+.4f}"]
+        for label, v in found.axis_distances.items()
+    ]  # fmt: skip
+    head = ["axes", "measured [mm]", "sigma [mm]", f"{found.closure} [mm]", "absorbed [mm]"]
+    left = found.refined
+    parts = [
+        f"{found.arm}: {left.samples} samples; left of a pose {1e3 * left.position_rms:.4f} mm and"
+        f" {1e3 * left.rotation_rms:.4f} mrad per axis (RMS)",
+        table(head, rows),
+    ]
+    if found.betas:
+        angles = [[n, f"{v.value:.6f}", f"{v.sigma:.6f}"] for n, v in found.betas.items()]
+        parts.append(table(["angle at q = 0", "[rad]", "sigma [rad]"], angles))
+    if found.centre is not None:
+        centre = found.centre
+        places = [
+            [axis, f"{1e3 * p:.4f}", f"{1e3 * s:.4f}"]
+            for axis, p, s in zip("xyz", centre.position, centre.sigma, strict=True)
+        ]
+        text = f"Remote centre in the base body; wanders by {1e3 * centre.rms:.4f} mm (RMS)"
+        if centre.distance is not None:
+            text += (
+                f"; {1e3 * centre.distance.value:.4f} mm (sigma {1e3 * centre.distance.sigma:.4f})"
+                " from the first axis"
+            )
+        parts += [text, table(["", "[mm]", "sigma [mm]"], places)]
+    if output:
+        parts.append(f"written to {output}")
+    return "\n\n".join(parts)

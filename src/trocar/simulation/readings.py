@@ -105,6 +105,10 @@ class Readings:
         """Return (positions, velocities, efforts) of every joint, the jaw included, (n,) each."""
         return self._verbs.readings()
 
+    def frame_coordinates(self) -> Array:
+        """Return every frame's own coordinate, with the loops as they gape, (n_frames,)."""
+        return self._drives.frame_coordinates()
+
     def health(self) -> ArmHealth:
         """Return how well the arm's loops hold now."""
         return arm_health(self.description, self._drives.frame_coordinates())

@@ -1,0 +1,111 @@
+"""Table 6: how far the hinges of a link are apart, in the description and in motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.verification.figure import Figure, Part
+from trocar.apps.verification.motion import MARKERS, Sweep
+from trocar.apps.verification.paper import TABLE6, TABLE6_SPREAD_M
+from trocar.apps.verification.subject import Subject
+from trocar.descriptions.calibration_plan import axis_links, default_plan
+from trocar.geometry.se3 import inverse
+from trocar.kinematics import forward
+from trocar.kinematics.estimation import Axis, HingeFit, axis_distance, fit_hinge
+from trocar.kinematics.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+#: How far a distance in motion may be from the description's: play of the loops.
+#: Source: a hundred times the gap that is allowed to a loop. [m]
+SEEN_M = 1e-5
+NO_INFLUENCE = np.zeros((1, 6))
+
+
+def axes(subject: Subject, motion: Sweep | None) -> Part:
+    """Compare the distances of axes with Table 6.
+
+    Args:
+        subject: the arm
+        motion: a sweep of its pitch; None: of the description alone
+    """
+    arm = subject.arm
+    title, command = "Axis distances: Table 6 of the paper", subject.command("axes")
+    plan = arm.calibration or default_plan(arm.mechanism)
+    if not plan.distances:
+        note = (f"{arm.name}: no link carries two axes of a loop",)
+        return Part("axes", subject.name, title, (), command, note)
+    paper = {} if subject.calibrated else TABLE6.get(arm.type, {})
+    hinges = {} if motion is None else _hinges(arm.mechanism, plan.axes, motion)
+    figures: list[Figure] = []
+    for pair in plan.distances:
+        label = "-".join(pair)
+        told = _implied(arm.mechanism, plan.axes[pair[0]], plan.axes[pair[1]])
+        figures.append(_of_the_description(label, told, paper.get(label)))
+        if hinges:
+            seen = _seen(arm.mechanism, (plan.axes[pair[0]], plan.axes[pair[1]]), hinges)
+            figures.append(_in_motion(label, seen, told, paper.get(label)))
+    return Part("axes", subject.name, title, tuple(figures), command, _notes(subject, paper))
+
+
+def _of_the_description(label: str, told: float, paper: float | None) -> Figure:
+    limits = {}
+    source = "ours: distance of the two hinges in the description"
+    if paper is not None:
+        limits = {"lower": paper - TABLE6_SPREAD_M, "upper": paper + TABLE6_SPREAD_M}
+        source += "; closed-loop paper, Table 6; limit: the spread between its own tables"
+    return Figure(f"{label}: description", told, "m", "mm", paper, source=source, **limits)
+
+
+def _in_motion(label: str, seen: float, told: float, paper: float | None) -> Figure:
+    source = (
+        "ours: both hinges found from the poses of the simulated links while the pitch sweeps, as"
+        " from motion capture; limit: the description, to a hundred times a loop's gap"
+    )
+    return Figure(f"{label}: in motion", seen, "m", "mm", paper, lower=told - SEEN_M,
+                  upper=told + SEEN_M, source=source)  # fmt: skip
+
+
+def _implied(mechanism: Mechanism, first: str, second: str) -> float:
+    """Return the distance of two axes in the description [m]."""
+    rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+    poses = forward.poses(mechanism, rest, relative_to=mechanism.frames[0].name)
+    found: list[Axis] = []
+    for name in (first, second):
+        pose = poses[name]
+        if name in mechanism.frame_index:  # what the frame has past its hinge does not turn it
+            pose = pose @ inverse(mechanism.frame(name).after)
+        found.append(Axis(pose[:3, 3], pose[:3, 2], NO_INFLUENCE))
+    return axis_distance(found[0], found[1]).value
+
+
+def _hinges(
+    mechanism: Mechanism, labels: dict[str, str], motion: Sweep
+) -> dict[str, HingeFit]:
+    """Find every axis from the motion of the two links that it joins."""
+    at = motion.link_poses(mechanism)
+    found: dict[str, HingeFit] = {}
+    for name in labels.values():
+        a, b = axis_links(mechanism, name)
+        found[name] = fit_hinge(inverse(at[a] @ MARKERS) @ at[b] @ MARKERS)
+    return found
+
+
+def _seen(mechanism: Mechanism, pair: tuple[str, str], hinges: dict[str, HingeFit]) -> float:
+    """Return the distance of two axes inside the link that carries both [m]."""
+    links = [axis_links(mechanism, name) for name in pair]
+    (link,) = set(links[0]) & set(links[1])
+    on = [
+        hinges[name].in_a if link == ends[0] else hinges[name].in_b
+        for name, ends in zip(pair, links, strict=True)
+    ]
+    return axis_distance(on[0], on[1]).value
+
+
+def _notes(subject: Subject, paper: dict[str, float]) -> tuple[str, ...]:
+    if subject.calibrated:
+        return ("A calibrated arm: Table 6 is of another robot and not compared.",)
+    if not paper:
+        return (f"Table 6 has no {subject.arm.type}; simulation and description are compared.",)
+    return ("The paper's values are of its hardware, measured by motion capture.",)

@@ -1,0 +1,162 @@
+"""The plots of the report: Figures 9 and 10 of the paper, and its tables as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, new_figure
+from trocar.apps.verification.figure import Part
+from trocar.apps.verification.paper import TABLE6_SPREAD_M, TABLE7
+from trocar.apps.verification.rcm import Cloud
+from trocar.apps.verification.tracking import Track
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PURPOSE = "drawing a report"
+HARDWARE, THEIRS, OURS = SETPOINT, MEASURED, EFFORT
+GRID = {"color": "#e3e8ed", "linewidth": 0.7}
+#: Every so many samples of a curve are drawn. Source: our own choice; 50 Hz.
+DRAWN = 4
+PLANES = ((0, 1), (0, 2), (1, 2))
+
+
+def figure10(found: Track) -> Figure:
+    """Draw commanded and actual positions left and the error right, a row per joint."""
+    figure = new_figure(10.5, 1.45 * len(found.joints) + 0.8, PURPOSE)
+    axes: Any = figure.subplots(len(found.joints), 2, sharex=True, squeeze=False)
+    kept = slice(None, None, DRAWN)
+    for index, (joint, kind) in enumerate(zip(found.joints, found.kinds, strict=True)):
+        slides = kind == "prismatic"
+        left, right = axes[index]
+        factor = 1e3 if slides else 180.0 / np.pi
+        left.plot(found.time[kept], factor * found.commanded[kept, index], color=MEASURED,
+                  linewidth=2.4, label="commanded")  # fmt: skip
+        left.plot(found.time[kept], factor * found.actual[kept, index], color=SETPOINT,
+                  linewidth=1.2, linestyle=(0, (4, 2)), label="actual")  # fmt: skip
+        right.plot(found.time[kept], 1e3 * found.error[kept, index], color=ERROR, linewidth=1.2,
+                   label="error")  # fmt: skip
+        left.set_ylabel(f"{joint}\n[{'mm' if slides else 'deg'}]")
+        right.set_ylabel("[mm]" if slides else "[mrad]")
+        for axis in (left, right):
+            _plain(axis)
+            axis.margins(x=0.0)
+    axes[0][0].set_title("commanded and actual", fontsize=10)
+    axes[0][1].set_title("error (actual - commanded)", fontsize=10)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    handles, labels = axes[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
+    return figure
+
+
+def figure9(kind: str, clouds: Sequence[Cloud], compared: bool) -> Figure:
+    """Draw the remote centre from three sides: beside the paper's in mm, and ours alone in um."""
+    beside = compared and kind in TABLE7
+    figure = new_figure(10.5, 7.2 if beside else 3.9, PURPOSE)
+    axes: Any = figure.subplots(2 if beside else 1, 3, squeeze=False)
+    if beside:
+        for axis, plane in zip(axes[0], PLANES, strict=True):
+            _beside_the_paper(axis, kind, clouds[-1], plane)
+        handles, labels = axes[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
+    drawn = None
+    for axis, plane in zip(axes[-1], PLANES, strict=True):
+        drawn = _ours_alone(axis, clouds[-1], plane)
+    figure.colorbar(drawn, ax=list(axes[-1]), label="pitch [deg]", pad=0.02)
+    return figure
+
+
+def _beside_the_paper(axis: Any, kind: str, cloud: Cloud, plane: tuple[int, int]) -> None:
+    """Draw positions with the RMS of their clouds as bars, in mm."""
+    i, j = plane
+    rows = zip(("hardware", "paper's simulation"), TABLE7[kind], (HARDWARE, THEIRS), strict=True)
+    for label, row, colour in rows:
+        at, rms = 1e3 * np.array(row.position), 1e3 * np.array(row.rms)
+        axis.errorbar(at[i], at[j], xerr=rms[i], yerr=rms[j], fmt="o", color=colour, capsize=3,
+                      label=f"{label}, bars: RMS")  # fmt: skip
+    points = 1e3 * cloud.points
+    axis.plot(points[:, i], points[:, j], ".", color=OURS, markersize=2)
+    axis.plot(*(1e3 * cloud.centre[[i, j]]), "D", color=OURS, markersize=7, label="ours, its cloud")
+    axis.set_xlabel(f"{'XYZ'[i]} [mm]")
+    axis.set_ylabel(f"{'XYZ'[j]} [mm]")
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.margins(0.2)
+    _plain(axis)
+
+
+def _ours_alone(axis: Any, cloud: Cloud, plane: tuple[int, int]) -> Any:
+    """Draw every estimate about their centre, its colour the pitch."""
+    i, j = plane
+    off = cloud.points - cloud.centre
+    most = float(np.abs(off).max(initial=1e-12))
+    unit, factor = ("um", 1e6) if most < 1e-4 else ("mm", 1e3)
+    drawn = axis.scatter(factor * off[:, i], factor * off[:, j], s=5, c=np.degrees(cloud.pitch),
+                         cmap="viridis", rasterized=False)  # fmt: skip
+    reach = 1.1 * factor * most
+    axis.set_xlim(-reach, reach)
+    axis.set_ylim(-reach, reach)
+    axis.set_aspect("equal")
+    axis.set_xlabel(f"{'XYZ'[i]} - centre [{unit}]")
+    axis.set_ylabel(f"{'XYZ'[j]} - centre [{unit}]")
+    _plain(axis)
+    return drawn
+
+
+def table6(part: Part) -> Figure:
+    """Draw how far the description is from the paper's measured distances."""
+    rows = [f for f in part.figures if f.paper is not None and f.name.endswith("description")]
+    off = [1e3 * (f.value - (f.paper or 0.0)) for f in rows]
+    figure = new_figure(10.5, 2.6, PURPOSE)
+    axis: Any = figure.subplots()
+    spread = 1e3 * TABLE6_SPREAD_M
+    axis.axhspan(-spread, spread, color="#e8f3ee", zorder=0)
+    axis.axhline(0.0, color="#51606f", linewidth=0.8)
+    places = np.arange(len(rows))
+    axis.vlines(places, 0.0, off, color=OURS, linewidth=1.5)
+    axis.plot(places, off, "o", color=OURS)
+    axis.set_xticks(places, [f.name.partition(":")[0] for f in rows])
+    axis.set_ylabel("description\n- measured [mm]")
+    axis.set_ylim(-1.25 * spread, 1.25 * spread)
+    _plain(axis)
+    return figure
+
+
+def table9(part: Part) -> Figure:
+    """Draw real-time coefficients beside the paper's, on a logarithmic scale."""
+    figure = new_figure(10.5, 0.5 * len(part.figures) + 1.0, PURPOSE)
+    axis: Any = figure.subplots()
+    places = np.arange(len(part.figures))[::-1]
+    ours = [f.value for f in part.figures]
+    theirs = [f.paper_simulation for f in part.figures]
+    axis.barh(places + 0.19, ours, 0.36, color=OURS, label="trocar")
+    axis.barh(places - 0.19, theirs, 0.36, color=THEIRS, label="paper (Gazebo)")
+    for place, value, paper in zip(places, ours, theirs, strict=True):
+        axis.text(1.06 * value, place + 0.19, f"{value:.0f}", va="center", fontsize=9)
+        axis.text(1.06 * max(paper or 0.0, 0.25), place - 0.19, f"{paper:g}", va="center", fontsize=9)
+    axis.set_xscale("log")
+    axis.set_xlim(0.25, 3.0 * max(ours))
+    axis.set_yticks(places, [f.name for f in part.figures])
+    axis.set_xlabel("real-time coefficient (1: as fast as time)")
+    axis.axvline(1.0, color="#51606f", linewidth=0.8)
+    axis.legend(loc="lower right", frameon=False)
+    _plain(axis)
+    axis.grid(visible=False, axis="y")
+    return figure
+
+
+def _plain(axis: Any) -> None:
+    axis.grid(visible=True, **GRID)
+    axis.set_axisbelow(True)
+    for side in ("top", "right"):
+        axis.spines[side].set_visible(False)
+    axis.tick_params(labelsize=8.5)
+    axis.ticklabel_format(axis="y", useOffset=False) if _linear(axis) else None
+
+
+def _linear(axis: Any) -> bool:
+    """Tell whether the heights of an axis are plain numbers, not names or powers."""
+    return type(axis.yaxis.get_major_formatter()).__name__ == "ScalarFormatter"

@@ -1,0 +1,107 @@
+"""Yaw and pitch all over their range, in simulation, with servos and without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.verification.subject import Subject
+from trocar.geometry.rotations import matrix_from_rpy
+from trocar.geometry.se3 import transform
+from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.tree import frame_poses
+from trocar.simulation import World
+from trocar.simulation.trajectories import SHARE_OF_RANGE, middle_of_range
+from trocar.simulation.trials import TICK_S, periods_per_tick
+
+Array = NDArray[np.float64]
+Drive = Literal["servo", "set"]
+
+#: While the yaw swings once, the pitch swings so often. Source: our own choice; a dense net.
+PITCH_SWINGS = 9
+#: Share of a joint's top speed that the sweep reaches. Source: our own choice.
+SHARE_OF_SPEED = 0.5
+#: Every so many ticks of 5 ms a sample is kept. Source: our own choice; 20 Hz.
+KEPT = 10
+#: The swings grow in over this time. Source: our own choice. [s]
+RAMP_S = 2.0
+#: Where a cluster of markers is stuck on each link, T_link_markers: off its axes, as on a robot.
+#: Source: our own choice; no distance and no axis depends on it.
+MARKERS = transform(matrix_from_rpy(0.4, -0.3, 0.7), np.array([0.05, 0.03, 0.04]))
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """What an arm did while yaw and pitch swept their ranges.
+
+    Attributes:
+        drive: "servo": moved by its servos; "set": its joints are where they are told, without
+            servo error, while the loops are simulated as ever
+        time: (k,) [s]
+        commanded, actual: joint positions, (k, n) [rad or m]
+        coordinates: of every frame, as the simulation had them, (k, n_frames)
+    """
+
+    drive: Drive
+    time: Array
+    commanded: Array
+    actual: Array
+    coordinates: Array
+
+    def link_poses(self, mechanism: Mechanism) -> dict[str, Array]:
+        """Return where every frame was in the arm's root, {frame: (k, 4, 4)}."""
+        found = frame_poses(mechanism, self.coordinates)
+        return {frame.name: found[index] for index, frame in enumerate(mechanism.frames)}
+
+
+def sweep(subject: Subject, drive: Drive) -> Sweep:
+    """Sweep yaw and pitch over 95 % of their ranges; all other joints rest in the middle."""
+    world = subject.world()
+    time, q, v = _net(subject)
+    world.set_state(subject.place, q[0])
+    if drive == "set":
+        world.arm(subject.place).set_mode("set")
+    every = periods_per_tick(world)
+    play = _servoed if drive == "servo" else _set
+    actual, coordinates = play(world, subject.place, q, v, every)
+    kept = slice(KEPT - 1, None, KEPT)
+    return Sweep(drive, time[kept], q[kept], actual[kept], coordinates[kept])
+
+
+def _servoed(
+    world: World, name: str, q: Array, v: Array, every: int
+) -> tuple[Array, Array]:
+    played = world.play({name: q}, {name: v}, every=every)
+    return played.positions[name], played.coordinates[name]
+
+
+def _set(world: World, name: str, q: Array, v: Array, every: int) -> tuple[Array, Array]:
+    """Put the joints to each row and step; what passes until the next row is a part of it."""
+    arm, own = world.arm(name), world.rig.arm(name).arm.own_joints
+    actual: list[Array] = []
+    coordinates: list[Array] = []
+    for place, speed in zip(q[:, :own], v[:, :own], strict=True):
+        arm.servo_jp(place, speed)
+        world.step(every)
+        actual.append(arm.readings()[0])
+        coordinates.append(arm.frame_coordinates())
+    return np.array(actual), np.array(coordinates)
+
+
+def _net(subject: Subject) -> tuple[Array, Array, Array]:
+    """Return times (k,), positions and velocities (k, n) of a sweep that begins at rest."""
+    arm, joints = subject.arm, subject.arm.mechanism.joint_index
+    yaw, pitch = arm.joints[joints["yaw"]], arm.joints[joints["pitch"]]
+    swings = [0.5 * SHARE_OF_RANGE * (j.upper - j.lower) for j in (yaw, pitch)]
+    speed = SHARE_OF_SPEED * min(pitch.velocity_max, yaw.velocity_max)
+    duration = max(20.0, 2.0 * np.pi * PITCH_SWINGS * swings[1] / speed)
+    time = TICK_S * np.arange(round(duration / TICK_S))
+    share = np.clip(time / RAMP_S, 0.0, 1.0)
+    ramp = share**2 * (3.0 - 2.0 * share)
+    q = np.tile(middle_of_range(arm), (len(time), 1))
+    for name, swing, times in zip(("yaw", "pitch"), swings, (1, PITCH_SWINGS), strict=True):
+        q[:, joints[name]] += swing * ramp * np.sin(2.0 * np.pi * times * time / duration)
+    return time, q, np.gradient(q, TICK_S, axis=0)

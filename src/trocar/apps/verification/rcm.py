@@ -1,0 +1,209 @@
+"""Table 7 and Figure 9: where the remote centre is, and how far it wanders."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.verification.figure import Figure, Part
+from trocar.apps.verification.motion import MARKERS, Drive, Sweep
+from trocar.apps.verification.paper import TABLE7, TABLE7_ERROR_M, PaperRcm
+from trocar.apps.verification.subject import Subject
+from trocar.descriptions.calibration_plan import link_of
+from trocar.geometry.se3 import inverse
+from trocar.kinematics.estimation import PivotFit, fit_hinge, fit_pivot
+from trocar.kinematics.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+#: Most RMS without servo error. Source: the project's own goal. [m]
+MOST_RMS_M = 1e-5
+TOLD: dict[Drive, str] = {"set": "no servo error", "servo": "with servos"}
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Where one run saw the remote centre, in the axes of Table 7.
+
+    Attributes:
+        kind: type of the arm
+        drive: how the arm was moved
+        centre: the estimate, relative to the pitch axis, (3,) [m]
+        points: where it was at each pose, (k, 3) [m]
+        rms: root mean squared distance of the points from the centre, per axis, (3,) [m]
+        rms_distance: the same, not per axis [m]
+        yaw, pitch: actual joint positions, (k,) [rad]
+        servo_error: RMS of actual minus commanded, of yaw and pitch, (2,) [rad]
+    """
+
+    kind: str
+    drive: Drive
+    centre: Array
+    points: Array
+    rms: Array
+    rms_distance: float
+    yaw: Array
+    pitch: Array
+    servo_error: Array
+
+
+def has_remote_centre(mechanism: Mechanism) -> bool:
+    """Tell whether an arm is built as PSM and ECM are: yaw, pitch, and an insertion past both."""
+    frames = {"rcm", "insertion"} <= mechanism.frame_index.keys()
+    return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
+
+
+def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
+    """Estimate the remote centre from the motion of the link that carries the insertion."""
+    clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
+    figures = tuple(figure for each in clouds for figure in _figures(subject, each))
+    notes = [
+        "Position relative to the pitch axis, in the frame of the first two joint axes at home. PSM: y"
+        " along the yaw axis, ECM: x along it; z along the pitch axis. Estimated by pivot calibration"
+        " (the paper's equations 3 to 5) from the poses of the link that carries the insertion.",
+        "The paper's equation 5 lacks the 1/n that its Table 7 needs; it is in ours.",
+    ]
+    if subject.calibrated:
+        notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
+    if _general(subject):
+        notes.append("General four-bars have no fixed remote centre: how far it wanders is stated.")
+    title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
+    return Part("rcm", subject.name, title, figures, command, tuple(notes), clouds)
+
+
+def cloud(subject: Subject, motion: Sweep) -> Cloud:
+    """Fit the pivot of one sweep."""
+    mechanism = subject.arm.mechanism
+    at = motion.link_poses(mechanism)
+    link = at[link_of(mechanism, mechanism.frame("insertion").parent or "")]
+    pivot: PivotFit = fit_pivot(link[:, :3, :3], link[:, :3, 3])
+    frame = _table7_frame(subject, motion, at, pivot.post)
+    points = _moved(frame, pivot.points)
+    centre = _moved(frame, pivot.post)
+    off = points - centre
+    joints = [mechanism.joint_index[name] for name in ("yaw", "pitch")]
+    missed = (motion.actual - motion.commanded)[:, joints]
+    return Cloud(
+        subject.arm.type,
+        motion.drive,
+        centre,
+        points,
+        np.sqrt(np.mean(off**2, axis=0)),
+        float(np.sqrt(np.mean(np.sum(off**2, axis=1)))),
+        motion.actual[:, joints[0]],
+        motion.actual[:, joints[1]],
+        np.sqrt(np.mean(missed**2, axis=0)),
+    )
+
+
+def _table7_frame(
+    subject: Subject, motion: Sweep, at: dict[str, Array], centre: Array
+) -> Array:
+    """Return the root in Table 7's frame, T_table7_root (4, 4), as motion shows the two axes.
+
+    Its origin is the point of the pitch axis nearest to the yaw axis; both axes are found from the
+    motion of the links that they join, and told where they are at the first sample, at home.
+    """
+    mechanism = subject.arm.mechanism
+    root = mechanism.frames[0].name
+    yaw_link, pitch_link = (_driven(mechanism, name) for name in ("yaw", "pitch"))
+    yaw = fit_hinge(inverse(at[root]) @ at[yaw_link] @ MARKERS)
+    pitch = fit_hinge(inverse(at[yaw_link]) @ at[pitch_link] @ MARKERS)
+    home = at[yaw_link][0]
+    along = _towards(yaw.direction_a, centre - yaw.point_a)
+    side = home[:3, :3] @ _rising(pitch.direction_a, pitch.angles, motion, mechanism)
+    origin = _nearest(_moved(home, pitch.point_a), side, yaw.point_a, along)
+    if subject.arm.type == "ECM":
+        x, z = along, side - (side @ along) * along
+        z /= np.linalg.norm(z)
+        axes = np.stack([x, np.cross(z, x), z])
+    else:
+        y, z = -along, side - (side @ along) * along
+        z /= np.linalg.norm(z)
+        axes = np.stack([np.cross(y, z), y, z])
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = axes, -axes @ origin
+    return frame
+
+
+def _driven(mechanism: Mechanism, joint: str) -> str:
+    """Return the link that a joint's motor turns."""
+    return mechanism.joints[mechanism.joint_index[joint]].drive[0][0]
+
+
+def _towards(direction: Array, there: Array) -> Array:
+    return direction if direction @ there >= 0.0 else -direction
+
+
+def _rising(direction: Array, angles: Array, motion: Sweep, mechanism: Mechanism) -> Array:
+    """Return the direction about which the pitch turns as it grows, right-handed."""
+    pitch = motion.actual[:, mechanism.joint_index["pitch"]]
+    used = np.isfinite(angles)
+    return direction * np.sign(np.cov(angles[used], pitch[used])[0, 1])
+
+
+def _nearest(point: Array, direction: Array, other: Array, other_direction: Array) -> Array:
+    """Return the point of a line that is nearest to another, both through unit directions."""
+    cosine = float(direction @ other_direction)
+    between = other - point
+    along = (between @ direction - cosine * (between @ other_direction)) / (1.0 - cosine**2)
+    return point + along * direction
+
+
+def _moved(T: Array, points: Array) -> Array:
+    return points @ T[:3, :3].T + T[:3, 3]
+
+
+def _general(subject: Subject) -> bool:
+    return subject.arm.overlay is not None and subject.arm.overlay.closure == "general"
+
+
+def _figures(subject: Subject, found: Cloud) -> list[Figure]:
+    kind = subject.arm.type
+    hardware, simulation = TABLE7.get(kind, (None, None))
+    if subject.calibrated:
+        hardware = simulation = None
+    told = TOLD[found.drive]
+    source = "closed-loop paper, Table 7" if hardware else "stated"
+    figures: list[Figure] = []
+    for index, axis in enumerate("XYZ"):
+        figures.append(
+            Figure(f"{told}: position {axis}", float(found.centre[index]), "m", "mm",
+                   *_of(hardware, simulation, "position", index), source=source)
+        )  # fmt: skip
+    for index, axis in enumerate("XYZ"):
+        figures.append(
+            Figure(f"{told}: RMS {axis}", float(found.rms[index]), "m", "mm",
+                   *_of(hardware, simulation, "rms", index), source=source)
+        )  # fmt: skip
+    bounded = found.drive == "set" and not _general(subject)
+    figures.append(
+        Figure(f"{told}: RMS distance", found.rms_distance, "m", "mm",
+               upper=MOST_RMS_M if bounded else None,
+               source="limit: the project's own goal" if bounded else "stated")
+    )  # fmt: skip
+    if hardware is not None:
+        away = float(np.linalg.norm(found.centre - np.array(hardware.position)))
+        error = TABLE7_ERROR_M[kind]
+        figures.append(
+            Figure(f"{told}: distance from the hardware's", away, "m", "mm",
+                   paper_simulation=error, upper=error,
+                   source="closed-loop paper, 4.2; limit: no farther than its own simulation")
+        )  # fmt: skip
+    for name, error in zip(("yaw", "pitch"), found.servo_error, strict=True):
+        figures.append(
+            Figure(f"{told}: servo error of {name}, RMS", float(error), "rad", "mrad",
+                   source="stated: what the remote centre holds in spite of")
+        )  # fmt: skip
+    return figures
+
+
+def _of(
+    hardware: PaperRcm | None, simulation: PaperRcm | None, what: str, index: int
+) -> tuple[float | None, float | None]:
+    """Return the paper's two values of an axis, None where they are not compared."""
+    if hardware is None or simulation is None:
+        return None, None
+    return getattr(hardware, what)[index], getattr(simulation, what)[index]

@@ -1,0 +1,126 @@
+"""Figure 10: six joints along a sine of 0.1 Hz, commanded, actual and the error between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.verification.figure import Figure, Part
+from trocar.apps.verification.subject import Model, Subject
+from trocar.simulation.timing import begin_trajectory
+from trocar.simulation.trajectories import RAMP_S, paper_sine
+from trocar.simulation.trials import TICK_S, periods_per_tick
+
+Array = NDArray[np.float64]
+
+#: One period of the sine and the second in which it grows. Source: closed-loop paper 4.3, 0.1 Hz.
+DURATION_S = 11.0
+#: {model: {kind of joint: most RMS error}} [rad, m]. Source: the project's own goals: with Table 8's
+#: gains 5 mrad and 0.15 mm, with the dVRK's what a replay of a recording is allowed.
+LIMITS: dict[Model, dict[str, float]] = {
+    "paper": {"revolute": 5e-3, "prismatic": 0.15e-3},
+    "dvrk": {"revolute": 10e-3, "prismatic": 1e-3},
+}
+TOLD: dict[Model, str] = {"paper": "Table 8's gains", "dvrk": "the dVRK's gains"}
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What the joints were told and did with one set of gains.
+
+    Attributes:
+        model: which gains and which friction
+        joints, kinds: of the arm alone, without the jaw
+        gains: (P, I, D) of each joint
+        time: (k,) [s]
+        commanded, actual: (k, n) [rad or m]
+    """
+
+    model: Model
+    joints: tuple[str, ...]
+    kinds: tuple[str, ...]
+    gains: tuple[tuple[float, float, float], ...]
+    time: Array
+    commanded: Array
+    actual: Array
+
+    @property
+    def error(self) -> Array:
+        """Actual minus commanded, (k, n) [rad or m]."""
+        return self.actual - self.commanded
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Samples after the first second, in which the sine grows, (k,)."""
+        return self.time > RAMP_S
+
+
+def tracking(subject: Subject) -> Part:
+    """Follow the paper's sine with Table 8's gains and with the dVRK's."""
+    title = "Tracking: Figure 10 of the paper"
+    command = subject.command("tracking")
+    if subject.arm.type != "PSM" or not subject.simulated:
+        note = ("Figure 10 and Table 8 are of a PSM that is simulated",)
+        return Part("tracking", subject.name, title, (), command, note)
+    tracks = (track(subject, "paper"), track(subject, "dvrk"))
+    figures = tuple(figure for each in tracks for figure in _figures(each))
+    notes = (
+        "Sine of 0.1 Hz about the middle of each joint's range, 1 rad or 0.1 m, at most 95 % of half"
+        " the range (which the pitch is held to); it grows in during the first second, which does"
+        " not count.",
+        "Gravity is compensated in both runs. With Table 8's gains joints have the paper's damping"
+        " of 0.1 and no dry friction, with the dVRK's the friction identified on a real PSM.",
+        'The paper draws Figure 10 and says "good stability and minimal delay"; it has no numbers.',
+    )
+    return Part("tracking", subject.name, title, figures, command, notes, tracks)
+
+
+def track(subject: Subject, model: Model) -> Track:
+    """Play the sine once."""
+    world, arm = subject.world(model), subject.arm
+    sine = paper_sine(world.rig, DURATION_S, TICK_S)
+    begin_trajectory(world, sine)
+    played = world.play(sine.positions, sine.velocities, every=periods_per_tick(world))
+    name, own = subject.place, arm.own_joints
+    joints = arm.joints[:own]
+    return Track(
+        model,
+        tuple(j.name for j in joints),
+        tuple(j.kind for j in joints),
+        tuple(tuple(world.arms[name].gains(j.name)[:3]) for j in joints),
+        played.time,
+        sine.expected[name][:, :own],
+        played.positions[name][:, :own],
+    )
+
+
+def delays(found: Track) -> Array:
+    """Return by how much each joint lags behind its set-point, least squares, (n,) [s].
+
+    A joint that is late by t is off by -t times its speed.
+    """
+    speed = np.gradient(found.commanded, found.time, axis=0)[found.counted]
+    error = found.error[found.counted]
+    return -np.sum(error * speed, axis=0) / np.sum(speed**2, axis=0)
+
+
+def _figures(found: Track) -> list[Figure]:
+    figures: list[Figure] = []
+    error = found.error[found.counted]
+    rms, most = np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
+    source = f"closed-loop paper 4.3, Figure 10; limit: the project's own goal for {TOLD[found.model]}"
+    for joint, kind, *values in zip(
+        found.joints, found.kinds, rms, most, delays(found), strict=True
+    ):
+        unit, shown = ("m", "mm") if kind == "prismatic" else ("rad", "mrad")
+        label = f"{joint}, {TOLD[found.model]}"
+        limit = LIMITS[found.model][kind]
+        off, peak, late = map(float, values)
+        figures += [
+            Figure(f"{label}: error, RMS", off, unit, shown, upper=limit, source=source),
+            Figure(f"{label}: largest error", peak, unit, shown, source=source),
+            Figure(f"{label}: delay", late, "s", "ms", source=source),
+        ]
+    return figures

@@ -1,0 +1,131 @@
+"""Run the paper's experiments on the simulation, each figure beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.apps.verification.axes import axes
+from trocar.apps.verification.closure import closure
+from trocar.apps.verification.figure import Figure, Part
+from trocar.apps.verification.formats import formats
+from trocar.apps.verification.motion import Drive, Sweep, sweep
+from trocar.apps.verification.rcm import has_remote_centre, rcm
+from trocar.apps.verification.realtime import realtime
+from trocar.apps.verification.subject import Subject
+from trocar.apps.verification.tracking import tracking
+from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import apply_overlay, read_overlay
+from trocar.errors import InputError
+
+#: What can be verified, in the order in which it is told.
+PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+#: Parts that are of each arm; the others are of whole rigs.
+OF_ARMS = ("closure", "rcm", "axes", "tracking", "formats")
+#: The arms of the paper's experiments.
+ARMS = ("psm", "ecm")
+Watch = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What every part found."""
+
+    parts: tuple[Part, ...]
+
+    @property
+    def missed(self) -> tuple[Figure, ...]:
+        """The figures that left their tolerance."""
+        return tuple(f for part in self.parts for f in part.figures if f.met is False)
+
+    @property
+    def judged(self) -> int:
+        """How many figures have a tolerance."""
+        return sum(f.met is not None for part in self.parts for f in part.figures)
+
+
+def verify(
+    arms: Sequence[str | Path] = (),
+    calibrations: Sequence[str | Path] = (),
+    parts: Sequence[str] = PARTS,
+    watch: Watch | None = None,
+) -> Verification:
+    """Verify arms.
+
+    Args:
+        arms: built-in arms or TOML files; when omitted those of the calibrations, or PSM and ECM
+        calibrations: overlays, each laid over the arm that it is of
+        parts: what to verify, of PARTS
+        watch: told what is measured next
+
+    Raises:
+        InputError: no such part or arm, an overlay of another arm, or nothing to verify
+        DivergedError: the simulation left the finite numbers
+    """
+    for part in parts:
+        if part not in PARTS:
+            raise InputError(f"part: got {part!r}; allowed: {', '.join(PARTS)}")
+    subjects = _subjects(arms, calibrations)
+    say = watch or (lambda _: None)
+    found = [each for s in subjects for each in _of_arm(s, parts, say)]
+    if "realtime" in parts:
+        found.append(realtime(say))
+    if not any(part.figures for part in found):
+        whom = ", ".join(s.name for s in subjects)
+        raise InputError(f"verify: nothing of {', '.join(parts)} applies to {whom}")
+    order = {part: index for index, part in enumerate(PARTS)}
+    return Verification(tuple(sorted(found, key=lambda part: order[part.name])))
+
+
+def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) -> list[Subject]:
+    """Load every arm with the overlay that is for it.
+
+    Raises:
+        InputError: an overlay of an arm that is not verified, or two of one arm
+    """
+    overlays = {}
+    for file in calibrations:
+        overlay = read_overlay(file)
+        if overlay.arm in overlays:
+            raise InputError(f"{file}: got a second overlay of {overlay.arm}; allowed: one")
+        overlays[overlay.arm] = (overlay, str(file))
+    subjects: list[Subject] = []
+    for name in map(str, arms or overlays or ARMS):
+        arm = load_arm(name)
+        words: tuple[str, ...] = ("--arm", name)
+        if arm.name in overlays:
+            overlay, file = overlays.pop(arm.name)
+            arm, words = apply_overlay(arm, overlay), (*words, "--calibration", file)
+        subjects.append(Subject(name, arm, words))
+    for other, (_, file) in overlays.items():
+        known = ", ".join(s.arm.name for s in subjects)
+        raise InputError(f"{file}: got an overlay of {other!r}; allowed: one of {known}")
+    return subjects
+
+
+def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part]:
+    """Run what is of one arm."""
+    sweeps: dict[Drive, Sweep] = {}
+    name, centred = subject.name, has_remote_centre(subject.arm.mechanism)
+
+    def swept(drive: Drive) -> Sweep:
+        if drive not in sweeps:
+            say(f"{name}: yaw and pitch, {'servos' if drive == 'servo' else 'no servo error'}")
+            sweeps[drive] = sweep(subject, drive)
+        return sweeps[drive]
+
+    if "closure" in parts:
+        say(f"{name}: closure")
+        yield closure(subject)
+    if "rcm" in parts:
+        able = centred and subject.simulated
+        yield rcm(subject, (swept("set"), swept("servo")) if able else ())
+    if "axes" in parts:
+        yield axes(subject, swept("servo") if centred and subject.simulated else None)
+    if "tracking" in parts:
+        say(f"{name}: tracking")
+        yield tracking(subject)
+    if "formats" in parts:
+        say(f"{name}: formats")
+        yield formats(subject)

@@ -1,0 +1,141 @@
+"""Repeat the closed-loop paper's experiments on the simulation, the paper's figures beside ours.
+
+Loops over the joint range (closure), the remote centre (rcm: Table 7, Figure 9), distances of
+hinges (axes: Table 6), six joints along a sine (tracking: Figure 10), speed (realtime: Table 9), and
+whether every format has the frames where the kinematics has them (formats). The exit status is 1
+when a figure leaves its tolerance. docs/calibration.md says how each is measured.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from trocar.cli.arguments import add_json
+from trocar.cli.output import print_json, table
+
+if TYPE_CHECKING:
+    from trocar.apps.verification import Figure, Part, Verification
+
+PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "--only",
+        type=_parts,
+        default=PARTS,
+        metavar="PART,...",
+        help=f"verify these alone, of {', '.join(PARTS)}; default: all",
+    )
+    parser.add_argument(
+        "--arm",
+        action="append",
+        default=[],
+        metavar="ARM",
+        help="a built-in arm or a TOML file; may be repeated; default: those of the calibrations,"
+        " or psm and ecm",
+    )
+    parser.add_argument(
+        "--calibration",
+        action="append",
+        default=[],
+        metavar="OVERLAY.toml",
+        help="verify the robot that was calibrated; may be repeated",
+    )
+    parser.add_argument(
+        "--report", metavar="DIR", help="write a page with tables and plots to DIR/index.html"
+    )
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Verify, print, and say whether every figure is within its tolerance."""
+    from trocar.apps.verification import verify, write_report
+
+    found = verify(args.arm, args.calibration, args.only, _watch)
+    written = None
+    if args.report is not None:
+        _watch("the report")
+        written = write_report(args.report, found)
+    if args.json:
+        print_json(_document(found, written))
+    else:
+        print(_tables(found))
+        if written is not None:
+            print(f"\n{written}")
+    return 1 if found.missed else 0
+
+
+def _parts(text: str) -> tuple[str, ...]:
+    names = tuple(dict.fromkeys(name.strip() for name in text.split(",")))
+    for name in names:
+        if name not in PARTS:
+            raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(PARTS)}")
+    return names
+
+
+def _watch(what: str) -> None:
+    print(f"trocar: verifying {what} ...", file=sys.stderr, flush=True)
+
+
+def _document(found: Verification, report: str | None) -> dict[str, Any]:
+    figures = [_entry(part, figure) for part in found.parts for figure in part.figures]
+    return {
+        "met": not found.missed,
+        "judged": found.judged,
+        "missed": [f["name"] for f in figures if f["met"] is False],
+        "figures": figures,
+        "report": report,
+    }
+
+
+def _entry(part: Part, figure: Figure) -> dict[str, Any]:
+    entry = asdict(figure)
+    del entry["shown"]
+    lower, upper, source = (entry.pop(key) for key in ("lower", "upper", "source"))
+    bounded = figure.met is not None
+    return {
+        "part": part.name,
+        "arm": part.arm or None,
+        **entry,
+        "tolerance": {"lower": lower, "upper": upper} if bounded else None,
+        "met": figure.met,
+        "source": source,
+        "command": part.command,
+    }
+
+
+def _tables(found: Verification) -> str:
+    blocks = [_block(part) for part in found.parts]
+    within = found.judged - len(found.missed)
+    return "\n\n".join([*blocks, f"{within} of {found.judged} figures are within tolerance."])
+
+
+def _block(part: Part) -> str:
+    whom = f"{part.arm}: " if part.arm else ""
+    lines = [f"{whom}{part.title}"]
+    if part.figures:
+        gazebo = any(f.paper_simulation is not None for f in part.figures)
+        head = ["figure", "ours", "unit", "paper", *(["its simulation"] if gazebo else []),
+                "allowed", ""]  # fmt: skip
+        lines.append(table(head, [_row(figure, gazebo) for figure in part.figures]))
+    else:
+        lines += [f"  {note}" for note in part.notes]
+    return "\n".join(lines)
+
+
+def _row(figure: Figure, gazebo: bool) -> list[str]:
+    theirs = [figure.told(figure.paper_simulation)] if gazebo else []
+    return [
+        figure.name,
+        figure.told(figure.value),
+        figure.people_unit,
+        figure.told(figure.paper),
+        *theirs,
+        figure.allowed,
+        {None: "", True: "met", False: "MISSED"}[figure.met],
+    ]

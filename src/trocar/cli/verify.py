@@ -1,9 +1,9 @@
 """Repeat the closed-loop paper's experiments on the simulation, the paper's figures beside ours.
 
 Loops over the joint range (closure), the remote centre (rcm: Table 7, Figure 9), distances of
-hinges (axes: Table 6), six joints along a sine (tracking: Figure 10), speed (realtime: Table 9), and
-whether every format has the frames where the kinematics has them (formats). The exit status is 1
-when a figure leaves its tolerance. docs/calibration.md says how each is measured.
+hinges (axes: Table 6), six joints along a sine (tracking: Figure 10), speed (realtime: Table 9),
+and whether every format has the frames where the kinematics has them (formats). The exit status is
+1 when a figure leaves its tolerance. docs/calibration.md says how each is measured.
 """
 
 from __future__ import annotations
@@ -54,8 +54,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Verify, print, and say whether every figure is within its tolerance."""
-    from trocar.apps.verification import verify, write_report
+    from trocar.apps.verification import check_report, verify, write_report
 
+    if args.report is not None:
+        check_report(args.report)
     found = verify(args.arm, args.calibration, args.only, _watch)
     written = None
     if args.report is not None:
@@ -89,6 +91,10 @@ def _document(found: Verification, report: str | None) -> dict[str, Any]:
         "judged": found.judged,
         "missed": [f["name"] for f in figures if f["met"] is False],
         "figures": figures,
+        "parts": [
+            {"part": p.name, "arm": p.arm or None, "title": p.title, "notes": p.notes}
+            for p in found.parts
+        ],
         "report": report,
     }
 

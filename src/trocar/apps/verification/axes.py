@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,9 +82,7 @@ def _implied(mechanism: Mechanism, first: str, second: str) -> float:
     return axis_distance(found[0], found[1]).value
 
 
-def _hinges(
-    mechanism: Mechanism, labels: dict[str, str], motion: Sweep
-) -> dict[str, HingeFit]:
+def _hinges(mechanism: Mechanism, labels: Mapping[str, str], motion: Sweep) -> dict[str, HingeFit]:
     """Find every axis from the motion of the two links that it joins."""
     at = motion.link_poses(mechanism)
     found: dict[str, HingeFit] = {}

@@ -18,6 +18,8 @@ KINEMATIC_GAP_M = 1e-9
 SIMULATED_GAP_M = 1e-7
 #: Source: our own choice, what an instrument presses with. [N]
 LOAD_N = 10.0
+#: Types of arms whose tips may be loaded. Source: `simulation.tip_load`.
+LOADED = ("PSM", "ECM")
 STEPS = 201
 
 
@@ -32,7 +34,7 @@ def closure(subject: Subject) -> Part:
     notes = ["Each joint is moved through its whole range, or the pitch while all others swing."]
     if subject.simulated:
         figures += _simulated(subject, 0.0)
-        figures += _simulated(subject, LOAD_N)
+        figures += _simulated(subject, LOAD_N) if arm.type in LOADED else []
     else:
         notes.append(f"{arm.name}: no masses or gains are known, so nothing was simulated")
     command = subject.command("closure")

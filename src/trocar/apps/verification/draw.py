@@ -21,6 +21,8 @@ HARDWARE, THEIRS, OURS = SETPOINT, MEASURED, EFFORT
 GRID = {"color": "#e3e8ed", "linewidth": 0.7}
 #: Every so many samples of a curve are drawn. Source: our own choice; 50 Hz.
 DRAWN = 4
+#: Source: our own choice; a page of less than 2 MB.
+MOST_DOTS = 500
 PLANES = ((0, 1), (0, 2), (1, 2))
 
 
@@ -63,10 +65,8 @@ def figure9(kind: str, clouds: Sequence[Cloud], compared: bool) -> Figure:
             _beside_the_paper(axis, kind, clouds[-1], plane)
         handles, labels = axes[0][0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False)
-    drawn = None
-    for axis, plane in zip(axes[-1], PLANES, strict=True):
-        drawn = _ours_alone(axis, clouds[-1], plane)
-    figure.colorbar(drawn, ax=list(axes[-1]), label="pitch [deg]", pad=0.02)
+    drawn = [_ours_alone(axis, clouds[-1], p) for axis, p in zip(axes[-1], PLANES, strict=True)]
+    figure.colorbar(drawn[0], ax=list(axes[-1]), label="pitch [deg]", pad=0.02)
     return figure
 
 
@@ -78,7 +78,7 @@ def _beside_the_paper(axis: Any, kind: str, cloud: Cloud, plane: tuple[int, int]
         at, rms = 1e3 * np.array(row.position), 1e3 * np.array(row.rms)
         axis.errorbar(at[i], at[j], xerr=rms[i], yerr=rms[j], fmt="o", color=colour, capsize=3,
                       label=f"{label}, bars: RMS")  # fmt: skip
-    points = 1e3 * cloud.points
+    points = 1e3 * cloud.points[:: max(1, len(cloud.points) // MOST_DOTS)]
     axis.plot(points[:, i], points[:, j], ".", color=OURS, markersize=2)
     axis.plot(*(1e3 * cloud.centre[[i, j]]), "D", color=OURS, markersize=7, label="ours, its cloud")
     axis.set_xlabel(f"{'XYZ'[i]} [mm]")
@@ -91,11 +91,12 @@ def _beside_the_paper(axis: Any, kind: str, cloud: Cloud, plane: tuple[int, int]
 def _ours_alone(axis: Any, cloud: Cloud, plane: tuple[int, int]) -> Any:
     """Draw every estimate about their centre, its colour the pitch."""
     i, j = plane
-    off = cloud.points - cloud.centre
+    every = max(1, len(cloud.points) // MOST_DOTS)
+    off = (cloud.points - cloud.centre)[::every]
     most = float(np.abs(off).max(initial=1e-12))
     unit, factor = ("um", 1e6) if most < 1e-4 else ("mm", 1e3)
-    drawn = axis.scatter(factor * off[:, i], factor * off[:, j], s=5, c=np.degrees(cloud.pitch),
-                         cmap="viridis", rasterized=False)  # fmt: skip
+    pitch = np.degrees(cloud.pitch[::every])
+    drawn = axis.scatter(factor * off[:, i], factor * off[:, j], s=5, c=pitch, cmap="viridis")
     reach = 1.1 * factor * most
     axis.set_xlim(-reach, reach)
     axis.set_ylim(-reach, reach)
@@ -131,14 +132,15 @@ def table9(part: Part) -> Figure:
     axis: Any = figure.subplots()
     places = np.arange(len(part.figures))[::-1]
     ours = [f.value for f in part.figures]
-    theirs = [f.paper_simulation for f in part.figures]
+    theirs = [f.paper_simulation or 0.3 for f in part.figures]
     axis.barh(places + 0.19, ours, 0.36, color=OURS, label="trocar")
     axis.barh(places - 0.19, theirs, 0.36, color=THEIRS, label="paper (Gazebo)")
     for place, value, paper in zip(places, ours, theirs, strict=True):
         axis.text(1.06 * value, place + 0.19, f"{value:.0f}", va="center", fontsize=9)
-        axis.text(1.06 * max(paper or 0.0, 0.25), place - 0.19, f"{paper:g}", va="center", fontsize=9)
+        axis.text(1.06 * paper, place - 0.19, f"{paper:g}", va="center", fontsize=9)
     axis.set_xscale("log")
     axis.set_xlim(0.25, 3.0 * max(ours))
+    axis.set_xticks([1.0, 10.0, 100.0], ["1", "10", "100"])
     axis.set_yticks(places, [f.name for f in part.figures])
     axis.set_xlabel("real-time coefficient (1: as fast as time)")
     axis.axvline(1.0, color="#51606f", linewidth=0.8)

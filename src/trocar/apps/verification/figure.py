@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
-from math import isfinite
 from typing import Any
 
 #: What a value in SI is multiplied by to be shown in a unit.
@@ -42,7 +42,7 @@ class Figure:
             return None
         least = -float("inf") if self.lower is None else self.lower
         most = float("inf") if self.upper is None else self.upper
-        return isfinite(self.value) and least <= self.value <= most
+        return math.isfinite(self.value) and least <= self.value <= most
 
     @property
     def people_unit(self) -> str:
@@ -53,12 +53,16 @@ class Figure:
         """Return a value of this figure for people, without its unit; "" for none."""
         if value is None:
             return ""
-        if not isfinite(value):
+        if not math.isfinite(value):
             return "-"
         scaled = SHOWN.get(self.shown, 1.0) * value
+        if abs(scaled) >= 1e5:
+            return f"{scaled:.0f}"
         if abs(scaled) >= 1.0:
-            return f"{scaled:.5g}" if abs(scaled) < 1e5 else f"{scaled:.0f}"
-        return f"{round(scaled, 5) + 0.0:.5f}".rstrip("0").rstrip(".")
+            return f"{scaled:.5g}" if abs(scaled) >= 100.0 else f"{scaled:.4g}"
+        # three digits, but nothing below the fifth decimal, where all is noise
+        decimals = 2 - math.floor(math.log10(max(abs(scaled), 1e-3)))
+        return f"{round(scaled, decimals) + 0.0:.{decimals}f}".rstrip("0").rstrip(".")
 
     @property
     def allowed(self) -> str:

@@ -61,12 +61,18 @@ def formats(subject: Subject) -> Part:
         found = each.poses(arm, q)
         off = [pose_difference(poses, analytic[frame]) for frame, poses in found.items()]
         label = f"{each.name}, {len(found)} frames at {POSES} poses"
+        why = f"limit: {each.source}"
         metres = max(float(m.max()) for m, _ in off)
         radians = max(float(r.max()) for _, r in off)
         figures += [
-            Figure(f"{label}: position", metres, "m", "nm", upper=each.position, source=each.source),
+            Figure(f"{label}: position", metres, "m", "nm", upper=each.position, source=why),
             Figure(
-                f"{label}: rotation", radians, "rad", "urad", upper=each.rotation, source=each.source
+                f"{label}: rotation",
+                radians,
+                "rad",
+                "urad",
+                upper=each.rotation,
+                source=why,
             ),
         ]
     notes = () if figures else (f"{arm.name}: no masses or gains are known, so it has no model",)

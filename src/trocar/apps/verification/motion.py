@@ -21,9 +21,9 @@ Array = NDArray[np.float64]
 Drive = Literal["servo", "set"]
 
 #: While the yaw swings once, the pitch swings so often. Source: our own choice; a dense net.
-PITCH_SWINGS = 9
+PITCH_SWINGS = 5
 #: Share of a joint's top speed that the sweep reaches. Source: our own choice.
-SHARE_OF_SPEED = 0.5
+SHARE_OF_SPEED = 0.9
 #: Every so many ticks of 5 ms a sample is kept. Source: our own choice; 20 Hz.
 KEPT = 10
 #: The swings grow in over this time. Source: our own choice. [s]
@@ -61,26 +61,22 @@ def sweep(subject: Subject, drive: Drive) -> Sweep:
     """Sweep yaw and pitch over 95 % of their ranges; all other joints rest in the middle."""
     world = subject.world()
     time, q, v = _net(subject)
-    world.set_state(subject.place, q[0])
-    if drive == "set":
-        world.arm(subject.place).set_mode("set")
-    every = periods_per_tick(world)
-    play = _servoed if drive == "servo" else _set
-    actual, coordinates = play(world, subject.place, q, v, every)
+    name = subject.place
+    world.set_state(name, q[0])
     kept = slice(KEPT - 1, None, KEPT)
-    return Sweep(drive, time[kept], q[kept], actual[kept], coordinates[kept])
+    if drive == "servo":
+        played = world.play({name: q}, {name: v}, every=periods_per_tick(world))
+        actual, coordinates = played.positions[name][kept], played.coordinates[name][kept]
+    else:
+        actual, coordinates = _set(world, name, q[kept], v[kept])
+    return Sweep(drive, time[kept], q[kept], actual, coordinates)
 
 
-def _servoed(
-    world: World, name: str, q: Array, v: Array, every: int
-) -> tuple[Array, Array]:
-    played = world.play({name: q}, {name: v}, every=every)
-    return played.positions[name], played.coordinates[name]
-
-
-def _set(world: World, name: str, q: Array, v: Array, every: int) -> tuple[Array, Array]:
-    """Put the joints to each row and step; what passes until the next row is a part of it."""
+def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
+    """Put the joints to each row, let the loops settle for a tick, and look."""
     arm, own = world.arm(name), world.rig.arm(name).arm.own_joints
+    arm.set_mode("set")
+    every = periods_per_tick(world)
     actual: list[Array] = []
     coordinates: list[Array] = []
     for place, speed in zip(q[:, :own], v[:, :own], strict=True):
@@ -98,10 +94,10 @@ def _net(subject: Subject) -> tuple[Array, Array, Array]:
     swings = [0.5 * SHARE_OF_RANGE * (j.upper - j.lower) for j in (yaw, pitch)]
     speed = SHARE_OF_SPEED * min(pitch.velocity_max, yaw.velocity_max)
     duration = max(20.0, 2.0 * np.pi * PITCH_SWINGS * swings[1] / speed)
-    time = TICK_S * np.arange(round(duration / TICK_S))
+    time = TICK_S * np.arange(round(duration / TICK_S), dtype=np.float64)
     share = np.clip(time / RAMP_S, 0.0, 1.0)
     ramp = share**2 * (3.0 - 2.0 * share)
     q = np.tile(middle_of_range(arm), (len(time), 1))
     for name, swing, times in zip(("yaw", "pitch"), swings, (1, PITCH_SWINGS), strict=True):
         q[:, joints[name]] += swing * ramp * np.sin(2.0 * np.pi * times * time / duration)
-    return time, q, np.gradient(q, TICK_S, axis=0)
+    return np.asarray(time), q, np.asarray(np.gradient(q, TICK_S, axis=0), dtype=np.float64)

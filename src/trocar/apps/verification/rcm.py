@@ -57,19 +57,23 @@ def has_remote_centre(mechanism: Mechanism) -> bool:
 
 def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
     """Estimate the remote centre from the motion of the link that carries the insertion."""
+    title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
+    if not sweeps:
+        note = (f"{subject.arm.name}: has no remote centre, or nothing that could simulate it",)
+        return Part("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
     figures = tuple(figure for each in clouds for figure in _figures(subject, each))
     notes = [
-        "Position relative to the pitch axis, in the frame of the first two joint axes at home. PSM: y"
-        " along the yaw axis, ECM: x along it; z along the pitch axis. Estimated by pivot calibration"
-        " (the paper's equations 3 to 5) from the poses of the link that carries the insertion.",
+        "Position relative to the pitch axis, in the frame of the first two joint axes at home. Of"
+        " a PSM y is along the yaw axis, of an ECM x; z is along the pitch axis. Estimated by pivot"
+        " calibration (the paper's equations 3 to 5) from the poses of the link that carries the"
+        " insertion.",
         "The paper's equation 5 lacks the 1/n that its Table 7 needs; it is in ours.",
     ]
     if subject.calibrated:
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
     if _general(subject):
         notes.append("General four-bars have no fixed remote centre: how far it wanders is stated.")
-    title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
     return Part("rcm", subject.name, title, figures, command, tuple(notes), clouds)
 
 
@@ -98,9 +102,7 @@ def cloud(subject: Subject, motion: Sweep) -> Cloud:
     )
 
 
-def _table7_frame(
-    subject: Subject, motion: Sweep, at: dict[str, Array], centre: Array
-) -> Array:
+def _table7_frame(subject: Subject, motion: Sweep, at: dict[str, Array], centre: Array) -> Array:
     """Return the root in Table 7's frame, T_table7_root (4, 4), as motion shows the two axes.
 
     Its origin is the point of the pitch axis nearest to the yaw axis; both axes are found from the
@@ -166,7 +168,8 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     if subject.calibrated:
         hardware = simulation = None
     told = TOLD[found.drive]
-    source = "closed-loop paper, Table 7" if hardware else "stated"
+    theirs = "closed-loop paper, Table 7; " if hardware else ""
+    source = f"{theirs}ours: pivot calibration on the simulated motion"
     figures: list[Figure] = []
     for index, axis in enumerate("XYZ"):
         figures.append(
@@ -182,7 +185,7 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     figures.append(
         Figure(f"{told}: RMS distance", found.rms_distance, "m", "mm",
                upper=MOST_RMS_M if bounded else None,
-               source="limit: the project's own goal" if bounded else "stated")
+               source=f"{source}; limit: the project's own goal" if bounded else source)
     )  # fmt: skip
     if hardware is not None:
         away = float(np.linalg.norm(found.centre - np.array(hardware.position)))
@@ -195,7 +198,7 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     for name, error in zip(("yaw", "pitch"), found.servo_error, strict=True):
         figures.append(
             Figure(f"{told}: servo error of {name}, RMS", float(error), "rad", "mrad",
-                   source="stated: what the remote centre holds in spite of")
+                   source="ours: actual minus commanded while the remote centre is estimated")
         )  # fmt: skip
     return figures
 

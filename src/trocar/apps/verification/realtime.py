@@ -38,8 +38,8 @@ def realtime(watch: Callable[[str], None] | None = None, duration_s: float = DUR
                    source=source)
         )  # fmt: skip
     notes = (
-        "Real-time coefficient: simulated over wall-clock time, as fast as it goes, with bodies that"
-        " collide. Gazebo's cannot exceed 1. Ours depends on the machine; nominal arms.",
+        "Real-time coefficient: simulated over wall-clock time, as fast as it goes, with bodies"
+        " that collide. Gazebo's cannot exceed 1. Ours depends on the machine; nominal arms.",
         f"Median of {PASSES} passes of {duration_s:g} s at 1 kHz on one core.",
     )
     command = "trocar verify --only realtime"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from trocar import __version__
 from trocar.apps import pages
-from trocar.apps.drawing import svg
+from trocar.apps.drawing import new_figure, svg
 from trocar.apps.pages import Cell
 from trocar.apps.verification import draw
 from trocar.apps.verification.figure import Figure, Part
@@ -32,6 +32,20 @@ PAPER = (
 )
 
 
+def check_report(folder: str | Path) -> Path:
+    """Return where a report goes, before anything is measured for it.
+
+    Raises:
+        InputError: the folder is none
+        MissingExtraError: matplotlib is not installed
+    """
+    target = Path(folder).expanduser()
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
+    new_figure(1.0, 1.0, draw.PURPOSE)
+    return target / PAGE
+
+
 def write_report(folder: str | Path, found: Verification) -> str:
     """Write a page with everything that was verified, and return its path.
 
@@ -43,18 +57,14 @@ def write_report(folder: str | Path, found: Verification) -> str:
         InputError: it cannot be written
         MissingExtraError: matplotlib is not installed
     """
-    target = Path(folder).expanduser()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
+    target = check_report(folder)
     page = pages.document("Verification of the simulation", _body(found))
-    pages.write(target / PAGE, page)
-    return str(target / PAGE)
+    pages.write(target, page)
+    return str(target)
 
 
 def _body(found: Verification) -> str:
-    sections = [
-        _section([*parts]) for _, parts in groupby(found.parts, key=lambda part: part.name)
-    ]
+    sections = [_section([*parts]) for _, parts in groupby(found.parts, key=lambda part: part.name)]
     return "".join([*_head(found), *sections])
 
 
@@ -105,9 +115,10 @@ def _numbers(part: Part) -> Iterator[str]:
     sources = list(dict.fromkeys(f.source for f in part.figures if f.source))
     letters = {source: chr(ord("a") + i) for i, source in enumerate(sources)}
     gazebo = any(f.paper_simulation is not None for f in part.figures)
-    paper = any(f.paper is not None for f in part.figures)
+    paper = any(f.paper is not None for f in part.figures) and part.name != "rcm"
     head = ["figure", "ours", *(["paper, hardware"] if paper else []),
-            *(["paper, simulation"] if gazebo else []), "unit", "allowed", "", "source"]  # fmt: skip
+            *(["paper, simulation"] if gazebo else []), "unit", "allowed", "",
+            "source"]  # fmt: skip
 
     def row(figure: Figure) -> Sequence[str]:
         return [
@@ -123,7 +134,8 @@ def _numbers(part: Part) -> Iterator[str]:
 
     if part.name == "rcm":
         yield _table7(part)
-    yield pages.table(head, [row(figure) for figure in part.figures])
+    shown = [f for f in part.figures if not (part.name == "rcm" and f.name[-1] in "XYZ")]
+    yield pages.table(head, [row(figure) for figure in shown])
     told = "; ".join(f"<b>{letters[s]}</b> {pages.text(s)}" for s in sources)
     yield f'<p class="quiet">Sources: {told}.</p>'
 
@@ -169,8 +181,8 @@ def _pictures(part: Part) -> Iterator[str]:
 FIGURE9 = (
     "Figure 9. Above: where the remote centre is, from three sides, the paper's hardware and"
     " simulation with the RMS of their clouds as bars, ours with its cloud, which is smaller than"
-    " its mark. Below: our cloud alone, with servos, a thousand times larger: each dot is the"
-    " estimate at one yaw and pitch."
+    " its mark. Below: our cloud alone, with servos, on a scale of its own: each dot is the remote"
+    " centre as the link has it at one yaw and pitch."
 )
 FIGURE9_ALONE = "The cloud of Figure 9: each dot is the remote centre at one yaw and pitch."
 TABLE6 = (

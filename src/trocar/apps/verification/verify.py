@@ -91,7 +91,7 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
             raise InputError(f"{file}: got a second overlay of {overlay.arm}; allowed: one")
         overlays[overlay.arm] = (overlay, str(file))
     subjects: list[Subject] = []
-    for name in map(str, arms or overlays or ARMS):
+    for name in map(str, arms or list(overlays) or ARMS):
         arm = load_arm(name)
         words: tuple[str, ...] = ("--arm", name)
         if arm.name in overlays:

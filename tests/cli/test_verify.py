@@ -1,0 +1,67 @@
+"""`trocar verify`: one document or tables, and a status that says whether all is well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+KEYS = ["part", "arm", "name", "value", "unit", "paper", "paper_simulation", "tolerance", "met",
+        "source", "command"]  # fmt: skip
+
+
+def test_one_document_has_every_figure(trocar) -> None:
+    said = trocar("verify", "--only", "axes,formats", "--arm", "psm", "--json")
+    assert said.status == 0
+    assert list(said.document) == ["met", "judged", "missed", "figures", "parts", "report"]
+    assert said.document["met"] is True
+    first = said.document["figures"][0]
+    assert list(first) == KEYS
+    assert first["part"] == "axes" and first["arm"] == "psm"
+    assert first["value"] == pytest.approx(0.096)
+    assert (first["unit"], first["paper"]) == ("m", 0.0958)
+    assert first["tolerance"]["upper"] == pytest.approx(0.0958 + 1.31e-3)
+    assert first["command"] == "trocar verify --only axes --arm psm"
+    assert "trocar: verifying psm: formats ..." in said.err
+    assert [p["part"] for p in said.document["parts"]] == ["axes", "formats"]
+
+
+def test_people_read_tables(trocar) -> None:
+    said = trocar("verify", "--only", "axes", "--arm", "ecm")
+    assert said.status == 0
+    for text in ("ecm: Axis distances: Table 6 of the paper", "3-6: in motion", "304.7", "met",
+                 "16 of 16 figures are within tolerance."):  # fmt: skip
+        assert text in said.out
+
+
+def test_a_figure_out_of_tolerance_ends_with_status_1(trocar, monkeypatch) -> None:
+    monkeypatch.setattr("trocar.apps.verification.axes.TABLE6_SPREAD_M", 1e-4)
+    said = trocar("verify", "--only", "axes", "--arm", "psm", "--json")
+    assert said.status == 1
+    assert said.document["met"] is False
+    assert "3-6: description" in said.document["missed"]
+    assert "MISSED" in trocar("verify", "--only", "axes", "--arm", "psm").out
+
+
+def test_a_report_is_named(trocar, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    said = trocar("verify", "--only", "formats", "--arm", "psm", "--report", tmp_path / "r")
+    assert said.status == 0
+    assert said.out.splitlines()[-1] == str(tmp_path / "r" / "index.html")
+    assert (tmp_path / "r" / "index.html").is_file()
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--only", "axes,speed"], "argument --only: got 'speed'; allowed: closure, rcm, axes"),
+        (["--arm", "pms"], "unknown arm 'pms'"),
+        (["--only", "tracking", "--arm", "ecm"], "nothing of tracking applies to ecm"),
+        (["--calibration", "none.toml"], "none.toml: cannot be read"),
+    ],
+)
+def test_bad_input_is_one_line(trocar, words: list[str], complaint: str) -> None:
+    said = trocar("verify", *words)
+    assert said.status == 2
+    assert said.out == ""
+    assert complaint in said.err.splitlines()[-1]

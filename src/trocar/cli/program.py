@@ -31,7 +31,7 @@ COMMANDS = {
     "ik": "all joint positions that bring an arm's tip to a pose",
     "list": "names of the built-in arms, tools and rigs",
     "show": "what is known of an arm: frames, limits, masses, sources",
-    "verify": "repeat the closed-loop paper's experiments, its figures beside ours",
+    "verify": "the paper's experiments repeated, its figures beside ours",
     "bench": "measure real-time factors beside bare MuJoCo",
 }
 

@@ -25,6 +25,7 @@ COMMANDS = {
     "tune": "step response of an arm's joints, and gains tuned from it",
     "replay": "repeat a recording, or drive an arm along one of a real arm",
     "mocap": "tracks of a simulated arm, as cameras would tell them",
+    "rcm": "the remote centre of an arm from tracks of motion capture",
     "plot": "draw a recording: joints, errors, efforts",
     "calibrate": "a robot's own geometry, from motion capture",
     "fk": "poses of an arm's frames from joint positions",

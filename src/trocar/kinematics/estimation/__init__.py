@@ -6,6 +6,7 @@ from trocar.kinematics.estimation.hinge import LEAST_SPAN, SMALL_SPAN, HingeFit,
 from trocar.kinematics.estimation.noise import white_noise
 from trocar.kinematics.estimation.pivot import LEAST_TURN, PivotFit, fit_pivot
 from trocar.kinematics.estimation.plain import fit_hinge_least_squares
+from trocar.kinematics.estimation.rest import RestPose, fit_pivot_in_body, rest_pose
 
 __all__ = [
     "LEAST_SPAN",
@@ -15,10 +16,13 @@ __all__ = [
     "AxisDistance",
     "HingeFit",
     "PivotFit",
+    "RestPose",
     "axis_distance",
     "fit_hinge",
     "fit_hinge_least_squares",
     "fit_pivot",
+    "fit_pivot_in_body",
     "likely_cause",
+    "rest_pose",
     "white_noise",
 ]

@@ -32,6 +32,8 @@ LEAST_POSES = 8
 _FAR_SQUARED = 31.0
 # Source: our choice; noise below this is rounding.
 _ROUNDING = 1e-11
+# Source: our choice; residuals of a tenth of their expected size are all rounding.
+_LEAST_SCALE = 1e-2
 _ROUNDS = 8
 _STEPS = 6
 
@@ -107,7 +109,7 @@ def fit_pivot(
         sigma = _noise(x, Rt, pt, used, rotation_sigma, relative)
         x, linear = _descend(x, Rt, pt, used, sigma)
         far: Array = (linear[0] ** 2).sum(axis=1)
-        chosen = far < _FAR_SQUARED * max(float(far[used].mean()) / 3.0, 1e-30)
+        chosen = far < _FAR_SQUARED * max(float(far[used].mean()) / 3.0, _LEAST_SCALE)
         if (chosen == used).all():
             break
         used = chosen

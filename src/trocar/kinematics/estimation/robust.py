@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Source: our choice; residuals below this are rounding.
-_ROUNDING = 1e-12
+# Source: our choice; residuals below this may be the rounding of a file with six decimals, and if
+# most samples are of one pose, of the others alone [m], [rad].
+_ROUNDING = 4e-6
+# Source: our choice; a direction that is moved less than this is not moved.
+_UNMOVED = 1e-12
 # Source: our choice; 5 medians are 5.9 sigma of a residual with two components.
 _FAR = 5.0
 _ROUNDS = 12
@@ -73,7 +76,7 @@ def weighted_point(R: Array, p: Array, weights: Array, free: int = 2) -> tuple[A
     mean_Rp = np.einsum("k,kji,kj->i", weights, R, p) / total
     # x_a eliminated: (I - mean_R^T mean_R) x_b = mean_R^T mean_p - mean(R^T p)
     values, vectors = np.linalg.eigh(np.eye(3) - mean_R.T @ mean_R)
-    values, across = np.maximum(values[-free:], _ROUNDING), vectors[:, -free:]
+    values, across = np.maximum(values[-free:], _UNMOVED), vectors[:, -free:]
     x_b = across @ ((mean_R.T @ mean_p - mean_Rp) @ across / values)
     return mean_R @ x_b + mean_p, x_b
 

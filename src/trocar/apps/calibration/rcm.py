@@ -1,0 +1,212 @@
+"""The remote centre of an arm from tracks: pivot calibration, equations 3 to 5 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration.rcm_frame import (
+    CentreLinks,
+    HingesAbout,
+    Table7,
+    about_hinges,
+    centre_links,
+    table7,
+)
+from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
+from trocar.descriptions import ArmDescription
+from trocar.errors import InputError
+from trocar.kinematics.estimation import PivotFit, fit_pivot_in_body, rest_pose, white_noise
+
+Array = NDArray[np.float64]
+
+#: Samples in which two bodies have to be seen together. Source: our own choice.
+LEAST_SAMPLES = 30
+# Source: our own choice; a centre whose spread exceeds the noise's by this wanders.
+_WANDERS = 1.3
+# Source: our own choice; a file with six decimals has this much rounding. [m]
+_ROUNDING = 3e-6
+# Source: our own choice; Fig 9's cloud is averaged over so many cells of each joint's sweep, of
+# those that have a few samples.
+_CELLS, _LEAST_IN_CELL = 6, 5
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPoint:
+    """Where the remote centre is estimated about one pose of the arm, as in the paper's Fig 9.
+
+    Attributes:
+        q: of yaw and pitch, (2,) [rad], 0 at the start or, if the arm did not stand still
+            there, in the middle of the sweep
+        position: mean of R tip + p in the base body, (3,) [m]
+        samples: that it is the mean of
+    """
+
+    q: Array
+    position: Array
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class RcmReport:
+    """The remote centre as tracks show it.
+
+    Attributes:
+        arm: name of the arm
+        body: which body turns about it
+        base: the body in whose frame it rests, or "camera"
+        fit: the pivot: `tip` in the body (b_tip), `post` in the base (b_post)
+        noise_rms: what the cameras' noise alone would make of `fit.rms` [m]
+        cloud: the centre at each pose; empty where the joints are not seen
+        table7: relative to the pitch axis as in the paper's Table 7, where that axis is seen
+        distance: from the pitch axis and its 1-sigma [m], where that is seen
+        warnings: what a user should know
+    """
+
+    arm: str
+    body: str
+    base: str
+    fit: PivotFit
+    noise_rms: float
+    cloud: tuple[CloudPoint, ...]
+    table7: Table7 | None
+    distance: tuple[float, float] | None
+    warnings: tuple[str, ...]
+
+    @property
+    def wander_rms(self) -> float:
+        """How far the centre itself wanders, noise taken off [m]."""
+        return float(np.sqrt(max(self.fit.rms**2 - self.noise_rms**2, 0.0)))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain data, as `trocar rcm --json` prints it."""
+        fit = self.fit
+        centre: dict[str, Any] = {
+            "body": self.body,
+            "base": self.base,
+            "b_tip_m": {"value": fit.tip, "sigma": fit.sigma_tip},
+            "b_post_m": {"value": fit.post, "sigma": fit.sigma_post},
+            "position_in_base_body_m": {"value": fit.post, "sigma": fit.sigma_post},
+            "rms_xyz_m": fit.rms_axes,
+            "rms_m": fit.rms,
+            "noise_rms_m": self.noise_rms,
+            "wander_rms_m": self.wander_rms,
+            "condition": fit.condition,
+            "samples": int(fit.used.sum()),
+            "outliers": fit.outliers,
+        }
+        if self.base == "camera":
+            del centre["position_in_base_body_m"]
+        if self.distance is not None:
+            value, sigma = self.distance
+            centre["distance_to_pitch_axis_m"] = {"value": value, "sigma": sigma}
+        if self.table7 is not None:
+            centre["table7"] = self.table7.as_dict()
+        cloud = [
+            {"q_rad": point.q, "position_m": point.position, "samples": point.samples}
+            for point in self.cloud
+        ]
+        return {
+            "arm": self.arm,
+            "rcm": centre,
+            "cloud": cloud,
+            "warnings": list(self.warnings),
+        }
+
+
+def find_rcm(
+    tracks: Tracks, arm: ArmDescription, bodies: Mapping[str, str] | None = None
+) -> RcmReport:
+    """Find the remote centre of an arm in tracks that turn its first two joints.
+
+    The body that carries the instrument is needed; the base (else the cameras' frame is taken for
+    it), and the bodies that show the first two joints are used where they are tracked.
+
+    Args:
+        tracks: as read from a file
+        arm: whose bodies they are
+        bodies: {body: its name in the file}, for those that are called otherwise
+
+    Raises:
+        InputError: an arm without a remote centre, or a body that it does not have
+        TracksError: the body is missing, or not seen together with the base
+        UndeterminedError: all turns share one axis
+    """
+    links = centre_links(arm)
+    chosen, warnings = _chosen(tracks, links, bodies or {})
+    base, body = chosen.poses[links.base], chosen.poses[links.body]
+    check_together(chosen, links.base, links.body, LEAST_SAMPLES)
+    fit = fit_pivot_in_body(base, body)
+    noise_rms = _noise_rms(base, body, fit)
+    if fit.rms > max(_WANDERS * noise_rms, _ROUNDING):
+        warnings.append(
+            f"there is no fixed remote centre: it wanders by {1e3 * fit.rms:.3g} mm (RMS), noise"
+            f" alone would give {1e3 * noise_rms:.3g} mm; its standard deviations hold for the"
+            " mean over this sweep"
+        )
+    hinges = about_hinges(chosen, links)
+    warnings += hinges.warnings
+    found = None if hinges.yaw is None else table7(chosen, links, hinges, fit)
+    at_base = links.base in tracks.poses or links.base in (bodies or {})
+    return RcmReport(
+        arm=arm.name,
+        body=links.body,
+        base=links.base if at_base else "camera",
+        fit=fit,
+        noise_rms=noise_rms,
+        cloud=_cloud(hinges, fit),
+        table7=None if found is None else found[0],
+        distance=None if found is None else found[1],
+        warnings=(*tracks.warnings, *warnings),
+    )
+
+
+def _chosen(
+    tracks: Tracks, links: CentreLinks, bodies: Mapping[str, str]
+) -> tuple[Tracks, list[str]]:
+    """Return the tracks of the bodies that count, and what there is to say about them."""
+    known = links.all
+    for name in bodies:
+        if name not in known:
+            raise InputError(
+                f"bodies: got {name!r}; known to the remote centre: {', '.join(known)}"
+            )
+    wanted = {name: bodies.get(name, name) for name in known}
+    optional = [name for name in known if name != links.body and name not in bodies]
+    chosen = select_bodies(tracks, wanted, optional)
+    if links.base in chosen.poses:
+        return chosen, []
+    rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
+    words = f"{links.base} is not tracked: the cameras' frame is taken for the base, as if it rests"
+    return replace(chosen, poses={**chosen.poses, links.base: rest}), [words]
+
+
+def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
+    """Return what noise from sample to sample makes of the distance R tip + p - post [m]."""
+    position, rotation = white_noise(body)
+    square = 3.0 * position**2 + 2.0 * rotation**2 * float(fit.tip @ fit.tip)
+    if rest_pose(base) is None:
+        position, rotation = white_noise(base)
+        square += 3.0 * position**2 + 2.0 * rotation**2 * float(fit.post @ fit.post)
+    return float(np.sqrt(square))
+
+
+def _cloud(hinges: HingesAbout, fit: PivotFit) -> tuple[CloudPoint, ...]:
+    """Average the estimated centre over cells of yaw and pitch."""
+    q = hinges.q
+    seen = fit.used & np.isfinite(q).all(axis=1)
+    if seen.sum() < _LEAST_IN_CELL:
+        return ()
+    q, points = q[seen], fit.points[seen]
+    low, width = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9) / _CELLS
+    cells = np.minimum((q - low) // width, _CELLS - 1).astype(int)
+    number = cells[:, 0] * _CELLS + cells[:, 1]
+    return tuple(
+        CloudPoint(q[inside].mean(axis=0), points[inside].mean(axis=0), int(inside.sum()))
+        for inside in (number == cell for cell in np.unique(number))
+        if inside.sum() >= _LEAST_IN_CELL
+    )

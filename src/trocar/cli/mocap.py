@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from trocar.apps.mocap import SimulatedTracks
     from trocar.descriptions import ArmDescription
 
+#: Makes the random numbers of wear others than those of a perturbed robot with the same seed.
+WEAR = 1
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
@@ -42,6 +45,11 @@ def _add_robot(parser: ArgumentParser) -> None:
     robot.add_argument(
         "--calibration", metavar="OVERLAY", help="a calibrated robot in place of the drawn one"
     )
+    parser.add_argument(
+        "--worn",
+        action="store_true",
+        help="unequal sides (0.3 mm) and skew axes (1 mrad) besides: the remote centre wanders",
+    )
     robot.add_argument(
         "--perturb",
         type=int,
@@ -52,7 +60,10 @@ def _add_robot(parser: ArgumentParser) -> None:
 
 def _add_sweep(parser: ArgumentParser) -> None:
     parser.add_argument(
-        "--parts", choices=("axes", "rcm", "both"), default="both", help="default: both"
+        "--parts",
+        choices=("axes", "rcm", "both"),
+        default="",
+        help="default: both, of an arm that has a remote centre",
     )
     parser.add_argument(
         "--duration", type=number, default=24.0, metavar="S", help="of each part; default: 24 s"
@@ -120,19 +131,24 @@ def _robot(args: Namespace) -> tuple[ArmDescription, str]:
     """Return the arm and what it is called: as drawn, perturbed, or calibrated."""
     from numpy.random import default_rng
 
-    from trocar.apps.mocap import perturbed
+    from trocar.apps.mocap import perturbed, worn
     from trocar.descriptions import load_arm
-    from trocar.descriptions.overlay import apply_overlay, read_overlay
 
-    arm = load_arm(args.arm)
+    if args.worn and args.calibration is not None:
+        raise InputError("--worn: a calibrated robot is as it is; give --perturb or neither")
+    arm, robot = load_arm(args.arm, calibration=args.calibration), "as drawn"
     if args.calibration is not None:
-        overlay = read_overlay(args.calibration)
-        return apply_overlay(arm, overlay), f"calibrated by {args.calibration}"
+        robot = f"calibrated by {args.calibration}"
     if args.perturb is not None:
         if args.perturb < 0:
             raise InputError(f"--perturb: got {args.perturb}; allowed: a whole number from 0 on")
-        return perturbed(arm, default_rng(args.perturb)), f"perturbed with seed {args.perturb}"
-    return arm, "as drawn"
+        arm, robot = (
+            perturbed(arm, default_rng(args.perturb)),
+            f"perturbed with seed {args.perturb}",
+        )
+    if args.worn:
+        arm, robot = worn(arm, default_rng([args.perturb or 0, WEAR])), f"{robot}, worn"
+    return arm, robot
 
 
 def _report(file: str, truth_file: str, tracks: SimulatedTracks) -> str:
@@ -143,6 +159,7 @@ def _report(file: str, truth_file: str, tracks: SimulatedTracks) -> str:
     if "rcm" in truth:
         away = truth["rcm"]["distance_to_pitch_axis_m"]
         rows.append(["remote centre to pitch axis", f"{1e3 * away:.4f}", "mm"])
+        rows.append(["it wanders by (RMS)", f"{1e3 * truth['rcm']['rms_m']:.4f}", "mm"])
     return (
         f"{file}: {truth['arm']} {truth['robot']}, {len(tracks.poses)} bodies,"
         f" {len(tracks.times)} samples at {tracks.rate_hz:g} Hz\n"

@@ -85,9 +85,11 @@ def test_the_sign_of_a_quaternion_and_a_spreadsheet_change_nothing(tidy_file):
          "line 3: psm_base: got a quaternion of length 0.9 (w, x, y, z = 0.9, 0, 0, 0); allowed"),
         ([f"0,{BASE}"], "got 1 sample; allowed: 2 or more"),
         ([], "has a header and no rows"),
-        (["0,a,500,1200,-300,1,0,0,0", "0,b,610,1310,-280,1,0,0,0", "1,b,610,1310,-280,1,0,0,0"],
-         "a and b are 156.8 m apart, and no arm is that large: are the positions in millimetres"
+        (["0,a,500,1200,-300,1,0,0,0", "0,b,610,1310,100,1,0,0,0", "1,b,610,1310,100,1,0,0,0"],
+         "a and b are 429.2 m apart, and no arm is that large: are the positions in millimetres"
          " (1000 times too large)?"),
+        (["0,a,50,0,0,1,0,0,0", "0,b,10,0,0,1,0,0,0", "1,b,10,0,0,1,0,0,0"],
+         "a and b are 40 m apart, and no arm is that large: are the positions in centimetres"),
         (["0,a,0,0,0,1,0,0,0", "0,b,0.0003,0,0,1,0,0,0", "1,b,0.0003,0,0,1,0,0,0"],
          "all bodies lie within 0.0003 m"),
     ],

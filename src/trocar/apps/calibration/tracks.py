@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -23,6 +24,9 @@ Array = NDArray[np.float64]
 #: Bodies of one arm are never this far from one another, nor all this near. The longest distance on
 #: a real arm is about 1 m. Source: our own choice, wide enough for any arm and its base. [m]
 FARTHEST_M, NEAREST_M = 10.0, 0.005
+#: A usual distance of the two farthest bodies, and how much larger numbers are in other units.
+USUAL_M = 0.5
+LARGER = {"millimetres": 1000.0, "centimetres": 100.0, "inches": 39.37}
 #: A rate in a header that is off the times by more than this is worth a warning.
 RATE_TOLERANCE = 0.02
 
@@ -157,10 +161,11 @@ def check_size(tracks: Tracks) -> None:
         return
     (a, b), far = max(distances.items(), key=lambda item: item[1])
     if far > FARTHEST_M:
+        unit = min(LARGER, key=lambda name: abs(math.log(far / LARGER[name] / USUAL_M)))
         raise TracksError(
             tracks.file,
             f"{a} and {b} are {far:.4g} m apart, and no arm is that large: are the positions in"
-            f" millimetres (1000 times too large)? allowed: at most {FARTHEST_M:g} m",
+            f" {unit} ({LARGER[unit]:g} times too large)? allowed: at most {FARTHEST_M:g} m",
         )
     if far < NEAREST_M:
         raise TracksError(

@@ -13,7 +13,7 @@ from trocar.apps.mocap.clusters import place_camera, place_clusters
 from trocar.apps.mocap.dynamic import simulated_coordinates
 from trocar.apps.mocap.linkage import marked_frames
 from trocar.apps.mocap.noise import Noise, spoil
-from trocar.apps.mocap.sweeps import sweep
+from trocar.apps.mocap.sweeps import STILL_S, has_remote_centre, sweep
 from trocar.apps.mocap.truth import geometry
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError
@@ -22,7 +22,7 @@ from trocar.kinematics.tree import frame_poses
 
 Array = NDArray[np.float64]
 Motion = Literal["dynamic", "kinematic"]
-Parts = Literal["axes", "rcm", "both"]
+Parts = Literal["", "axes", "rcm", "both"]
 PARTS: Mapping[str, tuple[str, ...]] = {
     "axes": ("axes",), "rcm": ("rcm",), "both": ("axes", "rcm"),
 }  # fmt: skip
@@ -36,7 +36,8 @@ class MocapSettings:
 
     Attributes:
         motion: "dynamic" (simulated with its servos) or "kinematic" (exactly as told)
-        parts: sweeps of the loops for their axes, about the remote centre, or both in turn
+        parts: sweeps of the loops for their axes, about the remote centre, or both in turn; "" is
+            both for an arm that has a remote centre, else "axes"
         duration_s: of each part [s]
         amplitude: of the joints that are swept [rad]
         rate_hz: of the cameras [Hz]
@@ -45,7 +46,7 @@ class MocapSettings:
     """
 
     motion: Motion = "dynamic"
-    parts: Parts = "both"
+    parts: Parts = ""
     duration_s: float = 24.0
     amplitude: float = 0.6
     rate_hz: float = 120.0
@@ -95,19 +96,18 @@ def simulate_tracks(
     """
     wanted = settings or MocapSettings()
     _check(wanted)
-    parts = PARTS[wanted.parts]
+    parts = PARTS[wanted.parts or ("both" if has_remote_centre(arm) else "axes")]
     count = round(len(parts) * wanted.duration_s * wanted.rate_hz) + 1
     times = np.arange(count) / wanted.rate_hz
     told = sweep(arm, times, wanted.duration_s, wanted.amplitude, parts)
+
+    def at_times(other: Array) -> Array:
+        return sweep(arm, other, wanted.duration_s, wanted.amplitude, parts).q
+
     if wanted.motion == "kinematic":
         moved = coordinates(arm.mechanism, told.q)
     else:
-        moved = simulated_coordinates(
-            arm,
-            times,
-            lambda t: sweep(arm, t, wanted.duration_s, wanted.amplitude, parts).q,
-            progress,
-        )
+        moved = simulated_coordinates(arm, times, at_times, progress)
     bodies = marked_frames(arm)
     places, cameras, spoiling = (
         np.random.default_rng(s) for s in np.random.SeedSequence(wanted.seed).spawn(3)
@@ -123,12 +123,8 @@ def simulate_tracks(
     truth = {
         "arm": arm.name,
         "robot": robot,
-        **geometry(arm, bodies, clusters),
-        "bodies": {
-            body: {"frame": frame, "T_link_body": clusters[body].tolist()}
-            for body, frame in bodies.items()
-        },
-        "T_camera_root": camera.tolist(),
+        **geometry(arm, clusters[next(iter(bodies))], _swing(arm, wanted)),
+        **_set_up(bodies, clusters, camera),
         "parts_s": {part: list(span) for part, span in told.parts.items()},
         "swings_rad": told.swings,
         "settings": asdict(wanted),
@@ -136,10 +132,29 @@ def simulate_tracks(
     return SimulatedTracks(times, seen, told.q, wanted.rate_hz, truth)
 
 
+def _set_up(
+    bodies: Mapping[str, str], clusters: Mapping[str, Array], camera: Array
+) -> dict[str, Any]:
+    """Return where the clusters and the cameras are, as plain data."""
+    places = {
+        body: {"frame": frame, "T_link_body": clusters[body].tolist()}
+        for body, frame in bodies.items()
+    }
+    return {"bodies": places, "T_camera_root": camera.tolist()}
+
+
+def _swing(arm: ArmDescription, settings: MocapSettings) -> Array | None:
+    """Return joint positions about the remote centre, (n, n_joints), None where there is none."""
+    if not has_remote_centre(arm):
+        return None
+    times = np.linspace(STILL_S, settings.duration_s, 400)
+    return sweep(arm, times, settings.duration_s, settings.amplitude, ("rcm",)).q
+
+
 def _check(settings: MocapSettings) -> None:
     for name, got, allowed in (
         ("motion", settings.motion, ("dynamic", "kinematic")),
-        ("parts", settings.parts, tuple(PARTS)),
+        ("parts", settings.parts or "both", tuple(PARTS)),
     ):
         if got not in allowed:
             raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")

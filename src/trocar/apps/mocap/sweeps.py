@@ -84,6 +84,12 @@ def sweep(
     return Sweep(q, spans, swings)
 
 
+def has_remote_centre(arm: ArmDescription) -> bool:
+    """Tell whether two joints of an arm, of which the second folds its loops, swing about one."""
+    folding = folding_joints(arm)
+    return "rcm" in arm.mechanism.frame_index and len(folding) == 1 and folding[0] > 0
+
+
 def _turns(
     arm: ArmDescription, part: str, begin: float, end: float
 ) -> list[tuple[int, float, float, float]]:
@@ -92,8 +98,10 @@ def _turns(
     if part == "axes":
         length = (end - begin) / len(folding)
         return [(j, begin + n * length, length, 1.0) for n, j in enumerate(folding)]
-    if "rcm" not in arm.mechanism.frame_index or len(folding) != 1 or folding[0] == 0:
-        raise InputError(f"{arm.name}: has no remote centre to swing about")
+    if not has_remote_centre(arm):
+        raise InputError(
+            f'{arm.name}: has no remote centre to swing about; allowed: the part "axes" alone'
+        )
     joints = (folding[0] - 1, folding[0])
     return [
         (j, begin, end - begin, s) for j, s in zip(joints, SWINGS_ABOUT_CENTRE, strict=True)

@@ -17,15 +17,16 @@ from trocar.kinematics.mechanism import Mechanism
 Array = NDArray[np.float64]
 
 
-def geometry(
-    arm: ArmDescription, bodies: Mapping[str, str], clusters: Mapping[str, Array]
-) -> dict[str, Any]:
+def geometry(arm: ArmDescription, base_cluster: Array, swing: Array | None) -> dict[str, Any]:
     """Return axis distances, angles and the remote centre, as `trocar calibrate` names them.
+
+    A remote centre that wanders is the point that fits best, told with how far the link that
+    carries the instrument misses it.
 
     Args:
         arm: as it is
-        bodies: {body: frame} of the marker clusters
-        clusters: {body: T_link_cluster (4, 4)}
+        base_cluster: the marker cluster on the arm's root, T_root_cluster (4, 4)
+        swing: joint positions about the remote centre, (n, n_joints); None where there is none
     """
     mechanism = arm.mechanism
     zero = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
@@ -40,15 +41,29 @@ def geometry(
             name: _angle(_line(axes, one), _line(axes, two), axes[two[0]][1]) - 0.5 * np.pi
             for name, (one, two) in plan.betas.items()
         }
-    if "rcm" in mechanism.frame_index:
-        centre, root = at["rcm"], f"{arm.name}_{arm.root}"
+    if swing is not None:
+        end = poses(mechanism, swing, arm.root)[mechanism.closures[-1].frame_b]
+        centre, misses = _fixed_point(end)
         pitch = axes[next(iter(plan.axes))]
-        body = at[bodies[root]] @ clusters[root]
+        seen = inverse(base_cluster) @ np.append(centre, 1.0)
         found["rcm"] = {
-            "position_in_base_body_m": (inverse(body) @ centre)[:3, 3].tolist(),
-            "distance_to_pitch_axis_m": _distance(pitch, (centre[:3, 3], pitch[1])),
+            "position_in_base_body_m": seen[:3].tolist(),
+            "distance_to_pitch_axis_m": _distance(pitch, (centre, pitch[1])),
+            "rms_m": float(np.sqrt((misses**2).sum(axis=1).mean())),
         }
     return found
+
+
+def _fixed_point(poses: Array) -> tuple[Array, Array]:
+    """Return the point that a body keeps stillest, (3,), and how far it misses it, (n, 3) [m].
+
+    Source: closed-loop paper, equations 3 and 4.
+    """
+    R, p = poses[:, :3, :3], poses[:, :3, 3]
+    rows = np.concatenate([R, np.broadcast_to(-np.eye(3), R.shape)], axis=2).reshape(-1, 6)
+    both, *_ = np.linalg.lstsq(rows, -p.reshape(-1), rcond=None)
+    tip, post = both[:3].astype(np.float64), both[3:].astype(np.float64)
+    return post, R @ tip + p - post
 
 
 def _axis(mechanism: Mechanism, at: Mapping[str, Array], name: str) -> tuple[Array, Array]:

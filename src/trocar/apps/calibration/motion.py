@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from trocar.apps.calibration.geometry import rebuilt
 from trocar.apps.calibration.start import Robot
-from trocar.kinematics.loops import closed_coordinates
+from trocar.descriptions.pins import pin_frame, pinned
+from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
 from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.tree import frame_poses
 
@@ -15,11 +19,21 @@ Array = NDArray[np.float64]
 
 # Source: our own choice; central differences of smooth functions of order 1 leave 1e-10. [rad]
 STEP = 1e-5
+#: Loops that are no parallelograms are closed at so many positions of a joint and interpolated.
+#: Source: our own choice; over 2 rad splines of smooth functions of order 1 leave 1e-10.
+NODES = 401
 
 
 def mechanism_of(robot: Robot) -> Mechanism:
-    """Return the linkage of a robot as a mechanism."""
-    return rebuilt(robot.linkage, robot.linkage.mechanism, robot.moved, robot.tilts)
+    """Return the linkage of a robot as a mechanism; with tilted axes its closing pins slide."""
+    found = rebuilt(robot.linkage, robot.linkage.mechanism, robot.moved, robot.tilts)
+    if not robot.tilts:
+        return found
+    return replace(
+        found,
+        frames=(*found.frames, *(pin_frame(closure) for closure in found.closures)),
+        closures=tuple(pinned(closure) for closure in found.closures),
+    )
 
 
 def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
@@ -34,14 +48,26 @@ def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
         (n, n_bodies, 4, 4), in the order of `robot.markers`
     """
     linkage = robot.linkage
-    every = np.tile(linkage.rest, (len(q), 1))
-    every[:, list(linkage.joints)] += q
-    at = frame_poses(mechanism, closed_coordinates(mechanism, every))
+    at = frame_poses(mechanism, _coordinates(robot, mechanism, q))
     index = mechanism.frame_index
     ground = np.linalg.inv(at[index[linkage.bodies[linkage.ground]]])
     return np.stack(
         [ground @ at[index[linkage.bodies[b]]] @ X for b, X in robot.markers.items()], axis=1
     )
+
+
+def _coordinates(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
+    """Return every frame's coordinate with the loops closed, (n, n_frames)."""
+
+    def closed(some: Array) -> Array:
+        every = np.tile(robot.linkage.rest, (len(some), 1))
+        every[:, list(robot.linkage.joints)] += some
+        return closed_coordinates(mechanism, every)
+
+    if q.shape[1] != 1 or len(q) < 2 * NODES or loops_are_parallelograms(mechanism):
+        return closed(q)
+    nodes = np.linspace(q.min() - STEP, q.max() + STEP, NODES)
+    return CubicSpline(nodes, closed(nodes[:, None]))(q[:, 0])
 
 
 def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Array:

@@ -116,10 +116,10 @@ def still_point(robot: Robot, body: str) -> tuple[Array, float]:
     return found[2:], float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
-def placed(robot: Robot, centre: Centre | None) -> Array:
-    """Return the displacements with the linkage placed on its arm, (n_slots, 2) [m]."""
+def placed(robot: Robot, centre: Centre | None) -> Robot:
+    """Return the robot with its linkage placed on its arm; its markers do not follow."""
     if centre is None:
-        return robot.moved
+        return robot
     linkage = robot.linkage
     points = home_points(linkage, robot.moved)
     first = linkage.hinges[0]
@@ -128,18 +128,19 @@ def placed(robot: Robot, centre: Centre | None) -> Array:
     have, want = own - start, centre.point - centre.start
     angle = np.arctan2(have[0] * want[1] - have[1] * want[0], have @ want)
     turn = planar_turn(float(angle))
-    return displacements(
+    moved = displacements(
         linkage, {slot: turn @ (points[slot] - own) + centre.point for slot in slots(linkage)}
     )
+    return replace(robot, moved=moved, tilts={k: turn @ tilt for k, tilt in robot.tilts.items()})
 
 
 def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mechanism:
     """Return the whole arm's mechanism with the calibrated linkage in it."""
-    linkage, moved = robot.linkage, placed(robot, centre)
-    mechanism = rebuilt(linkage, arm.mechanism, moved, robot.tilts)
+    linkage, there = robot.linkage, placed(robot, centre)
+    mechanism = rebuilt(linkage, arm.mechanism, there.moved, there.tilts)
     if centre is None:
         return mechanism
-    shift = shift_rows(linkage)[centre.body] @ moved
+    shift = shift_rows(linkage)[centre.body] @ there.moved
 
     def follow(frame: Frame) -> Frame:
         if frame.name != centre.slide:

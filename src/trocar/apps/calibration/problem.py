@@ -65,6 +65,10 @@ class Problem:
 
     def expected(self, step: Array) -> Array:
         """Return where the markers are at a step, (g, n_bodies, 4, 4)."""
+        return self.in_bins(step)[self.groups.bins]
+
+    def in_bins(self, step: Array) -> Array:
+        """Return the same for each bin, (n_bins, n_bodies, 4, 4)."""
         robot = self.moved(step)
         return marker_poses(robot, mechanism_of(robot), self.groups.q)
 
@@ -92,10 +96,9 @@ def eliminate(problem: Problem) -> Eliminated:
     robot, groups = problem.robot, problem.groups
     expected = marker_poses(robot, mechanism_of(robot), groups.q)
     rates = marker_rates(robot, mechanism_of(robot), groups.q, expected)
+    every = nuisance_slopes(expected, rates)[groups.bins]
     weight = groups.seen[..., None] * np.repeat(1.0 / np.array(problem.sigmas), 3)
-    slope = (nuisance_slopes(expected, rates) * weight[..., None]).reshape(
-        len(groups.q), -1, 6 + groups.q.shape[1]
-    )
+    slope = (every * weight[..., None]).reshape(len(weight), -1, every.shape[-1])
     scale = np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
     solve = np.linalg.pinv(slope / scale, rcond=1e-9)
     flat = weight.reshape(len(weight), -1)
@@ -107,7 +110,7 @@ def eliminate(problem: Problem) -> Eliminated:
     return Eliminated(
         project=keep * flat[:, None, :] * np.sqrt(groups.counts)[:, None, None],
         home=np.swapaxes(joints * flat[:, None, :] * share[:, None, None], 0, 1),
-        at_home=share @ groups.q,
+        at_home=share @ groups.q[groups.bins],
         home_sigma=np.maximum(np.sqrt(variance), HOME_RAD),
     )
 
@@ -141,11 +144,11 @@ def slopes(problem: Problem, taken: Eliminated, step: Array) -> Array:
 
 def expected_slopes(problem: Problem, step: Array) -> Array:
     """Return d expected / d unknowns, (g, n_bodies, 6, unknowns)."""
-    expected = problem.expected(step)
+    expected = problem.in_bins(step)
     slope = np.zeros((*expected.shape[:2], 6, len(step)))
     for column in range(problem.free):
         away = STEP * np.eye(len(step))[column]
-        plus, minus = problem.expected(step + away), problem.expected(step - away)
+        plus, minus = problem.in_bins(step + away), problem.in_bins(step - away)
         slope[..., column] = pose_residuals(plus, minus) / (2.0 * STEP)
     for body in range(expected.shape[1]):
         at = problem.free + 6 * body
@@ -153,4 +156,4 @@ def expected_slopes(problem: Problem, step: Array) -> Array:
         turn = expected[:, body, :3, :3]
         slope[:, body, :3, at : at + 3] = turn
         slope[:, body, 3:, at + 3 : at + 6] = turn
-    return slope
+    return slope[problem.groups.bins]

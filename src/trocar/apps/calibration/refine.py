@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from trocar.apps.calibration.geometry import freedoms
+from trocar.apps.calibration.linkage import PARALLEL_RAD, Linkage
 from trocar.apps.calibration.motion import marker_poses, mechanism_of, pose_residuals
 from trocar.apps.calibration.problem import Problem, eliminate, rows, slopes
 from trocar.apps.calibration.register import Registered, Samples, compress, register
@@ -27,6 +28,8 @@ Array = NDArray[np.float64]
 ROUNDS = 8
 #: Refined when nothing moves by more than this between two rounds. [m, rad]
 SETTLED = 1e-10
+#: Or than this share of the noise of a pose. Source: our own choice.
+NOISE_SHARE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,10 +73,12 @@ def refine(
         samples: the tracks
         q: a first guess of the joint positions, (n, n_moving) [rad]
         parallelogram: whether the loops close by the couplings alone; else they are four-bars
-            with any sides
+            with any sides, whose axes may tilt
         watch: is told what is being done
     """
-    basis, tilted = freedoms(robot.linkage, parallelogram), ()
+    basis = freedoms(robot.linkage, parallelogram)
+    tilted = () if parallelogram else may_tilt(robot.linkage)
+    robot = replace(robot, tilts={name: np.zeros(2) for name in tilted})
     camera, q = _start(robot, samples, q), q
     number = 0
     while True:
@@ -84,8 +89,22 @@ def refine(
         problem = Problem(robot, compress(robot, samples, found), samples.sigmas, basis, tilted)
         solved = _solve(problem)
         robot = problem.moved(solved.x)
-        if number == ROUNDS or np.abs(solved.x).max() < SETTLED:
+        if number == ROUNDS or np.abs(solved.x).max() < max(
+            SETTLED, NOISE_SHARE * samples.sigmas[0]
+        ):
             return _result(problem, robot, register(robot, samples, camera, q), solved)
+
+
+def may_tilt(linkage: Linkage) -> tuple[str, ...]:
+    """Return the frames whose hinges may tilt: all but the first, where the closing pins can slide.
+
+    A pin slides along the z axis of its closure's frame_b, which has to lie along the hinge.
+    """
+    for closure in linkage.mechanism.closures:
+        along = linkage.frames[closure.frame_b][:3, 2]
+        if np.linalg.norm(np.cross(along, linkage.plane[:, 2])) > PARALLEL_RAD:
+            return ()
+    return tuple(hinge.name for hinge in linkage.hinges if not hinge.closure)[1:]
 
 
 def _solve(problem: Problem) -> OptimizeResult:
@@ -101,11 +120,10 @@ def _solve(problem: Problem) -> OptimizeResult:
         weighted,
         np.zeros(problem.free + 6 * len(problem.robot.markers)),
         jac=cast(Any, derivative),  # scipy takes a function; its stubs do not say so
-        x_scale="jac",
-        xtol=1e-14,
-        ftol=1e-14,
+        xtol=1e-12,
+        ftol=1e-12,
         gtol=1e-14,
-        max_nfev=12,
+        max_nfev=6,
     )
 
 

@@ -20,9 +20,9 @@ Mask = NDArray[np.bool_]
 
 STEPS = 8
 #: Joint positions are gathered in this many steps over their range, of one joint and of more.
-#: Source: our own choice; 100 steps of a sweep of 1.6 rad are 16 mrad, over which the slopes that
-#: are taken for equal change by 1 %.
-BINS, BINS_OF_MORE = 100, 16
+#: Source: our own choice; 60 steps of a sweep of 1.2 rad are 20 mrad, over which the slopes that
+#: are taken for equal change by 2 %.
+BINS, BINS_OF_MORE = 60, 16
 # Source: our own choice; a body is left out of a sample where its residual's chi-squared with six
 # degrees of freedom passes what one in a million does.
 FAR_SQUARED, MEDIAN_SQUARED = 38.0, 5.35
@@ -72,18 +72,20 @@ class Registered:
 
 @dataclass(frozen=True, eq=False)
 class Groups:
-    """Samples at nearly the same joint positions, taken together.
+    """Samples at nearly the same joint positions and with the same bodies, taken together.
 
     Attributes:
         counts: samples in each, (g,)
-        q: mean joint positions, (g, n_moving)
-        measured: T_ground_markers, (g, n_bodies, 4, 4)
+        q: joint positions of each bin, (n_bins, n_moving)
+        bins: which bin each group lies in, (g,)
+        measured: T_ground_markers at the bin's joint positions, (g, n_bodies, 4, 4)
         seen: (g, n_bodies)
         home: groups of the still start, (g,)
     """
 
     counts: Array
     q: Array
+    bins: NDArray[np.intp]
     measured: Array
     seen: Mask
     home: Mask
@@ -145,29 +147,35 @@ def _small(step: Array) -> Array:
 
 def compress(robot: Robot, samples: Samples, found: Registered) -> Groups:
     """Gather samples by joint positions and by which bodies they have."""
-    q = found.q
+    enough = found.seen.sum(axis=1) >= min(LEAST_BODIES, found.seen.shape[1])
+    q, seen, home = found.q[enough], found.seen[enough], samples.home[enough]
     steps = BINS if q.shape[1] == 1 else BINS_OF_MORE
     span = np.maximum(q.max(axis=0) - q.min(axis=0), 1e-9)
-    bins = np.minimum(((q - q.min(axis=0)) / span * steps).astype(int), steps - 1)
-    key = np.column_stack([bins, found.seen, samples.home])
-    enough = found.seen.sum(axis=1) >= min(LEAST_BODIES, found.seen.shape[1])
-    _, which = np.unique(key[enough], axis=0, return_inverse=True)
-    which = which.ravel()
-    counts = np.bincount(which).astype(np.float64)
-    order = np.argsort(which, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]]).astype(int)
-
-    def mean(values: Array) -> Array:
-        flat = values[enough].reshape(len(which), -1)
-        total = np.add.reduceat(flat[order], starts, axis=0)
-        return (total / counts[:, None]).reshape(len(counts), *values.shape[1:])
-
-    middle = mean(q)
-    left = mean(found.residuals * found.seen[..., None])
-    expected = marker_poses(robot, mechanism_of(robot), middle)
-    measured = expected.copy()
+    cell = np.minimum(((q - q.min(axis=0)) / span * steps).astype(int), steps - 1)
+    cells, cell_of = np.unique(np.column_stack([cell, home]), axis=0, return_inverse=True)
+    cell_of = cell_of.ravel()
+    middle = _means(q, cell_of, len(cells))
+    groups, group_of = np.unique(np.column_stack([cell_of, seen]), axis=0, return_inverse=True)
+    left = _means(found.residuals[enough] * seen[..., None], group_of.ravel(), len(groups))
+    bins = groups[:, 0].astype(np.intp)
+    measured = marker_poses(robot, mechanism_of(robot), middle)[bins]
     measured[..., :3, 3] += left[..., :3]
-    measured[..., :3, :3] = matrix_from_rotation_vector(left[..., 3:]) @ expected[..., :3, :3]
-    first = np.zeros(len(counts), dtype=int)
-    first[which] = np.flatnonzero(enough)
-    return Groups(counts, middle, measured, found.seen[first], samples.home[first])
+    measured[..., :3, :3] = matrix_from_rotation_vector(left[..., 3:]) @ measured[..., :3, :3]
+    return Groups(
+        counts=np.bincount(group_of.ravel()).astype(np.float64),
+        q=middle,
+        bins=bins,
+        measured=measured,
+        seen=groups[:, 1:].astype(bool),
+        home=cells[bins, -1].astype(bool),
+    )
+
+
+def _means(values: Array, which: NDArray[np.intp], count: int) -> Array:
+    """Return the mean of the rows of each group, (count, ...)."""
+    flat = values.reshape(len(which), -1)
+    order = np.argsort(which, kind="stable")
+    sizes = np.bincount(which, minlength=count)
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    total = np.add.reduceat(flat[order], starts, axis=0)
+    return (total / sizes[:, None]).reshape(count, *values.shape[1:])

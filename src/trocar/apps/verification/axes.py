@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.verification.figure import Figure, Part
-from trocar.apps.verification.motion import MARKERS, Sweep
+from trocar.apps.verification.motion import MARKERS, Sweep, exact
 from trocar.apps.verification.paper import TABLE6, TABLE6_SPREAD_M
 from trocar.apps.verification.subject import Subject
 from trocar.descriptions.calibration_plan import axis_links, default_plan
@@ -19,7 +19,7 @@ from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-#: How far a distance in motion may be from the description's: play of the loops.
+#: How far a distance in motion may be from that of the kinematics: play of the loops.
 #: Source: a hundred times the gap that is allowed to a loop. [m]
 SEEN_M = 1e-5
 NO_INFLUENCE = np.zeros((1, 6))
@@ -30,7 +30,7 @@ def axes(subject: Subject, motion: Sweep | None) -> Part:
 
     Args:
         subject: the arm
-        motion: a sweep of its pitch; None: of the description alone
+        motion: a sweep of its linkage; None: of the description alone
     """
     arm = subject.arm
     title, command = "Axis distances: Table 6 of the paper", subject.command("axes")
@@ -39,15 +39,17 @@ def axes(subject: Subject, motion: Sweep | None) -> Part:
         note = (f"{arm.name}: no link carries two axes of a loop",)
         return Part("axes", subject.name, title, (), command, note)
     paper = {} if subject.calibrated else TABLE6.get(arm.type, {})
-    hinges = {} if motion is None else _hinges(arm.mechanism, plan.axes, motion)
+    moved = () if motion is None else (motion, exact(subject, motion))
+    hinges = [_hinges(arm.mechanism, plan.axes, each) for each in moved]
     figures: list[Figure] = []
     for pair in plan.distances:
-        label = "-".join(pair)
-        told = _implied(arm.mechanism, plan.axes[pair[0]], plan.axes[pair[1]])
+        label, names = "-".join(pair), (plan.axes[pair[0]], plan.axes[pair[1]])
+        told = _implied(arm.mechanism, *names)
+        figures += _measured(subject, label)
         figures.append(_of_the_description(label, told, paper.get(label)))
         if hinges:
-            seen = _seen(arm.mechanism, (plan.axes[pair[0]], plan.axes[pair[1]]), hinges)
-            figures.append(_in_motion(label, seen, told, paper.get(label)))
+            seen, wanted = (_seen(arm.mechanism, names, found) for found in hinges)
+            figures.append(_in_motion(label, seen, wanted, paper.get(label)))
     return Part("axes", subject.name, title, tuple(figures), command, _notes(subject, paper))
 
 
@@ -60,13 +62,26 @@ def _of_the_description(label: str, told: float, paper: float | None) -> Figure:
     return Figure(f"{label}: description", told, "m", "mm", paper, source=source, **limits)
 
 
-def _in_motion(label: str, seen: float, told: float, paper: float | None) -> Figure:
+def _measured(subject: Subject, label: str) -> list[Figure]:
+    """State what the tracks of a calibrated arm said of a distance."""
+    overlay = subject.arm.overlay
+    found = {} if overlay is None else overlay.measured.get("axis_distances_m", {})
+    value = found.get(label, {}).get("value")
+    if overlay is None or not isinstance(value, float):
+        return []
+    sigma = found[label].get("sigma")
+    known = f", sigma {1e3 * sigma:.2g} mm" if isinstance(sigma, float) else ""
+    source = f"measured: {overlay.source.get('file', overlay.file)}{known}"
+    return [Figure(f"{label}: measured", value, "m", "mm", source=source)]
+
+
+def _in_motion(label: str, seen: float, wanted: float, paper: float | None) -> Figure:
     source = (
-        "ours: both hinges found from the poses of the simulated links while the pitch sweeps, as"
-        " from motion capture; limit: the description, to a hundred times a loop's gap"
+        "ours: both hinges found from the poses of the simulated links in motion, as from motion"
+        " capture; limit: the same from the kinematics, to a hundred times a loop's gap"
     )
-    return Figure(f"{label}: in motion", seen, "m", "mm", paper, lower=told - SEEN_M,
-                  upper=told + SEEN_M, source=source)  # fmt: skip
+    return Figure(f"{label}: in motion", seen, "m", "mm", paper, lower=wanted - SEEN_M,
+                  upper=wanted + SEEN_M, source=source)  # fmt: skip
 
 
 def _implied(mechanism: Mechanism, first: str, second: str) -> float:
@@ -104,8 +119,11 @@ def _seen(mechanism: Mechanism, pair: tuple[str, str], hinges: dict[str, HingeFi
 
 
 def _notes(subject: Subject, paper: dict[str, float]) -> tuple[str, ...]:
-    if subject.calibrated:
-        return ("A calibrated arm: Table 6 is of another robot and not compared.",)
+    overlay = subject.arm.overlay
+    if overlay is not None:
+        note = "A calibrated arm: Table 6 is of another robot and not compared."
+        skew = "Axes that are not parallel are nearer at one end than at the other."
+        return (note, skew) if overlay.closure == "general" else (note,)
     if not paper:
         return (f"Table 6 has no {subject.arm.type}; simulation and description are compared.",)
     return ("The paper's values are of its hardware, measured by motion capture.",)

@@ -1,8 +1,8 @@
-"""Yaw and pitch all over their range, in simulation, with servos and without."""
+"""Joints swung all over their range, in simulation, with servos and without."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from trocar.apps.verification.subject import Subject
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
+from trocar.kinematics import forward
+from trocar.kinematics.loops import flattenings
 from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.tree import frame_poses
 from trocar.simulation import World
@@ -20,8 +22,9 @@ from trocar.simulation.trials import TICK_S, periods_per_tick
 Array = NDArray[np.float64]
 Drive = Literal["servo", "set"]
 
-#: While the yaw swings once, the pitch swings so often. Source: our own choice; a dense net.
-PITCH_SWINGS = 5
+#: While the first joint swings once, the second swings so often. Source: our own choice; a dense
+#: net.
+SECOND_SWINGS = 5
 #: Share of a joint's top speed that the sweep reaches. Source: our own choice.
 SHARE_OF_SPEED = 0.9
 #: Every so many ticks of 5 ms a sample is kept. Source: our own choice; 20 Hz.
@@ -57,8 +60,22 @@ class Sweep:
         return {frame.name: found[index] for index, frame in enumerate(mechanism.frames)}
 
 
+def swept_joints(mechanism: Mechanism) -> tuple[int, ...]:
+    """Return the joints that a sweep swings: yaw and pitch, else up to two that fold a loop."""
+    index = mechanism.joint_index
+    if {"yaw", "pitch"} <= index.keys():
+        return index["yaw"], index["pitch"]
+    return tuple(dict.fromkeys(index[f.joint] for f in flattenings(mechanism)))[:2]
+
+
+def exact(subject: Subject, motion: Sweep) -> Sweep:
+    """Return a sweep with its loops closed as the kinematics closes them."""
+    found = forward.coordinates(subject.arm.mechanism, motion.actual)
+    return replace(motion, coordinates=found)
+
+
 def sweep(subject: Subject, drive: Drive) -> Sweep:
-    """Sweep yaw and pitch over 95 % of their ranges; all other joints rest in the middle."""
+    """Sweep joints over 95 % of their ranges; all other joints rest in the middle."""
     world = subject.world()
     time, q, v = _net(subject)
     name = subject.place
@@ -89,15 +106,18 @@ def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
 
 def _net(subject: Subject) -> tuple[Array, Array, Array]:
     """Return times (k,), positions and velocities (k, n) of a sweep that begins at rest."""
-    arm, joints = subject.arm, subject.arm.mechanism.joint_index
-    yaw, pitch = arm.joints[joints["yaw"]], arm.joints[joints["pitch"]]
-    swings = [0.5 * SHARE_OF_RANGE * (j.upper - j.lower) for j in (yaw, pitch)]
-    speed = SHARE_OF_SPEED * min(pitch.velocity_max, yaw.velocity_max)
-    duration = max(20.0, 2.0 * np.pi * PITCH_SWINGS * swings[1] / speed)
+    arm = subject.arm
+    swung = swept_joints(arm.mechanism)
+    joints = [arm.joints[index] for index in swung]
+    swings = [0.5 * SHARE_OF_RANGE * (j.upper - j.lower) for j in joints]
+    speed = SHARE_OF_SPEED * min(j.velocity_max for j in joints)
+    times = (1, SECOND_SWINGS)[-len(swung) :]
+    duration = max(20.0, 2.0 * np.pi * times[-1] * swings[-1] / speed)
     time = TICK_S * np.arange(round(duration / TICK_S), dtype=np.float64)
     share = np.clip(time / RAMP_S, 0.0, 1.0)
     ramp = share**2 * (3.0 - 2.0 * share)
     q = np.tile(middle_of_range(arm), (len(time), 1))
-    for name, swing, times in zip(("yaw", "pitch"), swings, (1, PITCH_SWINGS), strict=True):
-        q[:, joints[name]] += swing * ramp * np.sin(2.0 * np.pi * times * time / duration)
+    for index, joint, swing, often in zip(swung, joints, swings, times, strict=True):
+        q[:, index] = 0.5 * (joint.lower + joint.upper)
+        q[:, index] += swing * ramp * np.sin(2.0 * np.pi * often * time / duration)
     return np.asarray(time), q, np.asarray(np.gradient(q, TICK_S, axis=0), dtype=np.float64)

@@ -20,6 +20,9 @@ Array = NDArray[np.float64]
 
 #: Most RMS without servo error. Source: the project's own goal. [m]
 MOST_RMS_M = 1e-5
+#: Noise of the poses' rotations: a simulation measures nothing, so the estimate is plain least
+#: squares, the paper's equation 4. Source: our own choice, below any mechanism's play. [rad]
+ROUNDING_RAD = 1e-9
 TOLD: dict[Drive, str] = {"set": "no servo error", "servo": "with servos"}
 
 
@@ -82,7 +85,7 @@ def cloud(subject: Subject, motion: Sweep) -> Cloud:
     mechanism = subject.arm.mechanism
     at = motion.link_poses(mechanism)
     link = at[link_of(mechanism, mechanism.frame("insertion").parent or "")]
-    pivot: PivotFit = fit_pivot(link[:, :3, :3], link[:, :3, 3])
+    pivot: PivotFit = fit_pivot(link[:, :3, :3], link[:, :3, 3], rotation_sigma=ROUNDING_RAD)
     frame = _table7_frame(subject, motion, at, pivot.post)
     points = _moved(frame, pivot.points)
     centre = _moved(frame, pivot.post)

@@ -10,7 +10,7 @@ from trocar.apps.verification.axes import axes
 from trocar.apps.verification.closure import closure
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.formats import formats
-from trocar.apps.verification.motion import Drive, Sweep, sweep
+from trocar.apps.verification.motion import Drive, Sweep, sweep, swept_joints
 from trocar.apps.verification.rcm import has_remote_centre, rcm
 from trocar.apps.verification.realtime import realtime
 from trocar.apps.verification.subject import Subject
@@ -111,7 +111,7 @@ def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part
 
     def swept(drive: Drive) -> Sweep:
         if drive not in sweeps:
-            say(f"{name}: yaw and pitch, {'servos' if drive == 'servo' else 'no servo error'}")
+            say(f"{name}: a sweep, {'servos' if drive == 'servo' else 'no servo error'}")
             sweeps[drive] = sweep(subject, drive)
         return sweeps[drive]
 
@@ -122,7 +122,8 @@ def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part
         able = centred and subject.simulated
         yield rcm(subject, (swept("set"), swept("servo")) if able else ())
     if "axes" in parts:
-        yield axes(subject, swept("servo") if centred and subject.simulated else None)
+        able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
+        yield axes(subject, swept("servo") if able else None)
     if "tracking" in parts:
         say(f"{name}: tracking")
         yield tracking(subject)

@@ -108,16 +108,16 @@ def _report(found: Calibration, output: str | None) -> str:
         angles = [[n, f"{v.value:.6f}", f"{v.sigma:.6f}"] for n, v in found.betas.items()]
         parts.append(table(["angle at q = 0", "[rad]", "sigma [rad]"], angles))
     if found.centre is not None:
-        centre = found.centre
+        report, distance = found.centre.report, found.centre.distance
         places = [
             [axis, f"{1e3 * p:.4f}", f"{1e3 * s:.4f}"]
-            for axis, p, s in zip("xyz", centre.position, centre.sigma, strict=True)
+            for axis, p, s in zip("xyz", report.fit.post, report.fit.sigma_post, strict=True)
         ]
-        text = f"Remote centre in the base body; wanders by {1e3 * centre.rms:.4f} mm (RMS)"
-        if centre.distance is not None:
+        text = f"Remote centre in {report.base}; wanders by {1e3 * report.wander_rms:.4f} mm (RMS)"
+        if distance is not None:
             text += (
-                f"; {1e3 * centre.distance.value:.4f} mm (sigma {1e3 * centre.distance.sigma:.4f})"
-                " from the first axis"
+                f"; {1e3 * distance.value:.4f} mm (sigma {1e3 * distance.sigma:.4f}) from the"
+                " first axis"
             )
         parts += [text, table(["", "[mm]", "sigma [mm]"], places)]
     if output:

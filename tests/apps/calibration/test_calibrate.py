@@ -67,7 +67,7 @@ def test_exact_poses_give_the_robot_back(name: str, seed: int) -> None:
         assert abs(found.betas[label].value - wanted) < 1e-7
     assert found.centre is not None and found.centre.distance is not None
     place = truth["rcm"]["position_in_base_body_m"]
-    assert np.abs(found.centre.position - place).max() < 1e-8
+    assert np.abs(found.centre.report.fit.post - place).max() < 1e-8
     assert abs(found.centre.distance.value - truth["rcm"]["distance_to_pitch_axis_m"]) < 1e-8
 
 

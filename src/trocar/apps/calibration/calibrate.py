@@ -23,11 +23,11 @@ from trocar.apps.calibration.home import Home, find_home
 from trocar.apps.calibration.linkage import Linkage, linkage
 from trocar.apps.calibration.patches import patches
 from trocar.apps.calibration.placement import Centre, calibrated, remote_centre_of, still_point
-from trocar.apps.calibration.records import Calibration, ClosureKind, centre_dict
+from trocar.apps.calibration.records import Calibration, ClosureKind
 from trocar.apps.calibration.refine import Refined, refine
 from trocar.apps.calibration.start import Robot, first_guess
 from trocar.apps.calibration.sweep_centre import CentreFound, find_centre
-from trocar.apps.calibration.tracks import Tracks, select_bodies
+from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import Overlay
@@ -80,7 +80,7 @@ def calibrate(
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
     watch("remote centre")
-    seen, told = _centre(tracks, rcm_tracks, axes, centre, bodies or {})
+    seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
     warnings = (
         *tracks.warnings,
         *missing,
@@ -142,6 +142,7 @@ def _closed_distances(robot: Robot, pairs: Mapping[str, Line]) -> dict[str, floa
 def _centre(
     tracks: Tracks,
     rcm_tracks: Tracks | None,
+    arm: ArmDescription,
     axes: Axes,
     centre: Centre | None,
     names: Mapping[str, str],
@@ -149,19 +150,18 @@ def _centre(
     """Find the remote centre where there is a sweep that shows it."""
     if centre is None:
         if rcm_tracks is not None:
-            raise InputError(f"{axes.linkage.arm}: has no remote centre, got {rcm_tracks.file}")
+            raise InputError(f"{arm.name}: has no remote centre, got {rcm_tracks.file}")
         return None, ()
     if rcm_tracks is not None:
-        wanted = [centre.base, *axes.linkage.bodies]
-        optional = [b for b in axes.linkage.bodies if b != centre.body]
-        chosen = select_bodies(rcm_tracks, {b: names.get(b, b) for b in wanted}, optional)
-        return find_centre(chosen, axes, centre), rcm_tracks.warnings
+        found = find_centre(rcm_tracks, arm, axes, centre, names)
+        return found, found.report.warnings
     if centre.base not in tracks.poses or centre.body not in tracks.poses:
         return None, ()
     try:
-        return find_centre(tracks, axes, centre), ()
+        found = find_centre(tracks, arm, axes, centre, {})
     except UndeterminedError:
         return None, ("no remote centre: nothing but the loops moves; sweep the base's joint too",)
+    return found, tuple(text for text in found.report.warnings if text not in tracks.warnings)
 
 
 def _home_warnings(home: Home, wanted: bool) -> tuple[str, ...]:
@@ -217,5 +217,5 @@ def _overlay(
     document = found.as_dict()
     measured = {key: document[key] for key in ("axis_distances_m", "beta_rad", "closure")}
     if found.centre is not None:
-        measured["rcm"] = centre_dict(found.centre)
+        measured["rcm"] = found.centre.as_dict()
     return Overlay(arm.name, found.closure, frames, closures, measured, source, found.warnings)

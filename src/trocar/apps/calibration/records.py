@@ -57,7 +57,7 @@ class Calibration:
             "beta_rad": {k: _pair(v) for k, v in self.betas.items()},
         }
         if self.centre is not None:
-            document["rcm"] = centre_dict(self.centre)
+            document["rcm"] = self.centre.as_dict()
         document["closure"] = closure_dict(self)
         document["residuals"] = residuals_dict(self)
         document["warnings"] = list(self.warnings)
@@ -66,21 +66,6 @@ class Calibration:
 
 def _pair(value: Value) -> dict[str, float]:
     return {"value": value.value, "sigma": value.sigma}
-
-
-def centre_dict(centre: CentreFound) -> dict[str, Any]:
-    """Return the remote centre as JSON has it."""
-    found: dict[str, Any] = {
-        "position_in_base_body_m": {
-            "value": centre.position.tolist(),
-            "sigma": centre.sigma.tolist(),
-        },
-        "rms_m": centre.rms,
-        "condition": centre.condition,
-    }
-    if centre.distance is not None:
-        found["distance_to_pitch_axis_m"] = _pair(centre.distance)
-    return found
 
 
 def closure_dict(found: Calibration) -> dict[str, Any]:

@@ -1,17 +1,22 @@
-"""The remote centre in the tracks: the point of the last link that stays still before the base."""
+"""The remote centre in the tracks, and how far it is from the first axis of the loops."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.axes import LEAST_SAMPLES, Axes, Value
+from trocar.apps.calibration.axes import Axes, Value
 from trocar.apps.calibration.placement import Centre
-from trocar.apps.calibration.tracks import Tracks, check_together
+from trocar.apps.calibration.rcm import RcmReport, find_rcm
+from trocar.apps.calibration.rcm_frame import centre_links
+from trocar.apps.calibration.tracks import Tracks
+from trocar.descriptions import ArmDescription
 from trocar.geometry import inverse
-from trocar.kinematics.estimation import PivotFit, fit_pivot
+from trocar.kinematics.estimation import PivotFit
 
 Array = NDArray[np.float64]
 
@@ -24,45 +29,65 @@ class CentreFound:
     """The remote centre as the tracks show it.
 
     Attributes:
-        position, sigma: in the base body's markers, (3,) [m]
-        rms: root of the mean squared distance of the body's point from there [m]
-        distance: from the first axis [m]; None where that axis is not tracked
-        condition: condition number of the pivot's normal matrix
+        report: the pivot calibration
+        distance: from the first axis as the axes' sweep has it [m]; where that axis is not
+            tracked along with the centre, what the pivot's own sweep tells, or None
     """
 
-    position: Array
-    sigma: Array
-    rms: float
+    report: RcmReport
     distance: Value | None
-    condition: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the remote centre as plain data."""
+        found = _plain(self.report.as_dict()["rcm"])
+        if self.distance is not None:
+            told = {"value": self.distance.value, "sigma": self.distance.sigma}
+            found["distance_to_pitch_axis_m"] = told
+        return found
 
 
-def find_centre(tracks: Tracks, axes: Axes, centre: Centre) -> CentreFound:
+def find_centre(
+    tracks: Tracks, arm: ArmDescription, axes: Axes, centre: Centre, names: Mapping[str, str]
+) -> CentreFound:
     """Find the remote centre by pivot calibration (the paper's equations 3 and 4).
 
     Args:
         tracks: a sweep that turns the base's joint and the loops'
+        arm: whose
         axes: from the sweep of the loops
         centre: which body turns about it, and before which
+        names: {body: its name in the tracks} of those that are called otherwise
 
     Raises:
         TracksError: the two bodies are never seen together
         UndeterminedError: all turns share one axis
     """
-    check_together(tracks, centre.base, centre.body, LEAST_SAMPLES)
-    poses = inverse(tracks.poses[centre.base]) @ tracks.poses[centre.body]
-    fit = fit_pivot(poses[:, :3, :3], poses[:, :3, 3])
-    distance = _from_axis(tracks, axes, centre, fit)
-    return CentreFound(fit.post, fit.sigma_post, fit.rms, distance, fit.condition)
+    known = centre_links(arm).all
+    report = find_rcm(tracks, arm, {b: name for b, name in names.items() if b in known})
+    called = {body: names.get(body, body) for body in axes.linkage.bodies}
+    poses = {b: tracks.poses[name] for b, name in called.items() if name in tracks.poses}
+    distance = _from_axis(poses, axes, centre, report.fit)
+    if distance is None and report.distance is not None:
+        distance = Value(*report.distance)
+    return CentreFound(report, distance)
 
 
-def _from_axis(tracks: Tracks, axes: Axes, centre: Centre, fit: PivotFit) -> Value | None:
+def _plain(value: Any) -> Any:
+    """Return arrays as lists, all the way down."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def _from_axis(
+    seen_poses: Mapping[str, Array], axes: Axes, centre: Centre, fit: PivotFit
+) -> Value | None:
     """Measure how far the centre is from the first axis, in a body that carries both."""
     hinge = axes.linkage.hinges[0]
-    body = next((b for b in (hinge.body_a, hinge.body_b) if b in tracks.poses), None)
+    body = next((b for b in (hinge.body_a, hinge.body_b) if b in seen_poses), None)
     if hinge.name not in axes.fits or body is None:
         return None
-    poses = (inverse(tracks.poses[body]) @ tracks.poses[centre.body])[fit.used]
+    poses = (inverse(seen_poses[body]) @ seen_poses[centre.body])[fit.used]
     points = poses[:, :3, :3] @ fit.tip + poses[:, :3, 3]
     seen = np.isfinite(points[:, 0])
     if not seen.any():

@@ -1,0 +1,80 @@
+"""How near a calibration comes under noise, pooled over robots, and whether its sigmas are honest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from trocar.apps.calibration import Tracks, calibrate
+from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks
+from trocar.descriptions import load_arm
+
+pytestmark = pytest.mark.slow
+
+ROBOTS = 20
+POSITION, ROTATION = 1e-4, float(np.deg2rad(0.05))
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of each kind, and the same over their own standard deviations."""
+
+    distances: np.ndarray
+    closed: np.ndarray
+    betas: np.ndarray
+    centre: np.ndarray
+    scaled: np.ndarray
+    scaled_centre: np.ndarray
+
+
+def errors(amplitude: float, dropout: float, outliers: float, parts: str) -> Errors:
+    arm = load_arm("psm")
+    noise = Noise(POSITION, ROTATION, dropout, outliers)
+    found: dict[str, list[float]] = {name: [] for name in Errors.__dataclass_fields__}
+    for seed in range(ROBOTS):
+        made = simulate_tracks(
+            perturbed(arm, np.random.default_rng(seed)),
+            MocapSettings("kinematic", parts, 24.0, amplitude, 120.0, noise, seed),  # type: ignore[arg-type]
+        )
+        got = calibrate(Tracks("x", "", made.times, made.poses, made.rate_hz), arm)
+        truth = made.truth
+        for label, value in got.axis_distances.items():
+            off = value.value - truth["axis_distances_m"][label]
+            found["distances"].append(off)
+            found["scaled"].append(off / value.sigma)
+            found["closed"].append(got.closed_distances[label] - truth["axis_distances_m"][label])
+        found["betas"] += [v.value - truth["beta_rad"][k] for k, v in got.betas.items()]
+        if got.centre is not None:
+            fit = got.centre.report.fit
+            off = fit.post - np.array(truth["rcm"]["position_in_base_body_m"])
+            found["centre"].append(float(np.linalg.norm(off)))
+            found["scaled_centre"] += list(off / fit.sigma_post)
+    return Errors(**{name: np.abs(values) for name, values in found.items()})
+
+
+@pytest.mark.parametrize(
+    # Source: the figures to reach.
+    ("amplitude", "median", "most"),
+    [(0.3, 18e-6, 70e-6), (0.8, 6e-6, 22e-6)],
+)
+def test_axes_come_within_their_figures(amplitude: float, median: float, most: float) -> None:
+    got = errors(amplitude, 0.0, 0.0, "axes")
+    assert np.median(got.distances) <= median and np.quantile(got.distances, 0.95) <= most
+    # A closed geometry says each length twice, so it is known better.
+    assert np.median(got.closed) < np.median(got.distances)
+
+
+@pytest.mark.parametrize(("dropout", "outliers"), [(0.0, 0.0), (0.05, 0.01)])
+def test_all_figures_hold_with_lost_bodies_and_gross_errors(
+    dropout: float, outliers: float
+) -> None:
+    got = errors(0.6, dropout, outliers, "both")
+    assert np.median(got.distances) <= 8e-6 and np.quantile(got.distances, 0.95) <= 32e-6
+    assert np.rad2deg(np.quantile(got.betas, 0.95)) <= 15e-3
+    assert np.median(got.centre) <= 16e-6 and np.quantile(got.centre, 0.95) <= 30e-6
+    # Of 160 distances and 60 coordinates, 1.96 standard deviations cover 92 to 98 % of the truth;
+    # the binomial spread of these counts comes on top.
+    assert 0.90 <= np.mean(got.scaled < 1.96) <= 0.995
+    assert 0.86 <= np.mean(got.scaled_centre < 1.96)

@@ -120,6 +120,19 @@ def test_the_same_seed_writes_the_same_file_and_nothing_is_left_over(tmp_path):
     }
 
 
+def test_others_may_read_what_is_written_and_a_folder_in_its_place_leaves_nothing(tmp_path):
+    tracks = simulate_tracks(load_arm("psm"), QUICK)
+    (tmp_path / "plain").write_text("", encoding="utf-8")
+    write_tracks(tmp_path / "a.csv", tracks)
+    modes = {path.stat().st_mode for path in tmp_path.iterdir()}
+    assert len(modes) == 1  # as any file of this user
+    (tmp_path / "b.csv").mkdir()
+    with pytest.raises(InputError, match=r"b\.csv: cannot be written"):
+        write_tracks(tmp_path / "b.csv", tracks)
+    assert not list(tmp_path.glob(".*"))
+    assert not list(tmp_path.glob("b.csv.*"))
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

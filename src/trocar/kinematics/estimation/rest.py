@@ -15,8 +15,9 @@ from trocar.kinematics.estimation.robust import near
 
 Array = NDArray[np.float64]
 
-# Source: our choice; a body whose spread exceeds its white noise by this is moving.
-_MOVING = 1.15
+# Source: our choice; a body whose spread exceeds its white noise by this factor is moving, with
+# more room where few samples tell either.
+_MOVING, _FEW = 1.15, 6.0
 # Source: our choice; more poses than this away from the rest are no gross outliers.
 _MOST_OUTLIERS = 0.1
 # Source: our choice; what a file's last digit makes of a body at rest [m], [rad].
@@ -59,8 +60,9 @@ def rest_pose(T_ca: ArrayLike) -> RestPose | None:
         return None
     away_R, away_p = away_R[used], away_p[used]
     spread = float(away_p.std(axis=0).max()), float(away_R.std(axis=0).max())
+    factor = _MOVING + _FEW / float(np.sqrt(used.sum()))
     for got, noise, least in zip(spread, (position_noise, rotation_noise), _ROUNDED, strict=True):
-        if got > max(_MOVING * noise, least):
+        if got > max(factor * noise, least):
             return None
     pose = transform(R @ matrix_from_rotation_vector(away_R.mean(axis=0)), p + away_p.mean(axis=0))
     root = float(np.sqrt(used.sum()))

@@ -8,7 +8,7 @@ import pytest
 from trocar.apps.verification import axes as axes_part
 from trocar.apps.verification import formats as formats_part
 from trocar.apps.verification.axes import axes
-from trocar.apps.verification.closure import closure
+from trocar.apps.verification.closure import closure, fold
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.formats import FORMATS, Format, formats
 from trocar.apps.verification.motion import Sweep, exact, sweep
@@ -21,7 +21,7 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.paper import load_printed
-from trocar.kinematics import forward
+from trocar.kinematics import flattenings, forward
 from trocar.simulation.agreement import compiled_poses
 
 #: What Table 7 should have: the distance of the pitch axis from the remote centre in Tables 4, 5.
@@ -58,6 +58,18 @@ def test_the_loops_stay_closed_and_on_their_branch(subject: Subject) -> None:
     part = closure(subject)
     assert [f.name for f in part.figures if f.met is not True] == []
     assert 0.0 < named(part, "simulation: largest loop gap").value < 1e-7
+
+
+def test_the_drawn_loops_are_flat_where_the_kinematics_says_so(subject: Subject) -> None:
+    found = fold(subject)
+    assert found is not None
+    for flat in flattenings(subject.arm.mechanism):
+        drawn = found.determinants[:, found.loops.index(flat.closure)]
+        inside = (found.lower <= found.positions) & (found.positions <= found.upper)
+        assert (drawn[inside] * drawn[inside][0] > 0.0).all()
+        beyond = np.interp(flat.below, found.positions, drawn)
+        if found.positions[0] < flat.below:
+            assert abs(beyond) < 1e-3  # drawn every 0.016 rad
 
 
 def test_a_printed_table_that_flattens_is_seen() -> None:
@@ -121,13 +133,18 @@ def test_another_mechanism_s_distances_are_seen_in_motion_too() -> None:
 def test_what_was_measured_stands_beside_a_calibrated_arm() -> None:
     overlay = Overlay(
         "psm",
-        measured={"axis_distances_m": {"3-6": {"value": 0.1503, "sigma": 2e-5}}},
+        measured={
+            "axis_distances_m": {"3-6": {"value": 0.1503, "sigma": 2e-5}},
+            "rcm": {"rms_m": 7e-4},
+        },
         source={"file": "tracks.csv"},
     )
-    part = axes(Subject("psm", apply_overlay(load_arm("psm"), overlay)), None)
-    measured = named(part, "3-6: measured")
+    subject = Subject("psm", apply_overlay(load_arm("psm"), overlay))
+    measured = named(axes(subject, None), "3-6: measured")
     assert measured.value == 0.1503
     assert measured.source == "measured: tracks.csv, sigma 0.02 mm"
+    wandered = named(rcm(subject, (sweep(subject, "servo"),)), "measured: RMS distance")
+    assert (wandered.value, wandered.met) == (7e-4, None)
 
 
 def test_skew_axes_are_judged_by_where_the_kinematics_has_them() -> None:

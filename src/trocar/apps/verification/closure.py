@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.subject import Subject
 from trocar.kinematics import forward
-from trocar.kinematics.loops import NEAR_FLAT_RAD
+from trocar.kinematics.loops import (
+    NEAR_FLAT_RAD,
+    branch_determinants,
+    flattenings,
+    loops_are_parallelograms,
+)
 from trocar.simulation.health import arm_health
 from trocar.simulation.trajectories import paper_sine
 from trocar.simulation.trials import TICK_S, loop_health, periods_per_tick, whole_pitch
+
+Array = NDArray[np.float64]
 
 #: The kinematics closes loops to this. Source: `kinematics.loops.PARALLELOGRAM_TOLERANCE_M`. [m]
 KINEMATIC_GAP_M = 1e-9
@@ -21,6 +31,28 @@ LOAD_N = 10.0
 #: Types of arms whose tips may be loaded. Source: `simulation.tip_load`.
 LOADED = ("PSM", "ECM")
 STEPS = 201
+#: How far past the joint's limits the loops are drawn. Source: our own choice. [rad]
+BEYOND_RAD = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class Fold:
+    """How a joint folds the loops.
+
+    Attributes:
+        joint: name of the joint
+        lower, upper: its range [rad]
+        positions: also beyond the range, where the loops can be followed there, (k,) [rad]
+        loops: names of the closures
+        determinants: of each loop, zero where it is flat, (k, n)
+    """
+
+    joint: str
+    lower: float
+    upper: float
+    positions: Array
+    loops: tuple[str, ...]
+    determinants: Array
 
 
 def closure(subject: Subject) -> Part:
@@ -38,7 +70,31 @@ def closure(subject: Subject) -> Part:
     else:
         notes.append(f"{arm.name}: no masses or gains are known, so nothing was simulated")
     command = subject.command("closure")
-    return Part("closure", subject.name, title, tuple(figures), command, tuple(notes))
+    return Part(
+        "closure", subject.name, title, tuple(figures), command, tuple(notes), fold(subject)
+    )
+
+
+def fold(subject: Subject) -> Fold | None:
+    """Follow the branch determinants along the joint that folds the loops; None: none does."""
+    mechanism = subject.arm.mechanism
+    found = flattenings(mechanism)
+    if not found:
+        return None
+    index = mechanism.joint_index[found[0].joint]
+    joint = mechanism.joints[index]
+    beyond = BEYOND_RAD if loops_are_parallelograms(mechanism) else 0.0
+    positions = np.linspace(joint.lower - beyond, joint.upper + beyond, STEPS, dtype=np.float64)
+    q = np.tile(subject.rest(), (STEPS, 1))
+    q[:, index] = positions
+    return Fold(
+        joint.name,
+        joint.lower,
+        joint.upper,
+        positions,
+        tuple(c.name for c in mechanism.closures),
+        branch_determinants(mechanism, forward.coordinates(mechanism, q)),
+    )
 
 
 def _kinematic(subject: Subject) -> list[Figure]:

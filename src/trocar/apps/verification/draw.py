@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, new_figure
+from trocar.apps.verification.closure import Fold
 from trocar.apps.verification.figure import Part
 from trocar.apps.verification.paper import TABLE6_SPREAD_M, TABLE7
 from trocar.apps.verification.rcm import Cloud
@@ -105,6 +106,26 @@ def _ours_alone(axis: Any, cloud: Cloud, plane: tuple[int, int]) -> Any:
     axis.set_ylabel(f"{'XYZ'[j]} - centre [{unit}]")
     _plain(axis)
     return drawn
+
+
+def loops(found: Fold) -> Figure:
+    """Draw how near each loop is to flat along the joint that folds it, its range shaded."""
+    figure = new_figure(10.5, 2.7, PURPOSE)
+    axis: Any = figure.subplots()
+    degrees = np.degrees(found.positions)
+    axis.axvspan(np.degrees(found.lower), np.degrees(found.upper), color="#e8f3ee", zorder=0,
+                 label="range")  # fmt: skip
+    axis.axhline(0.0, color="#51606f", linewidth=0.8)
+    colours = (OURS, THEIRS, HARDWARE, ERROR)
+    for index, name in enumerate(found.loops):
+        axis.plot(degrees, found.determinants[:, index], color=colours[index % len(colours)],
+                  linewidth=1.6, label=f"loop {name}")  # fmt: skip
+    axis.set_xlabel(f"{found.joint} [deg]")
+    axis.set_ylabel("branch\ndeterminant")
+    axis.margins(x=0.0)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    _plain(axis)
+    return figure
 
 
 def table6(part: Part) -> Figure:

@@ -65,7 +65,8 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
         note = (f"{subject.arm.name}: has no remote centre, or nothing that could simulate it",)
         return Part("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
-    figures = tuple(figure for each in clouds for figure in _figures(subject, each))
+    figures = [figure for each in clouds for figure in _figures(subject, each)]
+    figures += _measured(subject)
     notes = [
         "Position relative to the pitch axis, in the frame of the first two joint axes at home. Of"
         " a PSM y is along the yaw axis, of an ECM x; z is along the pitch axis. Estimated by pivot"
@@ -77,7 +78,7 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
     if _general(subject):
         notes.append("General four-bars have no fixed remote centre: how far it wanders is stated.")
-    return Part("rcm", subject.name, title, figures, command, tuple(notes), clouds)
+    return Part("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
 
 
 def cloud(subject: Subject, motion: Sweep) -> Cloud:
@@ -204,6 +205,17 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
                    source="ours: actual minus commanded while the remote centre is estimated")
         )  # fmt: skip
     return figures
+
+
+def _measured(subject: Subject) -> list[Figure]:
+    """State how far the tracks of a calibrated arm had the remote centre wander."""
+    overlay = subject.arm.overlay
+    found = {} if overlay is None else overlay.measured.get("rcm", {})
+    rms = found.get("rms_m")
+    if overlay is None or not isinstance(rms, float):
+        return []
+    source = f"measured, noise included: {overlay.source.get('file', overlay.file)}"
+    return [Figure("measured: RMS distance", rms, "m", "mm", source=source)]
 
 
 def _of(

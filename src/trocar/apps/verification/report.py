@@ -12,6 +12,7 @@ from trocar.apps import pages
 from trocar.apps.drawing import new_figure, svg
 from trocar.apps.pages import Cell
 from trocar.apps.verification import draw
+from trocar.apps.verification.closure import Fold
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.paper import TABLE7
 from trocar.apps.verification.rcm import TOLD as RUNS
@@ -101,7 +102,8 @@ def _section(parts: list[Part]) -> str:
     body = [f'<h2 id="{parts[0].name}">{pages.text(parts[0].title)}</h2>']
     for part in parts:
         if part.arm and part.figures:
-            body.append(f"<h3>{pages.text(part.arm)}</h3>")
+            own = ", with its calibration" if "--calibration" in part.command else ""
+            body.append(f"<h3>{pages.text(part.arm + own)}</h3>")
         notes = part.notes if part.figures else [f"{part.arm}: {note}" for note in part.notes]
         body += [f"<p>{pages.text(note)}</p>" for note in notes]
         if part.figures:
@@ -160,7 +162,9 @@ def _table7(part: Part) -> str:
 
 def _pictures(part: Part) -> Iterator[str]:
     """Return the plots of a part with their captions."""
-    if part.name == "rcm":
+    if isinstance(part.data, Fold):
+        yield pages.picture(svg(draw.loops(part.data)), LOOPS)
+    elif part.name == "rcm":
         compared = any(f.paper is not None for f in part.figures)
         drawn = svg(draw.figure9(part.data[0].kind, part.data, compared))
         yield pages.picture(drawn, FIGURE9 if compared else FIGURE9_ALONE)
@@ -178,6 +182,10 @@ def _pictures(part: Part) -> Iterator[str]:
         yield pages.picture(svg(draw.table9(part)), "The scale is logarithmic.")
 
 
+LOOPS = (
+    "The sine of the angle at which the passive links of each loop stand. Where it is zero the loop"
+    " is flat and could go on by the wrong branch; the range keeps clear of that on both sides."
+)
 FIGURE9 = (
     "Figure 9. Above: where the remote centre is, from three sides, the paper's hardware and"
     " simulation with the RMS of their clouds as bars, ours with its cloud, which is smaller than"

@@ -95,6 +95,16 @@ def test_a_centre_that_wanders_is_said_to(noisy):
     assert (report.fit.sigma_post > 2 * find_rcm(tracks, arm).fit.sigma_post).all()
 
 
+def test_mixed_handedness_is_named(noisy):
+    arm, simulated = noisy
+    tracks = told(simulated)
+    poses = {body: np.array(T) for body, T in tracks.poses.items()}
+    for T in poses.values():
+        T[:, 1, 3] *= -1.0
+    report = find_rcm(replace(tracks, poses=poses), arm)
+    assert any("the y axis of the positions is mirrored" in words for words in report.warnings)
+
+
 def test_a_base_that_sways_is_followed(noisy):
     arm, simulated = noisy
     tracks = told(simulated)

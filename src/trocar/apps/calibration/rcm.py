@@ -20,7 +20,13 @@ from trocar.apps.calibration.rcm_frame import (
 from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.kinematics.estimation import PivotFit, fit_pivot_in_body, rest_pose, white_noise
+from trocar.kinematics.estimation import (
+    PivotFit,
+    fit_pivot_in_body,
+    likely_cause,
+    rest_pose,
+    white_noise,
+)
 
 Array = NDArray[np.float64]
 
@@ -148,6 +154,7 @@ def find_rcm(
             f" alone would give {1e3 * noise_rms:.3g} mm; its standard deviations hold for the"
             " mean over this sweep"
         )
+        warnings += _slips(chosen, links)
     hinges = about_hinges(chosen, links)
     warnings += hinges.warnings
     found = None if hinges.yaw is None else table7(chosen, links, hinges, fit)
@@ -163,6 +170,16 @@ def find_rcm(
         distance=None if found is None else found[1],
         warnings=(*tracks.warnings, *warnings),
     )
+
+
+def _slips(tracks: Tracks, links: CentreLinks) -> list[str]:
+    """Name the slip of convention that would explain a centre that seems to wander."""
+    for a, b in ((links.yaw, links.pitch), (links.base, links.yaw)):
+        if a in tracks.poses and b in tracks.poses and tracks.together(a, b).any():
+            cause = likely_cause(tracks.poses[a], tracks.poses[b])
+            if cause is not None:
+                return [f"{a} and {b} do not turn about one axis either; likely {cause}"]
+    return []
 
 
 def _chosen(

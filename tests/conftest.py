@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trocar.apps.mocap.perturb import perturbed
+from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import Overlay, overlay_between
+from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
 from trocar.descriptions.records import ArmDescription
+from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
 
 
 @pytest.fixture
@@ -37,6 +42,45 @@ def _random_positions(
     if arm.has_jaw:
         q[:, -1] = np.abs(q[:, -1])
     return q
+
+
+#: The hinges of the pitch linkage.
+HINGES = ("pitch_back", "pitch_front", "pitch_bottom", "pitch_top", "pitch_end")
+OverlayMaker = Callable[[str, np.random.Generator], Overlay]
+
+
+@pytest.fixture
+def skew_overlay() -> OverlayMaker:
+    """Return the function that makes a robot of a PSM or an ECM with no side and no axis as drawn.
+
+    Points are off by up to 0.5 mm and axes by 0.2 deg, so the pins must slide.
+    """
+    return _skew_overlay
+
+
+def _skew_overlay(name: str, rng: np.random.Generator) -> Overlay:
+    mechanism = load_arm(name).mechanism
+    frames: dict[str, FramePatch] = {}
+    for hinge in (*HINGES, "yaw", "insertion"):
+        before = mechanism.frame(hinge).before
+        tilt = matrix_from_rotation_vector(np.radians(0.2) * rng.uniform(-1.0, 1.0, 3))
+        off = 5e-4 * rng.uniform(-1.0, 1.0, 3)
+        frames[hinge] = FramePatch(before[:3, 3] + off, rpy_from_matrix(before[:3, :3] @ tilt))
+    closures = {
+        c.name: ClosurePatch(
+            c.point_a + 5e-4 * rng.uniform(-1.0, 1.0, 3),
+            c.point_b + 5e-4 * rng.uniform(-1.0, 1.0, 3),
+            slides=True,
+        )
+        for c in mechanism.closures
+    }
+    return Overlay(name, "general", frames, closures)
+
+
+@pytest.fixture
+def parallel_overlay() -> OverlayMaker:
+    """Return the function that makes a robot with sides off by up to 3 mm, its loops exact."""
+    return lambda name, rng: overlay_between(load_arm(name), perturbed(load_arm(name), rng))
 
 
 Rows = NDArray[np.float64]

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import FramePatch, Overlay, closure_patch
+from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import coordinates, gaps, inverse_kinematics, jacobian_spatial, loops, pose
 from trocar.kinematics.loop_table import TERMS, loop_table, nodes
 
@@ -31,6 +33,26 @@ def test_a_four_bar_stands_where_two_circles_meet():
     c = b + along[:, None] * unit + height[:, None] * across
     found = pose(arm.mechanism, q, "c1", relative_to="base")[:, :2, 3]
     assert np.abs(found - c).max() < 1e-12
+
+
+def test_a_pin_of_standard_rows_slides_along_the_hinge_and_closes_a_skew_loop(
+    rng, random_positions
+):
+    """The forearm's frame lies across its own hinge: z of neither frame need be the pin's."""
+    mechanism = load_arm("mtmr").mechanism
+    frames: dict[str, FramePatch] = {}
+    for name in ("shoulder_pitch", "elbow_pitch", "elbow_bar", "elbow_rod"):
+        before = mechanism.frame(name).before
+        tilt = matrix_from_rotation_vector(3e-3 * rng.uniform(-1.0, 1.0, 3))
+        off = 5e-4 * rng.uniform(-1.0, 1.0, 3)
+        frames[name] = FramePatch(before[:3, 3] + off, rpy_from_matrix(before[:3, :3] @ tilt))
+    (hinge,) = mechanism.closures
+    closures = {"c1": closure_patch(hinge, slides=True)}
+    arm = load_arm("mtmr", calibration=Overlay("mtmr", "general", frames, closures))
+    q = random_positions(arm, rng, 50)
+    found = coordinates(arm.mechanism, q)
+    assert gaps(arm.mechanism, found).max() < 1e-12
+    assert 1e-4 < np.abs(found[:, arm.mechanism.frame_index["c1_pin"]]).max() < 5e-3
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])

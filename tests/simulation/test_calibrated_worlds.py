@@ -53,8 +53,11 @@ def test_loops_of_a_calibrated_arm_hold_under_ten_newtons_over_the_whole_pitch(
     assert health.loop_gap_m <= GAP_M
     assert health.branch_ok
     ideal = coordinates(arm.mechanism, played.positions[name])
-    error = [remote_centre_error(arm.mechanism, c) for c in (played.coordinates[name], ideal)]
-    assert np.abs(error[0] - error[1]).max() <= RCM_M  # what the load adds to the geometry's own
+    loaded, own = (
+        remote_centre_error(arm.mechanism, c) for c in (played.coordinates[name], ideal)
+    )
+    assert loaded is not None and own is not None
+    assert np.abs(loaded - own).max() <= RCM_M  # what the load adds to the geometry's own
 
 
 def test_health_tells_how_far_a_robots_own_geometry_takes_it_from_its_remote_centre(

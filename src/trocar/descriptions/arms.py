@@ -19,7 +19,14 @@ from trocar.descriptions.control import (
     read_rotor,
 )
 from trocar.descriptions.frames import read_closure, read_frame, read_joint
-from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
+from trocar.descriptions.pins import (
+    PIN_ROTOR_KG,
+    pin_body,
+    pin_frame,
+    pin_name,
+    pinned,
+    rest_poses,
+)
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
@@ -201,12 +208,14 @@ def _read_parts(table: Table, part: str) -> Parts:
     sources = {row.text("name"): row.text("source", "") for row in rows}
     frames = tuple(read_frame(row) for row in rows)
     hinges = [read_closure(row) for row in table.tables("closure")]
-    pins = [closure for closure, slides in hinges if slides]
+    known = {frame.name: frame for frame in frames}
+    at = rest_poses(known)  # a closure on other frames is refused with the whole mechanism
+    pins = [c for c, slides in hinges if slides and c.frame_a in at and c.frame_b in at]
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
     return Parts(
         joints,
-        (*frames, *(pin_frame(closure) for closure in pins)),
-        tuple(pinned(closure) if slides else closure for closure, slides in hinges),
+        (*frames, *(pin_frame(closure, known) for closure in pins)),
+        tuple(pinned(closure) if closure in pins else closure for closure, _ in hinges),
         (*bodies, *(pin_body(closure.name, part) for closure in pins)),
         read_friction(table),
         {**read_rotor(table), **{pin_name(closure.name): PIN_ROTOR_KG for closure in pins}},

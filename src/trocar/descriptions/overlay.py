@@ -37,6 +37,7 @@ __all__ = [
     "apply_overlay",
     "closure_patch",
     "frame_patch",
+    "overlay_between",
     "overlay_text",
     "parse_overlay",
     "patched_frame",
@@ -63,6 +64,29 @@ def closure_patch(closure: Closure, slides: bool = False) -> ClosurePatch:
 def patched_frame(frame: Frame, patch: FramePatch) -> Frame:
     """Return a frame that stands where a patch has it."""
     return replace(frame, before=transform(matrix_from_rpy(*patch.rpy), patch.xyz))
+
+
+def overlay_between(nominal: ArmDescription, robot: ArmDescription) -> Overlay:
+    """Return the overlay that makes a robot of its nominal description, to rounding.
+
+    Args:
+        nominal: the description
+        robot: the same with frames and closing hinges elsewhere, such as one changed in Python
+    """
+    frames = {
+        frame.name: frame_patch(frame)
+        for frame in robot.mechanism.frames
+        if not np.array_equal(frame.before, nominal.mechanism.frame(frame.name).before)
+    }
+    before = {closure.name: closure for closure in nominal.mechanism.closures}
+    closures = {
+        closure.name: closure_patch(closure)
+        for closure in robot.mechanism.closures
+        if not np.array_equal(closure.point_a, before[closure.name].point_a)
+        or not np.array_equal(closure.point_b, before[closure.name].point_b)
+    }
+    kind = "parallelogram" if loops_are_parallelograms(robot.mechanism) else "general"
+    return Overlay(nominal.name, kind, frames, closures)
 
 
 def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
@@ -100,7 +124,7 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
         side, pin = hinge_side(mechanism, closure)
         moved = replace(closure, frame_b=side, point_a=patch.point_a, point_b=patch.point_b)
         if patch.slides or pin:
-            new = pin_frame(moved)
+            new = pin_frame(moved, frames)
             frames[new.name] = new
             pins += [] if pin else [closure.name]
             moved = pinned(moved)

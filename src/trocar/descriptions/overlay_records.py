@@ -41,7 +41,7 @@ class ClosurePatch:
     Attributes:
         point_a, point_b: the hinge on frame_a and on frame_b, (3,) [m]
         point_a_sigma, point_b_sigma: one standard deviation, (3,) [m]; None: not known
-        slides: whether the pin may shift along frame_b's z axis, as loops whose axes are not
+        slides: whether the pin may shift along frame_a's axis, as loops whose axes are not
             parallel need
     """
 

@@ -1,19 +1,24 @@
 """Closing hinges whose pin may shift along its own axis, so that loops with skew axes close.
 
 Four hinges whose axes are not parallel cannot turn unless something gives. In a real linkage it
-is the play along the pins; here it is a passive frame, the pin, that slides along frame_b's z axis
-from point_b and carries the point that both sides share.
+is the play along the pins; here it is a passive frame, the pin, that slides from point_b
+along the axis that frame_a turns about, and carries the point that both sides share.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.descriptions.records import Body
-from trocar.geometry.se3 import translation
+from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.mechanism import Closure, Frame
+
+Array = NDArray[np.float64]
 
 #: A pin's own mass, and what resists its slide besides, as a rotor does [kg]. Source: measured on a
 #: PSM and an ECM with skew axes under 10 N: with 0.2 kg loops gape by half as much again, with 5 kg
@@ -36,10 +41,38 @@ def pinned(closure: Closure) -> Closure:
     return replace(closure, frame_b=pin, point_b=np.zeros(3), passive=passive)
 
 
-def pin_frame(closure: Closure) -> Frame:
-    """Return the frame of a closure's pin: slides along z of frame_b, from point_b."""
-    at = translation(closure.point_b)
-    return Frame(pin_name(closure.name), closure.frame_b, "prismatic", at, np.eye(4))
+def pin_frame(closure: Closure, frames: Mapping[str, Frame]) -> Frame:
+    """Return the frame of a closure's pin: slides from point_b on frame_b along frame_a's axis.
+
+    Args:
+        closure: not pinned, on frames that `rest_poses` knows
+        frames: of the mechanism by name; they stand as at coordinate 0 of each
+    """
+    at, frame_a = rest_poses(frames), frames[closure.frame_a]
+    axis = at[frame_a.name] @ inverse(frame_a.after)
+    turned = at[closure.frame_b][:3, :3].T @ axis[:3, 2]
+    before = transform(_rotation_to(turned), closure.point_b)
+    return Frame(pin_name(closure.name), closure.frame_b, "prismatic", before, np.eye(4))
+
+
+def rest_poses(frames: Mapping[str, Frame]) -> dict[str, Array]:
+    """Return the pose in the root of each frame that has one, at coordinate 0 of each, (4, 4)."""
+    at: dict[str, Array] = {}
+    for frame in frames.values():
+        if frame.parent is None or frame.parent in at:
+            parent = np.eye(4) if frame.parent is None else at[frame.parent]
+            at[frame.name] = parent @ frame.before @ frame.after
+    return at
+
+
+def _rotation_to(axis: Array) -> Array:
+    """Return the smallest rotation that takes the z axis to this one, or to its opposite."""
+    z = axis if axis[2] >= 0.0 else -axis
+    across = np.array([-z[1], z[0], 0.0])  # z axis x axis
+    sine = float(np.linalg.norm(across))
+    if sine == 0.0:
+        return np.eye(3)
+    return matrix_from_rotation_vector(across * (np.arctan2(sine, z[2]) / sine))
 
 
 def pin_body(closure: str, part: str) -> Body:

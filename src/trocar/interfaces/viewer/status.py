@@ -16,7 +16,10 @@ from trocar.interfaces.state import LoopState
 from trocar.interfaces.viewer.sheet import ArmSheet
 
 if TYPE_CHECKING:
-    from trocar.simulation.records import ArmSnapshot
+    from trocar.simulation.records import ArmSnapshot, Health
+
+WANDERS_M = 1e-6
+"""From here on a robot's own geometry is said to move its remote centre."""
 
 KEPT = 3
 """How many warnings stay in sight."""
@@ -107,7 +110,12 @@ def simulation_cards(state: LoopState, gap_max_m: float, rcm_max_m: float) -> st
         ("rtf", "real-time factor", speed, ""),
         ("branch", "linkage branches", "ok" if health.branch_ok else "flipped", ""),
         ("gap", "loop gap", f"{_micro(health.loop_gap_m)} &micro;m", f"max {_micro(gap_max_m)}"),
-        ("rcm", "RCM error", f"{_micro(health.rcm_error_m)} &micro;m", f"max {_micro(rcm_max_m)}"),
+        (
+            "rcm",
+            "RCM error",
+            f"{_micro(health.rcm_error_m)} &micro;m",
+            _rcm_note(health, rcm_max_m),
+        ),
         ("margin", "from flattening", margin, "joint range"),
     )
     look = {"branch": "good" if health.branch_ok else "bad"}
@@ -117,6 +125,13 @@ def simulation_cards(state: LoopState, gap_max_m: float, rcm_max_m: float) -> st
         for key, name, value, more in cards
     )
     return f'<div class="cards">{body}</div>'
+
+
+def _rcm_note(health: Health, rcm_max_m: float) -> str:
+    """Write the worst so far, and how much of it a calibrated robot's own geometry accounts for."""
+    if health.rcm_wander_m < WANDERS_M:
+        return f"max {_micro(rcm_max_m)}"
+    return f"max {_micro(rcm_max_m)}; its own geometry: up to {_micro(health.rcm_wander_m)}"
 
 
 def joint_table(sheet: ArmSheet, arm: ArmSnapshot) -> str:

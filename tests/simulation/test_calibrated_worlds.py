@@ -53,9 +53,7 @@ def test_loops_of_a_calibrated_arm_hold_under_ten_newtons_over_the_whole_pitch(
     assert health.loop_gap_m <= GAP_M
     assert health.branch_ok
     ideal = coordinates(arm.mechanism, played.positions[name])
-    loaded, own = (
-        remote_centre_error(arm.mechanism, c) for c in (played.coordinates[name], ideal)
-    )
+    loaded, own = (remote_centre_error(arm.mechanism, c) for c in (played.coordinates[name], ideal))
     assert loaded is not None and own is not None
     assert np.abs(loaded - own).max() <= RCM_M  # what the load adds to the geometry's own
 

@@ -29,9 +29,10 @@ def mechanism_of(robot: Robot) -> Mechanism:
     found = rebuilt(robot.linkage, robot.linkage.mechanism, robot.moved, robot.tilts)
     if not robot.tilts:
         return found
+    known = {frame.name: frame for frame in found.frames}
     return replace(
         found,
-        frames=(*found.frames, *(pin_frame(closure) for closure in found.closures)),
+        frames=(*found.frames, *(pin_frame(closure, known) for closure in found.closures)),
         closures=tuple(pinned(closure) for closure in found.closures),
     )
 

@@ -57,7 +57,7 @@ def test_a_file_holds_an_overlay_to_the_last_bit(tmp_path, skew_overlay, rng):
         source={"file": 'a "b"\\c\n.csv', "sha256": "0f", "version": "trocar 1"},
         warnings=("one", "two\t\x07"),
     )
-    sigmas = FramePatch(np.ones(3), np.zeros(3), 1e-6 * np.arange(3), np.full(3, 1e-5))
+    sigmas = FramePatch(np.ones(3), np.zeros(3), np.array([0.0, 1e-6, 2e-6]), np.full(3, 1e-5))
     overlay = replace(overlay, frames={**overlay.frames, "rcm": sigmas})
     write_overlay(tmp_path / "o.toml", overlay)
     again = read_overlay(tmp_path / "o.toml")

@@ -45,6 +45,19 @@ def test_calibrate_prints_a_table(tracks: Path, capsys: pytest.CaptureFixture[st
     assert "3-6" in out and "beta1" in out and "Remote centre" in out
 
 
+def test_calibrate_writes_a_page_that_needs_nothing_else(
+    tracks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    assert main(["calibrate", str(tracks), "--arm", "psm", "--report", str(tmp_path / "page")]) == 0
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    assert "<svg" in page and "unexplained" in page and "absorbed [mm]" in page
+    assert "index.html" in capsys.readouterr().out
+    blocked = tmp_path / "file"
+    blocked.write_text("", encoding="utf-8")
+    assert main(["calibrate", str(tracks), "--arm", "psm", "--report", str(blocked)]) == 2
+
+
 def test_a_refused_file_leaves_no_overlay(
     tracks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,15 +39,19 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="parallelogram: loops that close exactly, the default where the description has them;"
         " general: four-bars with the sides as they are",
     )
+    parser.add_argument("--report", metavar="DIR", help="write a page with tables and pictures")
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
     """Calibrate, write the overlay, print."""
     from trocar.apps.calibration import calibrate, parse_bodies, read_tracks
+    from trocar.apps.calibration.report import check_report, write_report
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
 
+    if args.report:
+        check_report(args.report)
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
     bar = _Bar()
@@ -60,12 +64,14 @@ def run(args: Namespace) -> int:
         bar.done()
     if args.output:
         write_overlay(args.output, found.overlay)
+    page = write_report(args.report, found) if args.report else None
     for text in found.warnings:
         warn(text)
     if args.json:
         print_json(found.as_dict())
     else:
-        print(_report(found, args.output))
+        written = [place for place in (args.output, page) if place]
+        print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
     return 0
 
 
@@ -90,7 +96,7 @@ class _Bar:
             print("\r" + " " * 72 + "\r", end="", file=sys.stderr, flush=True)
 
 
-def _report(found: Calibration, output: str | None) -> str:
+def _report(found: Calibration) -> str:
     rows = [
         [label, f"{1e3 * v.value:.4f}", f"{1e3 * v.sigma:.4f}",
          f"{1e3 * found.closed_distances[label]:.4f}",
@@ -120,6 +126,4 @@ def _report(found: Calibration, output: str | None) -> str:
                 " first axis"
             )
         parts += [text, table(["", "[mm]", "sigma [mm]"], places)]
-    if output:
-        parts.append(f"written to {output}")
     return "\n\n".join(parts)

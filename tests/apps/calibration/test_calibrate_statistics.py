@@ -28,7 +28,6 @@ class Errors:
     betas: np.ndarray
     centre: np.ndarray
     scaled: np.ndarray
-    scaled_centre: np.ndarray
 
 
 def errors(dropout: float, outliers: float) -> Errors:
@@ -52,7 +51,6 @@ def errors(dropout: float, outliers: float) -> Errors:
             fit = got.centre.report.fit
             off = fit.post - np.array(truth["rcm"]["position_in_base_body_m"])
             found["centre"].append(float(np.linalg.norm(off)))
-            found["scaled_centre"] += list(off / fit.sigma_post)
     return Errors(**{name: np.abs(values) for name, values in found.items()})
 
 
@@ -69,8 +67,9 @@ def test_axes_come_within_their_figures(amplitude: float, median: float, most: f
     for seed in range(ROBOTS):
         made = simulate_tracks(
             perturbed(arm, np.random.default_rng(seed)),
+            # The whole take of `trocar mocap`: 24 s of each part, of which both sweep the pitch.
             MocapSettings(
-                "kinematic", "axes", 24.0, amplitude, 120.0, Noise(POSITION, ROTATION), seed
+                "kinematic", "both", 24.0, amplitude, 120.0, Noise(POSITION, ROTATION), seed
             ),
         )
         tracks = Tracks("x", "", made.times, made.poses, made.rate_hz)
@@ -90,7 +89,6 @@ def test_all_figures_hold_with_lost_bodies_and_gross_errors(
     assert np.median(got.centre) <= 16e-6 and np.quantile(got.centre, 0.95) <= 30e-6
     # A closed geometry says each length twice, so it is known better.
     assert np.median(got.closed) < np.median(got.distances)
-    # Of 160 distances and 60 coordinates, 1.96 standard deviations cover 92 to 98 % of the truth;
-    # the binomial spread of these counts comes on top.
+    # Of 160 distances 1.96 standard deviations cover 92 to 98 % of the truth; the binomial spread
+    # of the count comes on top.
     assert 0.90 <= np.mean(got.scaled < 1.96) <= 0.995
-    assert np.mean(got.scaled_centre < 1.96) >= 0.86

@@ -94,6 +94,7 @@ def calibrate(
         closure=closure,
         axis_distances=measured,
         closed_distances={label: closed[label] for label in measured},
+        nominal_distances=_closed_distances(replace(guess, moved=0.0 * guess.moved), pairs),
         betas=found_betas,
         centre=seen,
         wander=wander,

@@ -25,6 +25,7 @@ class Calibration:
         closure: how its loops close
         axis_distances: {label: as measured, each by itself [m]}
         closed_distances: {label: in the closed geometry [m]}
+        nominal_distances: {label: in the description [m]}
         betas: {name: angle at home [rad]}, empty without a still start
         centre: the remote centre, None where no sweep shows it
         wander: root of the mean squared distance of the closed geometry's own remote centre from
@@ -39,6 +40,7 @@ class Calibration:
     closure: ClosureKind
     axis_distances: Mapping[str, Value]
     closed_distances: Mapping[str, float]
+    nominal_distances: Mapping[str, float]
     betas: Mapping[str, Value]
     centre: CentreFound | None
     wander: float | None

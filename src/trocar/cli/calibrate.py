@@ -64,7 +64,7 @@ def run(args: Namespace) -> int:
         bar.done()
     if args.output:
         write_overlay(args.output, found.overlay)
-    page = write_report(args.report, found) if args.report else None
+    page = write_report(args.report, found, arm) if args.report else None
     for text in found.warnings:
         warn(text)
     if args.json:

@@ -93,11 +93,13 @@ class Table7:
     Attributes:
         position, sigma: (3,) [m]
         rms_axes: spread of the centre along each axis, (3,) [m]
+        axes: the frame's axes as columns, in the base body at the start, (3, 3)
     """
 
     position: Array
     sigma: Array
     rms_axes: Array
+    axes: Array
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain data."""
@@ -247,7 +249,7 @@ def table7(
     axes = _at_start(hinges) @ _frame(x, sense, towards)[:3, :3]
     spread = (fit.points[fit.used] - fit.post) @ axes
     rms = np.sqrt(np.mean(spread**2, axis=0))
-    return Table7(value[:3], sigma[:3], rms), (float(value[3]), float(sigma[3]))
+    return Table7(value[:3], sigma[:3], rms, axes), (float(value[3]), float(sigma[3]))
 
 
 def _in_yaw_body(tracks: Tracks, links: CentreLinks, fit: PivotFit) -> tuple[Array, Array]:

@@ -92,7 +92,7 @@ def refine(
         if number == ROUNDS or np.abs(solved.x).max() < max(
             SETTLED, NOISE_SHARE * samples.sigmas[0]
         ):
-            return _result(problem, robot, register(robot, samples, camera, q), solved)
+            return _result(problem, robot, samples, register(robot, samples, camera, q), solved)
 
 
 def may_tilt(linkage: Linkage) -> tuple[str, ...]:
@@ -135,7 +135,9 @@ def _start(robot: Robot, samples: Samples, q: Array) -> Array:
     return samples.poses[each, body] @ inverse(expected[each, body])
 
 
-def _result(problem: Problem, robot: Robot, found: Registered, solved: OptimizeResult) -> Refined:
+def _result(
+    problem: Problem, robot: Robot, samples: Samples, found: Registered, solved: OptimizeResult
+) -> Refined:
     jacobian = np.asarray(solved.jac, dtype=np.float64)
     left_over = np.asarray(solved.fun, dtype=np.float64)
     bodies, moving = found.seen.shape[1], found.q.shape[1]
@@ -151,8 +153,10 @@ def _result(problem: Problem, robot: Robot, found: Registered, solved: OptimizeR
     position, rotation = (
         float(np.sqrt(np.mean(left[:, part] ** 2) / rest)) for part in (slice(0, 3), slice(3, 6))
     )
-    means = pose_residuals(problem.groups.measured, problem.expected(np.asarray(solved.x)))[..., :3]
-    share = problem.groups.counts[:, None] * problem.groups.seen
+    final = replace(problem, robot=robot, groups=compress(robot, samples, found))
+    expected = final.expected(np.zeros(len(np.asarray(solved.x))))
+    means = pose_residuals(final.groups.measured, expected)[..., :3]
+    share = final.groups.counts[:, None] * final.groups.seen
     off = float(np.sqrt(np.sum(share * np.sum(means**2, axis=-1)) / share.sum()))
     return Refined(
         robot=robot,

@@ -1,20 +1,26 @@
-"""One page of what a calibration found: tables, the linkage drawn, and what explains the spread."""
+"""A calibration as one page: what was measured, how well, and what the mechanism explains."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from trocar import __version__
 from trocar.apps import pages
-from trocar.apps.calibration.geometry import home_points
+from trocar.apps.calibration import report_draw as draw
+from trocar.apps.calibration.own_centre import OwnCentre, own_centre
+from trocar.apps.calibration.rcm import RcmReport
+from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.records import Calibration
-from trocar.apps.drawing import MEASURED, SETPOINT, new_figure, svg
+from trocar.apps.drawing import new_figure
+from trocar.descriptions import ArmDescription
+from trocar.descriptions.overlay import apply_overlay
 from trocar.errors import InputError
 
-PAGE = "index.html"
-PURPOSE = "drawing a calibration"
+Array = NDArray[np.float64]
+
+MM = 1e3
 
 
 def check_report(folder: str | Path) -> Path:
@@ -27,125 +33,172 @@ def check_report(folder: str | Path) -> Path:
     target = Path(folder).expanduser()
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
-    new_figure(1.0, 1.0, PURPOSE)
-    return target / PAGE
+    new_figure(1.0, 1.0, draw.PURPOSE)
+    return target / "index.html"
 
 
-def write_report(folder: str | Path, found: Calibration) -> str:
-    """Write a page of a calibration, and return its path.
+def write_report(folder: str | Path, found: Calibration, arm: ArmDescription) -> Path:
+    """Write `index.html` into a folder and return its path.
+
+    Args:
+        folder: is made where it is not there
+        found: what is reported
+        arm: the description that was calibrated
 
     Raises:
-        InputError: it cannot be written
+        InputError: the file cannot be written
         MissingExtraError: matplotlib is not installed
     """
-    target = check_report(folder)
-    parts = [
-        f"<p>{pages.text(_source(found))}</p>",
-        *(f"<p>{pages.text(warning)}</p>" for warning in found.warnings),
-        "<h2>Axis distances</h2>",
-        _distances(found),
-        "<h2>The linkage at joint positions 0</h2>",
-        pages.picture(
-            _linkage(found),
-            "axes as described and as calibrated: the first axis, and the direction from there to"
-            " the next, laid on one another",
-        ),
-        "<h2>Axes</h2>",
-        _axes(found),
-    ]
-    if found.betas:
-        rows = [[k, f"{v.value:.6f}", f"{v.sigma:.6f}"] for k, v in found.betas.items()]
-        parts += ["<h2>Angles</h2>", pages.table(["at q = 0", "[rad]", "sigma [rad]"], rows)]
-    if found.centre is not None:
-        parts += ["<h2>Remote centre</h2>", _centre(found)]
-    page = pages.document(f"Calibration of {found.arm}", "\n".join(parts))
-    pages.write(target, page)
-    return str(target)
+    path = check_report(folder)
+    pages.write(path, pages.document(f"Calibration: {found.arm}", _body(found, arm)))
+    return path
 
 
-def _source(found: Calibration) -> str:
+def _body(found: Calibration, arm: ArmDescription) -> str:
     source = found.overlay.source
-    left = found.refined
+    head = (
+        f"<h1>Calibration: {pages.text(found.arm)}</h1>"
+        f'<p class="quiet">from {pages.text(source["file"])} (SHA-256'
+        f" {pages.text(source['sha256'][:12])}...), by {pages.text(source['version'])}</p>"
+    )
+    notes = "".join(f'<p class="note">{pages.text(text)}</p>' for text in found.warnings)
+    parts = [_set_up(found), _sides(found), _axes(found)]
+    if found.centre is not None:
+        parts.append(_centre(found, found.centre.report, arm))
+    return head + notes + "".join(parts)
+
+
+def _set_up(found: Calibration) -> str:
+    noise = found.axes.noise
+    caption = (
+        "Links (coloured), axes (dots; open where not measured) and clusters of markers (triangles)"
+        " at q = 0, along the axes; dashed: the description."
+    )
     return (
-        f"From {source['file']} (sha256 {source['sha256'][:12]}...), trocar {__version__}:"
-        f" {left.samples} samples; left of a pose {1e3 * left.position_rms:.4f} mm and"
-        f" {1e3 * left.rotation_rms:.4f} mrad per axis (RMS). Loops closed as {found.closure}."
+        "<h2>Set-up</h2>"
+        f"<p>{found.refined.samples} samples. Noise of a cluster's pose, told from the hinges:"
+        f" {MM * noise[0]:.3g} mm and {MM * noise[1]:.3g} mrad per axis. Left after all sweeps are"
+        f" fitted at once: {MM * found.refined.position_rms:.3g} mm and"
+        f" {MM * found.refined.rotation_rms:.3g} mrad.</p>"
+        + pages.picture(draw.set_up(found), caption)
     )
 
 
-def _distances(found: Calibration) -> str:
-    """Measured each by itself, closed, and as the description has it."""
-    linkage = found.refined.robot.linkage
-    drawn = found.nominal_distances
+def _sides(found: Calibration) -> str:
+    described = found.nominal_distances
     rows = [
-        [label, f"{1e3 * drawn[label]:.3f}", f"{1e3 * v.value:.4f}", f"{1e3 * v.sigma:.4f}",
-         f"{1e3 * found.closed_distances[label]:.4f}",
-         f"{1e3 * (found.closed_distances[label] - v.value):+.4f}"]
-        for label, v in found.axis_distances.items()
-    ]  # fmt: skip
-    head = ["axes", f"{linkage.arm} as described [mm]", "measured [mm]", "sigma [mm]",
+        [
+            label,
+            f"{MM * described[label]:.3f}",
+            f"{MM * value.value:.4f}",
+            f"{MM * value.sigma:.4f}",
+            f"{MM * found.closed_distances[label]:.4f}",
+            f"{MM * (found.closed_distances[label] - value.value):+.4f}",
+        ]
+        for label, value in found.axis_distances.items()
+    ]
+    head = ["axes", "description [mm]", "measured [mm]", "1 sigma [mm]",
             f"{found.closure} [mm]", "absorbed [mm]"]  # fmt: skip
-    return pages.table(head, rows)
+    how = (
+        "The loops close exactly: of all parallelogram linkages this one fits all sweeps best,"
+        " weighted by the noise. Absorbed is what each side gave way by."
+        if found.closure == "parallelogram"
+        else "Each side is as it fits all sweeps best; the loops are closed by computation at every"
+        " joint position. Skew axes have their distances where the fit has its plane."
+    )
+    text = (
+        "<h2>Axis distances (Table 6 of the paper)</h2>"
+        "<p>Measured: each by itself, inside one link that carries both axes.</p>"
+        f"<p>{how} What no such linkage explains: {MM * found.refined.misfit_m:.3g} mm (RMS),"
+        f" chi-squared {found.refined.misfit:.3g} per degree of freedom.</p>"
+    ) + pages.table(head, rows)
+    if found.axis_distances:
+        text += pages.picture(draw.sides(found, described), "Measured and closed distances.")
+    if found.betas:
+        angles = [[k, f"{v.value:.6f}", f"{v.sigma:.6f}"] for k, v in found.betas.items()]
+        text += pages.table(["angle at q = 0", "[rad]", "1 sigma [rad]"], angles)
+    return text
 
 
 def _axes(found: Calibration) -> str:
-    linkage = found.axes.linkage
     rows = [
-        [linkage.hinge(name).label, f"{fit.span:.3f}", f"{fit.condition:.1f}",
-         f"{1e3 * fit.residual_position:.4f}", f"{1e3 * fit.residual_rotation:.4f}",
-         str(int(fit.used.sum())), str(fit.outliers)]
+        [
+            found.axes.linkage.hinge(name).label,
+            f"{found.axes.linkage.hinge(name).body_a} - {found.axes.linkage.hinge(name).body_b}",
+            f"{fit.span:.3f}",
+            f"{fit.condition:.0f}",
+            f"{MM * fit.residual_position:.4f}",
+            f"{MM * fit.residual_rotation:.4f}",
+            f"{int(fit.used.sum())}",
+            f"{fit.outliers}",
+        ]
         for name, fit in found.axes.fits.items()
-    ]  # fmt: skip
-    head = ["axis", "swept [rad]", "condition", "position left [mm]", "rotation left [mrad]",
+    ]
+    head = ["axis", "bodies", "swept [rad]", "condition", "residual [mm]", "residual [mrad]",
             "samples", "left out"]  # fmt: skip
-    return pages.table(head, rows)
+    return "<h2>Axes, each by itself</h2>" + pages.table(head, rows)
 
 
-def _centre(found: Calibration) -> str:
-    """Split the spread of the remote centre into what the mechanism explains, noise and the rest.
-
-    Squares add up, as the parts know nothing of one another.
-    """
-    if found.centre is None:
-        return ""
-    report, explained = found.centre.report, found.wander or 0.0
-    rest = report.fit.rms**2 - report.noise_rms**2 - explained**2
-    rows = [
-        ["all", f"{1e3 * report.fit.rms:.4f}"],
-        ["noise of the cameras", f"{1e3 * report.noise_rms:.4f}"],
-        ["link lengths and axes, as calibrated", f"{1e3 * explained:.4f}"],
-        ["unexplained", f"{1e3 * float(np.sqrt(max(rest, 0.0))):.4f}"],
-    ]
-    place = [
-        [axis, f"{1e3 * p:.4f}", f"{1e3 * s:.4f}"]
-        for axis, p, s in zip("xyz", report.fit.post, report.fit.sigma_post, strict=True)
-    ]
-    return pages.table([f"in {report.base}", "[mm]", "sigma [mm]"], place) + pages.table(
-        ["spread of the remote centre", "RMS [mm]"], rows
+def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
+    text = (
+        "<h2>Remote centre (Table 7 and Figure 9 of the paper)</h2>"
+        f"<p>In {pages.text(seen.base)}: {_mm(seen.fit.post)} mm, 1 sigma"
+        f" {_mm(seen.fit.sigma_post)} mm. Spread {MM * seen.fit.rms:.4f} mm (RMS), of which noise"
+        f" makes {MM * seen.noise_rms:.4f} mm.</p>"
     )
+    if seen.table7 is None or not seen.cloud:
+        return text + '<p class="quiet">Yaw and pitch axis are not both known.</p>'
+    links = centre_links(arm)
+    q = np.stack([point.q for point in seen.cloud])
+    drawn = own_centre(arm.mechanism, links, q)
+    own = own_centre(apply_overlay(arm, found.overlay).mechanism, links, q)
+    text += (
+        "<p>Relative to the pitch axis, in the frame of the first two joint axes:</p>"
+        + _positions(seen, drawn, own)
+        + _spreads(seen, own)
+    )
+    measured = np.stack([point.position for point in seen.cloud])
+    turned = (measured - measured.mean(axis=0)) @ seen.table7.axes
+    caption = (
+        "The centre over cells of yaw and pitch, each about its mean; crosses: what the calibrated"
+        " mechanism does by itself at the same joint positions."
+    )
+    return text + pages.picture(draw.clouds(turned, own.cloud, q[:, 1]), caption)
 
 
-def _linkage(found: Calibration) -> str:
-    robot = found.refined.robot
-    linkage = robot.linkage
-    figure = new_figure(8.0, 3.4, PURPOSE)
-    axes = figure.add_subplot()
-    for moved, color, label in (
-        (np.zeros_like(robot.moved), SETPOINT, "description"),
-        (robot.moved, MEASURED, "calibrated"),
-    ):
-        points = home_points(linkage, moved)
-        for body in linkage.bodies:
-            places = np.stack([p for slot, p in points.items() if slot.body == body])
-            closed = np.vstack([places, places[:1]]) * 1e3
-            axes.plot(closed[:, 1], closed[:, 0], color=color, linewidth=1.0, marker="o",
-                      markersize=3.0, label=label)  # fmt: skip
-            label = "_" + label
-    for name, point in linkage.points.items():
-        axes.annotate(linkage.hinge(name).label, (1e3 * point[1], 1e3 * point[0]),
-                      xytext=(4, 4), textcoords="offset points")  # fmt: skip
-    axes.set_aspect("equal")
-    axes.set_xlabel("[mm]")
-    axes.set_ylabel("[mm]")
-    axes.legend()
-    return svg(figure)
+def _positions(seen: RcmReport, drawn: OwnCentre, own: OwnCentre) -> str:
+    """Split the difference of the measured centre from the description's."""
+    assert seen.table7 is not None  # noqa: S101  the caller looked
+    at = seen.table7.position
+    rows = [
+        ("description", drawn.position),
+        ("measured", at),
+        ("difference", at - drawn.position),
+        ("  by link lengths and axes (calibrated less description)", own.position - drawn.position),
+        ("  left unexplained", at - own.position),
+        ("  noise, 1 sigma", seen.table7.sigma),
+    ]
+    return _xyz("position [mm]", rows)
+
+
+def _spreads(seen: RcmReport, own: OwnCentre) -> str:
+    """Split the measured spread of the centre."""
+    assert seen.table7 is not None  # noqa: S101  the caller looked
+    total, noise = seen.table7.rms_axes, seen.noise_rms / np.sqrt(3.0)
+    left = np.sqrt(np.maximum(total**2 - own.rms_axes**2 - noise**2, 0.0))
+    rows = [
+        ("measured", total),
+        ("  the mechanism by itself", own.rms_axes),
+        ("  noise (a third of its square for each axis)", np.full(3, noise)),
+        ("  left unexplained", left),
+    ]
+    return _xyz("spread, RMS [mm]", rows)
+
+
+def _xyz(what: str, rows: list[tuple[str, Array]]) -> str:
+    cells = [[name, *(f"{MM * value:.4f}" for value in values)] for name, values in rows]
+    return pages.table([what, "X", "Y", "Z"], cells)
+
+
+def _mm(values: Array) -> str:
+    return "(" + ", ".join(f"{MM * value:.4f}" for value in values) + ")"

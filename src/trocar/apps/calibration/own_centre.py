@@ -1,0 +1,63 @@
+"""The remote centre that a mechanism has by itself, told as the tracks tell a real one's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration.rcm_frame import TOWARDS, CentreLinks
+from trocar.kinematics.estimation import fit_pivot
+from trocar.kinematics.forward import poses
+from trocar.kinematics.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnCentre:
+    """Where a mechanism's remote centre is, in the frame of its first two joint axes.
+
+    Attributes:
+        position: from the pitch axis, (3,) [m]
+        cloud: the centre at each pose, about its mean, (n, 3) [m]
+    """
+
+    position: Array
+    cloud: Array
+
+    @property
+    def rms_axes(self) -> Array:
+        """Spread along each axis, (3,) [m]."""
+        return np.asarray(np.sqrt(np.mean(self.cloud**2, axis=0)), dtype=np.float64)
+
+
+def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
+    """Find the remote centre of a mechanism by the same pivot calibration.
+
+    Args:
+        mechanism: whose
+        links: of the same arm
+        q: yaw and pitch of each pose, (n, 2) [rad]
+    """
+    rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+    every = np.tile(rest, (len(q) + 1, 1))
+    every[1:, :2] = q
+    root = mechanism.frames[0].name
+    at = poses(mechanism, every, root)
+    body = at[links.frame(links.body)][1:]
+    fit = fit_pivot(body[:, :3, :3], body[:, :3, 3])
+    up, yaw = at[links.frame(links.yaw)][0, :3, 2], at[links.frame(links.yaw)][0, :3, 3]
+    pitch = at[links.frame(links.pitch)][0]
+    z, point = pitch[:3, 2], pitch[:3, 3]
+    # The point of the pitch axis nearest to the yaw axis.
+    across = np.cross(up, np.cross(z, up))
+    origin = point + z * float((yaw - point) @ across / (z @ across))
+    along = up - (up @ z) * z
+    along *= np.sign(along @ (fit.post - origin)) / np.linalg.norm(along)
+    towards = np.array(TOWARDS.get(links.arm.type, TOWARDS["ECM"]))
+    drawn = np.column_stack([towards, np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0]])
+    frame = np.column_stack([along, np.cross(z, along), z]) @ drawn.T
+    points = body[:, :3, :3] @ fit.tip + body[:, :3, 3]
+    return OwnCentre(frame.T @ (fit.post - origin), (points - points.mean(axis=0)) @ frame)

@@ -1,0 +1,50 @@
+"""The page that a calibration writes."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="drawings need matplotlib (extra: plot)")
+
+from trocar.apps.calibration import calibrate, read_tracks
+from trocar.apps.calibration.own_centre import own_centre
+from trocar.apps.calibration.rcm_frame import centre_links
+from trocar.apps.calibration.report import write_report
+from trocar.apps.mocap import MocapSettings, Noise, simulate_tracks, worn, write_tracks
+from trocar.descriptions import load_arm
+
+SETTINGS = MocapSettings("kinematic", "both", 6.0, 0.6, 30.0, Noise(1e-4, 8.7e-4), 3)
+
+
+@pytest.mark.parametrize("name", ["psm", "ecm"])
+def test_a_report_holds_every_figure_and_nothing_from_elsewhere(name: str, tmp_path: Path) -> None:
+    arm = load_arm(name)
+    tracks = simulate_tracks(arm, SETTINGS)
+    write_tracks(tmp_path / "tracks.csv", tracks, "tidy")
+    found = calibrate(read_tracks(tmp_path / "tracks.csv"), arm)
+    page = write_report(tmp_path / "report", found, arm).read_text()
+    for label, value in found.axis_distances.items():
+        assert label in page
+        assert f"{1e3 * value.value:.4f}" in page
+    assert page.count("<svg") == 3
+    assert not re.findall(r'(?:src|href)="http', page)
+    assert re.search(r"nan|inf\b", re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)) is None
+
+
+def test_a_nominal_arms_own_centre_is_the_papers_and_does_not_wander() -> None:
+    q = np.stack(np.meshgrid([-0.5, 0.0, 0.5], [-0.4, 0.1, 0.6]), axis=-1).reshape(-1, 2)
+    for name, place in (("psm", (0.0, -0.516, 0.0)), ("ecm", (0.3404, 0.0, 0.0))):
+        arm = load_arm(name)
+        own = own_centre(arm.mechanism, centre_links(arm), q)
+        np.testing.assert_allclose(own.position, place, atol=1e-9)
+        assert own.rms_axes.max() < 1e-9
+
+
+def test_a_worn_arms_own_centre_wanders() -> None:
+    arm = worn(load_arm("psm"), np.random.default_rng(1))
+    q = np.stack(np.meshgrid([-0.5, 0.0, 0.5], [-0.4, 0.1, 0.6]), axis=-1).reshape(-1, 2)
+    assert 5e-5 < own_centre(arm.mechanism, centre_links(arm), q).rms_axes.max() < 2e-3

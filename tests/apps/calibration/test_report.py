@@ -12,10 +12,12 @@ pytest.importorskip("matplotlib", reason="drawings need matplotlib (extra: plot)
 
 from trocar.apps.calibration import calibrate, read_tracks
 from trocar.apps.calibration.own_centre import own_centre
+from trocar.apps.calibration.rcm import centre_samples
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.report import write_report
 from trocar.apps.mocap import MocapSettings, Noise, simulate_tracks, worn, write_tracks
 from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import apply_overlay
 
 SETTINGS = MocapSettings("kinematic", "both", 6.0, 0.6, 30.0, Noise(1e-4, 8.7e-4), 3)
 
@@ -48,3 +50,23 @@ def test_a_worn_arms_own_centre_wanders() -> None:
     arm = worn(load_arm("psm"), np.random.default_rng(1))
     q = np.stack(np.meshgrid([-0.5, 0.0, 0.5], [-0.4, 0.1, 0.6]), axis=-1).reshape(-1, 2)
     assert 5e-5 < own_centre(arm.mechanism, centre_links(arm), q).rms_axes.max() < 2e-3
+
+
+@pytest.mark.parametrize("name", ["psm", "ecm"])
+def test_a_calibrated_arms_own_centre_wanders_as_the_worn_arms_did(
+    name: str, tmp_path: Path
+) -> None:
+    arm = load_arm(name)
+    settings = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, Noise(), 4)
+    real = worn(arm, np.random.default_rng(8))
+    write_tracks(tmp_path / "tracks.csv", simulate_tracks(real, settings), "tidy")
+    found = calibrate(read_tracks(tmp_path / "tracks.csv"), arm, closure="general")
+    assert found.centre is not None
+    report = found.centre.report
+    assert report.table7 is not None
+    q, _ = centre_samples(report.hinges, report.fit)
+    robot = apply_overlay(arm, found.overlay)
+    own = own_centre(robot.mechanism, centre_links(arm), q)
+    np.testing.assert_allclose(own.position, report.table7.position, atol=2e-6)
+    np.testing.assert_allclose(own.rms_axes, report.table7.rms_axes, atol=2e-6)
+    assert report.table7.rms_axes.max() > 5e-5

@@ -26,7 +26,7 @@ from trocar.apps.calibration.placement import Centre, calibrated, remote_centre_
 from trocar.apps.calibration.records import Calibration, ClosureKind
 from trocar.apps.calibration.refine import Refined, refine
 from trocar.apps.calibration.start import Robot, first_guess
-from trocar.apps.calibration.sweep_centre import CentreFound, find_centre
+from trocar.apps.calibration.sweep_centre import CentreFound, base_axis, find_centre
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.calibration_plan import default_plan
@@ -89,6 +89,8 @@ def calibrate(
         *_closing_warnings(closure, measured, closed, refined, wander),
         *told,
     )
+    if seen is not None and centre is not None and closure == "general":
+        centre = replace(centre, axis=base_axis(seen.report))
     found = Calibration(
         arm=arm.name,
         closure=closure,

@@ -47,7 +47,8 @@ def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
     root = mechanism.frames[0].name
     at = poses(mechanism, every, root)
     body = at[links.frame(links.body)][1:]
-    fit = fit_pivot(body[:, :3, :3], body[:, :3, 3])
+    # Computed poses have no noise: plain least squares.
+    fit = fit_pivot(body[:, :3, :3], body[:, :3, 3], rotation_sigma=1e-9)
     up, yaw = at[links.frame(links.yaw)][0, :3, 2], at[links.frame(links.yaw)][0, :3, 3]
     pitch = at[links.frame(links.pitch)][0]
     z, point = pitch[:3, 2], pitch[:3, 3]

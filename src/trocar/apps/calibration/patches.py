@@ -69,7 +69,23 @@ def _sigmas(
         axis=1,
     )
     variance = np.einsum("ij,jk,ik->i", slope, refined.covariance, slope)
+    if centre is not None and centre.axis is not None:
+        variance += _of_axis(arm, refined, centre, frames)
     return np.sqrt(np.maximum(variance, 0.0))
+
+
+def _of_axis(arm: ArmDescription, refined: Refined, centre: Centre, frames: list[str]) -> Array:
+    """Return the variances that the place of the ground's own axis brings, in the same order."""
+    axis = centre.axis
+    assert axis is not None  # noqa: S101  the caller looked
+
+    def places(step: Array) -> Array:
+        moved = replace(axis, point=axis.point + step[:3], direction=axis.direction + step[3:])
+        there = calibrated(arm, refined.robot, replace(centre, axis=moved))
+        return _places(there, frames, refined)
+
+    slope = np.stack([(places(s) - places(-s)) / (2.0 * STEP) for s in STEP * np.eye(6)], axis=1)
+    return np.asarray(np.einsum("ij,jk,ik->i", slope, axis.covariance, slope), dtype=np.float64)
 
 
 def _places(mechanism: Mechanism, frames: list[str], refined: Refined) -> Array:

@@ -9,6 +9,7 @@ passes it as before. Elsewhere the first axis of the ground stays, and its direc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,6 +44,20 @@ POSITIONS, SWEEP_RAD = 17, 0.6
 
 
 @dataclass(frozen=True, eq=False)
+class BaseAxis:
+    """The axis about which the ground of the loops turns on the arm, as tracks show it.
+
+    Attributes:
+        point, direction: in the markers of the ground's body, (3,) [m]; directed as described
+        covariance: of both, (6, 6)
+    """
+
+    point: Array
+    direction: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Centre:
     """The remote centre of a description.
 
@@ -52,6 +67,8 @@ class Centre:
         base: the body on which it rests
         point: in the plane of the linkage at home, (2,) [m]
         start: the ground's first hinge, in the same plane (2,) [m]
+        turns: the frame that is the first of the ground's body, and turns it
+        axis: about which it turns, where tracks show it and the linkage is to stand on it
     """
 
     body: str
@@ -59,6 +76,8 @@ class Centre:
     base: str
     point: Array
     start: Array
+    turns: str
+    axis: BaseAxis | None = None
 
 
 def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
@@ -79,7 +98,7 @@ def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
         if np.linalg.norm(np.cross(at, along), axis=-1).max() < PASSES_M:
             point = linkage.plane[:, :2].T @ ground[mechanism.reference][:3, 3]
             start = linkage.points[linkage.hinges[0].name]
-            return Centre(body, frame.name, base, point, start)
+            return Centre(body, frame.name, base, point, start, linkage.bodies[linkage.ground])
     return None
 
 
@@ -122,16 +141,50 @@ def placed(robot: Robot, centre: Centre | None) -> Robot:
         return robot
     linkage = robot.linkage
     points = home_points(linkage, robot.moved)
-    first = linkage.hinges[0]
-    start = points[Slot(first.name, first.body_a)]
     own, _ = still_point(robot, centre.body)
-    have, want = own - start, centre.point - centre.start
-    angle = np.arctan2(have[0] * want[1] - have[1] * want[0], have @ want)
-    turn = planar_turn(float(angle))
+    turn, goal, lean = _stand(robot, centre, points, own)
     moved = displacements(
-        linkage, {slot: turn @ (points[slot] - own) + centre.point for slot in slots(linkage)}
+        linkage, {slot: turn @ (points[slot] - own) + goal for slot in slots(linkage)}
     )
-    return replace(robot, moved=moved, tilts={k: turn @ tilt for k, tilt in robot.tilts.items()})
+    tilts = {name: turn @ tilt for name, tilt in robot.tilts.items()}
+    if lean.any():
+        for hinge in linkage.hinges:
+            if not hinge.closure and hinge.body_a == linkage.ground:
+                tilts[hinge.name] = tilts.get(hinge.name, np.zeros(2)) + lean
+    return replace(robot, moved=moved, tilts=tilts)
+
+
+def _stand(
+    robot: Robot, centre: Centre, points: Mapping[Slot, Array], own: Array
+) -> tuple[Array, Array, Array]:
+    """Return how the linkage is turned, where its remote centre goes, and how far it leans.
+
+    Without a measured axis the centre goes to the description's, and its direction from the first
+    hinge too. With one, the linkage stands on the arm's axis as it does on the measured one; how
+    far along and which way about it are the description's.
+    """
+    linkage = robot.linkage
+    first = linkage.hinges[0]
+    if centre.axis is None:
+        have = own - points[Slot(first.name, first.body_a)]
+        return _onto(have, centre.point - centre.start), centre.point, np.zeros(2)
+    frame = linkage.mechanism.frame(centre.turns)
+    drawn = linkage.plane.T @ np.linalg.inv(frame.after)[:3, 2:]  # the axis, a point of it
+    markers = robot.markers[linkage.ground]
+    along = linkage.plane.T @ (markers[:3, :3] @ centre.axis.direction)
+    at = linkage.plane.T @ (markers[:3, :3] @ centre.axis.point + markers[:3, 3])
+    turn = _onto(along[:2], drawn[:2, 0])
+    up = drawn[:2, 0] / np.linalg.norm(drawn[:2, 0])
+    across = np.array([-up[1], up[0]])
+    # Across the axis the centre is as far off as measured, along it where the description has it.
+    off = across @ (turn @ (own - at[:2])) + across @ drawn[:2, 1]
+    goal = up * (up @ centre.point) + across * off
+    return turn, goal, -along[2] * across
+
+
+def _onto(have: Array, want: Array) -> Array:
+    """Return the rotation that brings one direction of the plane to another, (2, 2)."""
+    return planar_turn(float(np.arctan2(have[0] * want[1] - have[1] * want[0], have @ want)))
 
 
 def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mechanism:
@@ -140,7 +193,8 @@ def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mech
     mechanism = rebuilt(linkage, arm.mechanism, there.moved, there.tilts)
     if centre is None:
         return mechanism
-    shift = shift_rows(linkage)[centre.body] @ there.moved
+    own, _ = still_point(there, centre.body)
+    shift = shift_rows(linkage)[centre.body] @ there.moved - (own - centre.point)
 
     def follow(frame: Frame) -> Frame:
         if frame.name != centre.slide:

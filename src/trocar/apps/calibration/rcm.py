@@ -71,6 +71,7 @@ class RcmReport:
         table7: relative to the pitch axis as in the paper's Table 7, where that axis is seen
         distance: from the pitch axis and its 1-sigma [m], where that is seen
         warnings: what a user should know
+        hinges: the first two joint axes
     """
 
     arm: str
@@ -82,6 +83,7 @@ class RcmReport:
     table7: Table7 | None
     distance: tuple[float, float] | None
     warnings: tuple[str, ...]
+    hinges: HingesAbout
 
     @property
     def wander_rms(self) -> float:
@@ -165,10 +167,11 @@ def find_rcm(
         base=links.base if at_base else "camera",
         fit=fit,
         noise_rms=noise_rms,
-        cloud=_cloud(hinges, fit),
+        cloud=over_cells(*centre_samples(hinges, fit)),
         table7=None if found is None else found[0],
         distance=None if found is None else found[1],
         warnings=(*tracks.warnings, *warnings),
+        hinges=hinges,
     )
 
 
@@ -212,13 +215,21 @@ def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
     return float(np.sqrt(square))
 
 
-def _cloud(hinges: HingesAbout, fit: PivotFit) -> tuple[CloudPoint, ...]:
-    """Average the estimated centre over cells of yaw and pitch."""
-    q = hinges.q
-    seen = fit.used & np.isfinite(q).all(axis=1)
-    if seen.sum() < _LEAST_IN_CELL:
+def centre_samples(hinges: HingesAbout, fit: PivotFit) -> tuple[Array, Array]:
+    """Return joint positions (k, 2) [rad] and centres (k, 3) [m] of samples that have both."""
+    seen = fit.used & np.isfinite(hinges.q).all(axis=1)
+    return hinges.q[seen], fit.points[seen]
+
+
+def over_cells(q: Array, points: Array) -> tuple[CloudPoint, ...]:
+    """Average points over cells of yaw and pitch.
+
+    Args:
+        q: of each point, (n, 2) [rad]
+        points: (n, 3) [m]
+    """
+    if len(q) < _LEAST_IN_CELL:
         return ()
-    q, points = q[seen], fit.points[seen]
     low, width = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9) / _CELLS
     cells = np.minimum((q - low) // width, _CELLS - 1).astype(int)
     number = cells[:, 0] * _CELLS + cells[:, 1]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.apps import pages
 from trocar.apps.calibration import report_draw as draw
 from trocar.apps.calibration.own_centre import OwnCentre, own_centre
-from trocar.apps.calibration.rcm import RcmReport
+from trocar.apps.calibration.rcm import RcmReport, centre_samples, over_cells
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.records import Calibration
 from trocar.apps.drawing import new_figure
@@ -21,6 +21,8 @@ from trocar.errors import InputError
 Array = NDArray[np.float64]
 
 MM = 1e3
+#: Samples of a sweep that the mechanism is computed at. Source: our own choice.
+MOST = 2000
 
 
 def check_report(folder: str | Path) -> Path:
@@ -149,7 +151,7 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
     if seen.table7 is None or not seen.cloud:
         return text + '<p class="quiet">Yaw and pitch axis are not both known.</p>'
     links = centre_links(arm)
-    q = np.stack([point.q for point in seen.cloud])
+    q, points = (part[:: 1 + len(part) // MOST] for part in centre_samples(seen.hinges, seen.fit))
     drawn = own_centre(arm.mechanism, links, q)
     own = own_centre(apply_overlay(arm, found.overlay).mechanism, links, q)
     text += (
@@ -157,13 +159,13 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         + _positions(seen, drawn, own)
         + _spreads(seen, own)
     )
-    measured = np.stack([point.position for point in seen.cloud])
-    turned = (measured - measured.mean(axis=0)) @ seen.table7.axes
+    turned = (points - points.mean(axis=0)) @ seen.table7.axes
     caption = (
-        "The centre over cells of yaw and pitch, each about its mean; crosses: what the calibrated"
-        " mechanism does by itself at the same joint positions."
+        "The centre over cells of yaw and pitch; crosses: what the calibrated mechanism does by"
+        " itself in the same sweep. Both about their means."
     )
-    return text + pages.picture(draw.clouds(turned, own.cloud, q[:, 1]), caption)
+    dots, crosses = over_cells(q, turned), over_cells(q, own.cloud)
+    return text + pages.picture(draw.clouds(dots, crosses), caption)
 
 
 def _positions(seen: RcmReport, drawn: OwnCentre, own: OwnCentre) -> str:

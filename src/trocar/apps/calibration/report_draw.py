@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.geometry import home_points, shift_rows
+from trocar.apps.calibration.rcm import CloudPoint
 from trocar.apps.calibration.records import Calibration
 from trocar.apps.drawing import MEASURED, SETPOINT, new_figure, svg
 
@@ -79,13 +80,13 @@ def sides(found: Calibration, described: Mapping[str, float]) -> str:
     return svg(figure)
 
 
-def clouds(seen: Array, explained: Array, pitch: Array) -> str:
+def clouds(measured: Sequence[CloudPoint], own: Sequence[CloudPoint]) -> str:
     """Draw where the remote centre was at each pose, measured and as the mechanism has it.
 
-    Args:
-        seen, explained: each about its mean, in the frame of the first two axes, (n, 3) [m]
-        pitch: of each pose, (n,) [rad]
+    Both are in the frame of the first two joint axes, each about its mean.
     """
+    seen, explained = (np.stack([point.position for point in part]) for part in (measured, own))
+    pitch = np.array([point.q[1] for point in measured])
     figure = new_figure(11.5, 4.0, PURPOSE)
     each: Any = figure.subplots(1, 3)
     reach = 1.1 * MM * max(float(np.abs(seen).max()), float(np.abs(explained).max()), 1e-6)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.axes import Axes, Value
-from trocar.apps.calibration.placement import Centre
+from trocar.apps.calibration.placement import BaseAxis, Centre
 from trocar.apps.calibration.rcm import RcmReport, find_rcm
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.tracks import Tracks
@@ -70,6 +70,16 @@ def find_centre(
     if distance is None and report.distance is not None:
         distance = Value(*report.distance)
     return CentreFound(report, distance)
+
+
+def base_axis(report: RcmReport) -> BaseAxis | None:
+    """Return the axis of the base's joint in the markers of the body that it turns."""
+    fit = report.hinges.yaw
+    if fit is None:
+        return None
+    axis, sense = fit.in_b, report.hinges.senses[0]
+    influence = axis.influence * np.repeat([1.0, sense], 3)
+    return BaseAxis(axis.point, sense * axis.direction, influence.T @ influence)
 
 
 def _plain(value: Any) -> Any:

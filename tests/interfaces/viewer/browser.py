@@ -38,6 +38,7 @@ class Browser:
 
     def __init__(self, tab: webdriver.Chrome) -> None:
         self.tab = tab
+        tab.set_script_timeout(PATIENCE_S)
 
     def open(self, url: str) -> None:
         """Go to the page and wait until it shows numbers."""

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 #: Colours that people with any colour vision tell apart. Source: Okabe and Ito, 2008.
 MEASURED, SETPOINT, ERROR, EFFORT, WARNING = "#0072B2", "#D55E00", "#CC79A7", "#009E73", "#E69F00"
+PALETTE = (MEASURED, SETPOINT, EFFORT, ERROR, WARNING, "#56B4E9")
 PNG_DPI = 110
 
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from trocar.apps.drawing import new_figure
 from trocar.errors import InputError
 
 STYLE = """
@@ -67,6 +68,24 @@ def document(title: str, body: str) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{text(title)}</title><style>{STYLE}</style></head><body>{body}</body></html>\n"
     )
+
+
+def page_in(folder: str | Path, purpose: str) -> Path:
+    """Return where a page with drawings goes, before anything is computed for it.
+
+    Args:
+        folder: where; is made when it is written
+        purpose: what the drawings are for, if matplotlib is missing
+
+    Raises:
+        InputError: the folder is none
+        MissingExtraError: matplotlib is not installed
+    """
+    target = Path(folder).expanduser()
+    if target.exists() and not target.is_dir():
+        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
+    new_figure(1.0, 1.0, purpose)
+    return target / "index.html"
 
 
 def write(path: Path, page: str) -> None:

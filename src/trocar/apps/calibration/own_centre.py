@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.rcm_frame import TOWARDS, CentreLinks
+from trocar.apps.calibration.rcm_frame import TOWARDS, CentreLinks, axes_frame
 from trocar.kinematics.estimation import fit_pivot
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
@@ -51,14 +51,9 @@ def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
     fit = fit_pivot(body[:, :3, :3], body[:, :3, 3], rotation_sigma=1e-9)
     up, yaw = at[links.frame(links.yaw)][0, :3, 2], at[links.frame(links.yaw)][0, :3, 3]
     pitch = at[links.frame(links.pitch)][0]
-    z, point = pitch[:3, 2], pitch[:3, 3]
-    # The point of the pitch axis nearest to the yaw axis.
-    across = np.cross(up, np.cross(z, up))
-    origin = point + z * float((yaw - point) @ across / (z @ across))
-    along = up - (up @ z) * z
-    along *= np.sign(along @ (fit.post - origin)) / np.linalg.norm(along)
     towards = np.array(TOWARDS.get(links.arm.type, TOWARDS["ECM"]))
-    drawn = np.column_stack([towards, np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0]])
-    frame = np.column_stack([along, np.cross(z, along), z]) @ drawn.T
+    x = np.concatenate([fit.post, pitch[:3, 3], pitch[:3, 2], yaw, up])
+    frame = axes_frame(x, 1.0, towards)
+    turn, origin = frame[:3, :3], frame[:3, 3]
     points = body[:, :3, :3] @ fit.tip + body[:, :3, 3]
-    return OwnCentre(frame.T @ (fit.post - origin), (points - points.mean(axis=0)) @ frame)
+    return OwnCentre(turn.T @ (fit.post - origin), (points - points.mean(axis=0)) @ turn)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.calibration.axes import LEAST_SAMPLES
 from trocar.apps.calibration.rcm_frame import (
     CentreLinks,
     HingesAbout,
@@ -30,8 +31,6 @@ from trocar.kinematics.estimation import (
 
 Array = NDArray[np.float64]
 
-#: Samples in which two bodies have to be seen together. Source: our own choice.
-LEAST_SAMPLES = 30
 # Source: our own choice; a centre whose spread exceeds the noise's by this wanders.
 _WANDERS = 1.3
 # Source: our own choice; a file with six decimals has this much rounding. [m]

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.calibration.axes import LEAST_SAMPLES
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
@@ -35,7 +36,6 @@ Array = NDArray[np.float64]
 TOWARDS: dict[str, tuple[float, float, float]] = {"PSM": (0.0, -1.0, 0.0), "ECM": (1.0, 0.0, 0.0)}
 # Source: our own choice; a start that is still for so long gives the zero of the angles. [s], [rad]
 _STILL_S, _STILL_RAD = 0.5, 0.01
-_LEAST_SAMPLES = 30
 _STEP = 1e-6
 
 
@@ -161,14 +161,14 @@ def about_hinges(tracks: Tracks, links: CentreLinks) -> HingesAbout:
 
 
 def _fit(tracks: Tracks, a: str, b: str) -> HingeFit | None:
-    if tracks.together(a, b).sum() < _LEAST_SAMPLES:
+    if tracks.together(a, b).sum() < LEAST_SAMPLES:
         return None
     return fit_hinge(inverse(_resting(tracks.poses[a])) @ tracks.poses[b])
 
 
 def _resting(T: Array) -> Array:
     """Return the mean pose of a body where it rests, else its poses."""
-    rest = rest_pose(T) if np.isfinite(T[:, 0, 0]).sum() > _LEAST_SAMPLES else None
+    rest = rest_pose(T) if np.isfinite(T[:, 0, 0]).sum() > LEAST_SAMPLES else None
     return T if rest is None else rest.pose
 
 
@@ -237,7 +237,7 @@ def table7(
     sense = hinges.senses[1]
 
     def told(x: Array) -> Array:
-        frame = _frame(x, sense, towards)
+        frame = axes_frame(x, sense, towards)
         across = x[:3] - x[3:6] - (x[:3] - x[3:6]) @ x[6:9] * x[6:9]
         position = frame[:3, :3].T @ (x[:3] - frame[:3, 3])
         return np.asarray([*position, np.linalg.norm(across)], dtype=np.float64)
@@ -246,7 +246,7 @@ def table7(
     influence = np.hstack([effect, along.influence, up.influence]) @ _slope(told, x).T
     sigma = np.sqrt(np.sum(influence**2, axis=0))
     value = told(x)
-    axes = _at_start(hinges) @ _frame(x, sense, towards)[:3, :3]
+    axes = _at_start(hinges) @ axes_frame(x, sense, towards)[:3, :3]
     spread = (fit.points[fit.used] - fit.post) @ axes
     rms = np.sqrt(np.mean(spread**2, axis=0))
     return Table7(value[:3], sigma[:3], rms, axes), (float(value[3]), float(sigma[3]))
@@ -264,8 +264,14 @@ def _in_yaw_body(tracks: Tracks, links: CentreLinks, fit: PivotFit) -> tuple[Arr
     return centre, effect
 
 
-def _frame(x: Array, sense: float, towards: Array) -> Array:
-    """Return the frame of the two axes in the yaw body, (4, 4)."""
+def axes_frame(x: Array, sense: float, towards: Array) -> Array:
+    """Return the frame of the first two joint axes, (4, 4).
+
+    Args:
+        x: the centre, then point and direction of the pitch axis, then of the yaw axis, (15,)
+        sense: +1 or -1, by which the pitch axis is told along the description's
+        towards: where in the paper's frame the centre lies, (3,)
+    """
     centre, g, h, y, k = x.reshape(5, 3)
     z = sense * h
     # The point of the pitch axis nearest to the yaw axis.

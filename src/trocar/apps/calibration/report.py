@@ -13,10 +13,8 @@ from trocar.apps.calibration.own_centre import OwnCentre, own_centre
 from trocar.apps.calibration.rcm import RcmReport, centre_samples, over_cells
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.records import Calibration
-from trocar.apps.drawing import new_figure
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay import apply_overlay
-from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -32,11 +30,7 @@ def check_report(folder: str | Path) -> Path:
         InputError: the folder is none
         MissingExtraError: matplotlib is not installed
     """
-    target = Path(folder).expanduser()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
-    new_figure(1.0, 1.0, draw.PURPOSE)
-    return target / "index.html"
+    return pages.page_in(folder, draw.PURPOSE)
 
 
 def write_report(folder: str | Path, found: Calibration, arm: ArmDescription) -> Path:

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 from trocar.apps.calibration.geometry import home_points, shift_rows
 from trocar.apps.calibration.rcm import CloudPoint
 from trocar.apps.calibration.records import Calibration
-from trocar.apps.drawing import MEASURED, SETPOINT, new_figure, svg
+from trocar.apps.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 
 Array = NDArray[np.float64]
 
 PURPOSE = "the report of a calibration"
-#: Colours that people with any colour vision tell apart. Source: Okabe and Ito, 2008.
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DRAWN, GRID = "#9aa5b1", "#dddddd"
 MM = 1e3
 
@@ -29,7 +27,7 @@ def set_up(found: Calibration) -> str:
     axis: Any = figure.subplots()
     points = home_points(linkage, robot.moved)
     shifts = shift_rows(linkage)
-    for colour, body in zip(COLOURS * 3, linkage.bodies, strict=False):
+    for colour, body in zip(PALETTE * 3, linkage.bodies, strict=False):
         drawn = MM * np.stack([linkage.points[name] for name in linkage.carried(body)])
         axis.plot(*_ring(drawn).T, color=DRAWN, linewidth=1.0, linestyle="--", zorder=1)
         here = [points[s] for s in points if s.body == body]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from trocar import __version__
 from trocar.apps import pages
-from trocar.apps.drawing import new_figure, svg
+from trocar.apps.drawing import svg
 from trocar.apps.pages import Cell
 from trocar.apps.verification import draw
 from trocar.apps.verification.closure import Fold
@@ -19,9 +19,7 @@ from trocar.apps.verification.rcm import TOLD as RUNS
 from trocar.apps.verification.rcm import Cloud
 from trocar.apps.verification.tracking import TOLD as GAINS
 from trocar.apps.verification.verify import Verification
-from trocar.errors import InputError
 
-PAGE = "index.html"
 VERDICTS = {
     None: Cell('<span class="quiet">stated</span>'),
     True: Cell('<span class="good">met</span>'),
@@ -40,11 +38,7 @@ def check_report(folder: str | Path) -> Path:
         InputError: the folder is none
         MissingExtraError: matplotlib is not installed
     """
-    target = Path(folder).expanduser()
-    if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
-    new_figure(1.0, 1.0, draw.PURPOSE)
-    return target / PAGE
+    return pages.page_in(folder, draw.PURPOSE)
 
 
 def write_report(folder: str | Path, found: Verification) -> str:

@@ -70,3 +70,7 @@ def test_a_calibrated_arms_own_centre_wanders_as_the_worn_arms_did(
     np.testing.assert_allclose(own.position, report.table7.position, atol=2e-6)
     np.testing.assert_allclose(own.rms_axes, report.table7.rms_axes, atol=2e-6)
     assert report.table7.rms_axes.max() > 5e-5
+    # Every hinge that tilts has the standard deviation of its tilt.
+    for hinge, patch in found.overlay.frames.items():
+        if hinge != "insertion":
+            assert patch.rpy_sigma is not None and np.all(patch.rpy_sigma[:2] > 0.0)

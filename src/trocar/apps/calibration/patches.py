@@ -35,11 +35,12 @@ def patches(
     frames += [centre.slide] if centre is not None else []
     mechanism = calibrated(arm, refined.robot, centre)
     sigma = _sigmas(arm, refined, centre, frames)
+    tilted = _tilted(refined, centre)
     found: dict[str, FramePatch] = {}
     for i, name in enumerate(frames):
         patch = frame_patch(mechanism.frame(name))
         tilt = sigma[3 * len(frames) + 6 * len(mechanism.closures) :].reshape(-1, 3)
-        turned = tilt[refined.tilted.index(name)] if name in refined.tilted else None
+        turned = tilt[tilted.index(name)] if name in tilted else None
         found[name] = replace(patch, xyz_sigma=sigma[3 * i : 3 * i + 3], rpy_sigma=turned)
     closures: dict[str, ClosurePatch] = {}
     for i, closure in enumerate(mechanism.closures):
@@ -60,8 +61,8 @@ def _sigmas(
     slope = np.stack(
         [
             (
-                _places(calibrated(arm, _moved(refined, step), centre), frames, refined)
-                - _places(calibrated(arm, _moved(refined, -step), centre), frames, refined)
+                _places(calibrated(arm, _moved(refined, step), centre), frames, refined, centre)
+                - _places(calibrated(arm, _moved(refined, -step), centre), frames, refined, centre)
             )
             / (2.0 * STEP)
             for step in STEP * np.eye(size)
@@ -82,18 +83,29 @@ def _of_axis(arm: ArmDescription, refined: Refined, centre: Centre, frames: list
     def places(step: Array) -> Array:
         moved = replace(axis, point=axis.point + step[:3], direction=axis.direction + step[3:])
         there = calibrated(arm, refined.robot, replace(centre, axis=moved))
-        return _places(there, frames, refined)
+        return _places(there, frames, refined, centre)
 
     slope = np.stack([(places(s) - places(-s)) / (2.0 * STEP) for s in STEP * np.eye(6)], axis=1)
     return np.asarray(np.einsum("ij,jk,ik->i", slope, axis.covariance, slope), dtype=np.float64)
 
 
-def _places(mechanism: Mechanism, frames: list[str], refined: Refined) -> Array:
+def _tilted(refined: Refined, centre: Centre | None) -> tuple[str, ...]:
+    """Return the frames whose hinges may tilt, by themselves or with the whole linkage."""
+    if centre is None or centre.axis is None:
+        return refined.tilted
+    linkage = refined.robot.linkage
+    ground = (h.name for h in linkage.hinges if not h.closure and h.body_a == linkage.ground)
+    return tuple(dict.fromkeys((*refined.tilted, *ground)))
+
+
+def _places(
+    mechanism: Mechanism, frames: list[str], refined: Refined, centre: Centre | None
+) -> Array:
     parts: list[Any] = [mechanism.frame(name).before[:3, 3] for name in frames]
     for closure in mechanism.closures:
         parts += [closure.point_a, closure.point_b]
     # A small turn of a frame about its own x and y shows in its z axis as the parent has it.
-    for name in refined.tilted:
+    for name in _tilted(refined, centre):
         start = refined.robot.linkage.mechanism.frame(name).before[:3, :3]
         z = start.T @ mechanism.frame(name).before[:3, 2]
         parts.append(np.array([-z[1], z[0], 0.0]))

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from selenium import webdriver
+from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -29,8 +30,10 @@ FLAGS = (
     "--hide-scrollbars",
     "--window-size=860,700",  # little to draw
 )
-PATIENCE_S = 120.0
+PATIENCE_S = 240.0
 """Software rendering on a busy machine is slow; nothing waits longer than it must."""
+ANSWER_S = 20.0
+"""A page that builds its shaders answers no script; one that waited this long is asked again."""
 
 
 class Browser:
@@ -38,7 +41,7 @@ class Browser:
 
     def __init__(self, tab: webdriver.Chrome) -> None:
         self.tab = tab
-        tab.set_script_timeout(PATIENCE_S)
+        tab.set_script_timeout(ANSWER_S)
 
     def open(self, url: str) -> None:
         """Go to the page and wait until it shows numbers."""
@@ -55,11 +58,18 @@ class Browser:
         return float((self.read(key) or "nan").split()[0])
 
     def wait(self, met: Callable[[], bool], what: str, timeout_s: float = PATIENCE_S) -> None:
-        """Wait until something holds."""
+        """Wait until something holds; a page too busy to answer has not met it yet."""
         end = time.monotonic() + timeout_s
-        while not met():
+        while not self._answers(met):
             assert time.monotonic() < end, f"in vain: {what}"
             time.sleep(0.1)
+
+    @staticmethod
+    def _answers(met: Callable[[], bool]) -> bool:
+        try:
+            return met()
+        except TimeoutException:
+            return False
 
     def type_number(self, label: str, value: float) -> None:
         """Type into the box beside a slider."""

@@ -16,7 +16,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 
 # What is installed beside trocar itself, for each thing one may want to do.
 EXTRAS_run := [record,plot]
-EXTRAS_test := [record,bags,plot,test,browser]
+EXTRAS_test := [record,bags,plot,export,convex,test,browser]
 EXTRAS_dev := [dev]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.records import ArmDescription, Body, Friction, JointDescription, Shape
+from trocar.descriptions.records import ArmDescription, Body, JointDescription, Shape
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -20,6 +20,7 @@ from trocar.kinematics.mechanism import Frame
 from trocar.kinematics.tree import local_pose
 from trocar.modeling import naming
 from trocar.modeling.contacts import ContactMask
+from trocar.modeling.hinges import hinge_of, merged
 from trocar.modeling.options import (
     CONTACT_FRICTION,
     CONTACT_IMPEDANCE,
@@ -135,34 +136,25 @@ def _add_frames(arm: ArmDescription, place: Place, options: ModelOptions) -> dic
 def _add_hinge(
     body: mujoco.MjsBody, name: str, frame: Frame, arm: ArmDescription, options: ModelOptions
 ) -> None:
-    """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`.
-
-    Friction of a joint is turned into its hinge's by the weight w of the drive: q = w * coordinate.
-    """
+    """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`."""
     back = inverse(frame.after)
     slides = frame.motion == "prismatic"
-    joint = next((j for j in arm.joints if j.drive[0][0] == frame.name), None)
-    weight = joint.drive[0][1] if joint else 1.0
-    friction = arm.friction.get(options.friction, {})
-    loss = friction.get(frame.name, Friction(0.0, 0.0))
-    if joint is not None and joint.name in friction:
-        own = friction[joint.name]
-        loss = Friction(own.coulomb * abs(weight), own.viscous * weight**2)
+    feels = hinge_of(arm, frame.name, options.friction)
     hinge = body.add_joint(
         name=naming.scoped(name, frame.name),
         type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
         pos=back[:3, 3],
         axis=back[:3, 2],
-        armature=arm.rotor.get(frame.name, 0.0),
-        damping=[loss.viscous, 0.0, 0.0],
-        frictionloss=loss.coulomb,
+        armature=feels.armature,
+        damping=[feels.damping, 0.0, 0.0],
+        frictionloss=feels.frictionloss,
     )
-    if joint is not None and joint.spring is not None:
-        hinge.stiffness = [joint.spring.stiffness * weight**2, 0.0, 0.0]
-        hinge.springref = joint.spring.rest / weight
-    if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
+    if feels.stiffness:
+        hinge.stiffness = [feels.stiffness, 0.0, 0.0]
+        hinge.springref = feels.rest
+    if np.isfinite([feels.lower, feels.upper]).all():
         hinge.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-        hinge.range = sorted([joint.stop_lower / weight, joint.stop_upper / weight])
+        hinge.range = [feels.lower, feels.upper]
         hinge.solref_limit = [STOP_PERIODS * options.timestep, 1.0]
         hinge.solimp_limit = STIFF_IMPEDANCE
 
@@ -170,16 +162,9 @@ def _add_hinge(
 def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
     """Merge the bodies that move together into one inertia."""
     made.explicitinertial = True
+    made.mass, com, inertia = merged(bodies)
     if not bodies:
-        made.mass = 0.0
         return
-    mass = sum(b.mass for b in bodies)
-    com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass
-    inertia = np.zeros((3, 3))
-    for b in bodies:
-        offset = b.com - com
-        inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
-    made.mass = mass
     made.ipos = com
     made.fullinertia = [
         inertia[0, 0],

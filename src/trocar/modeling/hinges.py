@@ -1,0 +1,93 @@
+"""What a hinge feels, and the inertia of bodies that move together: the same in every format."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import ArmDescription, Body, Friction, JointDescription
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hinge:
+    """The passive side of a frame's own motion; units of its coordinate, rad or m.
+
+    Attributes:
+        joint: the public joint whose motor sits on it, None of a passive one
+        weight: position of that joint = weight * coordinate
+        armature: inertia of the rotor as the coordinate feels it [kg m^2 or kg]
+        damping: [N m s/rad or N s/m]
+        frictionloss: dry friction [N m or N]
+        stiffness: of a spring [N m/rad], 0 without one
+        rest: where the spring exerts nothing [rad]
+        lower, upper: mechanical stops of the coordinate, infinite without [rad or m]
+    """
+
+    joint: JointDescription | None
+    weight: float
+    armature: float
+    damping: float
+    frictionloss: float
+    stiffness: float
+    rest: float
+    lower: float
+    upper: float
+
+
+def hinge_of(arm: ArmDescription, frame: str, friction: str) -> Hinge:
+    """Return what the hinge or slide of a frame feels.
+
+    Friction of a joint is turned into its hinge's by the weight w of the drive: q = w * coordinate.
+
+    Args:
+        arm: the description
+        frame: a frame that moves
+        friction: "identified" or "paper"
+    """
+    joint = next((j for j in arm.joints if j.drive[0][0] == frame), None)
+    weight = joint.drive[0][1] if joint else 1.0
+    table = arm.friction.get(friction, {})
+    loss = table.get(frame, Friction(0.0, 0.0))
+    if joint is not None and joint.name in table:
+        own = table[joint.name]
+        loss = Friction(own.coulomb * abs(weight), own.viscous * weight**2)
+    stiffness, rest = 0.0, 0.0
+    if joint is not None and joint.spring is not None:
+        stiffness, rest = joint.spring.stiffness * weight**2, joint.spring.rest / weight
+    lower, upper = -np.inf, np.inf
+    if joint is not None and np.isfinite([joint.stop_lower, joint.stop_upper]).all():
+        lower, upper = sorted([joint.stop_lower / weight, joint.stop_upper / weight])
+    rotor = arm.rotor.get(frame, 0.0)
+    return Hinge(
+        joint,
+        weight,
+        rotor,
+        loss.viscous,
+        loss.coulomb,
+        stiffness,
+        rest,
+        float(lower),
+        float(upper),
+    )
+
+
+def merged(bodies: Sequence[Body]) -> tuple[float, Array, Array]:
+    """Merge bodies that move together.
+
+    Returns:
+        mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2]; zeros of no bodies
+    """
+    mass = sum(b.mass for b in bodies)
+    if not bodies:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for b in bodies:
+        offset = b.com - com
+        inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    return mass, com, inertia

@@ -1,0 +1,339 @@
+"""A rig as links and joints: what URDF, SDF and MJCF files are written from.
+
+Every joint turns about or slides along z through the origin of its child link, and a child link
+stands in its parent as the joint's `pose` says when the coordinate is 0. A frame that the
+description puts beyond its hinge (standard DH) becomes a fixed link without mass behind a link
+`..._hinge` that carries the mass, so that every frame of the description is a link of its own name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import (
+    ArmDescription,
+    Body,
+    JointDescription,
+    RigArm,
+    RigDescription,
+    Shape,
+)
+from trocar.errors import InputError
+from trocar.kinematics.forward import coordinates
+from trocar.kinematics.loops import loops_are_parallelograms
+from trocar.kinematics.mechanism import Frame, Motion
+from trocar.kinematics.tree import frame_poses
+from trocar.modeling.hinges import Hinge, hinge_of, merged
+
+Array = NDArray[np.float64]
+
+#: The root of every model: a link without mass.
+WORLD = "world"
+#: A passive coordinate's limits lie this much beyond what the joints make of it. Source: our own
+#: choice, so that rounding stops no loop. [rad or m]
+SLACK = 1e-3
+#: Joint vectors that straight lines are fitted to, where a loop is no parallelogram.
+SAMPLES = 256
+#: A ratio below this is rounding of the fit.
+NO_RATIO = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid body, or a frame without mass.
+
+    Attributes:
+        name: "PSM1_pitch_back"
+        arm, frame: whose it is and which frame of the description moves with it, "" of the world
+        mass: [kg], 0 of a mere frame
+        com: centre of mass in the link, (3,) [m]
+        inertia: about it in the link's axes, (3, 3) [kg m^2]
+        shapes: what it looks like and collides with, in the link's frame
+    """
+
+    name: str
+    arm: str
+    frame: str
+    mass: float
+    com: Array
+    inertia: Array
+    shapes: tuple[Shape, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkJoint:
+    """What joins a link to its parent.
+
+    Attributes:
+        name: "PSM1_pitch" where a public joint's motor sits on it, else the child's name
+        kind: fixed, revolute (about z) or prismatic (along z)
+        parent, child: names of links
+        pose: T_parent_child where the coordinate is 0, (4, 4)
+        arm, frame: whose motion it is, "" of a fixed joint
+        hinge: what it feels, None of a fixed joint
+        lower, upper: how far it goes [rad or m]
+        effort, velocity: what its motor can do, of a passive joint those of what it follows
+        offset, follows: coordinate = offset + sum(ratio * coordinate of joint) over ((joint,
+            ratio), ...); empty of a joint that moves on its own
+        in_loop: whether a loop determines it, and not a coupling
+    """
+
+    name: str
+    kind: Motion
+    parent: str
+    child: str
+    pose: Array
+    arm: str = ""
+    frame: str = ""
+    hinge: Hinge | None = None
+    lower: float = 0.0
+    upper: float = 0.0
+    effort: float = 0.0
+    velocity: float = 0.0
+    offset: float = 0.0
+    follows: tuple[tuple[str, float], ...] = ()
+    in_loop: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LinkLoop:
+    """A hinge that closes a loop and turns about link_a's z.
+
+    Attributes:
+        name: "PSM1_c1"
+        arm: whose it is
+        link_a, point_a: a link and a point in it, (3,) [m]
+        link_b, point_b: where the other side has the same point
+    """
+
+    name: str
+    arm: str
+    link_a: str
+    point_a: Array
+    link_b: str
+    point_b: Array
+
+
+@dataclass(frozen=True, eq=False)
+class LinkModel:
+    """A rig in the words of other simulators.
+
+    Attributes:
+        name, title: who it is
+        links: parents before children; the first is the world
+        joints: one for every other link, in their order
+        loops: what closes
+        start: coordinates of the rig's pose "start", {joint: rad or m}, passive ones included
+        line_errors: {arm: how far the worst frame stands from where it belongs when the loops'
+            coordinates follow straight lines [m]} of arms whose loops are no parallelograms
+    """
+
+    name: str
+    title: str
+    links: tuple[Link, ...]
+    joints: tuple[LinkJoint, ...]
+    loops: tuple[LinkLoop, ...]
+    start: Mapping[str, float]
+    line_errors: Mapping[str, float]
+
+    def joint(self, name: str) -> LinkJoint:
+        """Return the joint called `name`."""
+        return next(joint for joint in self.joints if joint.name == name)
+
+
+def link_name(arm: str, frame: str) -> str:
+    """Return what a frame's link is called: "PSM1_pitch_back"."""
+    return f"{arm}_{frame}"
+
+
+def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
+    """Return a rig as links and joints.
+
+    Args:
+        rig: its description
+        friction: "identified" or "paper"
+
+    Raises:
+        InputError: a moving frame of an arm has no mass
+    """
+    links = [Link(WORLD, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), ())]
+    joints: list[LinkJoint] = []
+    for prop in rig.props:
+        links.append(Link(prop.name, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), prop.shapes))
+        joints.append(_fixed(prop.name, WORLD, prop.name, prop.pose))
+    loops: list[LinkLoop] = []
+    start: dict[str, float] = {}
+    errors: dict[str, float] = {}
+    for place in rig.arms:
+        found = _Reading.of(place, friction)
+        for frame in place.arm.mechanism.frames:
+            found.read(frame, links, joints)
+        loops += found.loops()
+        at = coordinates(place.arm.mechanism, rig.poses["start"][place.name])
+        start |= {found.joint_name(f): float(at[k]) for k, f in found.moving()}
+        if found.line_error:
+            errors[place.name] = found.line_error
+    return LinkModel(rig.name, rig.title, tuple(links), tuple(joints), tuple(loops), start, errors)
+
+
+def _fixed(name: str, parent: str, child: str, pose: Array) -> LinkJoint:
+    return LinkJoint(name, "fixed", parent, child, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class _Reading:
+    """One arm while it is read: its massed frames and how coordinates follow joints."""
+
+    place: RigArm
+    friction: str
+    bodies: Mapping[str, list[Body]]
+    offsets: Array
+    ratios: Array
+    line_error: float
+
+    @staticmethod
+    def of(place: RigArm, friction: str) -> _Reading:
+        arm = place.arm
+        bodies: dict[str, list[Body]] = {}
+        for body in arm.bodies:
+            bodies.setdefault(body.frame, []).append(body)
+        bare = [f.name for f in arm.mechanism.frames if f.motion != "fixed"]
+        bare = [name for name in bare if name not in bodies]
+        if bare:
+            why = "".join(f"; {m.what}: {m.why}" for m in arm.missing)
+            raise InputError(f"{arm.name}: has no mass for {', '.join(bare)}{why}")
+        return _Reading(place, friction, bodies, *_lines(arm))
+
+    def moving(self) -> list[tuple[int, Frame]]:
+        frames = self.place.arm.mechanism.frames
+        return [(k, f) for k, f in enumerate(frames) if f.motion != "fixed"]
+
+    def joint_name(self, frame: Frame) -> str:
+        joint = hinge_of(self.place.arm, frame.name, self.friction).joint
+        own = joint is not None and joint.drive == ((frame.name, 1.0),)
+        return link_name(self.place.name, joint.name if own and joint else frame.name)
+
+    def read(self, frame: Frame, links: list[Link], joints: list[LinkJoint]) -> None:
+        """Add a frame's links and joints."""
+        name = link_name(self.place.name, frame.name)
+        parent = self._parent(frame)
+        pose = frame.before if frame.parent else self.place.pose @ frame.before
+        own = self._massed(frame)
+        links.append(self._link(own, frame))
+        if frame.motion == "fixed":
+            joints.append(_fixed(name, parent, own, pose))
+        else:
+            joints.append(self._moving(frame, parent, own, pose))
+        if own != name:
+            nothing = np.zeros((3, 3))
+            links.append(Link(name, self.place.name, frame.name, 0.0, np.zeros(3), nothing, ()))
+            joints.append(_fixed(f"{name}_frame", own, name, frame.after))
+
+    def _massed(self, frame: Frame) -> str:
+        """Return the link that a frame's bodies are in."""
+        name = link_name(self.place.name, frame.name)
+        return name if np.array_equal(frame.after, np.eye(4)) else f"{name}_hinge"
+
+    def _parent(self, frame: Frame) -> str:
+        if frame.parent is not None:
+            return link_name(self.place.name, frame.parent)
+        return link_name(self.place.on, self.place.frame) if self.place.on else WORLD
+
+    def _link(self, name: str, frame: Frame) -> Link:
+        bodies = self.bodies.get(frame.name, [])
+        mass, com, inertia = merged(bodies)
+        turn, shift = frame.after[:3, :3], frame.after[:3, 3]
+        shapes = tuple(
+            replace(s, pose=frame.after @ s.pose) for body in bodies for s in body.shapes
+        )
+        com = turn @ com + shift if bodies else com
+        return Link(name, self.place.name, frame.name, mass, com, turn @ inertia @ turn.T, shapes)
+
+    def _moving(self, frame: Frame, parent: str, child: str, pose: Array) -> LinkJoint:
+        arm = self.place.arm
+        mechanism = arm.mechanism
+        index = mechanism.frame_index[frame.name]
+        hinge = hinge_of(arm, frame.name, self.friction)
+        row, offset = self.ratios[index], float(self.offsets[index])
+        ends = np.sort(np.stack([row * mechanism.lower, row * mechanism.upper]), axis=0)
+        lower, upper = offset + ends.sum(axis=1)
+        if hinge.joint is not None:
+            effort, follows = hinge.joint.effort_max * abs(hinge.weight), ()
+        else:
+            lower, upper = lower - SLACK, upper + SLACK
+            leads = [(arm.joints[k], float(row[k])) for k in np.flatnonzero(row)]
+            effort = max((j.effort_max / abs(ratio) for j, ratio in leads), default=0.0)
+            follows = tuple(self._lead(joint, ratio) for joint, ratio in leads)
+        return LinkJoint(
+            name=self.joint_name(frame),
+            kind=frame.motion,
+            parent=parent,
+            child=child,
+            pose=pose,
+            arm=self.place.name,
+            frame=frame.name,
+            hinge=hinge,
+            lower=float(lower),
+            upper=float(upper),
+            effort=float(effort),
+            velocity=sum(abs(row[k]) * arm.joints[k].velocity_max for k in np.flatnonzero(row)),
+            offset=offset if hinge.joint is None else 0.0,
+            follows=follows,
+            in_loop=any(frame.name in c.passive for c in mechanism.closures),
+        )
+
+    def _lead(self, joint: JointDescription, ratio: float) -> tuple[str, float]:
+        """Return the joint that a public joint's motor sits on, and the ratio to it."""
+        frame, weight = joint.drive[0]
+        mechanism = self.place.arm.mechanism
+        leader = mechanism.frames[mechanism.frame_index[frame]]
+        return self.joint_name(leader), ratio * weight
+
+    def loops(self) -> list[LinkLoop]:
+        """Return what closes in the arm, points in the links that carry the mass."""
+        name = self.place.name
+        return [
+            LinkLoop(
+                link_name(name, c.name),
+                name,
+                *self._side(c.frame_a, c.point_a),
+                *self._side(c.frame_b, c.point_b),
+            )
+            for c in self.place.arm.mechanism.closures
+            if not c.open
+        ]
+
+    def _side(self, name: str, point: Array) -> tuple[str, Array]:
+        mechanism = self.place.arm.mechanism
+        frame = mechanism.frames[mechanism.frame_index[name]]
+        return self._massed(frame), frame.after[:3, :3] @ point + frame.after[:3, 3]
+
+
+def _lines(arm: ArmDescription) -> tuple[Array, Array, float]:
+    """Return the straight lines that coordinates follow: offsets, ratios, the worst miss [m].
+
+    Where loops are no parallelograms, coordinates of the loops' frames follow the lines that fit
+    them best over the whole range.
+    """
+    mechanism = arm.mechanism
+    if loops_are_parallelograms(mechanism):
+        return np.zeros(len(mechanism.frames)), mechanism.ratios, 0.0
+    rng = np.random.default_rng(0)
+    q = rng.uniform(mechanism.lower, mechanism.upper, (SAMPLES, len(mechanism.joints)))
+    closed = coordinates(mechanism, q)
+    table = np.hstack([np.ones((SAMPLES, 1)), q])
+    found = np.linalg.pinv(table) @ closed
+    found[np.abs(found) < NO_RATIO] = 0.0
+    for k, frame in enumerate(mechanism.frames):
+        if not any(frame.name in c.passive for c in mechanism.closures):
+            found[:, k] = np.concatenate([[0.0], mechanism.ratios[k]])
+    true, straight = frame_poses(mechanism, closed), frame_poses(mechanism, table @ found)
+    off = max(
+        float(np.linalg.norm(true[k][..., :3, 3] - straight[k][..., :3, 3], axis=-1).max())
+        for k in true
+    )
+    return found[0], found[1:].T, off

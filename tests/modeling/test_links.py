@@ -1,0 +1,123 @@
+"""Links and joints, from which files for other simulators are written, stand where frames do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.descriptions import load_arm, load_rig
+from trocar.descriptions.calibrated import apply_overlay
+from trocar.descriptions.catalogue import names
+from trocar.descriptions.lone_arm import lone_arm_rig
+from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.errors import InputError
+from trocar.geometry.rotations import matrix_from_rpy
+from trocar.geometry.se3 import inverse, transform
+from trocar.kinematics.forward import coordinates, poses
+from trocar.modeling.links import LinkModel, rig_links
+
+ARMS = ("psm", "ecm", "mtml", "mtmr", "suj_psm1", "suj_ecm")
+
+
+def joint_values(model: LinkModel, arm: ArmDescription, q: np.ndarray) -> dict[str, float]:
+    """Every joint of a lone arm from those that move on their own, as a reader of a file would."""
+    own = coordinates(arm.mechanism, q)
+    at = {f.name: own[k] for k, f in enumerate(arm.mechanism.frames)}
+    values = {j.name: at[j.frame] for j in model.joints if j.hinge and not j.follows}
+    for joint in model.joints:
+        if joint.follows:
+            values[joint.name] = joint.offset + sum(r * values[n] for n, r in joint.follows)
+    return values
+
+
+def stand(model: LinkModel, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """Return the pose of each link in the world."""
+    found = {model.links[0].name: np.eye(4)}
+    for joint in model.joints:
+        moved = joint.pose
+        if joint.kind != "fixed":
+            at, slides = values[joint.name], joint.kind == "prismatic"
+            turn = np.eye(3) if slides else matrix_from_rpy(0.0, 0.0, at)
+            moved = moved @ transform(turn, np.array([0.0, 0.0, at if slides else 0.0]))
+        found[joint.child] = found[joint.parent] @ moved
+    return found
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_every_frame_is_a_link_of_its_name_and_stands_where_the_kinematics_say(
+    name: str, rng: np.random.Generator, random_positions
+) -> None:
+    arm = load_arm(name)
+    rig = lone_arm_rig(arm)
+    model = rig_links(rig)
+    for q in random_positions(arm, rng, 20):
+        at = stand(model, joint_values(model, arm, q))
+        root = at[f"{rig.arms[0].name}_{arm.root}"]
+        for frame, expected in poses(arm.mechanism, q, arm.root).items():
+            if frame in arm.mechanism.frame_index:
+                pose = inverse(root) @ at[f"{rig.arms[0].name}_{frame}"]
+                assert np.abs(pose - expected).max() < 1e-12
+
+
+def test_loops_close_in_the_links_that_they_name(rng, random_positions) -> None:
+    for name in ("psm", "ecm", "mtml"):
+        arm = load_arm(name)
+        model = rig_links(lone_arm_rig(arm))
+        assert len(model.loops) == len(arm.mechanism.closures)
+        for q in random_positions(arm, rng, 10):
+            at = stand(model, joint_values(model, arm, q))
+            for loop in model.loops:
+                a = at[loop.link_a] @ np.append(loop.point_a, 1.0)
+                b = at[loop.link_b] @ np.append(loop.point_b, 1.0)
+                assert np.abs(a - b).max() < 1e-12
+
+
+def all_rigs() -> list[RigDescription]:
+    return [load_rig(name) for name in names("rigs")]
+
+
+def test_rigs_lose_no_mass_and_no_shape() -> None:
+    for rig in all_rigs():
+        model = rig_links(rig)
+        bodies = [body for place in rig.arms for body in place.arm.bodies]
+        shapes = [s for b in bodies for s in b.shapes] + [s for p in rig.props for s in p.shapes]
+        assert sum(link.mass for link in model.links) == pytest.approx(sum(b.mass for b in bodies))
+        assert sum(len(link.shapes) for link in model.links) == len(shapes)
+        assert len({link.name for link in model.links}) == len(model.links)
+        assert len({joint.name for joint in model.joints}) == len(model.joints)
+        assert [joint.child for joint in model.joints] == [link.name for link in model.links[1:]]
+
+
+def test_passive_joints_stay_inside_their_limits_over_the_whole_range(
+    rng, random_positions
+) -> None:
+    for name in ARMS:
+        arm = load_arm(name)
+        model = rig_links(lone_arm_rig(arm))
+        for q in random_positions(arm, rng, 20):
+            for joint, value in joint_values(model, arm, q).items():
+                found = model.joint(joint)
+                assert found.lower - 1e-12 <= value <= found.upper + 1e-12
+
+
+def test_straight_lines_that_stand_for_a_general_loop_say_how_wrong_they_are(
+    skew_overlay, rng, random_positions
+) -> None:
+    arm = apply_overlay(load_arm("psm"), skew_overlay("psm", rng))
+    model = rig_links(lone_arm_rig(arm))
+    said = model.line_errors["PSM1"]
+    assert 1e-6 < said < 5e-3
+    worst = 0.0
+    for q in random_positions(arm, rng, 50):
+        at = stand(model, joint_values(model, arm, q))
+        root = inverse(at["PSM1_base"])
+        for frame, expected in poses(arm.mechanism, q, arm.root).items():
+            if frame in arm.mechanism.frame_index:
+                off = (root @ at[f"PSM1_{frame}"] - expected)[:3, 3]
+                worst = max(worst, float(np.linalg.norm(off)))
+    assert 0.5 * said < worst < 1.5 * said
+
+
+def test_an_arm_without_masses_is_refused_with_what_is_missing() -> None:
+    with pytest.raises(InputError, match="has no mass for yaw"):
+        rig_links(lone_arm_rig(load_arm("psm_si")))

@@ -1,0 +1,274 @@
+"""Tools of the trade for the solids: hinges from the mechanism, plates, pins, caps, housings.
+
+Everything is in millimetres, in the frame of the link that is being drawn. A dimension between two
+axes comes from `hinge`; what a function here is told as a number is thickness and shape.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from build123d import (
+    Axis,
+    BuildSketch,
+    Circle,
+    Edge,
+    Face,
+    GeomType,
+    Locations,
+    Plane,
+    Polyline,
+    Pos,
+    Rectangle,
+    RectangleRounded,
+    Rot,
+    Sketch,
+    Solid,
+    Vector,
+    Wire,
+    chamfer,
+    extrude,
+    fillet,
+    loft,
+    make_hull,
+)
+from build123d.topology import Shape
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.errors import UnknownNameError
+from trocar.geometry.se3 import inverse
+from trocar.kinematics.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+#: A circle of an outline: x, y of its centre and its radius [mm].
+Disc = tuple[float, float, float]
+#: Millimetres in a metre.
+MM = 1000.0
+
+
+@dataclass(frozen=True, eq=False)
+class Hinge:
+    """The axis of a joint as one link sees it.
+
+    Attributes:
+        point: a point on the axis, (3,) [mm]; the other frame's origin, or the closing point
+        direction: unit vector along the axis, (3,)
+    """
+
+    point: Array
+    direction: Array
+
+    def at(self, z: float) -> Array:
+        """Return where the axis crosses the plane z of the link's frame, (3,) [mm]."""
+        return self.point + self.direction * ((z - self.point[2]) / self.direction[2])
+
+    def disc(self, radius: float, dx: float = 0.0, dy: float = 0.0) -> Disc:
+        """Return a circle about the axis in the plane z = 0, moved by (dx, dy) [mm]."""
+        x, y, _ = self.at(0.0)
+        return (float(x) + dx, float(y) + dy, radius)
+
+    def plane(self, along: float = 0.0) -> Plane:
+        """Return the plane across the axis, `along` past its point [mm]."""
+        origin = self.point + along * self.direction
+        return Plane(origin=Vector(*origin), z_dir=Vector(*self.direction))
+
+
+def hinge(mechanism: Mechanism, link: str, name: str) -> Hinge:
+    """Return the axis of frame or closing point `name`, as the body of frame `link` carries it.
+
+    Args:
+        mechanism: of the arm, calibrated or not
+        link: the frame that the body moves with
+        name: `link` itself, a frame that hangs on it (over fixed frames too), or a closure
+
+    Raises:
+        UnknownNameError: no such frame, or its axis does not stand still on this body
+    """
+    closure = next((c for c in mechanism.closures if c.name == name), None)
+    if closure is not None and link in (closure.frame_a, closure.frame_b):
+        point = closure.point_a if link == closure.frame_a else closure.point_b
+        return Hinge(point * MM, np.array([0.0, 0.0, 1.0]))
+    if name == link:
+        own = inverse(mechanism.frame(link).after)
+        return Hinge(own[:3, 3] * MM, own[:3, 2])
+    pose = axis_pose(mechanism, link, name)
+    return Hinge(pose[:3, 3] * MM, pose[:3, 2])
+
+
+def axis_pose(mechanism: Mechanism, link: str, name: str) -> Array:
+    """Return where frame `name` stands on the body of frame `link` at coordinate 0, (4, 4) [m].
+
+    Raises:
+        UnknownNameError: another joint lies between them
+    """
+    frame = mechanism.frame(name)
+    pose = frame.before if frame.motion != "fixed" else frame.before @ frame.after
+    while frame.parent != link:
+        if frame.parent is None or mechanism.frame(frame.parent).motion != "fixed":
+            known = [f.name for f in mechanism.frames if f.parent == link]
+            raise UnknownNameError("axis", name, known, link)
+        frame = mechanism.frame(frame.parent)
+        pose = frame.before @ frame.after @ pose
+    return pose
+
+
+# ---------------------------------------------------------------- flat things: plates and links
+
+
+def outline(*chains: Sequence[Disc]) -> Shape:
+    """Return the union of belts: each chain of circles is joined pairwise by common tangents."""
+    shapes = [_belt(a, b) for chain in chains for a, b in pairwise(chain)]
+    whole = shapes[0]
+    for shape in shapes[1:]:
+        whole = whole + shape
+    return Sketch() + whole
+
+
+def hull(discs: Sequence[Disc]) -> Shape:
+    """Return the convex hull of circles."""
+    with BuildSketch() as sketch:
+        for x, y, radius in discs:
+            with Locations((x, y)):
+                Circle(radius)
+        make_hull()
+    return Sketch(sketch.faces())
+
+
+def _belt(a: Disc, b: Disc) -> Shape:
+    return hull((a, b))
+
+
+def polygon(points: Sequence[tuple[float, float]], rounding: float = 0.0) -> Shape:
+    """Return a polygon whose corners are rounded alike."""
+    face = Sketch() + Face(Wire(Polyline(*points, close=True).edges()))
+    return fillet(face.vertices(), rounding) if rounding else face
+
+
+def plate(
+    sketch: Shape, low: float, high: float, edge: float = 0.0, round_off: bool = False
+) -> Shape:
+    """Return an outline as a plate between the planes z = low and z = high.
+
+    Args:
+        sketch: the outline in the x-y plane
+        low, high: the two faces [mm]
+        edge: how much is taken off its rims [mm]
+        round_off: round the rims instead of bevelling them
+    """
+    solid = extrude(Sketch((Pos(0, 0, low) * sketch).faces()), high - low)
+    if not edge:
+        return solid
+    rims = solid.faces().filter_by(Axis.Z).edges()
+    return fillet(rims, edge) if round_off else chamfer(rims, edge)
+
+
+def mirrored(part: Shape) -> Shape:
+    """Return the part and its mirror image in the plane z = 0, as one."""
+    return part + part.mirror(Plane.XY)
+
+
+# ---------------------------------------------------------------- round things: pins, caps, lathe
+
+
+def pin(at: Hinge, low: float, high: float, radius: float, bevel: float = 0.0) -> Shape:
+    """Return a cylinder about an axis, from `low` to `high` along it, measured from its point."""
+    solid = Solid.make_cylinder(radius, high - low, at.plane(low))
+    rims = solid.edges().filter_by(GeomType.CIRCLE)
+    return chamfer(rims, bevel) if bevel else solid
+
+
+def cap(at: Hinge, low: float, high: float, radius: float) -> Shape:
+    """Return the cover of a joint: a disc with a bevelled face and a shallow ring in it.
+
+    Args:
+        at: the axis
+        low: where it lies on the link, along the axis [mm]
+        high: its face; below `low` it looks the other way [mm]
+        radius: [mm]
+    """
+    side = 1.0 if high > low else -1.0
+    tall = abs(high - low)
+    rim, dip = min(0.4 * tall, 0.12 * radius), min(0.3 * tall, 1.2)
+    profile = [
+        (0.0, 0.0),
+        (radius, 0.0),
+        (radius, tall - rim),
+        (radius - rim, tall),
+        (0.62 * radius, tall),
+        (0.54 * radius, tall - dip),
+        (0.0, tall - dip),
+    ]
+    turned = Hinge(at.point, side * at.direction)
+    return turning(turned, [(r, side * low + z) for r, z in profile])
+
+
+def turning(at: Hinge, profile: Sequence[tuple[float, float]], rounding: float = 0.0) -> Shape:
+    """Return a turned part: a closed profile of (radius, height along the axis) points [mm].
+
+    Args:
+        at: the axis, and the height 0 at its point
+        profile: closed polygon; points at radius 0 lie on the axis
+        rounding: of every corner off the axis [mm]
+    """
+    face = Face(Wire(Polyline(*[(r, 0.0, z) for r, z in profile], close=True).edges()))
+    if rounding:
+        corners = [v for v in face.vertices() if v.X > 1e-6]
+        face = face.fillet_2d(rounding, corners)
+    solid = Solid.revolve(face, 360.0, Axis.Z)
+    return at.plane().location * solid
+
+
+def tube(at: Hinge, low: float, high: float, radius: float, bore: float) -> Shape:
+    """Return a tube about an axis."""
+    return turning(at, [(bore, low), (radius, low), (radius, high), (bore, high)])
+
+
+# ---------------------------------------------------------------- boxes and lofts
+
+
+def rounded_box(
+    center: ArrayLike, size: ArrayLike, edge: float, upright: float | None = None
+) -> Shape:
+    """Return a box with rounded edges.
+
+    Args:
+        center: (3,) [mm]
+        size: full edges, (3,) [mm]
+        edge: radius of the edges [mm]
+        upright: radius of the four edges along z, `edge` when omitted [mm]
+    """
+    x, y, z = (float(v) for v in np.asarray(center))
+    a, b, c = (float(v) for v in np.asarray(size))
+    solid = extrude(Pos(0, 0, -c / 2) * RectangleRounded(a, b, upright or edge), c)
+    rims = solid.faces().filter_by(Axis.Z).edges()
+    return Pos(x, y, z) * fillet(rims, edge)
+
+
+def lofted(sections: Sequence[tuple[float, float, float, float, float, float]]) -> Shape:
+    """Return a body along x through rounded rectangles.
+
+    Args:
+        sections: (x, y, z, tall along y, wide along z, corner radius) in ascending x [mm]
+    """
+    faces: list[Sketch] = []
+    for x, y, z, tall, wide, corner in sections:
+        at = Pos(x, y, z) * Rot(0, 90, 0)
+        faces.append(at * RectangleRounded(wide, tall, corner))
+    return loft(faces, ruled=True)
+
+
+def box(low: ArrayLike, high: ArrayLike) -> Shape:
+    """Return a plain box between two corners; for cutting."""
+    a, b = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
+    x, y, z = (float(v) for v in (a + b) / 2)
+    size = b - a
+    blank = extrude(Rectangle(float(size[0]), float(size[1])), float(size[2]) / 2, both=True)
+    return Pos(x, y, z) * blank
+
+
+def edges_across(part: Shape, axis: Axis) -> list[Edge]:
+    """Return the edges of the two faces across an axis: the rims to round or bevel."""
+    return list(part.faces().filter_by(axis).edges())

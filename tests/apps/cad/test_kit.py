@@ -66,8 +66,8 @@ def test_pins_and_caps_turn_about_a_leaning_axis(make):
 
 
 def test_a_cap_looks_the_way_it_is_told():
-    low = kit.cap(OWN, -10.0, -16.0, 15.0).bounding_box().min
-    assert low.Z == pytest.approx(-16.0, abs=1e-4)
+    low = kit.cap(OWN, -10.0, -16.0, 15.0).bounding_box().min.Z
+    assert low == pytest.approx(-16.0, abs=1e-4)
 
 
 def test_a_plate_between_two_hinges_has_the_volume_of_its_belt():

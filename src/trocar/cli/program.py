@@ -32,6 +32,7 @@ COMMANDS = {
     "ik": "all joint positions that bring an arm's tip to a pose",
     "list": "names of the built-in arms, tools and rigs",
     "show": "what is known of an arm: frames, limits, masses, sources",
+    "export": "an arm or a rig for other simulators: URDF, SDF, MJCF",
     "verify": "the paper's experiments repeated, its figures beside ours",
     "bench": "measure real-time factors beside bare MuJoCo",
 }

@@ -17,6 +17,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 # What is installed beside trocar itself, for each thing one may want to do.
 EXTRAS_run := [record,plot]
 EXTRAS_test := [record,bags,plot,export,convex,test,browser]
+EXTRAS_cad := [cad]
 EXTRAS_dev := [dev]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
@@ -26,7 +27,7 @@ $(BIN)/python -m pytest -m browser $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile $(ARGS)
 endef
 
-.PHONY: help venv run test check lint bench clean
+.PHONY: help venv run test check lint bench cad clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -49,6 +50,9 @@ lint: .venv/.ready-dev ## format, lint and types alone
 
 bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 	$(BIN)/trocar bench $(ARGS)
+
+cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
+	$(BIN)/trocar cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 clean: ## throw away .venv and the caches
 	rm -rf .venv .pytest_cache .ruff_cache .hypothesis

@@ -46,6 +46,7 @@ HOMES = {
     "matplotlib": ("apps",),
     "lxml": ("modeling", "apps/exports", "apps/foreign"),
     "build123d": ("apps/cad",),
+    "OCP": ("apps/cad",),
     "trimesh": ("apps/foreign",),
     "coacd": ("apps/foreign",),
     # Judges of the exports, which only tests call.

@@ -27,10 +27,19 @@ HEADER_BYTES, TRIANGLE_BYTES = 84, 50
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles: vertices (n, 3) [m] in the shape's frame, and which three make a face (m, 3)."""
+    """Triangles of a shape.
+
+    Attributes:
+        vertices: (n, 3) [m] in the shape's frame
+        faces: which three vertices make one, outside seen anticlockwise, (m, 3)
+        name: what a file of it is called, without ending
+        normals: the surface's unit normal at each vertex, (n, 3); None: as the triangles have it
+    """
 
     vertices: Array
     faces: Ints
+    name: str = ""
+    normals: Array | None = None
 
 
 def read_mesh(table: Table) -> Mesh:
@@ -59,7 +68,7 @@ def read_mesh(table: Table) -> Mesh:
         ) from None
     _check(table, path, corners)
     vertices, inverse = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64))
+    return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64), path.stem)
 
 
 def _check(table: Table, path: Path, corners: Array) -> None:
@@ -106,3 +115,21 @@ def _from_obj(data: bytes) -> Array:
     if any(len(point) != 3 for point in points):
         raise ValueError("a corner is a line `v x y z`")
     return np.array(points)[np.array(faces, dtype=np.int64)] if faces else np.zeros((0, 3, 3))
+
+
+def open_edges(vertices: Array, faces: Ints) -> int:
+    """Return how many edges of triangles have no opposite in another: 0 where a surface is closed.
+
+    Vertices at the same place count as one.
+    """
+    _, place = np.unique(vertices, axis=0, return_inverse=True)
+    corners = place.reshape(-1)[faces]
+    ways = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    there = ways[:, 0] * len(vertices) + ways[:, 1]
+    back = ways[:, 1] * len(vertices) + ways[:, 0]
+    each, counts = np.unique(there, return_counts=True)
+    other, backs = np.unique(back, return_counts=True)
+    here = dict(zip(other.tolist(), backs.tolist(), strict=True))
+    return sum(
+        abs(n - here.get(edge, 0)) for edge, n in zip(each.tolist(), counts.tolist(), strict=True)
+    )

@@ -27,7 +27,7 @@ DISPLAY = "HRSV"
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A primitive solid on a frame, or triangles that are only looked at.
+    """A primitive solid on a frame, or triangles: those that are seen, or a convex piece.
 
     Attributes:
         kind: box, capsule, cylinder, sphere or mesh
@@ -39,7 +39,8 @@ class Shape:
         collide: takes part in contacts
         hull: what it collides as: itself, or a "capsule" along its longest edge (ten times cheaper)
         weigh: counts for mass properties that come from the shape
-        mesh: the triangles of a mesh, which touches nothing and weighs nothing
+        mesh: the triangles of a mesh, which weighs nothing; what collides is its convex hull
+        visible: whether it is looked at
     """
 
     kind: ShapeKind
@@ -51,6 +52,7 @@ class Shape:
     weigh: bool = True
     hull: Literal["same", "capsule"] = "same"
     mesh: Mesh | None = None
+    visible: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +65,10 @@ class Body:
         com: centre of mass in the frame, (3,) [m]
         inertia: about the centre of mass in the frame's axes, (3, 3) [kg m^2]
         shapes: what it looks like and collides with
-        inertia_from: "source" or "shape"
+        inertia_from: "source", "shape" or "solid"
         source: where the numbers are from
         part: the file's name: the arm's or the tool's
+        solid: the drawn solid, "set/link", whose meshes are among the shapes; "" without one
     """
 
     frame: str
@@ -76,6 +79,7 @@ class Body:
     inertia_from: str
     source: str
     part: str
+    solid: str = ""
 
 
 @dataclass(frozen=True)

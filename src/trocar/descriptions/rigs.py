@@ -19,7 +19,7 @@ from trocar.descriptions.records import (
     RigDescription,
 )
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.shapes import read_shape
+from trocar.descriptions.shapes import read_drawn, read_shape, seen_and_touched
 from trocar.descriptions.table import Table, read_table
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -110,7 +110,9 @@ def _read_arm(
 
 
 def _read_prop(row: Table) -> Prop:
-    prop = Prop(row.text("name"), read_pose(row), tuple(read_shape(s) for s in row.tables("shape")))
+    name, at = row.text("name"), read_pose(row)
+    drawn = seen_and_touched(row, read_drawn(row))
+    prop = Prop(name, at, (*drawn, *(read_shape(s) for s in row.tables("shape"))))
     row.text("source", "")
     row.done()
     return prop

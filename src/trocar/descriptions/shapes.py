@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, cast
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
 from trocar.descriptions.records import Body, Shape, ShapeKind
+from trocar.descriptions.solids import Solid, read_solid, solid_names
 from trocar.descriptions.table import Table
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
@@ -59,6 +61,7 @@ def read_shape(table: Table) -> Shape:
         collide=table.flag("collide", True),
         weigh=table.flag("weigh", True),
         hull=cast(Literal["same", "capsule"], table.text("hull", "same", ("same", "capsule"))),
+        visible=table.flag("visible", True),
     )
     table.done()
     return shape
@@ -92,14 +95,11 @@ def read_body(table: Table, part: str) -> Body:
     mass = table.quantity("mass", "mass")
     if mass <= 0.0:
         raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
-    shapes = tuple(read_shape(row) for row in table.tables("shape"))
-    weighed = [s for s in shapes if s.weigh]
-    given = "inertia_kgm2" in table
-    if not weighed and not given:
-        raise table.fail("inertia_kgm2", "is missing, and there is no shape to compute it from")
-    com, inertia = mass_properties(weighed, mass) if weighed else (np.zeros(3), np.eye(3))
+    solid = read_drawn(table)
+    shapes = (*seen_and_touched(table, solid), *map(read_shape, table.tables("shape")))
+    com, inertia, origin = _uniform(table, solid, shapes, mass)
     com = table.vector("com", 3, "length", default=com)
-    if given:
+    if origin == "source":
         xx, yy, zz, xy, xz, yz = table.vector("inertia", 6, "inertia")
         inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     problem = impossible(inertia)
@@ -107,7 +107,51 @@ def read_body(table: Table, part: str) -> Body:
         raise table.fail("inertia_kgm2", problem)
     source = table.text("source", "")
     table.done()
-    return Body(frame, mass, com, inertia, shapes, "source" if given else "shape", source, part)
+    name = "" if solid is None else solid.name
+    return Body(frame, mass, com, inertia, shapes, origin, source, part, name)
+
+
+def read_drawn(table: Table) -> Solid | None:
+    """Return the solid that a body or a prop names, None where it names none.
+
+    Raises:
+        DescriptionError: no such solid
+    """
+    name = table.text("solid", "")
+    if not name:
+        return None
+    try:
+        return read_solid(name)
+    except KeyError:
+        known = solid_names()
+        near = [one for one in known if one.partition("/")[0] == name.partition("/")[0]]
+        allowed = ", ".join(near or known) or "none, for none are drawn"
+        raise table.fail("solid", f"got {name!r}; allowed: {allowed}") from None
+
+
+def seen_and_touched(table: Table, solid: Solid | None) -> tuple[Shape, ...]:
+    """Return the shapes of a solid; its convex pieces touch if the table says so."""
+    touches = table.flag("touches", False)
+    if solid is None:
+        if touches:
+            raise table.fail("touches", "got true; allowed: false where there is no `solid`")
+        return ()
+    return (*solid.visual, *(replace(piece, collide=touches) for piece in solid.convex))
+
+
+def _uniform(
+    table: Table, solid: Solid | None, shapes: tuple[Shape, ...], mass: float
+) -> tuple[Array, Array, str]:
+    """Return centre, inertia and what they are from: a drawn solid, or primitive shapes."""
+    weighed = [s for s in shapes if s.weigh]
+    origin = "source" if "inertia_kgm2" in table else "solid" if solid else "shape"
+    if solid is not None:
+        return solid.com, mass * solid.gyration, origin
+    if weighed:
+        return *mass_properties(weighed, mass), origin
+    if origin == "shape":
+        raise table.fail("inertia_kgm2", "is missing, and there is no shape to compute it from")
+    return np.zeros(3), np.eye(3), origin
 
 
 def impossible(inertia: Array) -> str:

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "mm": 1e-3},
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
+    "area": {"m2": 1.0, "mm2": 1e-6},
+    "volume": {"m3": 1.0, "mm3": 1e-9},
     "mass": {"kg": 1.0},
     "inertia": {"kgm2": 1.0},
     "torque": {"nm": 1.0},

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import ArmDescription, Body, JointDescription, Shape
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
@@ -19,6 +18,7 @@ from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame
 from trocar.kinematics.tree import local_pose
 from trocar.modeling import naming
+from trocar.modeling.assets import add_material, add_mesh
 from trocar.modeling.contacts import ContactMask
 from trocar.modeling.hinges import hinge_of, merged
 from trocar.modeling.options import (
@@ -39,6 +39,7 @@ GEOMS = {
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "mesh": mujoco.mjtGeom.mjGEOM_MESH,
 }
 #: Inputs of a servo: position, velocity, feed-forward effort.
 SERVO_INPUTS = 7
@@ -89,7 +90,7 @@ def add_arm(
     if bare:
         why = "".join(f"; {m.what}: {m.why}" for m in arm.missing)
         raise InputError(f"{arm.name}: cannot be simulated, no mass for {', '.join(bare)}{why}")
-    anchors = _add_frames(arm, place, options)
+    anchors = _add_frames(spec, arm, place, options)
     if place.name not in options.locked:
         _add_loops(spec, place.name, arm, anchors, options)
         _add_couplings(spec, place.name, arm, options)
@@ -98,7 +99,9 @@ def add_arm(
     return anchors
 
 
-def _add_frames(arm: ArmDescription, place: Place, options: ModelOptions) -> dict[str, Anchor]:
+def _add_frames(
+    spec: mujoco.MjSpec, arm: ArmDescription, place: Place, options: ModelOptions
+) -> dict[str, Anchor]:
     name = place.name
     locked = options.locked.get(name)
     at = None if locked is None else coordinates(arm.mechanism, locked)
@@ -128,7 +131,12 @@ def _add_frames(arm: ArmDescription, place: Place, options: ModelOptions) -> dic
         _set_mass(made, bodies)
         for number, shape in enumerate(s for b in bodies for s in b.shapes):
             add_shape(
-                made, naming.scoped(name, f"{frame.name}/{number}"), shape, place.mask, options
+                spec,
+                made,
+                naming.scoped(name, f"{frame.name}/{number}"),
+                shape,
+                place.mask,
+                options,
             )
     return anchors
 
@@ -177,34 +185,42 @@ def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
 
 
 def add_shape(
-    body: mujoco.MjsBody, name: str, shape: Shape, mask: ContactMask, options: ModelOptions
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    shape: Shape,
+    mask: ContactMask,
+    options: ModelOptions,
 ) -> None:
     """Add a massless geom for a shape, if it collides or decoration is wanted.
 
-    Meshes are only looked at and stay out of the model.
+    What is seen is in group 1 where it collides, else in group 2; what only collides in group 3.
     """
-    if shape.kind == "mesh":
-        return
     collide = shape.collide and options.collisions and mask.conaffinity != 0
     if collide and not options.decoration and shape.hull == "capsule":
         shape = capsule_about(shape)
-    if not collide and not options.decoration:
+    if not collide and not (options.decoration and shape.visible):
         return
+    looks: dict[str, str] = {}
+    if shape.mesh is not None:
+        looks["meshname"] = add_mesh(spec, shape.mesh, convex=not shape.visible)
+    if options.decoration:
+        looks["material"] = add_material(spec, shape.material)
     body.add_geom(
         name=name,
         type=GEOMS[shape.kind],
-        size=shape.size,
+        size=np.zeros(3) if shape.mesh else shape.size,
         pos=shape.pose[:3, 3],
         quat=quaternion_from_matrix(shape.pose[:3, :3]),
         mass=0.0,
-        rgba=MATERIALS[shape.material].rgba,
-        group=1 if shape.collide else 2,
+        group=3 if not shape.visible else 1 if shape.collide else 2,
         contype=mask.contype if collide else 0,
         conaffinity=mask.conaffinity if collide else 0,
         condim=4,
         friction=CONTACT_FRICTION,
         solref=[CONTACT_PERIODS * options.timestep, 1.0],
         solimp=CONTACT_IMPEDANCE,
+        **looks,
     )
 
 

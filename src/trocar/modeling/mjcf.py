@@ -33,7 +33,7 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
             name=prop.name, pos=prop.pose[:3, 3], quat=quaternion_from_matrix(prop.pose[:3, :3])
         )
         for number, shape in enumerate(prop.shapes):
-            add_shape(body, f"{prop.name}/{number}", shape, masks[""], chosen)
+            add_shape(spec, body, f"{prop.name}/{number}", shape, masks[""], chosen)
     frames: dict[str, dict[str, Anchor]] = {}
     for group, arm in enumerate(rig.arms, start=1):
         mount = frames[arm.on][arm.frame] if arm.on else world

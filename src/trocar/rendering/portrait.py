@@ -1,0 +1,172 @@
+"""A still picture of a rig on white, from in front, the side, above or a corner."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from typing import Any, Literal, cast
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.descriptions.records import RigDescription
+from trocar.errors import TrocarError
+from trocar.modeling.mjcf import rig_spec
+from trocar.modeling.options import ModelOptions
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+View = Literal["front", "side", "top", "three_quarter"]
+
+#: From the camera into the picture: azimuth, elevation [deg]. Front is seen from the patient.
+VIEWS: Mapping[View, tuple[float, float]] = {
+    "front": (-90.0, 0.0),
+    "side": (180.0, 0.0),
+    "top": (90.0, -90.0),
+    "three_quarter": (-130.0, -18.0),
+}
+#: Vertical angle of the one view with perspective [deg], and the room left around a rig. Source: by
+#: eye.
+FIELD_OF_VIEW, MARGIN = 25.0, 1.06
+#: Each pixel is the mean of so many across and down; shadows are so fine. Source: by eye.
+FINER, SHADOW = 2, 8192
+#: Bodies larger than this, such as a floor, are left out [m].
+LARGEST = 3.0
+
+
+def portrait(
+    rig: RigDescription,
+    *,
+    view: View = "three_quarter",
+    q: Mapping[str, ArrayLike] | None = None,
+    size: tuple[int, int] = (1200, 900),
+) -> Image:
+    """Return a picture of a rig that stands still.
+
+    Front, side and top are without perspective, so that lengths can be read from them.
+
+    Args:
+        rig: what is seen; its floor is left out
+        view: from where
+        q: {arm: joint positions (n,)} [rad or m]; arms without one stand as in the pose "start"
+        size: width, height [px]
+
+    Returns:
+        (height, width, 3)
+
+    Raises:
+        TrocarError: there is no OpenGL to draw with
+    """
+    stand = {**rig.poses["start"], **{k: np.asarray(v, np.float64) for k, v in (q or {}).items()}}
+    spec = rig_spec(rig, ModelOptions(collisions=False, decoration=True, locked=stand))
+    width, height = FINER * size[0], FINER * size[1]
+    _light(spec, (width, height))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    fine = _draw(model, data, _camera(model, data, view, size), (width, height))
+    blocks = fine.reshape(size[1], FINER, size[0], FINER, 3)
+    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
+    visual = cast(Any, spec.visual)
+    visual.global_.offwidth, visual.global_.offheight = size
+    visual.quality.shadowsize = SHADOW
+    visual.headlight.ambient = [0.36] * 3
+    visual.headlight.diffuse = [0.30] * 3
+    visual.headlight.specular = [0.10] * 3
+    world = cast(mujoco.MjsBody, spec.worldbody)
+    for place, strength, shadow in (((2, 3, 5), 0.36, True), ((-4, 2, 3), 0.18, False)):
+        light = world.add_light(pos=place, dir=-np.array(place, dtype=np.float64))
+        light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+        light.castshadow = shadow
+        light.diffuse = [strength] * 3
+        light.specular = [0.25 * shadow] * 3
+    sky = spec.add_texture(name="white", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+    sky.rgb1 = sky.rgb2 = [1.0, 1.0, 1.0]
+    sky.width = sky.height = 32
+    for body in spec.bodies:
+        for geom in list(body.geoms):
+            if np.max(geom.size) > 0.5 * LARGEST and geom.type == mujoco.mjtGeom.mjGEOM_BOX:
+                spec.delete(geom)
+
+
+def _camera(
+    model: mujoco.MjModel, data: mujoco.MjData, view: View, size: tuple[int, int]
+) -> mujoco.MjvCamera:
+    azimuth, elevation = VIEWS[view]
+    low, high = _bounds(model, data)
+    turn, tilt = np.deg2rad(azimuth), np.deg2rad(elevation)
+    ahead = np.array(
+        [np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], dtype=np.float64
+    )
+    right = np.array([np.sin(turn), -np.cos(turn), 0.0])
+    half = 0.5 * (high - low)
+    across, up = np.abs(right) @ half, np.abs(np.cross(right, ahead)) @ half
+    height = 2.0 * MARGIN * max(up, across * size[1] / size[0])
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FREE
+    camera.lookat, camera.azimuth, camera.elevation = 0.5 * (low + high), azimuth, elevation
+    depth = float(np.abs(ahead) @ half)
+    camera.orthographic = int(view != "three_quarter")
+    if camera.orthographic:
+        model.vis.global_.fovy = height
+        camera.distance = depth + height
+    else:
+        model.vis.global_.fovy = FIELD_OF_VIEW
+        camera.distance = 0.5 * height / np.tan(0.5 * np.deg2rad(FIELD_OF_VIEW)) + 0.6 * depth
+    extent = float(model.stat.extent)
+    model.vis.map.znear = 0.1 * (camera.distance - depth) / extent
+    model.vis.map.zfar = 10.0 * (camera.distance + depth) / extent
+    return camera
+
+
+def _bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
+    """Bound what is seen, in the world [m]."""
+    turns = data.geom_xmat.reshape(-1, 3, 3)
+    middle = data.geom_xpos + (turns @ model.geom_aabb[:, :3, None])[..., 0]
+    reach = (np.abs(turns) @ model.geom_aabb[:, 3:, None])[..., 0]
+    return (middle - reach).min(axis=0), (middle + reach).max(axis=0)
+
+
+def _draw(
+    model: mujoco.MjModel, data: mujoco.MjData, camera: mujoco.MjvCamera, size: tuple[int, int]
+) -> Image:
+    width, height = size
+    try:
+        window = _context()(width, height)
+        window.make_current()
+        target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+    except Exception as problem:  # each of MuJoCo's backends fails in its own way
+        raise TrocarError(
+            f"no OpenGL to draw with: {problem}"
+            " (on Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri)"
+        ) from problem
+    scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
+    scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
+    mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, target)
+    wanted, nothing = mujoco.MjvOption(), mujoco.MjvPerturb()
+    wanted.geomgroup[:] = [0, 1, 1, 0, 0, 0]
+    wanted.sitegroup[:] = 0
+    everything = mujoco.mjtCatBit.mjCAT_ALL
+    mujoco.mjv_updateScene(model, data, wanted, nothing, camera, everything, scene)
+    frame = mujoco.MjrRect(0, 0, width, height)
+    mujoco.mjr_render(frame, scene, target)
+    image = np.empty((height, width, 3), np.uint8)
+    mujoco.mjr_readPixels(image, None, frame, target)
+    target.free()
+    window.free()
+    return image[::-1].copy()
+
+
+def _context() -> Any:
+    """Return the class of contexts that draw without a display."""
+    if sys.platform == "linux" and (os.environ.get("MUJOCO_GL") or "egl") == "egl":
+        from mujoco.egl import GLContext
+    else:
+        from mujoco.gl_context import GLContext
+    return GLContext

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from trocar.apps.calibration.linkage import Hinge, Linkage
 from trocar.apps.calibration.tracks import Tracks, check_together
+from trocar.descriptions.axis_lines import Line, along_to_plane, mean_direction
 from trocar.errors import InputError
 from trocar.geometry import inverse
 from trocar.kinematics.estimation import (
@@ -183,12 +184,18 @@ def turned_over(axes: Axes) -> Axes:
     return replace(axes, signs={name: -sign for name, sign in axes.signs.items()})
 
 
-def distances(axes: Axes, pairs: Mapping[str, tuple[str, str]]) -> dict[str, Value]:
+def distances(
+    axes: Axes,
+    pairs: Mapping[str, tuple[str, str]],
+    through: Mapping[str, Array] | None = None,
+) -> dict[str, Value]:
     """Measure distances of axes, each inside a link that carries both.
 
     Args:
         axes: as measured
         pairs: {label: two hinges}
+        through: {body: a point (3,) [m]} of the plane, across both axes, in which their distance is
+            taken; when omitted the plane lies midway between the points of the two axes
 
     Returns:
         {label: distance [m]} of those that the tracks show
@@ -199,10 +206,25 @@ def distances(axes: Axes, pairs: Mapping[str, tuple[str, str]]) -> dict[str, Val
         near = np.linalg.norm(axes.linkage.points[one] - axes.linkage.points[two]) < APART_M
         if one not in axes.fits or two not in axes.fits or body is None or near:
             continue
-        across = [axes.axis(n, body) for n in axes.linkage.carried(body) if n in axes.fits]
-        distance = axis_distance(axes.axis(one, body), axes.axis(two, body), across)
+        first, second = axes.axis(one, body), axes.axis(two, body)
+        if through is not None:
+            normal = mean_direction([axis_line(first), axis_line(second)])
+            first, second = (slid(axis, through[body], normal) for axis in (first, second))
+        distance = axis_distance(first, second)
         found[label] = Value(distance.value, distance.sigma)
     return found
+
+
+def axis_line(axis: Axis) -> Line:
+    """Return a measured axis as a line."""
+    return Line(axis.point, axis.direction)
+
+
+def slid(axis: Axis, through: Array, normal: Array) -> Axis:
+    """Return an axis whose point is where it pierces a plane."""
+    s = along_to_plane(axis_line(axis), through, normal)
+    dg, dd = axis.influence[:, :3], axis.influence[:, 3:]
+    return Axis(axis.point + s * axis.direction, axis.direction, np.hstack([dg + s * dd, dd]))
 
 
 def shared_body(linkage: Linkage, one: str, two: str) -> str | None:

@@ -8,55 +8,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.axes import Axes, Value, shared_body
-from trocar.apps.calibration.home import Home, signed_angle
+from trocar.apps.calibration.home import Home
+from trocar.descriptions.axis_lines import Line, line_angle
 
 Array = NDArray[np.float64]
 
 # Source: our own choice; the angle is smooth, so this leaves 1e-9 of the slopes. [m, 1]
 STEP = 1e-6
 
-Line = tuple[str, str]
+Pair = tuple[str, str]
 
 
-def betas(axes: Axes, home: Home, wanted: Mapping[str, tuple[Line, Line]]) -> dict[str, Value]:
+def betas(
+    axes: Axes, home: Home, wanted: Mapping[str, tuple[Pair, Pair]], through: Array
+) -> dict[str, Value]:
     """Measure angles at home: from the second line to the first, less a right angle.
 
     Args:
         axes: as measured
         home: a still start
-        wanted: {name: (line, line)}; a line runs from its first hinge to its second
+        wanted: {name: (pair, pair)}; a pair leads from its first hinge to its second
+        through: a point of the plane in which they are told, as `home` has it, (3,) [m]
 
     Returns:
         {name: angle [rad]} of those that the tracks show
     """
     found: dict[str, Value] = {}
     for name, (to, start) in wanted.items():
-        bodies = [shared_body(axes.linkage, *line) for line in (to, start)]
+        bodies = [shared_body(axes.linkage, *pair) for pair in (to, start)]
         if any(body is None or body not in home.poses for body in bodies):
             continue
         if any(hinge not in axes.fits for hinge in (*to, *start)):
             continue
-        found[name] = _angle(axes, home, (to, start), (str(bodies[0]), str(bodies[1])))
+        found[name] = _angle(axes, home, (to, start), (str(bodies[0]), str(bodies[1])), through)
     return found
 
 
-def _angle(axes: Axes, home: Home, lines: tuple[Line, Line], bodies: tuple[str, str]) -> Value:
+def _angle(
+    axes: Axes, home: Home, pairs: tuple[Pair, Pair], bodies: tuple[str, str], through: Array
+) -> Value:
     """Measure one angle and its standard deviation.
 
     What each sample's noise does to the lines is summed over the axes before it is squared; the
     noise of home, which is the mean of the still start, comes on top.
     """
-    ends = [(h, body) for line, body in zip(lines, bodies, strict=True) for h in line]
+    ends = [(h, body) for pair, body in zip(pairs, bodies, strict=True) for h in pair]
     at = [axes.axis(hinge, body) for hinge, body in ends]
-    turns = [home.poses[body][:3, :3] for body in bodies]
     start = np.concatenate([np.concatenate([axis.point, axis.direction]) for axis in at])
 
     def angle(numbers: Array) -> float:
         p = numbers.reshape(4, 6)
-        along = np.sum([turns[i // 2] @ p[i, 3:] for i in range(4)], axis=0)
-        along = along / np.linalg.norm(along)
-        to, from_ = (turns[i] @ (p[2 * i + 1, :3] - p[2 * i, :3]) for i in (0, 1))
-        return signed_angle(from_, to, along)
+        a, b, c, d = (
+            Line(p[i, :3], p[i, 3:]).moved(home.poses[body]) for i, (_, body) in enumerate(ends)
+        )
+        return line_angle((a, b), (c, d), through)
 
     slope = np.array([
         (angle(start + away) - angle(start - away)) / (2.0 * STEP)

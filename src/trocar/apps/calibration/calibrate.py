@@ -11,34 +11,34 @@ from numpy.typing import NDArray
 from trocar import __version__
 from trocar.apps.calibration.axes import (
     Axes,
-    Value,
     distances,
     measure_axes,
     shared_body,
 )
-from trocar.apps.calibration.betas import Line, betas
+from trocar.apps.calibration.betas import Pair, betas
 from trocar.apps.calibration.bodies import chosen_bodies, first_positions, seen_samples
+from trocar.apps.calibration.cautions import closing_warnings, datum_warnings, home_warnings
+from trocar.apps.calibration.datum import find_datum
 from trocar.apps.calibration.geometry import Slot, home_points
-from trocar.apps.calibration.home import Home, find_home
+from trocar.apps.calibration.home import find_home
+from trocar.apps.calibration.level import levelled
 from trocar.apps.calibration.linkage import Linkage, linkage
+from trocar.apps.calibration.motion import mechanism_of
 from trocar.apps.calibration.patches import patches
 from trocar.apps.calibration.placement import Centre, calibrated, remote_centre_of, still_point
 from trocar.apps.calibration.records import Calibration, ClosureKind
-from trocar.apps.calibration.refine import Refined, refine
+from trocar.apps.calibration.refine import refine
 from trocar.apps.calibration.start import Robot, first_guess
 from trocar.apps.calibration.sweep_centre import CentreFound, base_axis, find_centre
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.axis_lines import home_lines, line_distance
 from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import Overlay
 from trocar.errors import InputError, UndeterminedError
 from trocar.kinematics.loops import loops_are_parallelograms
 
 Array = NDArray[np.float64]
-
-#: A side that differs from the closed geometry by this many standard deviations and this much is
-#: worth a warning. Source: our own choice. [m]
-SIGMAS, ABSORBED_M = 5.0, 1e-4
 
 
 def calibrate(
@@ -71,32 +71,39 @@ def calibrate(
     tracks, missing = chosen_bodies(tracks, loops, centre, bodies or {})
     axes, home = find_home(tracks.times, measure_axes(tracks, loops, watch))
     pairs, lines = _plan(arm)
-    measured = distances(axes, pairs)
-    found_betas = betas(axes, home, lines) if home.still else {}
-    guess = first_guess(axes, home, closure == "parallelogram")
+    ground = loops.ground
+    watch("remote centre")
+    seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
+    base = None if seen is None else base_axis(seen.report)
+    datum = find_datum(axes, home, base)
+    measured = distances(axes, pairs, datum.points)
+    found_betas = betas(axes, home, lines, datum.at_home) if home.still else {}
+    guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
     samples, enough = seen_samples(tracks, axes, home, guess)
     first = first_positions(axes, home)[enough]
     refined = refine(guess, samples, first, closure == "parallelogram", watch)
+    if refined.robot.tilts and ground in datum.points:
+        refined = replace(refined, robot=levelled(refined.robot, ground, datum.points[ground]))
+    nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
-    watch("remote centre")
-    seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
     warnings = (
         *tracks.warnings,
         *missing,
         *axes.warnings,
-        *_home_warnings(home, bool(lines)),
-        *_closing_warnings(closure, measured, closed, refined, wander),
+        *home_warnings(home, bool(lines)),
+        *datum_warnings(datum, refined, centre is not None),
+        *closing_warnings(closure, measured, closed, refined, wander),
         *told,
     )
-    if seen is not None and centre is not None and closure == "general":
-        centre = replace(centre, axis=base_axis(seen.report))
+    if centre is not None and closure == "general":
+        centre = replace(centre, axis=base)
     found = Calibration(
         arm=arm.name,
         closure=closure,
         axis_distances=measured,
         closed_distances={label: closed[label] for label in measured},
-        nominal_distances=_closed_distances(replace(guess, moved=0.0 * guess.moved), pairs),
+        nominal_distances=nominal,
         betas=found_betas,
         centre=seen,
         wander=wander,
@@ -119,7 +126,7 @@ def _closure(arm: ArmDescription, loops: Linkage, wanted: ClosureKind | None) ->
     return wanted or ("parallelogram" if parallel else "general")
 
 
-def _plan(arm: ArmDescription) -> tuple[dict[str, Line], dict[str, tuple[Line, Line]]]:
+def _plan(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
     """Return which distances and angles are wanted, by hinges."""
     plan = arm.calibration or default_plan(arm.mechanism)
     name = plan.axes
@@ -131,7 +138,19 @@ def _plan(arm: ArmDescription) -> tuple[dict[str, Line], dict[str, tuple[Line, L
     return pairs, lines
 
 
-def _closed_distances(robot: Robot, pairs: Mapping[str, Line]) -> dict[str, float]:
+def _closed_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the distances of axes in the closed geometry, {label: [m]}."""
+    found = _flat_distances(robot, pairs)
+    if not robot.tilts:
+        return found
+    lines = home_lines(mechanism_of(robot), {h.name: h.name for h in robot.linkage.hinges})
+    through = lines[robot.linkage.first].point
+    at = {label: [lines[name] for name in pairs[label]] for label in found}
+    return {label: line_distance(one, two, through) for label, (one, two) in at.items()}
+
+
+def _flat_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]:
+    """Return the same where all axes are parallel."""
     points = home_points(robot.linkage, robot.moved)
     found: dict[str, float] = {}
     for label, (one, two) in pairs.items():
@@ -165,45 +184,6 @@ def _centre(
     except UndeterminedError:
         return None, ("no remote centre: nothing but the loops moves; sweep the base's joint too",)
     return found, tuple(text for text in found.report.warnings if text not in tracks.warnings)
-
-
-def _home_warnings(home: Home, wanted: bool) -> tuple[str, ...]:
-    if home.still:
-        return ()
-    return (
-        "no still start of 0.5 s, so joint position 0 is taken where the linkage looks as the"
-        " description has it there" + ("; the betas are absent" if wanted else ""),
-    )
-
-
-def _closing_warnings(
-    closure: ClosureKind,
-    measured: Mapping[str, Value],
-    closed: Mapping[str, float],
-    refined: Refined,
-    wander: float | None,
-) -> tuple[str, ...]:
-    """Say what the closed geometry cannot explain."""
-    if closure == "general":
-        if wander is not None and wander > ABSORBED_M:
-            return (
-                f"the remote centre of this linkage wanders by {1e3 * wander:.2f} mm (RMS): no"
-                " fixed one exists",
-            )
-        return ()
-    off = {
-        label: value.value - closed[label]
-        for label, value in measured.items()
-        if abs(value.value - closed[label]) > max(SIGMAS * value.sigma, ABSORBED_M)
-    }
-    if not off:
-        return ()
-    sides = ", ".join(f"{label} by {1e3 * by:+.2f} mm" for label, by in off.items())
-    return (
-        f"the loops do not close as parallelograms: measured sides differ from the closed geometry"
-        f" ({sides}), so no fixed remote centre exists; the covariance is scaled by"
-        f" {refined.misfit:.3g}. --closure general keeps the sides as they are",
-    )
 
 
 def _overlay(

@@ -98,7 +98,7 @@ def closing_rows(linkage: Linkage, parallelogram: bool) -> Array:
             continue
         groups: dict[tuple[float, ...], Array] = {}
         for body, sign in ((hinge.body_a, -1.0), (hinge.body_b, 1.0)):
-            for slot in [*_leading(linkage, body), Slot(hinge.name, body)]:
+            for slot in [*leading(linkage, body), Slot(hinge.name, body)]:
                 turn = linkage.turns[slot.body] if parallelogram else np.zeros(1)
                 row = groups.setdefault(tuple(np.round(turn, 9)), np.zeros(len(places)))
                 row[index[slot]] += sign
@@ -183,8 +183,7 @@ def in_frame(linkage: Linkage, frame: str, across: Array) -> Array:
 
 
 def _turn(vector: Array) -> Array:
-    from_vector = np.cross(np.eye(3), -vector)
-    half = 0.5 * from_vector
+    half = 0.5 * np.cross(np.eye(3), vector)
     return np.asarray(np.linalg.solve(np.eye(3) - half, np.eye(3) + half), dtype=np.float64)
 
 
@@ -192,7 +191,7 @@ def _tree(linkage: Linkage) -> list[tuple[Hinge, Slot]]:
     return [(h, Slot(h.name, h.body_a)) for h in linkage.hinges if not h.closure]
 
 
-def _leading(linkage: Linkage, body: str) -> list[Slot]:
+def leading(linkage: Linkage, body: str) -> list[Slot]:
     """Return the places of the hinges that lead from the ground to a body."""
     above = {hinge.body_b: slot for hinge, slot in _tree(linkage)}
     found: list[Slot] = []

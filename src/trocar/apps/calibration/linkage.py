@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.calibration_plan import default_plan
 from trocar.errors import InputError
 from trocar.kinematics.loops import closed_coordinates
 from trocar.kinematics.mechanism import Mechanism
@@ -59,6 +60,8 @@ class Linkage:
         plane: two unit vectors across the axes and one along them, as columns, in the ground
             body's first frame (3, 3)
         points: {hinge: where its axis passes the plane at home, (2,) [m]}
+        first: the hinge whose origin the plane passes in which distances are told (see `datum`)
+        level: how far along the axes that is [m]
         turns: {body: d angle / d joint in the plane as the description has it, (n_joints,)}
         body_of: {frame: its body} of the frames in `mechanism`
         known: every body of the arm
@@ -73,6 +76,8 @@ class Linkage:
     frames: Mapping[str, Array]
     plane: Array
     points: Mapping[str, Array]
+    first: str
+    level: float
     turns: Mapping[str, Array]
     body_of: Mapping[str, str]
     known: frozenset[str]
@@ -132,7 +137,8 @@ def linkage(arm: ArmDescription) -> Linkage:
         for body in dict.fromkeys(body_of[f.name] for f in mechanism.frames)
         if body in present
     }
-    return _placed(arm.name, core, first, hinges, names, body_of)
+    plan = arm.calibration or default_plan(mechanism)
+    return _placed(next(iter(plan.axes.values())), core, first, hinges, names, body_of)
 
 
 def bodies_of(arm: ArmDescription) -> dict[str, str]:
@@ -166,7 +172,7 @@ def _core(mechanism: Mechanism) -> Mechanism:
 
 
 def _placed(
-    arm: str,
+    first: str,
     core: Mechanism,
     bodies: Mapping[str, str],
     hinges: tuple[Hinge, ...],
@@ -193,13 +199,13 @@ def _placed(
     for name, (_, direction) in axes.items():
         if np.linalg.norm(np.cross(direction, along)) > PARALLEL_RAD:
             raise InputError(
-                f"{arm}: axis {name} is not parallel to {names[0]}; allowed: loops whose axes are"
-                f" parallel within {PARALLEL_RAD} rad"
+                f"{core.name}: axis {name} is not parallel to {names[0]}; allowed: loops whose axes"
+                f" are parallel within {PARALLEL_RAD} rad"
             )
     plane = _plane(along)
     joints = sorted({c for n in names for c in np.flatnonzero(core.ratios[core.frame_index[n]])})
     return Linkage(
-        arm=arm,
+        arm=core.name,
         mechanism=core,
         bodies=bodies,
         hinges=hinges,
@@ -208,6 +214,8 @@ def _placed(
         frames=frames,
         plane=plane,
         points={name: plane[:, :2].T @ point for name, (point, _) in axes.items()},
+        first=first,
+        level=float(plane[:, 2] @ axes[first][0]),
         turns=_turns(core, hinges, {n: float(np.sign(axes[n][1] @ along)) for n in names}),
         body_of={frame.name: body_of[frame.name] for frame in core.frames},
         known=frozenset(body_of.values()),

@@ -179,7 +179,7 @@ def _stand(
     # Across the axis the centre is as far off as measured, along it where the description has it.
     off = across @ (turn @ (own - at[:2])) + across @ drawn[:2, 1]
     goal = up * (up @ centre.point) + across * off
-    return turn, goal, -along[2] * across
+    return turn, goal, along[2] * across
 
 
 def _onto(have: Array, want: Array) -> Array:

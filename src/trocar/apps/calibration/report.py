@@ -100,7 +100,8 @@ def _sides(found: Calibration) -> str:
         " weighted by the noise. Absorbed is what each side gave way by."
         if found.closure == "parallelogram"
         else "Each side is as it fits all sweeps best; the loops are closed by computation at every"
-        " joint position. Skew axes have their distances where the fit has its plane."
+        " joint position. Skew axes are nearer at one end than at the other: all distances are"
+        " taken in the plane across them through the origin of the first."
     )
     text = (
         "<h2>Axis distances (Table 6 of the paper)</h2>"

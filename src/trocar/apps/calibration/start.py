@@ -36,13 +36,16 @@ class Robot:
     markers: Mapping[str, Array]
 
 
-def first_guess(axes: Axes, home: Home, parallelogram: bool) -> Robot:
+def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Robot:
     """Fit a closed linkage to the axes at home.
 
-    What the tracks do not show stays as the description has it.
+    What the tracks do not show stays as the description has it. Along the axes, the linkage stands
+    so that the datum, (3,) as `home` has it [m], is level with the origin of the first axis' frame.
     """
     linkage = axes.linkage
     flat, first_plane = in_plane(axes, home)
+    up = first_plane[:3, 2]
+    first_plane[:3, 3] += (up @ (datum - first_plane[:3, 3])) * up
     keys = list(flat)
     rows = np.vstack([np.kron(_row(linkage, *key), np.eye(2)) for key in keys])
     got = np.stack([flat[key] for key in keys])
@@ -68,7 +71,7 @@ def first_guess(axes: Axes, home: Home, parallelogram: bool) -> Robot:
     # T_ground_plane: the measured plane's coordinates, turned and shifted onto the description's.
     spin = np.eye(3)
     spin[:2, :2] = planar_turn(angle)
-    onto = transform(linkage.plane @ spin, linkage.plane[:, :2] @ shift)
+    onto = transform(linkage.plane @ spin, linkage.plane @ np.append(shift, linkage.level))
     ground_first = onto @ inverse(first_plane)
     shifts = shift_rows(linkage)
     markers: dict[str, Array] = {}

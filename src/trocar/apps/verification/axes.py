@@ -11,10 +11,11 @@ from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.motion import MARKERS, Sweep, exact
 from trocar.apps.verification.paper import TABLE6, TABLE6_SPREAD_M
 from trocar.apps.verification.subject import Subject
+from trocar.descriptions.axis_lines import Line, home_lines, line_distance
 from trocar.descriptions.calibration_plan import axis_links, default_plan
 from trocar.geometry.se3 import inverse
 from trocar.kinematics import forward
-from trocar.kinematics.estimation import Axis, HingeFit, axis_distance, fit_hinge
+from trocar.kinematics.estimation import HingeFit, fit_hinge
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 #: How far a distance in motion may be from that of the kinematics: play of the loops.
 #: Source: a hundred times the gap that is allowed to a loop. [m]
 SEEN_M = 1e-5
-NO_INFLUENCE = np.zeros((1, 6))
 
 
 def axes(subject: Subject, motion: Sweep | None) -> Part:
@@ -41,14 +41,16 @@ def axes(subject: Subject, motion: Sweep | None) -> Part:
     paper = {} if subject.calibrated else TABLE6.get(arm.type, {})
     moved = () if motion is None else (motion, exact(subject, motion))
     hinges = [_hinges(arm.mechanism, plan.axes, each) for each in moved]
+    lines = home_lines(arm.mechanism, plan.axes)
+    datum = next(iter(lines.values())).point
     figures: list[Figure] = []
     for pair in plan.distances:
         label, names = "-".join(pair), (plan.axes[pair[0]], plan.axes[pair[1]])
-        told = _implied(arm.mechanism, *names)
+        told = line_distance(lines[pair[0]], lines[pair[1]], datum)
         figures += _measured(subject, label)
         figures.append(_of_the_description(label, told, paper.get(label)))
         if hinges:
-            seen, wanted = (_seen(arm.mechanism, names, found) for found in hinges)
+            seen, wanted = (_seen(arm.mechanism, names, found, datum) for found in hinges)
             figures.append(_in_motion(label, seen, wanted, paper.get(label)))
     return Part("axes", subject.name, title, tuple(figures), command, _notes(subject, paper))
 
@@ -84,19 +86,6 @@ def _in_motion(label: str, seen: float, wanted: float, paper: float | None) -> F
                   upper=wanted + SEEN_M, source=source)  # fmt: skip
 
 
-def _implied(mechanism: Mechanism, first: str, second: str) -> float:
-    """Return the distance of two axes in the description [m]."""
-    rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
-    poses = forward.poses(mechanism, rest, relative_to=mechanism.frames[0].name)
-    found: list[Axis] = []
-    for name in (first, second):
-        pose = poses[name]
-        if name in mechanism.frame_index:  # what the frame has past its hinge does not turn it
-            pose = pose @ inverse(mechanism.frame(name).after)
-        found.append(Axis(pose[:3, 3], pose[:3, 2], NO_INFLUENCE))
-    return axis_distance(found[0], found[1]).value
-
-
 def _hinges(mechanism: Mechanism, labels: Mapping[str, str], motion: Sweep) -> dict[str, HingeFit]:
     """Find every axis from the motion of the two links that it joins."""
     at = motion.link_poses(mechanism)
@@ -107,22 +96,34 @@ def _hinges(mechanism: Mechanism, labels: Mapping[str, str], motion: Sweep) -> d
     return found
 
 
-def _seen(mechanism: Mechanism, pair: tuple[str, str], hinges: dict[str, HingeFit]) -> float:
-    """Return the distance of two axes inside the link that carries both [m]."""
+def _seen(
+    mechanism: Mechanism, pair: tuple[str, str], hinges: dict[str, HingeFit], datum: Array
+) -> float:
+    """Return the distance of two axes inside the link that carries both [m].
+
+    It is taken in the plane across both through the datum, a point in the root at home (3,) [m].
+    """
     links = [axis_links(mechanism, name) for name in pair]
     (link,) = set(links[0]) & set(links[1])
     on = [
         hinges[name].in_a if link == ends[0] else hinges[name].in_b
         for name, ends in zip(pair, links, strict=True)
     ]
-    return axis_distance(on[0], on[1]).value
+    rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+    marker = forward.pose(mechanism, rest, link, mechanism.frames[0].name) @ MARKERS
+    through = (inverse(marker) @ np.append(datum, 1.0))[:3]
+    one, two = (Line(axis.point, axis.direction) for axis in on)
+    return line_distance(one, two, through)
 
 
 def _notes(subject: Subject, paper: dict[str, float]) -> tuple[str, ...]:
     overlay = subject.arm.overlay
     if overlay is not None:
         note = "A calibrated arm: Table 6 is of another robot and not compared."
-        skew = "Axes that are not parallel are nearer at one end than at the other."
+        skew = (
+            "Axes that are not parallel are nearer at one end than at the other: all distances are"
+            " taken in the plane across them through the origin of the first axis' frame."
+        )
         return (note, skew) if overlay.closure == "general" else (note,)
     if not paper:
         return (f"Table 6 has no {subject.arm.type}; simulation and description are compared.",)

@@ -18,6 +18,7 @@ from build123d import (
     Edge,
     Face,
     GeomType,
+    Location,
     Locations,
     Plane,
     Polyline,
@@ -120,11 +121,7 @@ def axis_pose(mechanism: Mechanism, link: str, name: str) -> Array:
 
 def outline(*chains: Sequence[Disc]) -> Shape:
     """Return the union of belts: each chain of circles is joined pairwise by common tangents."""
-    shapes = [_belt(a, b) for chain in chains for a, b in pairwise(chain)]
-    whole = shapes[0]
-    for shape in shapes[1:]:
-        whole = whole + shape
-    return Sketch() + whole
+    return together([hull(pair) for chain in chains for pair in pairwise(chain)])
 
 
 def hull(discs: Sequence[Disc]) -> Shape:
@@ -135,10 +132,6 @@ def hull(discs: Sequence[Disc]) -> Shape:
                 Circle(radius)
         make_hull()
     return Sketch(sketch.faces())
-
-
-def _belt(a: Disc, b: Disc) -> Shape:
-    return hull((a, b))
 
 
 def polygon(points: Sequence[tuple[float, float]], rounding: float = 0.0) -> Shape:
@@ -158,7 +151,7 @@ def plate(
         edge: how much is taken off its rims [mm]
         round_off: round the rims instead of bevelling them
     """
-    solid = extrude(Sketch((Pos(0, 0, low) * sketch).faces()), high - low)
+    solid = extrude(Sketch((Pos(0, 0, low) * sketch).faces()), high - low, (0, 0, 1))
     if not edge:
         return solid
     rims = solid.faces().filter_by(Axis.Z).edges()
@@ -272,3 +265,31 @@ def box(low: ArrayLike, high: ArrayLike) -> Shape:
 def edges_across(part: Shape, axis: Axis) -> list[Edge]:
     """Return the edges of the two faces across an axis: the rims to round or bevel."""
     return list(part.faces().filter_by(axis).edges())
+
+
+def prism(at: Hinge, low: float, high: float, radius: float, sides: int = 8) -> Shape:
+    """Return a prism about an axis that a cylinder of `radius` fits into; for what touches."""
+    turns = 2.0 * np.pi * (np.arange(sides) + 0.5) / sides
+    reach = radius / np.cos(np.pi / sides)
+    corners = [(float(reach * np.cos(t)), float(reach * np.sin(t))) for t in turns]
+    return at.plane(low).location * plate(polygon(corners), 0.0, high - low)
+
+
+def location(pose: Array) -> Location:
+    """Return a pose [m] as build123d moves things by it [mm]."""
+    x, y, z = (float(v) for v in MM * pose[:3, 3])
+    across, along = Vector(*pose[:3, 0]), Vector(*pose[:3, 2])
+    return Plane(origin=Vector(x, y, z), x_dir=across, z_dir=along).location
+
+
+def point(pose: Array, x: float, y: float, z: float) -> Array:
+    """Return the point (x, y, z) [mm] of a frame that stands at `pose` [m], (3,) [mm]."""
+    return pose[:3, :3] @ np.array([x, y, z]) + MM * pose[:3, 3]
+
+
+def together(shapes: Sequence[Shape]) -> Shape:
+    """Return the union of shapes."""
+    whole = shapes[0]
+    for shape in shapes[1:]:
+        whole = whole + shape
+    return whole

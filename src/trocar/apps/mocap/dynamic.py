@@ -20,15 +20,15 @@ PIECE = 1000
 SETTLE_S = 1.0
 
 
-def simulated_coordinates(
+def simulated_positions(
     arm: ArmDescription,
     times: Array,
     told: Callable[[Array], Array],
     progress: Callable[[int, int], None] | None = None,
 ) -> Array:
-    """Return every frame's coordinate at given times, (n, n_frames) [rad or m].
+    """Return where the joints were at given times, (n, n_joints) [rad or m].
 
-    A sample is the state at the end of the physics period that is nearest: all bodies of a sample
+    A sample is the state at the end of the physics period that is nearest: all joints of a sample
     are of one moment.
 
     Args:
@@ -55,7 +55,7 @@ def simulated_coordinates(
     for begin in range(0, count, PIECE):
         piece = slice(begin, begin + PIECE)
         run = world.play({name: goal[piece]}, {name: speed[piece]}, every=1)
-        found.append(run.coordinates[name])
+        found.append(run.positions[name])
         if progress is not None:
             progress(min(begin + PIECE, count), count)
     return np.concatenate(found)[np.rint(times / period).astype(int)]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.mocap.clusters import place_camera, place_clusters
-from trocar.apps.mocap.dynamic import simulated_coordinates
+from trocar.apps.mocap.dynamic import simulated_positions
 from trocar.apps.mocap.linkage import marked_frames
 from trocar.apps.mocap.noise import Noise, spoil
 from trocar.apps.mocap.sweeps import STILL_S, has_remote_centre, sweep
@@ -35,7 +35,7 @@ class MocapSettings:
     """How an arm is swept and seen.
 
     Attributes:
-        motion: "dynamic" (simulated with its servos) or "kinematic" (exactly as told)
+        motion: "dynamic" (joints simulated with their servos) or "kinematic" (exactly as told)
         parts: sweeps of the loops for their axes, about the remote centre, or both in turn; "" is
             both for an arm that has a remote centre, else "axes"
         duration_s: of each part [s]
@@ -81,6 +81,10 @@ def simulate_tracks(
 ) -> SimulatedTracks:
     """Sweep an arm before cameras.
 
+    With dynamics the joints are where servos, friction and gravity leave them; the other links are
+    where the loops, closed exactly, have them at these joint positions. The gaps of the simulated
+    loops are a matter of the simulation and not in the tracks.
+
     Clusters sit at random places on the links, the cameras at a random place of the room; both
     depend on the seed alone, not on noise or motion.
 
@@ -104,10 +108,10 @@ def simulate_tracks(
     def at_times(other: Array) -> Array:
         return sweep(arm, other, wanted.duration_s, wanted.amplitude, parts).q
 
-    if wanted.motion == "kinematic":
-        moved = coordinates(arm.mechanism, told.q)
-    else:
-        moved = simulated_coordinates(arm, times, at_times, progress)
+    q = told.q
+    if wanted.motion == "dynamic":
+        q = simulated_positions(arm, times, at_times, progress)
+    moved = coordinates(arm.mechanism, q)  # loops as rigid links close them, not the simulation's
     bodies = marked_frames(arm)
     places, cameras, spoiling = (
         np.random.default_rng(s) for s in np.random.SeedSequence(wanted.seed).spawn(3)

@@ -1,0 +1,159 @@
+"""What a foreign file holds: links, joints and loops in SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import Shape
+from trocar.errors import InputError
+from trocar.kinematics.mechanism import Motion
+
+Array = NDArray[np.float64]
+
+
+class ForeignFileError(InputError):
+    """A foreign file that cannot be used; `line` counts from 1."""
+
+    def __init__(self, file: str, problem: str, line: int | None = None) -> None:
+        self.file = file
+        self.line = line
+        super().__init__(f"{file}: {problem}" if line is None else f"{file}:{line}: {problem}")
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignShape:
+    """A shape in its link, and whether it is looked at, touched, or both."""
+
+    shape: Shape
+    visible: bool
+    collide: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignLink:
+    """A rigid body.
+
+    Attributes:
+        name: as in the file
+        mass: [kg], 0 of a mere frame
+        com, inertia: in the link's axes, inertia about the centre of mass [m, kg m^2]
+        shapes: in the link's frame
+    """
+
+    name: str
+    mass: float = 0.0
+    com: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    shapes: tuple[ForeignShape, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignJoint:
+    """How a link moves on its parent: T_parent_child = pose @ motion about (point, axis).
+
+    Attributes:
+        name: as in the file
+        kind: fixed, revolute or prismatic
+        parent, child: names of links
+        pose: T_parent_child where the coordinate is 0, (4, 4)
+        axis: unit direction in the child, (3,)
+        point: a point of the axis in the child, (3,) [m]
+        lower, upper: infinite where the file gives none [rad or m]
+        effort, velocity: infinite where the file gives none
+        damping, friction: viscous and dry
+        follows: (joint, ratio, offset) of a joint that moves as another does
+        driven: whether a motor may sit on it
+    """
+
+    name: str
+    kind: Motion
+    parent: str
+    child: str
+    pose: Array
+    axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    point: Array = field(default_factory=lambda: np.zeros(3))
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float = np.inf
+    velocity: float = np.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    follows: tuple[str, float, float] | None = None
+    driven: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignLoop:
+    """A point that two links share, (3,) in each [m]."""
+
+    name: str
+    link_a: str
+    point_a: Array
+    link_b: str
+    point_b: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignModel:
+    """A tree of links with what closes loops; `links` has parents before children."""
+
+    name: str
+    file: str
+    links: tuple[ForeignLink, ...]
+    joints: tuple[ForeignJoint, ...]
+    loops: tuple[ForeignLoop, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def moves(self) -> bool:
+        """Whether any joint does."""
+        return any(joint.kind != "fixed" for joint in self.joints)
+
+
+def as_tree(
+    file: str, links: Sequence[ForeignLink], joints: Sequence[ForeignJoint]
+) -> tuple[tuple[ForeignLink, ...], tuple[ForeignJoint, ...]]:
+    """Return links and joints with parents first.
+
+    Raises:
+        ForeignFileError: a name twice, a joint between links that are not there, a loop, or more
+            than one root
+    """
+    by_name = {link.name: link for link in links}
+    for what, names in (("link", [k.name for k in links]), ("joint", [j.name for j in joints])):
+        for again in sorted({n for n in names if names.count(n) > 1}):
+            raise ForeignFileError(file, f"{what} {again!r} stands there twice")
+    above: dict[str, ForeignJoint] = {}
+    for joint in joints:
+        for side in (joint.parent, joint.child):
+            if side not in by_name:
+                raise ForeignFileError(
+                    file,
+                    f"joint {joint.name!r} names the link {side!r}; there are {', '.join(by_name)}",
+                )
+        if joint.child in above:
+            raise ForeignFileError(
+                file,
+                f"link {joint.child!r} hangs on two joints, {above[joint.child].name!r} and"
+                f" {joint.name!r}: a loop, which this format has no word for; allowed: one parent"
+                " (SDF and MJCF can close loops)",
+            )
+        above[joint.child] = joint
+    roots = [name for name in by_name if name not in above]
+    if len(roots) != 1:
+        found = ", ".join(roots) or "none, the links go round in a ring"
+        raise ForeignFileError(file, f"got {len(roots)} root links ({found}); allowed: one")
+    order, waiting = [roots[0]], [roots[0]]
+    while waiting:
+        parent = waiting.pop(0)
+        children = [j.child for j in joints if j.parent == parent]
+        order += children
+        waiting += children
+    if len(order) != len(by_name):
+        lost = ", ".join(sorted(set(by_name) - set(order)))
+        raise ForeignFileError(file, f"links {lost} go round in a ring; allowed: a tree")
+    return tuple(by_name[n] for n in order), tuple(above[n] for n in order[1:])

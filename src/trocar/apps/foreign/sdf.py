@@ -1,0 +1,261 @@
+"""SDF files: one model, loops allowed.
+
+Source: the format as sdformat.org documents it: poses are relative to the model unless they name
+another frame (1.7), a joint's to its child; a joint's axis is given in the joint's frame, in the
+model's where the file says so (`use_parent_model_frame` up to 1.6, `expressed_in` from 1.7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.foreign import solids
+from trocar.apps.foreign.records import (
+    ForeignFileError,
+    ForeignJoint,
+    ForeignLink,
+    ForeignLoop,
+    ForeignModel,
+    ForeignShape,
+    as_tree,
+)
+from trocar.apps.foreign.urdf import MeshFinder
+from trocar.apps.foreign.xml_tree import Node, inertia_of, pose_of, read_xml
+from trocar.descriptions.records import Shape
+from trocar.geometry.se3 import inverse
+
+Array = NDArray[np.float64]
+
+#: Infinite in SDF is any larger number than this. Source: sdformat, joint axis limits (1e16).
+UNLIMITED = 1e15
+KINDS = {"fixed": "fixed", "revolute": "revolute", "continuous": "revolute"} | {
+    "prismatic": "prismatic"
+}
+MODEL = ("link", "joint", "frame", "pose")
+#: Says how a simulator treats the model, not what it is.
+PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
+LINK = ("pose", "inertial", "visual", "collision")
+LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velocity_decay")
+WORLD = "world"
+
+
+def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> ForeignModel:
+    """Read a model.
+
+    Raises:
+        ForeignFileError: no single model, an unknown element, a file that is not there; with the
+            line
+    """
+    root = read_xml(path)
+    if root.tag != "sdf":
+        raise root.fail("is no SDF; allowed: <sdf>")
+    root.check(("model", "world"))
+    models = root.children("model") + [
+        m for w in root.children("world") for m in w.children("model")
+    ]
+    if len(models) != 1:
+        raise root.fail(f"holds {len(models)} models; allowed: one")
+    return _Model(models[0], str(path), root.attribute("version", "1.6"), packages).read(path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A pose as it is written: relative to the frame of that name."""
+
+    pose: Array
+    to: str
+
+
+class _Model:
+    def __init__(self, node: Node, file: str, version: str, packages: tuple[Path, ...]) -> None:
+        self._node, self._file = node, file
+        self._version = tuple(int(part) for part in version.split(".")[:2])
+        node.check((*MODEL, *PASSED_OVER))
+        self._finder = MeshFinder(Path(file), packages)
+        self._places: dict[str, _Place] = {}
+        for link in node.children("link"):
+            self._place(link, "__model__")
+        for joint in node.children("joint"):
+            self._place(joint, joint.need("child").text())
+        for frame in node.children("frame"):
+            self._place(frame, frame.attribute("attached_to", "") or "__model__")
+
+    def _place(self, node: Node, default: str) -> None:
+        pose = node.child("pose")
+        at = np.eye(4) if pose is None else _pose(pose)
+        to = default if pose is None else (pose.attribute("relative_to", "") or default)
+        name = node.attribute("name")
+        if name in self._places:
+            raise node.fail(f"has the name {name!r}, which stands there already")
+        self._places[name] = _Place(at, to)
+
+    def at(self, name: str, node: Node, seen: tuple[str, ...] = ()) -> Array:
+        """Return T_model_frame of anything that has a name, (4, 4)."""
+        if name in ("__model__", WORLD):
+            return np.eye(4)
+        if name in seen:
+            raise node.fail(f"poses of {', '.join(seen)} refer to each other in a ring")
+        if name not in self._places:
+            raise node.fail(f"names {name!r}; known: {', '.join(self._places)}")
+        place = self._places[name]
+        return self.at(place.to, node, (*seen, name)) @ place.pose
+
+    def read(self, path: Path) -> ForeignModel:
+        """Return links, the joints of a tree, and what closes loops."""
+        links = [self._link(node) for node in self._node.children("link")]
+        nodes = self._node.children("joint")
+        if any(node.need("parent").text() == WORLD for node in nodes):
+            links.insert(0, ForeignLink(WORLD))
+        tree: list[ForeignJoint] = []
+        loops: list[ForeignLoop] = []
+        warnings = [
+            f"{self._file}: <{tag}> is passed over"
+            for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
+        ]
+        taken: set[str] = set()
+        for node in nodes:
+            joint = self._joint(node)
+            if joint.child not in taken:
+                taken.add(joint.child)
+                tree.append(joint)
+                continue
+            at = self.at(joint.name, node)[:3, 3]
+            sides = [
+                inverse(self.at(name, node)) @ np.append(at, 1.0)
+                for name in (joint.parent, joint.child)
+            ]
+            loops.append(
+                ForeignLoop(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3])
+            )
+        try:
+            ordered, joints = as_tree(str(path), links, tree)
+        except ForeignFileError as problem:
+            raise self._node.fail(str(problem).partition(": ")[2]) from problem
+        name = self._node.attribute("name")
+        return ForeignModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
+
+    def _link(self, node: Node) -> ForeignLink:
+        node.check((*LINK, *LINK_PASSED_OVER, "sensor", "light"))
+        shapes: list[ForeignShape] = []
+        for visual in node.children("visual"):
+            shapes.append(ForeignShape(self._shape(visual, _material(visual)), True, False))
+        for collision in node.children("collision"):
+            shapes.append(ForeignShape(self._shape(collision, "casting"), False, True))
+        link = ForeignLink(node.attribute("name"), shapes=tuple(shapes))
+        inertial = node.child("inertial")
+        if inertial is None:  # the format's own default
+            return replace(link, mass=1.0, inertia=np.eye(3))
+        at = _own_pose(inertial)
+        values, turn = inertial.child("inertia"), at[:3, :3]
+        six = {
+            key: 1.0 if key in ("ixx", "iyy", "izz") and values is None else 0.0
+            for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+        }
+        if values is not None:
+            six = {k: values.value(k, 1.0 if k[1] == k[2] else 0.0) for k in six}
+        inertia = turn @ inertia_of(six) @ turn.T
+        return replace(link, mass=inertial.value("mass", 1.0), com=at[:3, 3], inertia=inertia)
+
+    def _shape(self, node: Node, material: str) -> Shape:
+        pose, geometry = _own_pose(node), node.need("geometry")
+        inside = geometry.children()
+        if len(inside) != 1:
+            raise geometry.fail(f"has {len(inside)} shapes; allowed: one")
+        geometry.check(("box", "cylinder", "sphere", "capsule", "mesh"))
+        kind = inside[0]
+        if kind.tag == "box":
+            return solids.box(pose, kind.need("size").numbers(3), material)
+        if kind.tag == "sphere":
+            return solids.sphere(pose, float(kind.need("radius").numbers(1)[0]), material)
+        if kind.tag == "mesh":
+            uri, scale = kind.need("uri"), kind.child("scale")
+            size = np.ones(3) if scale is None else scale.numbers(3)
+            return solids.mesh(pose, self._finder.find(uri, uri.text()), size, material)
+        make = solids.cylinder if kind.tag == "cylinder" else solids.capsule
+        radius, length = (float(kind.need(k).numbers(1)[0]) for k in ("radius", "length"))
+        return make(pose, radius, length, material)
+
+    def _joint(self, node: Node) -> ForeignJoint:
+        node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
+        kind, name = node.attribute("type"), node.attribute("name")
+        if kind not in KINDS:
+            raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
+        parent, child = node.need("parent").text(), node.need("child").text()
+        at_child, here = self.at(child, node), self.at(name, node)
+        pose = inverse(self.at(parent, node)) @ at_child
+        joint = ForeignJoint(name, KINDS[kind], parent, child, pose)  # type: ignore[arg-type]
+        if kind == "fixed":
+            return joint
+        axis = node.need("axis")
+        axis.check(("xyz", "limit", "dynamics", "use_parent_model_frame", "mimic"))
+        along = inverse(at_child)[:3, :3] @ self._axis(axis, here)
+        limit, dynamics = axis.child("limit"), axis.child("dynamics")
+        lower, upper = -np.inf, np.inf
+        if limit is not None and kind != "continuous":
+            lower, upper = _bound(limit.value("lower", -1e16)), _bound(limit.value("upper", 1e16))
+        return replace(
+            joint,
+            axis=along / np.linalg.norm(along),
+            point=(inverse(at_child) @ here)[:3, 3],
+            lower=lower,
+            upper=upper,
+            effort=_positive(limit, "effort"),
+            velocity=_positive(limit, "velocity"),
+            damping=0.0 if dynamics is None else dynamics.value("damping", 0.0),
+            friction=0.0 if dynamics is None else dynamics.value("friction", 0.0),
+            follows=_mimic(axis),
+        )
+
+    def _axis(self, axis: Node, here: Array) -> Array:
+        """Return a joint's axis in the model's frame, (3,)."""
+        xyz = axis.child("xyz")
+        along = np.array([0.0, 0.0, 1.0]) if xyz is None else xyz.numbers(3)
+        if not np.linalg.norm(along) > 0.0:
+            raise axis.fail("has a length of 0; allowed: a direction")
+        named = "" if xyz is None else xyz.attribute("expressed_in", "")
+        if named:
+            return self.at(named, axis)[:3, :3] @ along
+        flag = axis.child("use_parent_model_frame")
+        in_model = flag is not None and flag.text() in ("1", "true")
+        return along if in_model or self._version < (1, 5) else here[:3, :3] @ along
+
+
+def _pose(node: Node) -> Array:
+    values = node.numbers(6)
+    if node.attribute("degrees", "false") in ("1", "true"):
+        values[3:] = np.radians(values[3:])
+    return pose_of(values[:3], values[3:])
+
+
+def _own_pose(node: Node) -> Array:
+    pose = node.child("pose")
+    return np.eye(4) if pose is None else _pose(pose)
+
+
+def _material(visual: Node) -> str:
+    material = visual.child("material")
+    colour = None if material is None else (material.child("diffuse") or material.child("ambient"))
+    if colour is None:
+        return solids.nearest_material(None)
+    return solids.nearest_material(np.array([float(v) for v in colour.text().split()]))
+
+
+def _bound(value: float) -> float:
+    return float(np.sign(value) * np.inf) if abs(value) > UNLIMITED else value
+
+
+def _positive(limit: Node | None, key: str) -> float:
+    value = -1.0 if limit is None else limit.value(key, -1.0)
+    return value if 0.0 < value < UNLIMITED else np.inf
+
+
+def _mimic(axis: Node) -> tuple[str, float, float] | None:
+    mimic = axis.child("mimic")
+    if mimic is None:
+        return None
+    ratio, offset = mimic.value("multiplier", 1.0), mimic.value("offset", 0.0)
+    return mimic.attribute("joint"), ratio, offset - ratio * mimic.value("reference", 0.0)

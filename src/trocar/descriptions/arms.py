@@ -45,7 +45,8 @@ from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_
 Array = NDArray[np.float64]
 
 SCHEMA = 1
-ARM_TYPES = ("PSM", "ECM", "SUJ", "MTM")
+#: OTHER: an arm that the dVRK does not know, with no rules of its own.
+ARM_TYPES = ("PSM", "ECM", "SUJ", "MTM", "OTHER")
 STRUCTURES = ("", "rcm_arm", "rcm_scope", "gimbal_arm")
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -271,8 +270,3 @@ def _clean(name: str) -> str:
     if not found:
         raise InputError(f"got the name {name!r}; allowed: letters, digits, _ and -")
     return found
-
-
-def split_names(text: str) -> Sequence[str]:
-    """Return the names of a list with commas."""
-    return [part.strip() for part in text.split(",") if part.strip()]

@@ -13,6 +13,7 @@ from trocar.apps.foreign.layout import Layout
 from trocar.apps.foreign.records import ForeignShape
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.toml_text import key_text, value_text
+from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.mechanism import Frame
 
 Array = NDArray[np.float64]
@@ -154,8 +155,6 @@ def _shape_row(shape: ForeignShape, name: str, store: MeshStore) -> dict[str, An
 
 
 def _turn(turn: Array) -> dict[str, Any]:
-    from trocar.geometry.rotations import rpy_from_matrix
-
     return {} if np.array_equal(turn, np.eye(3)) else {"rpy_rad": rpy_from_matrix(turn)}
 
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.foreign.records import ForeignFileError
-from trocar.errors import MissingExtraError
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
+from trocar.modeling.markup import lxml_etree
 
 Array = NDArray[np.float64]
 
@@ -110,10 +110,7 @@ def read_xml(path: Path) -> Node:
         ForeignFileError: no such file, or no XML
         MissingExtraError: lxml is not installed
     """
-    try:
-        from lxml import etree  # pyright: ignore[reportAttributeAccessIssue]
-    except ImportError as problem:
-        raise MissingExtraError("lxml", "export", "reading robot files") from problem
+    etree = lxml_etree("reading robot files")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     try:
         return Node(etree.fromstring(path.read_bytes(), parser), str(path))

@@ -33,7 +33,14 @@ ROOMS = [
 
 # Library -> the folders (or files, without .py) allowed to import it.
 HOMES = {
-    "mujoco": ("modeling", "simulation", "rendering", "apps/verification", "apps/benchmarks"),
+    "mujoco": (
+        "modeling",
+        "simulation",
+        "rendering",
+        "apps/verification",
+        "apps/benchmarks",
+        "apps/foreign",
+    ),
     "ruckig": ("simulation",),
     "gymnasium": ("interfaces/gym",),
     "viser": ("interfaces/viewer",),

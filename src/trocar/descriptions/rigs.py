@@ -17,9 +17,10 @@ from trocar.descriptions.records import (
     Prop,
     RigArm,
     RigDescription,
+    Shape,
 )
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.shapes import read_drawn, read_shape, seen_and_touched
+from trocar.descriptions.shapes import read_body, read_drawn, read_shape, seen_and_touched
 from trocar.descriptions.table import Table, read_table
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -110,12 +111,30 @@ def _read_arm(
 
 
 def _read_prop(row: Table) -> Prop:
+    """Return a prop: shapes in the rig's own file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
-    drawn = seen_and_touched(row, read_drawn(row))
-    prop = Prop(name, at, (*drawn, *(read_shape(s) for s in row.tables("shape"))))
+    if "description" in row:
+        prop = Prop(name, at, _read_prop_file(row))
+    else:
+        drawn = seen_and_touched(row, read_drawn(row))
+        prop = Prop(name, at, (*drawn, *(read_shape(s) for s in row.tables("shape"))))
     row.text("source", "")
     row.done()
     return prop
+
+
+def _read_prop_file(row: Table) -> tuple[Shape, ...]:
+    """Return the shapes of a prop's own file, whose path is relative to the rig's folder."""
+    table = read_table(Path(row.file).parent / row.text("description"))
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    for key in ("name", "title", "source"):
+        table.text(key, "")
+    bodies = [read_body(body, table.file) for body in table.tables("body")]
+    if not bodies:
+        raise table.fail("body", "is missing; a prop needs at least one body")
+    table.done()
+    return tuple(shape for body in bodies for shape in body.shapes)
 
 
 def _names(table: Table, key: str) -> list[str]:

@@ -68,21 +68,28 @@ def read_shape(table: Table) -> Shape:
 
 
 def _read_mesh_shape(table: Table, material: str) -> Shape:
-    """Return triangles from a file: for looks alone."""
-    for key in ("collide", "weigh"):
-        if table.flag(key, False):
-            raise table.fail(
-                key,
-                "got true; allowed: false, for a mesh is only looked at; what touches and weighs"
-                " is a box, capsule, cylinder or sphere beside it",
-            )
+    """Return triangles from a file: looked at, and where they collide, their convex hull."""
+    if table.flag("weigh", False):
+        raise table.fail(
+            "weigh",
+            "got true; allowed: false, for a mesh weighs nothing; give mass, com and inertia, or"
+            " a box, capsule, cylinder or sphere beside it",
+        )
     mesh = read_mesh(table)
     turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
     at = table.vector("center", 3, "length", default=np.zeros(3))
+    collide, visible = table.flag("collide", False), table.flag("visible", True)
     table.done()
-    reach = np.abs(mesh.vertices).max(axis=0)
-    pose = transform(turn, at)
-    return Shape("mesh", pose, reach, material, collide=False, weigh=False, mesh=mesh)
+    return Shape(
+        "mesh",
+        transform(turn, at),
+        np.abs(mesh.vertices).max(axis=0),
+        material,
+        collide=collide,
+        weigh=False,
+        mesh=mesh,
+        visible=visible,
+    )
 
 
 def read_body(table: Table, part: str) -> Body:

@@ -138,7 +138,7 @@ def test_an_imported_arm_moves_to_where_it_is_told(tmp_path) -> None:
     (robot,) = world.arms.values()
     goal = np.array([0.3, -0.4, 0.02])
     robot.servo_jp(goal)
-    world.run(2.0)
+    world.step(2000)
     assert np.abs(robot.measured_js().position - goal).max() < 5e-3
 
 

@@ -11,7 +11,8 @@ import pytest
 from trocar.descriptions import load_tool
 from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.meshes import Mesh, read_mesh
-from trocar.descriptions.table import Table
+from trocar.descriptions.shapes import read_shape
+from trocar.descriptions.table import Table, parse_table
 from trocar.errors import DescriptionError
 
 TOOL = DATA / "tools" / "LARGE_NEEDLE_DRIVER_400006.toml"
@@ -95,7 +96,6 @@ def test_too_many_triangles_are_refused(tmp_path: Path, monkeypatch: pytest.Monk
     [
         ('kind = "mesh"', r"shape\[0\].file: is missing"),
         ('kind = "mesh", file = "gone.stl"', r"gone.stl cannot be read: No such file"),
-        ('kind = "mesh", file = "a.stl", collide = true', r"collide: got true; allowed: false"),
         ('kind = "mesh", file = "a.stl", weigh = true', r"weigh: got true; allowed: false"),
         ('kind = "mesh", file = "a.stl", scale_mm = 0.0', r"scale: got 0 m; allowed: above 0"),
         ('kind = "mesh", file = "a.stl", hull = "capsule"', r"hull: unknown key"),
@@ -111,3 +111,13 @@ def test_a_fault_in_a_tool_s_mesh_is_named(shape: str, problem: str, tmp_path: P
     (tmp_path / "tool.toml").write_text(head + body + rest, encoding="utf-8")
     with pytest.raises(DescriptionError, match=problem):
         load_tool(tmp_path / "tool.toml")
+
+
+def test_a_mesh_touches_as_its_convex_hull_and_may_be_unseen(tmp_path: Path) -> None:
+    (tmp_path / "a.stl").write_bytes(ascii_stl())
+    table = parse_table(
+        'shape = [{ kind = "mesh", file = "a.stl", collide = true, visible = false }]',
+        str(tmp_path / "tool.toml"),
+    )
+    shape = read_shape(table.tables("shape")[0])
+    assert (shape.collide, shape.visible, shape.weigh) == (True, False, False)

@@ -76,6 +76,7 @@ class _Model:
         self._version = tuple(int(part) for part in version.split(".")[:2])
         node.check((*MODEL, *PASSED_OVER))
         self._finder = MeshFinder(Path(file), packages)
+        self._from_world = inverse(_own_pose(node))
         self._places: dict[str, _Place] = {}
         for link in node.children("link"):
             self._place(link, "__model__")
@@ -95,8 +96,10 @@ class _Model:
 
     def at(self, name: str, node: Node, seen: tuple[str, ...] = ()) -> Array:
         """Return T_model_frame of anything that has a name, (4, 4)."""
-        if name in ("__model__", WORLD):
+        if name == "__model__":
             return np.eye(4)
+        if name == WORLD:
+            return self._from_world
         if name in seen:
             raise node.fail(f"poses of {', '.join(seen)} refer to each other in a ring")
         if name not in self._places:

@@ -34,7 +34,7 @@ COMMANDS = {
     "list": "names of the built-in arms, tools and rigs",
     "show": "what is known of an arm: frames, limits, masses, sources",
     "export": "an arm or a rig for other simulators: URDF, SDF, MJCF",
-    "import": "a robot or an object from another tool's file, as an arm or a prop",
+    "import": "a robot or an object of another tool, as an arm or a prop",
     "verify": "the paper's experiments repeated, its figures beside ours",
     "bench": "measure real-time factors beside bare MuJoCo",
 }

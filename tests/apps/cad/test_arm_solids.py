@@ -30,6 +30,17 @@ AXES = {
         "pitch_top": ("pitch_top", "c2"),
         "pitch_end": ("pitch_end", "c2", "insertion"),
     },
+    "ecm": {
+        "base": ("yaw",),
+        "yaw": ("pitch_front", "pitch_back"),
+        "pitch_front": ("pitch_front", "pitch_bottom", "pitch_top"),
+        "pitch_back": ("pitch_back", "c1"),
+        "pitch_bottom": ("pitch_bottom", "c1", "pitch_end"),
+        "pitch_top": ("pitch_top", "c2"),
+        "pitch_end": ("pitch_end", "c2", "insertion"),
+        "insertion": ("insertion", "roll"),
+        "roll": ("roll",),
+    },
 }
 ARMS = tuple(AXES)
 

@@ -262,6 +262,11 @@ def box(low: ArrayLike, high: ArrayLike) -> Shape:
     return Pos(x, y, z) * blank
 
 
+def block(low: ArrayLike, high: ArrayLike, bevel: float) -> Shape:
+    """Return a box between two corners with bevelled edges, which costs few triangles."""
+    return chamfer(box(low, high).edges(), bevel)
+
+
 def edges_across(part: Shape, axis: Axis) -> list[Edge]:
     """Return the edges of the two faces across an axis: the rims to round or bevel."""
     return list(part.faces().filter_by(axis).edges())

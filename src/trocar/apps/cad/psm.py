@@ -10,15 +10,13 @@ da Vinci Classic.
 
 from __future__ import annotations
 
-import numpy as np
 from build123d import Plane
-from build123d.topology import Shape
 
 from trocar.apps.cad import kit
-from trocar.apps.cad.kit import Hinge, hinge
+from trocar.apps.cad.kit import hinge
 from trocar.apps.cad.link import Link, Part
+from trocar.apps.cad.linkage import bar, cannula, cap_pair
 from trocar.descriptions.records import ArmDescription
-from trocar.kinematics.forward import pose
 from trocar.kinematics.mechanism import Mechanism
 
 #: Layers along the hinges, half widths [mm].
@@ -118,8 +116,7 @@ def _pitch_back(m: Mechanism) -> Link:
     pins = []
     for at, radius in ((low, 13.5), (top, 11.5)):
         pins.append(kit.pin(at, -OUTER, OUTER, 5.0))
-        for s in (-1.0, 1.0):
-            pins.append(kit.cap(at, s * OUTER, s * (OUTER + 4.5), radius))
+        pins += cap_pair(at, OUTER, 4.5, radius)
     parts = (
         Part("casting", plates + web + hub),
         Part("cover", pack),
@@ -143,7 +140,7 @@ def _pitch_front(m: Mechanism) -> Link:
     )
     web = kit.plate(kit.hull([(20, 0, 9), (54, 0, 8)]), -INNER, INNER)
     pins = [kit.pin(far, -OUTER, OUTER, 5.0)]
-    pins += [kit.cap(far, s * OUTER, s * (OUTER + 4.5), 11.0) for s in (-1.0, 1.0)]
+    pins += cap_pair(far, OUTER, 4.5, 11.0)
     touch = kit.box((-15, -11, -OUTER), (x + 12, 11, OUTER))
     return Link(
         "pitch_front",
@@ -160,7 +157,7 @@ def _pitch_bottom(m: Mechanism) -> Link:
     a, b = float(coupled.point[0]) + 26, float(end.point[0]) - 34
     rear = kit.plate(kit.outline([own.disc(10.5), coupled.disc(10.5), (a, 0, 10.5)]), -13, 13, 3.0)
     front = kit.plate(kit.outline([(b, 0, 10.5), end.disc(10.5)]), -13, 13, 3.0)
-    cover = _bar(a, b, 3.0, 26.0, 2 * BAR)
+    cover = bar(a, b, 3.0, 26.0, 2 * BAR)
     touch = (
         kit.box((-10, -10, -13), (a, 12, 13)),
         kit.box((a, -10, -BAR), (b, 16, BAR)),
@@ -177,30 +174,16 @@ def _pitch_top(m: Mechanism) -> Link:
     a, b = 30.0, float(end.point[0]) - 30
     rear = kit.plate(kit.outline([own.disc(7.5), (a, 0, 7.5)]), -12, 12, 2.5)
     front = kit.plate(kit.outline([(b, 0, 7.5), end.disc(7.5)]), -12, 12, 2.5)
-    cover = _bar(a, b, -2.5, 20.0, 28.0)
+    cover = bar(a, b, -2.5, 20.0, 28.0)
     touch = (kit.box((-8, -12, -14), (b + 38, 7.5, 14)),)
     return Link(
         "pitch_top", "pitch_top", (Part("casting", rear + front), Part("cover", cover)), touch
     )
 
 
-def _bar(start: float, end: float, y: float, tall: float, wide: float) -> Shape:
-    """Return the smooth cover of a long link, slimmer at its ends."""
-    ends = (0.8 * tall, 0.8 * wide)
-    y0 = y * 0.6
-    c = 0.34 * tall
-    body = kit.lofted([(start + 26, y, 0, tall, wide, c), (end - 26, y, 0, tall, wide, c)])
-    rear = kit.lofted([(start, y0, 0, *ends, 0.8 * c), (start + 26, y, 0, tall, wide, c)])
-    front = kit.lofted([(end - 26, y, 0, tall, wide, c), (end, y0, 0, *ends, 0.8 * c)])
-    return rear + body + front
-
-
 def _pitch_end(m: Mechanism) -> Link:
     """Return the end link: the insertion rail, its cheeks on the long links, the cannula."""
     own, upper = hinge(m, "pitch_end", "pitch_end"), hinge(m, "pitch_end", "c2")
-    shaft = hinge(m, "pitch_end", "insertion")
-    centre = 1000.0 * pose(m, np.zeros(len(m.joints)), m.reference, "pitch_end")[:3, 3]
-    rcm = float((centre - shaft.point) @ shaft.direction)
     side = [(RAIL, -356), (-6, -356), (-13, -110), (-17, -30), (-17, 10), (2, 64), (RAIL, 64)]
     body = kit.plate(kit.polygon(side, 8.0), -OUTER, OUTER, 6.0, round_off=True)
     uy = float(upper.at(0.0)[1])
@@ -209,33 +192,19 @@ def _pitch_end(m: Mechanism) -> Link:
     strip = kit.box((RAIL - 1, -338, -12), (STRIP, 38, 12))
     pins = [kit.pin(own, -INNER, INNER, 5.0), kit.pin(upper, -INNER, INNER, 4.5)]
     for at, radius in ((own, 12.0), (upper, 10.0)):
-        pins += [kit.cap(at, s * OUTER, s * (OUTER + 4.0), radius) for s in (-1.0, 1.0)]
-    holder, bands, cannula = _cannula(shaft, rcm)
+        pins += cap_pair(at, OUTER, 4.0, radius)
+    tube = cannula(m, 5.4, 38.0, (21.0, 58.0))
     parts = (
         Part("cover", body),
-        Part("steel", strip + cannula),
-        Part("joint", kit.together([*pins, *bands])),
-        Part("casting", holder),
+        Part("steel", strip + tube.tube),
+        Part("joint", kit.together([*pins, *tube.dark])),
+        Part("casting", tube.mount),
     )
     touch = (
         kit.box((-14, -356, -OUTER), (RAIL, -90, OUTER)),
         kit.box((-17, -90, -OUTER), (RAIL, 64, OUTER)),
-        kit.prism(shaft, rcm - 90, rcm + 38, 6.0),
     )
     return Link("pitch_end", "pitch_end", parts, touch)
-
-
-def _cannula(shaft: Hinge, rcm: float) -> tuple[Shape, list[Shape], Shape]:
-    """Return the cannula's mount, its dark bands and the cannula, about the shaft's axis."""
-    profile = [(4.5, -84), (13, -84), (13, -78), (11, -72), (5.4, -58), (5.4, 38), (4.5, 38)]
-    cannula = kit.turning(shaft, [(r, rcm + z) for r, z in profile])
-    ring = kit.tube(shaft, rcm - 77, rcm - 63, 15.5, 10.6)
-    x, y, _ = shaft.point + (rcm - 70) * shaft.direction
-    neck = kit.rounded_box(((24 + x - 11) / 2, y, 0), (x - 11 - 14, 14, 24), 4.0)
-    strut = kit.rounded_box((21, (60 + y + 7) / 2, 0), (16, y + 7 - 52, 30), 6.0)
-    bands = [kit.tube(shaft, rcm + z - 2.0, rcm + z + 2.0, 5.8, 5.2) for z in (-8.0, 0.0, 8.0)]
-    bands += [kit.box((x - 14, y - 4, s * 19 - 4), (x + 2, y + 4, s * 19 + 4)) for s in (-1.0, 1.0)]
-    return ring + neck + strut, bands, cannula
 
 
 def _insertion() -> Link:

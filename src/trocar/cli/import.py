@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--passive", default="", metavar="JOINT,...", help="joints that loops determine"
     )
-    parser.add_argument("--force", action="store_true", help="write over what is in the folder")
+    parser.add_argument("--force", action="store_true", help="replace what has the same name")
     add_json(parser)
 
 

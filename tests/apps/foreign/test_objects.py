@@ -123,4 +123,4 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
         bring_in(tmp_path / "box.stl", out)
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
     bring_in(tmp_path / "box.stl", out, Order(force=True))
-    assert (out / "box.toml").is_file()
+    assert sorted(p.name for p in out.iterdir()) == ["box.toml", "meshes", "mine.txt"]

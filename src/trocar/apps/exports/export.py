@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.apps.exports.folders import check_folder, whole_folder
+from trocar.apps.folders import check_folder, whole_folder
 from trocar.apps.exports.formats import FORMATS, Options, Task
 from trocar.apps.exports.meshes import mesh_names
 from trocar.descriptions.records import RigDescription

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
-import tempfile
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.folders import check_folder, whole_folder
 from trocar.apps.foreign.bodies import ForeignBody, body_of, extent, with_hulls
 from trocar.apps.foreign.layout import Layout, lay_out
 from trocar.apps.foreign.mjcf import read_mjcf
@@ -106,8 +105,7 @@ def bring_in(path: str | Path, folder: str | Path, order: Order | None = None) -
     """
     wanted, source = order or Order(), Path(path)
     target = Path(folder)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())) and not wanted.force:
-        raise InputError(f"{target}: is not empty; allowed: an empty or new folder, or --force")
+    check_folder(target.expanduser(), wanted.force)
     model = _read(source, wanted)
     name = _clean(wanted.name or model.name)
     kind: Kind = wanted.kind or ("arm" if model.moves else "prop")
@@ -119,22 +117,8 @@ def bring_in(path: str | Path, folder: str | Path, order: Order | None = None) -
         "title": f"{model.name}, imported",
         "source": f"{source.name}, sha256 {sha256(source.read_bytes()).hexdigest()}",
     }
-    parent = target.absolute().parent
-    if not parent.is_dir():
-        raise InputError(f"{target}: there is no folder {parent} to write it in")
-    try:
-        beside = Path(tempfile.mkdtemp(prefix=f".{target.name}.", dir=parent))
-    except OSError as problem:
-        raise InputError(f"{target}: cannot be written: {problem.strerror}") from problem
-    try:
-        beside.chmod(0o755)
-        result = _write(with_hulls(model), name, kind, head, (beside, target), wanted)
-        if target.exists():
-            shutil.rmtree(target)
-        beside.rename(target)
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)
-    return result
+    with whole_folder(target, wanted.force) as built:
+        return _write(with_hulls(model), name, kind, head, (built, target), wanted)
 
 
 def _read(path: Path, order: Order) -> ForeignModel:

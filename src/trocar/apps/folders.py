@@ -43,7 +43,7 @@ def whole_folder(folder: Path, force: bool) -> Iterator[Path]:
 
 
 def check_folder(folder: Path, force: bool) -> None:
-    """Refuse a folder that cannot be exported to.
+    """Refuse a folder that cannot be written to.
 
     Raises:
         InputError: it is no folder, or holds something that nobody allowed to replace

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.apps.folders import check_folder, whole_folder
 from trocar.apps.exports.formats import FORMATS, Options, Task
 from trocar.apps.exports.meshes import mesh_names
+from trocar.apps.folders import check_folder, whole_folder
 from trocar.descriptions.records import RigDescription
 from trocar.errors import UnknownNameError
 from trocar.modeling.links import LinkModel, rig_links

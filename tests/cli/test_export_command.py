@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.apps.exports.formats import FORMATS, Format, Task
+from trocar.apps.exports.formats import FORMATS
+from trocar.apps.exports.task import Format, Task
 
 
 @pytest.fixture(autouse=True)

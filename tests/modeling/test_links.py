@@ -118,6 +118,15 @@ def test_straight_lines_that_stand_for_a_general_loop_say_how_wrong_they_are(
     assert 0.5 * said < worst < 1.5 * said
 
 
+def test_a_general_loop_follows_the_joints_that_move_it_and_no_other(skew_overlay, rng) -> None:
+    for name in ("psm", "ecm"):
+        rig = lone_arm_rig(apply_overlay(load_arm(name), skew_overlay(name, rng)))
+        loops = [joint for joint in rig_links(rig).joints if joint.in_loop]
+        assert len(loops) == 6
+        leaders = {leader for joint in loops for leader, _ in joint.follows}
+        assert leaders == {f"{rig.arms[0].name}_pitch"}
+
+
 def test_an_arm_without_masses_is_refused_with_what_is_missing() -> None:
     with pytest.raises(InputError, match="has no mass for yaw"):
         rig_links(lone_arm_rig(load_arm("psm_si")))

@@ -25,7 +25,7 @@ from trocar.descriptions.records import (
 from trocar.errors import InputError
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
-from trocar.kinematics.mechanism import Frame, Motion
+from trocar.kinematics.mechanism import Frame, Mechanism, Motion
 from trocar.kinematics.tree import frame_poses
 from trocar.modeling.hinges import Hinge, hinge_of, merged
 
@@ -38,8 +38,9 @@ WORLD = "world"
 SLACK = 1e-3
 #: Joint vectors that straight lines are fitted to, where a loop is no parallelogram.
 SAMPLES = 256
-#: A ratio below this is rounding of the fit.
-NO_RATIO = 1e-6
+#: A coordinate that moves less than this over a joint's range does not follow the joint [rad or m].
+#: Source: our own choice, far above what closing a loop numerically leaves.
+UNMOVED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,14 +327,26 @@ def _lines(arm: ArmDescription) -> tuple[Array, Array, float]:
     q = rng.uniform(mechanism.lower, mechanism.upper, (SAMPLES, len(mechanism.joints)))
     closed = coordinates(mechanism, q)
     table = np.hstack([np.ones((SAMPLES, 1)), q])
-    found = np.linalg.pinv(table) @ closed
-    found[np.abs(found) < NO_RATIO] = 0.0
+    moves = _moves(mechanism)
+    found = np.zeros((len(mechanism.joints) + 1, len(mechanism.frames)))
     for k, frame in enumerate(mechanism.frames):
-        if not any(frame.name in c.passive for c in mechanism.closures):
-            found[:, k] = np.concatenate([[0.0], mechanism.ratios[k]])
+        if any(frame.name in c.passive for c in mechanism.closures):
+            own = np.concatenate([[True], moves[:, k]])
+            found[own, k] = np.linalg.lstsq(table[:, own], closed[:, k])[0]
+        else:
+            found[1:, k] = mechanism.ratios[k]
     true, straight = frame_poses(mechanism, closed), frame_poses(mechanism, table @ found)
     off = max(
         float(np.linalg.norm(true[k][..., :3, 3] - straight[k][..., :3, 3], axis=-1).max())
         for k in true
     )
     return found[0], found[1:].T, off
+
+
+def _moves(mechanism: Mechanism) -> NDArray[np.bool_]:
+    """Tell which joints move which frames' coordinates, (joints, frames)."""
+    count = len(mechanism.joints)
+    middle = np.tile(0.5 * (mechanism.lower + mechanism.upper), (count + 1, 1))
+    ends = middle + np.vstack([np.diag(0.5 * (mechanism.upper - mechanism.lower)), np.zeros(count)])
+    at = coordinates(mechanism, ends)
+    return np.abs(at[:-1] - at[-1]) > UNMOVED

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from trocar.apps.exports import export, find_rig
-from trocar.apps.exports.formats import FORMATS, Format, Options, Task
+from trocar.apps.exports.formats import FORMATS
 from trocar.apps.exports.meshes import mesh_names, obj, write_meshes
+from trocar.apps.exports.task import Format, Options, Task
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh

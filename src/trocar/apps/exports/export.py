@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.apps.exports.formats import FORMATS, Options, Task
+from trocar.apps.exports.formats import FORMATS
 from trocar.apps.exports.meshes import mesh_names
+from trocar.apps.exports.task import Options, Task
 from trocar.apps.folders import check_folder, whole_folder
 from trocar.descriptions.records import RigDescription
 from trocar.errors import UnknownNameError

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from trocar import __version__
-from trocar.apps.exports.formats import Task
+from trocar.apps.exports.task import Task
 
 
 def readme(task: Task, format: str, sections: Mapping[str, str]) -> str:  # noqa: A002

@@ -38,7 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--package", default="", metavar="NAME", help="URDF: a ROS package of this name"
     )
     parser.add_argument(
-        "--sdf-version", default="1.9", metavar="V", help="SDF: 1.9 (default) or 1.7"
+        "--sdf-version", default="1.9", metavar="V", help="SDF: 1.9 (default), 1.7 or 1.11"
     )
     parser.add_argument(
         "--force", action="store_true", help="replace what DIR has under the same names"

@@ -129,6 +129,8 @@ class LinkModel:
         joints: one for every other link, in their order
         loops: what closes
         start: coordinates of the rig's pose "start", {joint: rad or m}, passive ones included
+        zero: those where each joint that moves on its own is at 0 and the loops are closed: 0 too,
+            but for passive ones of a loop that is no parallelogram
         line_errors: {arm: how far the worst frame stands from where it belongs when the loops'
             coordinates follow straight lines [m]} of arms whose loops are no parallelograms
     """
@@ -139,6 +141,7 @@ class LinkModel:
     joints: tuple[LinkJoint, ...]
     loops: tuple[LinkLoop, ...]
     start: Mapping[str, float]
+    zero: Mapping[str, float]
     line_errors: Mapping[str, float]
 
     def joint(self, name: str) -> LinkJoint:
@@ -168,6 +171,7 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
         joints.append(_fixed(prop.name, WORLD, prop.name, prop.pose))
     loops: list[LinkLoop] = []
     start: dict[str, float] = {}
+    zero: dict[str, float] = {}
     errors: dict[str, float] = {}
     for place in rig.arms:
         found = _Reading.of(place, friction)
@@ -176,9 +180,13 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
         loops += found.loops()
         at = coordinates(place.arm.mechanism, rig.poses["start"][place.name])
         start |= {found.joint_name(f): float(at[k]) for k, f in found.moving()}
+        at = coordinates(place.arm.mechanism, np.zeros(len(place.arm.joints)))
+        zero |= {found.joint_name(f): float(at[k]) for k, f in found.moving()}
         if found.line_error:
             errors[place.name] = found.line_error
-    return LinkModel(rig.name, rig.title, tuple(links), tuple(joints), tuple(loops), start, errors)
+    return LinkModel(
+        rig.name, rig.title, tuple(links), tuple(joints), tuple(loops), start, zero, errors
+    )
 
 
 def _fixed(name: str, parent: str, child: str, pose: Array) -> LinkJoint:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from trocar.apps.exports.sdf import write_sdf
 from trocar.apps.exports.task import Format
 from trocar.apps.exports.urdf import write_urdf
 
 #: {what --format takes: the format}
 FORMATS: dict[str, Format] = {
     "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf),
+    "sdf": Format("SDF: Gazebo, Drake", write_sdf),
 }

@@ -17,7 +17,7 @@ class Options:
 
     Attributes:
         package: URDF: name of the ROS package that the folder becomes; "" for relative paths
-        sdf_version: SDF: "1.9" or "1.7"
+        sdf_version: SDF: "1.9", "1.7" or "1.11"
     """
 
     package: str = ""

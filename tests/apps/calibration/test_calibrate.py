@@ -71,6 +71,9 @@ def test_exact_poses_give_the_robot_back(name: str, seed: int) -> None:
     for label, wanted in truth["beta_rad"].items():
         assert abs(found.betas[label].value - wanted) < 1e-7
     assert found.centre is not None and found.centre.distance is not None
+    swept = found.overlay.measured["rcm"]["sweep_rad"]
+    assert swept["yaw"] == pytest.approx([-0.6, 0.6], abs=0.05)
+    assert swept["pitch"] == pytest.approx([-0.6, 0.6], abs=0.05)
     place = truth["rcm"]["position_in_base_body_m"]
     assert np.abs(found.centre.report.fit.post - place).max() < 1e-8
     assert abs(found.centre.distance.value - truth["rcm"]["distance_to_pitch_axis_m"]) < 1e-8

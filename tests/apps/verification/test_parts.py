@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from trocar.apps.verification.axes import axes
 from trocar.apps.verification.closure import closure, fold
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.formats import FORMATS, Format, formats
-from trocar.apps.verification.motion import Sweep, exact, sweep
+from trocar.apps.verification.motion import Sweep, exact, measured_ranges, sweep
 from trocar.apps.verification.paper import TABLE6, TABLE7, TABLE7_ERROR_M
 from trocar.apps.verification.rcm import cloud, rcm
 from trocar.apps.verification.realtime import realtime
@@ -219,6 +221,31 @@ def test_a_general_four_bar_wanders_and_is_only_stated() -> None:
     # and so the mechanism alone has it, without any physics
     kinematic = cloud(subject, exact(subject, found))
     assert rms.value == pytest.approx(kinematic.rms_distance, rel=1e-2)
+
+
+def test_a_calibrated_arm_sweeps_what_its_tracks_swept_for_the_row_beside_theirs() -> None:
+    ranges = {"yaw": [-0.4, 0.5], "pitch": [-0.3, 9.0]}
+    overlay = wandering().arm.overlay
+    assert overlay is not None
+    measured = {"rcm": {"rms_m": 4e-4, "wander_rms_m": 3e-4, "sweep_rad": ranges}}
+    arm = apply_overlay(load_arm("psm"), replace(overlay, measured=measured))
+    subject = Subject("psm", arm)
+    upper = arm.joints[1].upper
+    assert measured_ranges(subject) == {"yaw": (-0.4, 0.5), "pitch": (-0.3, upper)}
+    narrow = sweep(subject, "set", {"yaw": (-0.4, 0.5), "pitch": (-0.3, 0.2)})
+    for joint, span in enumerate([(-0.4, 0.5), (-0.3, 0.2)]):
+        got = narrow.commanded[:, joint]
+        assert (got.min(), got.max()) == pytest.approx(span, abs=0.01)
+    wide = sweep(subject, "set")
+    part = rcm(subject, (wide,), narrow)
+    here = named(part, "over the measured range: RMS distance")
+    assert "yaw -0.40 to 0.50 rad, pitch -0.30 to 0.20 rad" in here.source
+    assert here.value == pytest.approx(cloud(subject, narrow).rms_distance)
+    assert here.value < 0.7 * named(part, "no servo error: RMS distance").value
+    assert named(part, "measured: RMS distance").value == 4e-4
+    assert named(part, "measured without noise: RMS distance").value == 3e-4
+    assert any(note.startswith("Swept: yaw -1.5") for note in part.notes)
+    assert measured_ranges(wandering()) == {}
 
 
 def test_an_arm_without_a_remote_centre_says_so() -> None:

@@ -111,6 +111,10 @@ class RcmReport:
         if self.distance is not None:
             value, sigma = self.distance
             centre["distance_to_pitch_axis_m"] = {"value": value, "sigma": sigma}
+        turned, _ = centre_samples(self.hinges, fit)
+        if len(turned):
+            low, high = turned.min(axis=0), turned.max(axis=0)
+            centre["sweep_rad"] = {"yaw": [low[0], high[0]], "pitch": [low[1], high[1]]}
         if self.table7 is not None:
             centre["table7"] = self.table7.as_dict()
         cloud = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.verification.subject import Subject
+from trocar.descriptions.records import JointDescription
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 from trocar.kinematics import forward
@@ -21,6 +23,8 @@ from trocar.simulation.trials import TICK_S, periods_per_tick
 
 Array = NDArray[np.float64]
 Drive = Literal["servo", "set"]
+#: {joint: (from, to)} [rad]
+Ranges = Mapping[str, tuple[float, float]]
 
 #: While the first joint swings once, the second swings so often. Source: our own choice; a dense
 #: net.
@@ -74,10 +78,16 @@ def exact(subject: Subject, motion: Sweep) -> Sweep:
     return replace(motion, coordinates=found)
 
 
-def sweep(subject: Subject, drive: Drive) -> Sweep:
-    """Sweep joints over 95 % of their ranges; all other joints rest in the middle."""
+def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> Sweep:
+    """Sweep joints; all other joints rest in the middle of their ranges.
+
+    Args:
+        subject: whose
+        drive: how they are moved
+        ranges: of the joints that are swept; 95 % of what they may when omitted
+    """
     world = subject.world()
-    time, q, v = _net(subject)
+    time, q, v = _net(subject, ranges or {})
     name = subject.place
     world.set_state(name, q[0])
     kept = slice(KEPT - 1, None, KEPT)
@@ -104,12 +114,29 @@ def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
     return np.array(actual), np.array(coordinates)
 
 
-def _net(subject: Subject) -> tuple[Array, Array, Array]:
+def measured_ranges(subject: Subject) -> Ranges:
+    """Return over which ranges yaw and pitch were swept in the tracks of a calibrated arm.
+
+    Returns:
+        {joint: (from, to) [rad]}, within the joints' limits; empty where the overlay has none
+    """
+    overlay = subject.arm.overlay
+    told = {} if overlay is None else overlay.measured.get("rcm", {}).get("sweep_rad", {})
+    found: dict[str, tuple[float, float]] = {}
+    for joint in subject.arm.joints:
+        if joint.name in told:
+            low, high = (float(np.clip(v, joint.lower, joint.upper)) for v in told[joint.name])
+            found[joint.name] = (low, high)
+    return found if len(found) == len(told) else {}
+
+
+def _net(subject: Subject, ranges: Ranges) -> tuple[Array, Array, Array]:
     """Return times (k,), positions and velocities (k, n) of a sweep that begins at rest."""
     arm = subject.arm
     swung = swept_joints(arm.mechanism)
     joints = [arm.joints[index] for index in swung]
-    swings = [0.5 * SHARE_OF_RANGE * (j.upper - j.lower) for j in joints]
+    spans = [_span(joint, ranges) for joint in joints]
+    swings = [0.5 * (high - low) for low, high in spans]
     speed = SHARE_OF_SPEED * min(j.velocity_max for j in joints)
     times = (1, SECOND_SWINGS)[-len(swung) :]
     duration = max(20.0, 2.0 * np.pi * times[-1] * swings[-1] / speed)
@@ -117,7 +144,16 @@ def _net(subject: Subject) -> tuple[Array, Array, Array]:
     share = np.clip(time / RAMP_S, 0.0, 1.0)
     ramp = share**2 * (3.0 - 2.0 * share)
     q = np.tile(middle_of_range(arm), (len(time), 1))
-    for index, joint, swing, often in zip(swung, joints, swings, times, strict=True):
-        q[:, index] = 0.5 * (joint.lower + joint.upper)
+    for index, (low, high), swing, often in zip(swung, spans, swings, times, strict=True):
+        q[:, index] = 0.5 * (low + high)
         q[:, index] += swing * ramp * np.sin(2.0 * np.pi * often * time / duration)
     return np.asarray(time), q, np.asarray(np.gradient(q, TICK_S, axis=0), dtype=np.float64)
+
+
+def _span(joint: JointDescription, ranges: Ranges) -> tuple[float, float]:
+    """Return between which positions a joint is swept."""
+    if joint.name in ranges:
+        return ranges[joint.name]
+    middle = 0.5 * (joint.lower + joint.upper)
+    swing = 0.5 * SHARE_OF_RANGE * (joint.upper - joint.lower)
+    return middle - swing, middle + swing

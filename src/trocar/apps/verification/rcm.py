@@ -58,15 +58,21 @@ def has_remote_centre(mechanism: Mechanism) -> bool:
     return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
 
 
-def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
-    """Estimate the remote centre from the motion of the link that carries the insertion."""
+def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None = None) -> Part:
+    """Estimate the remote centre from the motion of the link that carries the insertion.
+
+    Args:
+        subject: the arm
+        sweeps: of yaw and pitch over their ranges
+        as_measured: over the ranges of the tracks that a calibrated arm comes from
+    """
     title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
     if not sweeps:
         note = (f"{subject.arm.name}: has no remote centre, or nothing that could simulate it",)
         return Part("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
     figures = [figure for each in clouds for figure in _figures(subject, each)]
-    figures += _measured(subject)
+    figures += _measured(subject, as_measured)
     notes = [
         "Position relative to the pitch axis, in the frame of the first two joint axes at home. Of"
         " a PSM y is along the yaw axis, of an ECM x; z is along the pitch axis. Estimated by pivot"
@@ -74,6 +80,7 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...]) -> Part:
         " insertion.",
         "The paper's equation 5 lacks the 1/n that its Table 7 needs; it is in ours.",
     ]
+    notes.append(f"Swept: {_swept(subject, sweeps[0])}, 95 % of what the joints may.")
     if subject.calibrated:
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
     if _general(subject):
@@ -207,15 +214,37 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     return figures
 
 
-def _measured(subject: Subject) -> list[Figure]:
-    """State how far the tracks of a calibrated arm had the remote centre wander."""
+def _swept(subject: Subject, motion: Sweep) -> str:
+    """Return between which positions yaw and pitch were told to go."""
+    index = subject.arm.mechanism.joint_index
+    told = {name: motion.commanded[:, index[name]] for name in ("yaw", "pitch")}
+    return ", ".join(f"{name} {q.min():.2f} to {q.max():.2f} rad" for name, q in told.items())
+
+
+def _measured(subject: Subject, as_measured: Sweep | None) -> list[Figure]:
+    """State how far the tracks of a calibrated arm had the remote centre wander, beside ours."""
     overlay = subject.arm.overlay
     found = {} if overlay is None else overlay.measured.get("rcm", {})
     rms = found.get("rms_m")
     if overlay is None or not isinstance(rms, float):
         return []
-    source = f"measured, noise included: {overlay.source.get('file', overlay.file)}"
-    return [Figure("measured: RMS distance", rms, "m", "mm", source=source)]
+    file = overlay.source.get("file", overlay.file)
+    source = f"measured, noise included: {file}"
+    figures = [Figure("measured: RMS distance", rms, "m", "mm", source=source)]
+    wander = found.get("wander_rms_m")
+    if isinstance(wander, float):
+        source = f"measured, what noise alone would make taken off as squares: {file}"
+        figures.append(Figure("measured without noise: RMS distance", wander, "m", "mm",
+                              source=source))  # fmt: skip
+    if as_measured is not None:
+        source = (
+            f"ours, over the range of the tracks: {_swept(subject, as_measured)}; no servo error"
+        )
+        figures.append(
+            Figure("over the measured range: RMS distance",
+                   cloud(subject, as_measured).rms_distance, "m", "mm", source=source)
+        )  # fmt: skip
+    return figures
 
 
 def _of(

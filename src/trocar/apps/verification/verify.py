@@ -10,7 +10,13 @@ from trocar.apps.verification.axes import axes
 from trocar.apps.verification.closure import closure
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.formats import formats
-from trocar.apps.verification.motion import Drive, Sweep, sweep, swept_joints
+from trocar.apps.verification.motion import (
+    Drive,
+    Sweep,
+    measured_ranges,
+    sweep,
+    swept_joints,
+)
 from trocar.apps.verification.rcm import has_remote_centre, rcm
 from trocar.apps.verification.realtime import realtime
 from trocar.apps.verification.subject import Subject
@@ -120,7 +126,11 @@ def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part
         yield closure(subject)
     if "rcm" in parts:
         able = centred and subject.simulated
-        yield rcm(subject, (swept("set"), swept("servo")) if able else ())
+        ranges = measured_ranges(subject) if able else {}
+        if ranges:
+            say(f"{name}: a sweep over the measured range")
+        again = sweep(subject, "set", ranges) if ranges else None
+        yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
     if "axes" in parts:
         able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
         yield axes(subject, swept("servo") if able else None)

@@ -6,14 +6,27 @@ import json
 import socket
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trocar.cli import main
+from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import ClosurePatch, Overlay, write_overlay
+from trocar.simulation import World
 
 REPORT = [
     "rig", "timestep_s", "simulated_s", "wall_s", "real_time_factor", "bare_real_time_factor",
-    "overhead", "loop_gap_um_max", "rcm_error_um_max", "branch_ok", "tracking_rms",
+    "overhead", "loop_gap_um_max", "rcm_error_um_max",
+    "rcm_wander_um_max", "branch_ok", "tracking_rms",
 ]  # fmt: skip
+
+
+def general_overlay(folder: Path) -> Path:
+    """A PSM's overlay that lengthens a side of the second loop by 1 mm."""
+    (c2,) = (c for c in load_arm("psm").mechanism.closures if c.name == "c2")
+    patch = ClosurePatch(c2.point_a + np.array([1e-3, 0.0, 0.0]), c2.point_b)
+    write_overlay(folder / "mine.toml", Overlay("psm", "general", closures={"c2": patch}))
+    return folder / "mine.toml"
 
 
 def test_a_headless_run_prints_one_document(capsys):
@@ -25,6 +38,23 @@ def test_a_headless_run_prints_one_document(capsys):
     assert document["rig"] == "psm"
     assert document["branch_ok"] is True
     assert document["rcm_error_um_max"] <= 3.0
+    assert document["rcm_wander_um_max"] < 1e-6
+
+
+def test_a_headless_run_tells_how_far_a_robot_s_own_geometry_lets_its_centre_wander(
+    capsys, tmp_path
+):
+    file = general_overlay(tmp_path)
+    words = ["sim", "--headless", "--rig", "psm", "--duration", "0.2", "--json"]
+    assert main([*words, "--calibration", str(file)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    world = World("psm", calibration=str(file))
+    wanted = 1e6 * world.health().rcm_wander_m
+    assert document["rcm_wander_um_max"] == pytest.approx(wanted)
+    assert document["rcm_error_um_max"] <= wanted + 3.0
+    assert wanted > 100.0
+    assert main([*words[:3], "mtm", "--duration", "0.1", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rcm_wander_um_max"] is None
 
 
 def test_a_headless_run_tells_people_what_it_found(capsys):
@@ -86,6 +116,19 @@ def test_bench_prints_one_document(capsys):
     document = json.loads(capsys.readouterr().out)
     assert [row["rig"] for row in document["table9"]][-2:] == ["full_cart", "full_cart"]
     assert document["figures"] == []
+
+
+def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path):
+    file = str(general_overlay(tmp_path))
+    words = ["bench", "--duration", "0.02", "--passes", "1", "--calibration", file]
+    assert main([*words, "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["table9"] and document["figures"] == []
+    assert main([*words, "figures"]) == 2
+    assert "--calibration: allowed with the part speed alone" in capsys.readouterr().err
+    write_overlay(file, Overlay("mtml"))
+    assert main(words) == 2
+    assert "is a calibration of 'mtml'; allowed: ecm" in capsys.readouterr().err
 
 
 def test_bench_refuses_a_duration_of_nothing(capsys):

@@ -39,9 +39,10 @@ def test_an_empty_overlay_changes_nothing_to_the_last_bit(name):
 def test_an_overlay_of_the_nominal_values_leaves_every_frame_where_it_is(name):
     arm = load_arm(name)
     mechanism = arm.mechanism
+    own = load_arm(name, "none" if arm.tool else None).mechanism.frames
     same = Overlay(
         name,
-        frames={f.name: frame_patch(f) for f in mechanism.frames},
+        frames={f.name: frame_patch(f) for f in own},
         closures={c.name: closure_patch(c) for c in mechanism.closures},
     )
     again = apply_overlay(arm, parse_overlay(overlay_text(same), "same.toml")).mechanism
@@ -169,6 +170,38 @@ ZERO = np.zeros(3)
 def test_an_overlay_that_cannot_be_laid_over_says_why(overlay, error, message):
     with pytest.raises(error, match=message):
         apply_overlay(load_arm("psm"), replace(overlay, file="o.toml"))
+
+
+@pytest.mark.parametrize("tool", [None, "none"])
+def test_frames_of_a_tool_are_not_calibrated_whichever_tool_is_mounted(tool):
+    at = load_arm("psm").mechanism.frame("wrist_pitch")
+    overlay = psm_with(frames={"wrist_pitch": frame_patch(at)})
+    with pytest.raises(InputError) as refused:
+        apply_overlay(load_arm("psm", tool), replace(overlay, file="o.toml"))
+    said = str(refused.value)
+    assert "o.toml: " in said
+    assert "wrist_pitch" in said
+    assert "pitch_end, insertion" in said
+    assert "finger_left" not in said
+    if tool is None:
+        assert "frames.wrist_pitch: is a frame of the tool LARGE_NEEDLE_DRIVER:400006" in said
+
+
+def test_pins_that_slide_stay_where_they_are(skew_overlay, rng):
+    nominal = load_arm("psm")
+    skew = skew_overlay("psm", rng)
+    robot = apply_overlay(nominal, skew)
+    (c1, c2) = robot.mechanism.closures
+    with pytest.raises(InputError, match="c1: its pin slides already; give its mechanism as well"):
+        closure_patch(c1)
+    patch = closure_patch(c2, mechanism=robot.mechanism)
+    assert patch.slides
+    assert np.array_equal(patch.point_b, skew.closures["c2"].point_b)
+    again = apply_overlay(nominal, overlay_between(nominal, robot))
+    q = np.linspace(robot.mechanism.lower, robot.mechanism.upper, 5)
+    there, here = (poses(arm.mechanism, q) for arm in (robot, again))
+    for name, wanted in there.items():
+        assert np.abs(here[name] - wanted).max() < 1e-12, name
 
 
 def test_one_calibration_is_not_laid_over_another():

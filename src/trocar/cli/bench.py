@@ -51,6 +51,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--poses", type=int, default=10_000, metavar="N", help="poses of the inverse kinematics"
     )
     parser.add_argument("--log", help="a PSM's recording to replay (docs/replay.md)")
+    parser.add_argument(
+        "--calibration",
+        action="append",
+        default=[],
+        metavar="OVERLAY",
+        help="speed of the configurations with this calibrated robot; may be repeated",
+    )
     add_json(parser)
 
 
@@ -60,11 +67,18 @@ def run(args: Namespace) -> int:
     if not timed or (args.passes is not None and args.passes < 1) or args.poses < 1:
         raise InputError("--duration, --passes and --poses: allowed: above 0")
     from trocar.apps.benchmarks import figures, recording, soak, startup, table9
+    from trocar.descriptions.overlay import read_overlay
 
-    parts = args.part or PARTS
+    overlays = [read_overlay(file) for file in args.calibration]
+    if overlays and (set(args.part) - {"speed"} or args.log):
+        raise InputError(
+            "--calibration: allowed with the part speed alone; `trocar verify --calibration` says"
+            " how true a calibrated robot is"
+        )
+    parts = args.part or (("speed",) if overlays else PARTS)
     each = () if args.duration is None else (args.duration,)
     passes = {} if args.passes is None else {"passes": args.passes}
-    rows = table9(*each, **passes, watch=_watch) if "speed" in parts else []
+    rows = table9(*each, **passes, watch=_watch, overlays=overlays) if "speed" in parts else []
     found = figures(_watch, args.poses) if "figures" in parts else []
     found += startup(_watch) if "startup" in parts else []
     found += recording(*each, **passes, watch=_watch) if "recording" in parts else []

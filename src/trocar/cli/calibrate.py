@@ -7,17 +7,15 @@ docs/calibration.md says how to record them. No description is changed.
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_json, table, warn
+from trocar.cli.progress import progress_steps
 
 if TYPE_CHECKING:
     from trocar.apps.calibration.records import Calibration
-
-BAR = 28
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -54,14 +52,11 @@ def run(args: Namespace) -> int:
         check_report(args.report)
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
-    bar = _Bar()
-    try:
-        bar("reading")
+    with progress_steps() as watch:
+        watch("reading")
         tracks = read_tracks(args.tracks)
         sweep = read_tracks(args.rcm) if args.rcm else None
-        found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=bar)
-    finally:
-        bar.done()
+        found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=watch)
     if args.output:
         write_overlay(args.output, found.overlay)
     page = write_report(args.report, found, arm) if args.report else None
@@ -73,27 +68,6 @@ def run(args: Namespace) -> int:
         written = [place for place in (args.output, page) if place]
         print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
     return 0
-
-
-class _Bar:
-    """A bar on a terminal's standard error; elsewhere nothing."""
-
-    def __init__(self) -> None:
-        self._shown = sys.stderr.isatty()
-        self._share = 0.0
-
-    def __call__(self, what: str) -> None:
-        # How many rounds a fit takes is not known before: each step takes a share of the rest.
-        self._share += 0.12 * (1.0 - self._share)
-        if self._shown:
-            full = round(BAR * self._share)
-            text = f"\r[{'#' * full}{'.' * (BAR - full)}] {what}"
-            print(f"{text:<72}", end="", file=sys.stderr, flush=True)
-
-    def done(self) -> None:
-        """Take the bar away."""
-        if self._shown:
-            print("\r" + " " * 72 + "\r", end="", file=sys.stderr, flush=True)
 
 
 def _report(found: Calibration) -> str:

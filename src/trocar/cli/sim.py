@@ -96,7 +96,7 @@ def run(args: Namespace) -> int:
     if args.json:
         print_json(asdict(report))
     else:
-        print(_report(report, 1e6 * world.health().rcm_wander_m))
+        print(_report(report))
     return 0
 
 
@@ -150,14 +150,14 @@ def _tools(args: Namespace) -> list[tuple[str, str]]:
     return [(arm, tool) for arm, _, tool in pairs]
 
 
-def _report(report: HeadlessReport, wander_um: float) -> str:
+def _report(report: HeadlessReport) -> str:
     rows = [
         [arm, joint, f"{1e3 * rms:.3f}", "mm" if joint == "insertion" else "mrad"]
         for arm, joints in report.tracking_rms.items()
         for joint, rms in joints.items()
     ]
     branch = "right" if report.branch_ok else "WRONG"
-    rcm = report.rcm_error_um_max
+    rcm, wander_um = report.rcm_error_um_max, report.rcm_wander_um_max or 0.0
     centre = "none" if rcm is None else f"{rcm:.3f} um off at most"
     if wander_um >= 1.0:
         centre += f" (up to {wander_um:.0f} um by the robot's own geometry)"

@@ -56,9 +56,26 @@ def frame_patch(frame: Frame) -> FramePatch:
     return FramePatch(frame.before[:3, 3].copy(), rpy_from_matrix(frame.before[:3, :3]))
 
 
-def closure_patch(closure: Closure, slides: bool = False) -> ClosurePatch:
-    """Return the patch that leaves a closing hinge where it is."""
-    return ClosurePatch(closure.point_a.copy(), closure.point_b.copy(), slides=slides)
+def closure_patch(
+    closure: Closure, slides: bool = False, mechanism: Mechanism | None = None
+) -> ClosurePatch:
+    """Return the patch that leaves a closing hinge where it is.
+
+    Args:
+        closure: the hinge
+        slides: whether its pin shall slide
+        mechanism: what it is of; needed where its pin slides already, as of a calibrated arm
+
+    Raises:
+        InputError: its pin slides already, and the mechanism is not given
+    """
+    if mechanism is None:
+        if closure.frame_b == pin_name(closure.name):
+            raise InputError(f"{closure.name}: its pin slides already; give its mechanism as well")
+        return ClosurePatch(closure.point_a.copy(), closure.point_b.copy(), slides=slides)
+    _, pin = hinge_side(mechanism, closure)
+    point_b = mechanism.frame(pin).before[:3, 3] if pin else closure.point_b
+    return ClosurePatch(closure.point_a.copy(), point_b.copy(), slides=slides or bool(pin))
 
 
 def patched_frame(frame: Frame, patch: FramePatch) -> Frame:
@@ -73,28 +90,34 @@ def overlay_between(nominal: ArmDescription, robot: ArmDescription) -> Overlay:
         nominal: the description
         robot: the same with frames and closing hinges elsewhere, such as one changed in Python
     """
+    pins = {hinge_side(robot.mechanism, closure)[1] for closure in robot.mechanism.closures}
     frames = {
         frame.name: frame_patch(frame)
         for frame in robot.mechanism.frames
-        if not np.array_equal(frame.before, nominal.mechanism.frame(frame.name).before)
+        if frame.name not in pins
+        and not np.array_equal(frame.before, nominal.mechanism.frame(frame.name).before)
     }
-    before = {closure.name: closure for closure in nominal.mechanism.closures}
-    closures = {
-        closure.name: closure_patch(closure)
-        for closure in robot.mechanism.closures
-        if not np.array_equal(closure.point_a, before[closure.name].point_a)
-        or not np.array_equal(closure.point_b, before[closure.name].point_b)
+    before = {
+        c.name: closure_patch(c, False, nominal.mechanism) for c in nominal.mechanism.closures
     }
+    after = {c.name: closure_patch(c, False, robot.mechanism) for c in robot.mechanism.closures}
+    closures = {name: patch for name, patch in after.items() if _differ(patch, before[name])}
     kind = "parallelogram" if loops_are_parallelograms(robot.mechanism) else "general"
     return Overlay(nominal.name, kind, frames, closures)
+
+
+def _differ(one: ClosurePatch, other: ClosurePatch) -> bool:
+    return one.slides != other.slides or not (
+        np.array_equal(one.point_a, other.point_a) and np.array_equal(one.point_b, other.point_b)
+    )
 
 
 def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
     """Return the calibrated robot; the description that it is laid over stays as it is.
 
     Raises:
-        InputError: the overlay is for another arm, names what the arm does not have, or holds
-            numbers that are not finite
+        InputError: the overlay is for another arm, names what the arm does not have or a frame of
+            its tool, or holds numbers that are not finite
         DescriptionError: its loops do not close over the joints' range
     """
     where = overlay.file or "overlay"
@@ -106,7 +129,7 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
         raise InputError(f"{where}: {arm.name} carries the calibration {arm.overlay.file} already")
     _check_numbers(overlay, where)
     mechanism = arm.mechanism
-    _check_known("frame", overlay.frames, mechanism.frame_index, where)
+    _check_frames(arm, overlay, where)
     _check_known("closure", overlay.closures, [c.name for c in mechanism.closures], where)
     if not overlay.frames and not overlay.closures:
         return replace(arm, overlay=overlay)
@@ -138,6 +161,23 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
         rotor={**arm.rotor, **{pin_name(name): PIN_ROTOR_KG for name in pins}},
         overlay=overlay,
     )
+
+
+def _check_frames(arm: ArmDescription, overlay: Overlay, where: str) -> None:
+    """Refuse frames that the arm does not have by itself: tools are exchanged, and not measured."""
+    mechanism = arm.mechanism
+    tools: set[str] = set()
+    if arm.tool:
+        base = mechanism.frame_index[arm.tool_frame]
+        tools = {f.name for f in mechanism.frames if base in mechanism.chain(f.name)[:-1]}
+    own = [name for name in mechanism.frame_names if name not in tools]
+    for name in overlay.frames:
+        if name in tools:
+            raise InputError(
+                f"{where}: frames.{name}: is a frame of the tool {arm.tool}, which may be"
+                f" exchanged; allowed: the arm's own, {', '.join(own)}"
+            )
+    _check_known("frame", overlay.frames, own, where)
 
 
 def _check_known(kind: str, got: Iterable[str], known: Iterable[str], where: str) -> None:

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from trocar.descriptions import load_rig
+from trocar.descriptions.overlay import Overlay
+from trocar.errors import InputError
 from trocar.simulation.timing import time_beside_bare
 from trocar.simulation.trajectories import paper_sine
 from trocar.simulation.trials import TICK_S, periods_per_tick
@@ -51,7 +54,10 @@ PASS_S = 10.0
 
 
 def table9(
-    duration_s: float = PASS_S, passes: int = 5, watch: Callable[[str], None] | None = None
+    duration_s: float = PASS_S,
+    passes: int = 5,
+    watch: Callable[[str], None] | None = None,
+    overlays: Sequence[Overlay] = (),
 ) -> list[Table9Row]:
     """Measure every configuration at 1 kHz with the paper's joint model (damping, no dry friction).
 
@@ -59,13 +65,24 @@ def table9(
         duration_s: simulated time of a pass [s]
         passes: interleaved passes of each figure
         watch: told what is measured next
+        overlays: calibrations of the arms that they are of, wherever a configuration has one
+
+    Raises:
+        InputError: a calibration of an arm that no configuration has
     """
+    kinds = {row[1]: {arm.arm.name for arm in load_rig(row[1]).arms} for row in CONFIGURATIONS}
+    for overlay in overlays:
+        if not any(overlay.arm in of_rig for of_rig in kinds.values()):
+            known = ", ".join(sorted(set().union(*kinds.values())))
+            file = overlay.file or "overlay"
+            raise InputError(f"{file}: is a calibration of {overlay.arm!r}; allowed: {known}")
     rows: list[Table9Row] = []
     for label, rig, setup, paper, goal in CONFIGURATIONS:
         if watch is not None:
             watch(label)
-        own = World(rig, friction="paper", setup_joints=setup)
-        free = World(rig, friction="paper", setup_joints=setup, collisions=False)
+        laid = [overlay for overlay in overlays if overlay.arm in kinds[rig]] or None
+        own = World(rig, friction="paper", setup_joints=setup, calibration=laid)
+        free = World(rig, friction="paper", setup_joints=setup, collisions=False, calibration=laid)
         trajectory = paper_sine(own.rig, duration_s, TICK_S)
         every = periods_per_tick(own)
         ratios: list[float] = []

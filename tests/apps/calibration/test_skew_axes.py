@@ -71,6 +71,23 @@ def test_without_the_ground_s_own_axis_the_place_along_skew_axes_is_said_to_be_o
         assert found.closed_distances[label] == pytest.approx(value.value, abs=close), label
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_worn_master_is_calibrated_with_its_leaning_axes(seed: int) -> None:
+    arm = load_arm("mtml")
+    robot = worn(arm, np.random.default_rng(seed))
+    made = simulate_tracks(robot, MocapSettings("kinematic", duration_s=8.0, rate_hz=30.0))
+    found = calibrate(Tracks("t", "", made.times, made.poses, made.rate_hz), arm, closure="general")
+    assert max(abs(t) for tilt in found.refined.robot.tilts.values() for t in tilt) > 3e-4
+    assert found.refined.misfit_m < 1e-9  # the motion is explained to rounding
+    assert any("along the axes" in text for text in found.warnings)
+    for label in ("2-3", "bar-rod"):
+        value = found.axis_distances[label].value
+        assert found.closed_distances[label] == pytest.approx(value, abs=1e-8)
+        # up to 15 cm along axes that lean by 1 mrad
+        assert value == pytest.approx(made.truth["axis_distances_m"][label], abs=1.5e-4)
+    apply_overlay(arm, found.overlay)
+
+
 def test_the_distance_of_parallel_lines_is_the_same_in_any_plane(rng: np.random.Generator) -> None:
     along = rng.normal(size=3)
     along /= np.linalg.norm(along)

@@ -17,7 +17,9 @@ from trocar.simulation.trials import TICK_S, loop_health, periods_per_tick, trac
 class HeadlessReport:
     """What a headless run found; `tracking_rms` is {arm: {joint: rad or m}}.
 
-    `rcm_error_um_max` is None where no arm has a remote centre.
+    `rcm_error_um_max` is None where no arm has a remote centre; `rcm_wander_um_max` is how much of
+    it the arms' own geometry may account for over the range of the joints, 0 but for calibrated
+    arms whose centre wanders.
     """
 
     rig: str
@@ -29,6 +31,7 @@ class HeadlessReport:
     overhead: float
     loop_gap_um_max: float
     rcm_error_um_max: float | None
+    rcm_wander_um_max: float | None
     branch_ok: bool
     tracking_rms: Mapping[str, Mapping[str, float]]
 
@@ -72,6 +75,7 @@ def run_headless(
         overhead=timing.overhead,
         loop_gap_um_max=1e6 * gap,
         rcm_error_um_max=1e6 * rcm if centred else None,
+        rcm_wander_um_max=1e6 * world.health().rcm_wander_m if centred else None,
         branch_ok=branch,
         tracking_rms=tracking_rms(world, trajectory, timing.recording),
     )

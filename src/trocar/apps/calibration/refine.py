@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from trocar.apps.calibration.geometry import freedoms
-from trocar.apps.calibration.linkage import PARALLEL_RAD, Linkage
+from trocar.apps.calibration.linkage import Linkage
 from trocar.apps.calibration.motion import marker_poses, mechanism_of, pose_residuals
 from trocar.apps.calibration.problem import Problem, eliminate, rows, slopes
 from trocar.apps.calibration.register import Registered, Samples, compress, register
@@ -96,14 +96,7 @@ def refine(
 
 
 def may_tilt(linkage: Linkage) -> tuple[str, ...]:
-    """Return the frames whose hinges may tilt: all but the first, where the closing pins can slide.
-
-    A pin slides along the z axis of its closure's frame_b, which has to lie along the hinge.
-    """
-    for closure in linkage.mechanism.closures:
-        along = linkage.frames[closure.frame_b][:3, 2]
-        if np.linalg.norm(np.cross(along, linkage.plane[:, 2])) > PARALLEL_RAD:
-            return ()
+    """Return the frames whose hinges may tilt: all but the first."""
     return tuple(hinge.name for hinge in linkage.hinges if not hinge.closure)[1:]
 
 

@@ -111,7 +111,8 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
         right = (residuals * weight).reshape(len(q), -1)
         normal = np.swapaxes(left, -1, -2) @ left
         # What too few bodies leave open stays.
-        normal += RIDGE * np.eye(6 + moving) * np.max(normal, axis=(-1, -2), keepdims=True)
+        most = np.maximum(np.max(normal, axis=(-1, -2), keepdims=True), 1.0)
+        normal += RIDGE * np.eye(6 + moving) * most
         step = np.linalg.solve(normal, np.swapaxes(left, -1, -2) @ right[..., None])[..., 0]
         camera = camera @ _small(step[:, :6])
         q = q + step[:, 6:]

@@ -10,6 +10,7 @@ da Vinci Classic.
 
 from __future__ import annotations
 
+import numpy as np
 from build123d import Plane
 
 from trocar.apps.cad import kit
@@ -52,21 +53,16 @@ def _base(m: Mechanism) -> Link:
     """Return the drum about the yaw axis, on the foot that the setup joints hold."""
     axis = hinge(m, "base", "yaw")
     front, rear = _height(axis, FRONT), _height(axis, REAR)
-    dome = [
-        (0, rear),
-        (40, rear),
-        (54, rear - 9),
-        (58, rear - 24),
-        (58, front + 3),
-        (55, front),
-        (0, front),
-    ]
-    foot = kit.rounded_box((0, -14, -70), (96, 118, 63), 10.0, 16.0)
+    back = [(0, rear), (30, rear), (44, rear - 4), (53, rear - 12), (58, rear - 24)]
+    drum = kit.turning(axis, [*back, (58, front + 4), (54, front), (0, front)])
+    band = kit.tube(axis, rear - 42, rear - 36, 58.8, 50.0)
+    sole = kit.polygon([(-48, -66), (48, -66), (48, 45), (-48, 45)], 14.0)
+    foot = kit.plate(sole, -101.5, -38, 5.0)
     ring = kit.pin(axis, _height(axis, SEAM + 0.5), _height(axis, FRONT - 1), 50.0)
     parts = (
-        Part("cover", kit.turning(axis, dome)),
+        Part("cover", drum),
         Part("casting", foot),
-        Part("joint", ring),
+        Part("joint", ring + band),
     )
     return Link("base", "base", parts, (kit.prism(axis, front, rear, 58.0, 12), foot))
 
@@ -86,7 +82,7 @@ def _yaw(m: Mechanism) -> Link:
         (start + 24, -62),
         (start, -54),
     ]
-    body = kit.plate(kit.polygon(housing, 9.0), -50, 50, 9.0, round_off=True)
+    body = kit.plate(kit.polygon(housing, 14.0), -50, 50, 12.0, round_off=True)
     bu, bv = -float(back.point[2]), float(back.point[0])
     au, av = -float(front.point[2]), float(front.point[0])
     tongue = kit.plate(
@@ -95,7 +91,7 @@ def _yaw(m: Mechanism) -> Link:
         BAR,
         3.0,
     )
-    pins = [kit.pin(front, -SPLIT, SPLIT, 7.5), kit.pin(back, -MIDDLE, MIDDLE, 7.0)]
+    pins = [kit.pin(front, -SPLIT, SPLIT, 7.5), kit.pin(back, -MIDDLE - 0.7, MIDDLE + 0.7, 7.0)]
     touch = (
         side * kit.plate(kit.polygon(housing), -50, 50),
         side
@@ -142,7 +138,10 @@ def _pitch_back(m: Mechanism) -> Link:
     )
     plates = kit.mirrored(kit.plate(frame, INNER, MIDDLE, 2.0))
     web = kit.plate(kit.hull([(x / 2 - 24, 0, 7.5), (x / 2 + 24, 0, 7.5)]), -INNER, INNER)
-    parts = (Part("cover", plates + web), Part("joint", kit.pin(far, -MIDDLE, MIDDLE, 6.0)))
+    parts = (
+        Part("cover", plates + web),
+        Part("joint", kit.pin(far, -MIDDLE - 0.7, MIDDLE + 0.7, 6.0)),
+    )
     touch = (kit.box((-12, -9, -MIDDLE), (x + 10, 9, MIDDLE)),)
     return Link("pitch_back", "pitch_back", parts, touch)
 
@@ -186,19 +185,22 @@ def _pitch_end(m: Mechanism) -> Link:
         (22, 207),
         (RAIL, 207),
     ]
-    body = kit.plate(kit.polygon(side, 10.0), -CHEEK, CHEEK, 8.0, round_off=True)
+    whole = kit.plate(kit.polygon(side, 12.0), -CHEEK, CHEEK, 9.0, round_off=True)
+    body, crown = kit.split(whole, kit.box((-40, -170, -60), (80, -143, 60)))
+    panel = kit.hull([(27, -118, 13), (27, 150, 13)])
+    panels = [kit.pad(panel, t * (CHEEK - 2), t * (CHEEK + 1), 1.0) for t in (-1, 1)]
     x, y, _ = upper.at(0.0)
     gap = [(17, 8), (15, y - 9), (x - 14, y - 29), (-60, y - 58), (-60, 140), (-24, 92)]
     body = body - kit.plate(kit.polygon(gap), -INNER, INNER)
-    strip = kit.box((RAIL - 1, -150, -16), (STRIP, 195, 16))
+    strip = kit.box((RAIL - 1, -139, -16), (STRIP, 190, 16))
     pins = [kit.pin(own, -INNER, INNER, 6.0), kit.pin(upper, -INNER, INNER, 5.5)]
     pins += [*cap_pair(own, CHEEK, 5.0, 14.0), *cap_pair(upper, CHEEK, 5.0, 12.0)]
     # The tube ends before the remote centre: the scope looks out from insertion 0 on.
     tube = cannula(m, 6.6, -4.0, (36.0, 200.0))
     parts = (
-        Part("cover", body),
+        Part("cover", kit.together([body, *panels])),
         Part("steel", strip + tube.tube),
-        Part("joint", kit.together([*pins, *tube.dark])),
+        Part("joint", kit.together([*pins, *tube.dark, crown])),
         Part("casting", tube.mount),
     )
     touch = (
@@ -225,7 +227,7 @@ def _insertion(m: Mechanism) -> Link:
     block = kit.box((17, -15, -32), (26, 15, 20))
     touch = (kit.box((23, -38, -52), (back, 38, 36)),)
     return Link(
-        "insertion", "insertion", (Part("casting", saddle + block), Part("joint", clamp)), touch
+        "insertion", "insertion", (Part("cover", saddle), Part("joint", clamp + block)), touch
     )
 
 
@@ -249,10 +251,19 @@ def _endoscope(m: Mechanism) -> Link:
     )
     head = kit.rounded_box((0, 0, -504), (58, 48, 100), 10.0, 16.0)
     collar = kit.turning(axis, [(0, -460), (24, -460), (24, -450), (0, -450)])
+    cables = [
+        kit.turning(
+            Hinge(axis.point + np.array([x, 0.0, 0.0]), axis.direction),
+            [(0, -590), (3.5, -590), (5, -588), (5, -564), (7.5, -562), (7.5, -548), (0, -548)],
+        )
+        for x in (-12.0, 12.0)
+    ]
+    light = Hinge(axis.point + np.array([0.0, 0.0, -433.0]), np.array([-1.0, 0.0, 0.0]))
+    guide = kit.turning(light, [(0, 10), (5.5, 10), (5.5, 24), (4, 26), (4, 38), (0, 38)])
     top = kit.turning(axis, [(0, -566), (14, -566), (18, -556), (18, -550), (0, -550)])
     parts = (
-        Part("steel", shaft),
-        Part("black", kit.together([tip, adaptor])),
+        Part("steel", shaft + guide),
+        Part("black", kit.together([tip, adaptor, *cables])),
         Part("cover", head),
         Part("joint", kit.together([collar, top])),
     )

@@ -39,7 +39,7 @@ from build123d import (
 from build123d.topology import Shape
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.errors import UnknownNameError
+from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.mechanism import Mechanism
 
@@ -151,11 +151,31 @@ def plate(
         edge: how much is taken off its rims [mm]
         round_off: round the rims instead of bevelling them
     """
-    solid = extrude(Sketch((Pos(0, 0, low) * sketch).faces()), high - low, (0, 0, 1))
+    solid = _upright(sketch, low, high)
     if not edge:
         return solid
     rims = solid.faces().filter_by(Axis.Z).edges()
     return fillet(rims, edge) if round_off else chamfer(rims, edge)
+
+
+def pad(sketch: Shape, low: float, high: float, edge: float, round_off: bool = False) -> Shape:
+    """Return an outline as a plate that lies on something: only the rim at z = high is worked.
+
+    Args:
+        sketch: the outline in the x-y plane
+        low: what it lies on or in; below `high` or above it [mm]
+        high: its face [mm]
+        edge: how much is taken off the rim of its face [mm]
+        round_off: round the rim instead of bevelling it
+    """
+    solid = _upright(sketch, *sorted((low, high)))
+    faces = solid.faces().sort_by(Axis.Z)
+    rim = faces[-1 if high > low else 0].edges()
+    return fillet(rim, edge) if round_off else chamfer(rim, edge)
+
+
+def _upright(sketch: Shape, low: float, high: float) -> Shape:
+    return extrude(Sketch((Pos(0, 0, low) * sketch).faces()), high - low, (0, 0, 1))
 
 
 def mirrored(part: Shape) -> Shape:
@@ -298,3 +318,15 @@ def together(shapes: Sequence[Shape]) -> Shape:
     for shape in shapes[1:]:
         whole = whole + shape
     return whole
+
+
+def split(body: Shape, cutter: Shape) -> tuple[Shape, Shape]:
+    """Return what of a body lies outside and what inside a cutter that goes through it.
+
+    Raises:
+        InputError: they have nothing in common
+    """
+    inside = body & cutter
+    if not inside:
+        raise InputError("the cutter misses the body")
+    return body - cutter, inside

@@ -66,7 +66,12 @@ def cannula(m: Mechanism, radius: float, past: float, rail: tuple[float, float])
     reach = x - 0.9 * bowl
     neck = kit.block((rail[0] - 8, y - 7, -12), (reach, y + 7, 12), 1.5)
     strut = kit.rounded_box((rail[0], (rail[1] + y) / 2, 0), (16, y - rail[1] + 14, 30), 5.0)
-    bands = [kit.tube(shaft, rcm + z - 2, rcm + z + 2, radius + 0.3, bore + 0.4) for z in (-16, -8)]
+    # The remote centre is marked as on the real one: a broad band, with a narrow one on each side.
+    marks = [(z, 3.5 if z == 0 else 1.3) for z in (-18, -9, 0, 9) if z + 4 < past]
+    bands = [
+        kit.tube(shaft, rcm + z - half, rcm + z + half, radius + 0.3, bore + 0.4)
+        for z, half in marks
+    ]
     latches = [
         kit.block((x - 16, y - 4, z - 4), (x - 2, y + 4, z + 4), 1.5)
         for z in (bowl + 4.5, -bowl - 4.5)

@@ -39,7 +39,7 @@ def links(arm: ArmDescription) -> tuple[Link, ...]:
         _pitch_bottom(m),
         _pitch_top(m),
         _pitch_end(m),
-        _insertion(),
+        _insertion(m),
         _counterweight(),
     )
 
@@ -69,15 +69,16 @@ def _yaw(m: Mechanism) -> Link:
     shape = kit.hull([(24 - BACK, 34, 24), (24 - BACK, -36, 24), (nose, 0, 26)])
     body = kit.plate(shape, -FORK, FORK, 9.0, round_off=True)
     opening = kit.box((-WALL, -90, -SLOT), (nose + 60, 90, SLOT))
-    pod = kit.plate(
-        kit.hull([(-196, 0, 34), (-112, 0, 27)]), FORK - 8, FORK + 10, 7.0, round_off=True
-    )
-    shell = side.location * (body - opening + pod + pod.mirror(Plane.XY))
+    oval = kit.hull([(-196, 0, 34), (-112, 0, 27)])
+    pods = [kit.pad(oval, t * (FORK - 4), t * (FORK + 10), 7.0, round_off=True) for t in (-1, 1)]
+    shell = side.location * (body - opening + pods[0] + pods[1])
     pins = []
     for at, radius in ((back, 21.0), (front, 17.0)):
-        for s in (-1.0, 1.0):
-            pins.append(kit.cap(at, s * FORK, s * (FORK + 5), radius))
-            pins.append(kit.cap(at, s * (SLOT + 1), s * OUTER, 0.6 * radius))
+        pins += cap_pair(at, FORK, 5.0, radius)
+        for t in (-1.0, 1.0):
+            middle = t * (OUTER + SLOT + 1) / 2
+            half = (SLOT + 1 - OUTER) / 2
+            pins.append(kit.pin(at, middle - half, middle + half, 0.6 * radius))
     touch = [
         side.location
         * kit.plate(
@@ -110,17 +111,17 @@ def _pitch_back(m: Mechanism) -> Link:
     plates = kit.mirrored(kit.plate(frame, INNER, OUTER, 2.5))
     web = kit.plate(kit.hull([(26, -3, 10), (78, -7, 8)]), -INNER, INNER)
     hub = kit.pin(own, -INNER, INNER, 18.0)
-    pack = kit.rounded_box((-86, -24, 0), (112, 76, 62), 14.0, 24.0)
-    band = kit.rounded_box((-64, -24, 0), (8, 77.6, 63.6), 3.0)
-    rail = kit.location(guide) * kit.box((22, -OUTER, -40), (27, OUTER, 178))
+    collar = kit.rounded_box((-40, -20, 0), (48, 60, 54), 4.0, 10.0)
+    pack = kit.rounded_box((-100, -23, 0), (84, 74, 62), 13.0, 22.0)
+    rail = kit.location(guide) * kit.block((22, -OUTER, -40), (27, OUTER, 178), 1.5)
     pins = []
     for at, radius in ((low, 13.5), (top, 11.5)):
         pins.append(kit.pin(at, -OUTER, OUTER, 5.0))
         pins += cap_pair(at, OUTER, 4.5, radius)
     parts = (
-        Part("casting", plates + web + hub),
+        Part("casting", plates + web + hub + collar),
         Part("cover", pack),
-        Part("joint", kit.together([*pins, band])),
+        Part("joint", kit.together(pins)),
         Part("steel", rail),
     )
     touch = (
@@ -184,20 +185,23 @@ def _pitch_top(m: Mechanism) -> Link:
 def _pitch_end(m: Mechanism) -> Link:
     """Return the end link: the insertion rail, its cheeks on the long links, the cannula."""
     own, upper = hinge(m, "pitch_end", "pitch_end"), hinge(m, "pitch_end", "c2")
-    side = [(RAIL, -356), (-6, -356), (-13, -110), (-17, -30), (-17, 10), (2, 64), (RAIL, 64)]
-    body = kit.plate(kit.polygon(side, 8.0), -OUTER, OUTER, 6.0, round_off=True)
+    side = [(RAIL, -358), (-4, -358), (-12, -110), (-17, -30), (-17, 10), (2, 64), (RAIL, 64)]
+    whole = kit.plate(kit.polygon(side, 11.0), -OUTER, OUTER, 9.0, round_off=True)
+    body, crown = kit.split(whole, kit.box((-40, -360, -40), (40, -330, 40)))
+    panel = kit.hull([(6, -312, 8), (2, -88, 9)])
+    panels = [kit.pad(panel, t * (OUTER - 2), t * (OUTER + 1), 1.0) for t in (-1, 1)]
     uy = float(upper.at(0.0)[1])
     gap = [(16, 10), (16, uy - 9), (-24, uy - 62), (-60, uy - 62), (-60, 66), (-24, 61)]
     body = body - kit.plate(kit.polygon(gap), -INNER + 0.5, INNER - 0.5)
-    strip = kit.box((RAIL - 1, -338, -12), (STRIP, 38, 12))
+    strip = kit.box((RAIL - 1, -326, -12), (STRIP, 46, 12))
     pins = [kit.pin(own, -INNER, INNER, 5.0), kit.pin(upper, -INNER, INNER, 4.5)]
     for at, radius in ((own, 12.0), (upper, 10.0)):
         pins += cap_pair(at, OUTER, 4.0, radius)
     tube = cannula(m, 5.4, 38.0, (21.0, 58.0))
     parts = (
-        Part("cover", body),
+        Part("cover", kit.together([body, *panels])),
         Part("steel", strip + tube.tube),
-        Part("joint", kit.together([*pins, *tube.dark])),
+        Part("joint", kit.together([*pins, *tube.dark, crown])),
         Part("casting", tube.mount),
     )
     touch = (
@@ -207,28 +211,25 @@ def _pitch_end(m: Mechanism) -> Link:
     return Link("pitch_end", "pitch_end", parts, touch)
 
 
-def _insertion() -> Link:
-    """Return the carriage: a saddle on the rail, with the sterile adaptor's four discs."""
-    back = 43.0 - STRIP
-    saddle = kit.plate(
-        kit.polygon(
-            [
-                (-35, 1.5),
-                (35, 1.5),
-                (35, 24),
-                (29, 24),
-                (29, back),
-                (-29, back),
-                (-29, 24),
-                (-35, 24),
-            ],
-            2.2,
+def _insertion(m: Mechanism) -> Link:
+    """Return the carriage: a saddle on the rail, and the sterile adaptor that takes a housing."""
+    back = float(hinge(m, "pitch_end", "insertion").point[0]) - STRIP
+    half = [(29, back), (29, 24), (35.5, 24), (35.5, 5)]
+    around = [*half, *((-x, y) for x, y in reversed(half))]
+    saddle = kit.plate(kit.polygon(around, 2.4), -58, 46, 1.5)
+    crown = kit.block((-30, 5.5, -70), (30, 30, -57), 4.0) - kit.box((-29, back, -80), (29, 40, 0))
+    adaptor = kit.block((-26.5, 3.7, -30), (26.5, 6, 44), 1.0)
+    guides = [kit.block((x - 2, -9, -18), (x + 2, 5, 40), 1.2) for x in (-26, 26)]
+    return Link(
+        "insertion",
+        "insertion",
+        (
+            Part("cover", saddle),
+            Part("joint", crown),
+            Part("casting", kit.together([adaptor, *guides])),
         ),
-        -52,
-        44,
-        1.2,
+        (kit.box((-35, 5, -58), (35, 24, 46)),),
     )
-    return Link("insertion", "insertion", (Part("casting", saddle),))
 
 
 def _counterweight() -> Link:

@@ -31,7 +31,7 @@ def written(rig: RigDescription, variant: Variant = POSITION) -> tuple[str, dict
     """Return the text of a rig's file, and its meshes by their paths."""
     meshes = mesh_names(rig_links(rig))
     text = mjcf_document(rig, variant, meshes).decode()
-    return text, {f"meshes/{name}.obj": obj(mesh) for mesh, name in meshes.items()}
+    return text, {f"assets/{name}.obj": obj(mesh) for mesh, name in meshes.items()}
 
 
 def compiled(rig: RigDescription, variant: Variant = POSITION) -> mujoco.MjModel:

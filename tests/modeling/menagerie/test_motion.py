@@ -13,6 +13,7 @@ from trocar.simulation import World
 from trocar.simulation.trajectories import paper_sine
 
 from .conftest import ARMS, compiled, find, written
+from .shake import shake
 
 #: Both compute the same in float64; 1e-14 was measured, and 1e-9 is what was asked for.
 SAME = 1e-9
@@ -96,30 +97,6 @@ def scene(name: str, variant: Variant = POSITION) -> mujoco.MjModel:
     text, meshes = written(rig, variant)
     files = {f"{name}{variant.suffix}.xml": text.encode(), **meshes}
     return mujoco.MjModel.from_xml_string(scene_document(rig, variant).decode(), files)
-
-
-def shake(model: mujoco.MjModel, seconds: float, rng: np.random.Generator) -> float:
-    """Give random controls in range, anew each step and then each half second; return the gap.
-
-    Every tenth step the loops are measured [m].
-    """
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, 0)
-    lower, upper = model.actuator_ctrlrange.T
-    assert model.actuator_ctrllimited.all()
-    steps = round(seconds / model.opt.timestep)
-    loops = np.flatnonzero(model.eq_type == int(mujoco.mjtEq.mjEQ_CONNECT))
-    ends = model.eq_obj1id[loops], model.eq_obj2id[loops]
-    gap = 0.0
-    for step in range(steps):
-        if step < steps // 2 or step % 500 == 0:
-            data.ctrl[:] = rng.uniform(lower, upper)
-        mujoco.mj_step(model, data)
-        if step % 10 == 0 and len(loops):
-            apart = data.site_xpos[ends[0]] - data.site_xpos[ends[1]]
-            gap = max(gap, float(np.linalg.norm(apart, axis=1).max()))
-    assert not data.warning.number.any() and np.isfinite(data.qpos).all()
-    return gap
 
 
 @pytest.mark.parametrize("variant", [POSITION, MJX], ids=["position", "mjx"])

@@ -19,7 +19,7 @@ from trocar.modeling.menagerie.variants import POSITION, Variant
 from trocar.modeling.options import IMPRATIO, ISLAND_JOINTS
 
 #: Where the meshes are, beside the file.
-MESH_FOLDER = "meshes"
+MESH_FOLDER = "assets"
 #: Order of a file's sections. Source: MuJoCo Menagerie.
 SECTIONS = ("worldbody", "equality", "actuator", "sensor", "keyframe")
 
@@ -36,7 +36,7 @@ def mjcf_document(
     Args:
         rig: its description
         variant: which servos and which integrator
-        meshes: {mesh: name}: the mesh is read from meshes/NAME.obj
+        meshes: {mesh: name}: the mesh is read from assets/NAME.obj
 
     Raises:
         InputError: an arm has no masses or no gains

@@ -48,6 +48,6 @@ PID = Variant(
 )  # fmt: skip
 MJX = Variant(
     "_mjx", "what MJX (JAX) supports", "position", "implicitfast", "pyramidal", SAFE_PERIODS,
-    "3.3.0",
+    "3.8.0",
 )  # fmt: skip
 VARIANTS = (POSITION, PID, MJX)

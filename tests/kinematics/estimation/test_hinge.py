@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import InputError
-from trocar.geometry import inverse, point_line_distance, rotation_z, transform
+from trocar.geometry import inverse, point_line_distance, rotation_z, transform, translation
 from trocar.kinematics.estimation import axis_distance, fit_hinge
 
 from .simulated import NOISE, one_hinge, turned, two_hinges
@@ -19,6 +19,20 @@ def test_a_hinge_without_noise_is_found_to_rounding():
     assert point_line_distance(fit.point_a, first[:3, 3], first[:3, 2]) < 1e-13
     assert np.allclose(sign * (fit.angles - fit.angles[0]), theta - theta[0], atol=1e-12)
     assert fit.span == pytest.approx(np.ptp(theta), abs=1e-12)
+
+
+@pytest.mark.parametrize("given", [{}, {"position_sigma": 0.0, "rotation_sigma": 0.0}])
+@pytest.mark.parametrize("on_axis", ["both", "a", "b"])
+def test_exact_poses_may_have_their_origins_on_the_axis(on_axis, given):
+    theta = np.linspace(-0.6, 0.6, 50)
+    away = translation([0.1, 0.0, 0.0])
+    first = np.eye(4) if on_axis in {"both", "a"} else away
+    second = np.eye(4) if on_axis in {"both", "b"} else away
+    fit = fit_hinge(first @ turned(theta) @ second, **given)
+    assert np.allclose(fit.point_a, first[:3, 3], atol=1e-14)
+    assert np.allclose(fit.point_b, -second[:3, 3], atol=1e-14)
+    assert np.allclose(fit.direction_a, [0.0, 0.0, 1.0], atol=1e-14)
+    assert fit.used.all()
 
 
 def test_angles_and_frames_of_a_fit_repeat_the_poses():

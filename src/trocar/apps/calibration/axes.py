@@ -22,9 +22,11 @@ from trocar.kinematics.estimation import (
     SMALL_SPAN,
     Axis,
     HingeFit,
+    SharedHinge,
     axis_distance,
     fit_hinge,
     likely_cause,
+    refine_hinges,
 )
 
 Array = NDArray[np.float64]
@@ -79,11 +81,14 @@ class Axes:
     @property
     def noise(self) -> tuple[float, float]:
         """Noise of a pose, position [m] and rotation [rad] per axis: the median of the hinges'."""
-        fits = self.fits.values()
-        return (
-            float(np.median([fit.position_sigma for fit in fits])),
-            float(np.median([fit.rotation_sigma for fit in fits])),
-        )
+        return _noise(self.fits)
+
+
+def _noise(fits: Mapping[str, HingeFit]) -> tuple[float, float]:
+    return (
+        float(np.median([fit.position_sigma for fit in fits.values()])),
+        float(np.median([fit.rotation_sigma for fit in fits.values()])),
+    )
 
 
 def measure_axes(
@@ -106,6 +111,8 @@ def measure_axes(
             f"{', '.join(tracks.poses)}; expected: {', '.join(linkage.bodies)}"
         )
     _check_hinges(tracks, linkage, fits)
+    watch("all axes")
+    fits = _jointly(tracks, linkage, fits)
     warnings = tuple(
         f"axis {hinge.label} was swept by {fits[hinge.name].span:.3f} rad only; below"
         f" {SMALL_SPAN} rad its place is loose (condition number"
@@ -127,6 +134,19 @@ def _fit(tracks: Tracks, hinge: Hinge) -> HingeFit:
             f" at least, {SMALL_SPAN} rad to trust it, 1.2 rad to reach the stated accuracy"
         )
     return fit
+
+
+def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, HingeFit]:
+    """Weigh all hinges together: each body's poses tell of every hinge that it carries."""
+    hinges = [linkage.hinge(name) for name in fits]
+    bodies = list(dict.fromkeys(body for h in hinges for body in (h.body_a, h.body_b)))
+    shared = [
+        SharedHinge(bodies.index(h.body_a), bodies.index(h.body_b), fits[h.name], h.closure)
+        for h in hinges
+    ]
+    poses = np.stack([tracks.poses[body] for body in bodies], axis=1)
+    sigmas = _noise(fits)
+    return dict(zip(fits, refine_hinges(poses, shared, sigmas), strict=True))
 
 
 def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> None:

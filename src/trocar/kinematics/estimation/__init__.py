@@ -3,6 +3,7 @@
 from trocar.kinematics.estimation.axes import Axis, AxisDistance, axis_distance
 from trocar.kinematics.estimation.causes import likely_cause
 from trocar.kinematics.estimation.hinge import LEAST_SPAN, SMALL_SPAN, HingeFit, fit_hinge
+from trocar.kinematics.estimation.joint import SharedHinge, refine_hinges
 from trocar.kinematics.estimation.noise import white_noise
 from trocar.kinematics.estimation.pivot import LEAST_TURN, PivotFit, fit_pivot
 from trocar.kinematics.estimation.plain import fit_hinge_least_squares
@@ -17,12 +18,14 @@ __all__ = [
     "HingeFit",
     "PivotFit",
     "RestPose",
+    "SharedHinge",
     "axis_distance",
     "fit_hinge",
     "fit_hinge_least_squares",
     "fit_pivot",
     "fit_pivot_in_body",
     "likely_cause",
+    "refine_hinges",
     "rest_pose",
     "white_noise",
 ]

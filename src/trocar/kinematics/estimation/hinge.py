@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.estimation.axes import Axis
 from trocar.kinematics.estimation.hinge_model import (
+    LEAST_SIGMA,
     HingeModel,
     Normal,
     Residuals,
@@ -58,8 +59,9 @@ class HingeFit:
         residual_rotation: root of the mean squared angle from the model [rad]
         position_sigma, rotation_sigma: noise of each body's pose, per axis [m], [rad]
         influence_a, influence_b: effect of each sample's own residual on (point, direction) in a
-            and in b, (n, 6); zero where unused. The variance of any function f of hinges that
-            share samples is the sum over the samples of (grad f . influence)^2
+            and in b, (n, 6); zero where unused, unless hinges were weighed jointly and another
+            one used it. The variance of any function f of hinges that share samples is the sum
+            over the samples of (grad f . influence)^2
         outliers: samples that were tracked but far off, and not used
         before, after: T_ab(angle) = before @ Rz(angle) @ after, (4, 4) each
     """
@@ -196,7 +198,9 @@ def _sigmas(
     found: Residuals, used: Mask, given: tuple[float | None, float | None]
 ) -> tuple[float, float]:
     estimated = noise(found, used)
-    position, rotation = (e if g is None else g for e, g in zip(estimated, given, strict=True))
+    position, rotation = (
+        e if g is None else max(g, LEAST_SIGMA) for e, g in zip(estimated, given, strict=True)
+    )
     return position, rotation
 
 
@@ -224,7 +228,9 @@ def _result(
     """Gather what a fit of the tracked samples has found."""
     found = residuals(model, T, sigma)
     position, rotation = noise(found, used)
-    influence_a, influence_b = _influences(model, linear, used)
+    _, inverse_matrix = linear.step(used)
+    effect: Array = -np.einsum("kij,ki->kj", linear.C, linear.r) @ inverse_matrix * used[:, None]
+    influence_a, influence_b = _influences(model, effect)
     mean = abs(complex(np.mean(np.exp(1j * model.theta[used]))))
     return HingeFit(
         point_a=model.before[:3, 3].copy(),
@@ -252,16 +258,48 @@ def _root_mean_square(vectors: Array) -> float:
     return float(np.sqrt(np.mean(vectors**2) * 3.0))
 
 
-def _influences(model: HingeModel, linear: Normal, used: Mask) -> tuple[Array, Array]:
-    """Give each sample's effect on (point, direction), in a and in b, (n, 6) each."""
-    _, inverse_matrix = linear.step(used)
-    x: Array = -np.einsum("kij,ki->kj", linear.C, linear.r) @ inverse_matrix * used[:, None]
+def _influences(model: HingeModel, x: Array) -> tuple[Array, Array]:
+    """Give each sample's effect on (point, direction), in a and in b, (n, 6) each.
+
+    Args:
+        model: at the solution
+        x: effect on the free coordinates, (n, 9)
+    """
     axes_a, axes_b = model.before[:3, :2], -model.after[:2, :3].T
     # A turn by w about x and y moves the z axis by w x z = (w_y, -w_x, 0).
     tilt: Array = np.array([[0.0, -1.0], [1.0, 0.0]])
     influence_a = np.hstack([x[:, 0:2] @ axes_a.T, x[:, 3:5] @ tilt @ axes_a.T])
     influence_b = np.hstack([x[:, 5:7] @ axes_b.T, x[:, 7:9] @ tilt @ axes_b.T])
     return influence_a, influence_b
+
+
+def moved_fit(
+    fit: HingeFit, T_ab: Array, influence: Array, sigmas: tuple[float, float]
+) -> HingeFit:
+    """Return a fit whose axis is moved by what samples say besides, its angles with it.
+
+    Args:
+        fit: as it was
+        T_ab: the poses that it was fitted to, (n, 4, 4)
+        influence: effect of each sample on the free coordinates of `HingeModel`, (n, 9)
+        sigmas: noise of each body's position [m] and rotation [rad]
+    """
+    angles = fit.angles[fit.used]
+    model = HingeModel(fit.before, fit.after, angles).moved(influence.sum(axis=0), 0.0 * angles)
+    turn = normal(model, residuals(model, T_ab[fit.used], sigmas[1]), sigmas).turn
+    influence_a, influence_b = _influences(model, influence)
+    return replace(
+        fit,
+        point_a=model.before[:3, 3].copy(),
+        direction_a=model.before[:3, 2].copy(),
+        point_b=-model.after[:3, :3].T @ model.after[:3, 3],
+        direction_b=model.after[2, :3].copy(),
+        angles=_spread(angles + turn, fit.used, np.nan),
+        influence_a=influence_a,
+        influence_b=influence_b,
+        before=model.before,
+        after=model.after,
+    )
 
 
 def _spread(values: NDArray[Any], tracked: Mask, missing: float) -> NDArray[Any]:

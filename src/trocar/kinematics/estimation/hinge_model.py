@@ -197,9 +197,10 @@ def noise(found: Residuals, used: NDArray[np.bool_]) -> tuple[float, float]:
     part = np.concatenate([p[:, 2], np.einsum("ki,ki->k", p, radial)])
     square = np.einsum("ki,ki->k", p, p)
     turned = 0.5 * rotation**2 * (np.concatenate([square, square]) - part**2)
-    position = float(np.mean(along**2))
+    least = max(1e-3 * float(np.mean(turned)), 2.0 * LEAST_SIGMA**2)
+    position = max(float(np.mean(along**2)), least)
     for _ in range(20):
         weights = 1.0 / (position + turned) ** 2
         position = float(weights @ (along**2 - turned) / weights.sum())
-        position = max(position, 1e-3 * float(np.mean(turned)), 2.0 * LEAST_SIGMA**2)
+        position = max(position, least)
     return float(np.sqrt(position / 2.0)), rotation

@@ -5,6 +5,7 @@ Drake refuses joints that close a loop, so each of the file's is replaced by a b
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +13,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trocar.apps.exports import export
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
 from trocar.kinematics.forward import coordinates, poses
+from trocar.modeling.contacts import contact_masks
 from trocar.modeling.links import LinkModel, rig_links
 from trocar.modeling.sdf import sdf
 from trocar.modeling.sdf_joints import joint_name
@@ -243,3 +246,40 @@ def test_joints_that_only_a_loop_moves_have_no_motor_in_drake() -> None:
 def test_drake_couples_the_counterweight_and_the_second_finger() -> None:
     plant = Reading.of(rig_links(lone_arm_rig(load_arm("psm")))).plant
     assert plant.num_constraints() == 2
+
+
+@pytest.mark.parametrize("name", ["full_cart", "psm"])
+def test_the_same_links_touch_in_drake_as_in_our_simulation(name, tmp_path) -> None:
+    rig = load_rig(name)
+    export(rig, "sdf", tmp_path / name)
+    tree = etree.parse(tmp_path / name / "model.sdf")
+    for loop in rig_links(rig).loops:
+        _taken(tree.getroot(), joint_name(loop.name))
+    tree.write(tmp_path / name / "open.sdf")
+    builder = pydrake.DiagramBuilder()
+    plant, scene = pydrake.AddMultibodyPlantSceneGraph(builder, 0.001)
+    parser = pydrake.Parser(plant)
+    parser.SetStrictParsing()  # shapes, materials and meshes are read as well
+    parser.AddModels(str(tmp_path / name / "open.sdf"))
+    plant.Finalize()
+    inspector = scene.model_inspector()
+    pairs = {
+        tuple(sorted(_arm(plant.GetBodyFromFrameId(inspector.GetFrameId(g)).name()) for g in pair))
+        for pair in inspector.GetCollisionCandidates()
+    }
+    masks = contact_masks(rig)
+    touching = {link.arm for link in rig_links(rig).links for s in link.shapes if s.collide}
+    expected = {
+        (a, b)
+        for a in touching
+        for b in touching
+        if a <= b and masks[a].contype & masks[b].conaffinity
+    }
+    assert pairs == expected
+
+
+def _arm(link: str) -> str:
+    """Return the arm that a link of a rig belongs to, "" for what stands in the world."""
+    if link == "ground":
+        return ""
+    return re.match(r"(SUJ_)?[A-Z]+[0-9]?", link)[0]  # type: ignore[index]

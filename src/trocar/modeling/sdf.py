@@ -20,7 +20,8 @@ from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 from trocar.modeling.links import WORLD, Link, LinkJoint, LinkModel
 from trocar.modeling.markup import child, document, lxml_etree
-from trocar.modeling.sdf_joints import DRAKE, add_fixed, add_gearbox, add_joint, add_loop
+from trocar.modeling.sdf_filters import DRAKE, add_collision_filters
+from trocar.modeling.sdf_joints import add_fixed, add_gearbox, add_joint, add_loop
 from trocar.modeling.sdf_shapes import add_pose, add_shape, exact
 
 Array = NDArray[np.float64]
@@ -101,7 +102,10 @@ def add_model(
             add_joint(made, model, joint, carriers[joint.parent], version)
     for loop in model.loops:
         add_loop(made, model, loop)
-    for joint in model.joints if version == "1.7" else ():
+    if version != "1.7":
+        add_collision_filters(made, model, carriers)
+        return
+    for joint in model.joints:
         add_gearbox(made, model, joint, carriers[joint.parent])
 
 

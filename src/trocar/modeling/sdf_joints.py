@@ -9,11 +9,9 @@ import numpy as np
 from trocar.geometry.se3 import translation
 from trocar.modeling.links import LinkJoint, LinkLoop, LinkModel
 from trocar.modeling.markup import child
+from trocar.modeling.sdf_filters import DRAKE
 from trocar.modeling.sdf_shapes import add_pose, exact
 
-#: Drake's elements, which other readers pass over. Source: Drake's page "Supported parsing of
-#: SDFormat and URDF".
-DRAKE = "http://drake.mit.edu"
 #: Hinges that lean by less have the same direction: rounding. Source: our own choice. [rad]
 PARALLEL = 1e-9
 Z = "0 0 1"

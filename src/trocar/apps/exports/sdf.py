@@ -69,8 +69,10 @@ from where the public joints are at 0 and the loops are closed, which is the pos
         found["Couplings"] = _couplings(model, version)
     found["What plain SDF cannot say"] = """
 - Inertia of the rotors: Drake reads it (`drake:rotor_inertia`, not in 1.7), Gazebo has none.
-- Links of one model do not touch each other in Gazebo; they touch what else is in the world.
-  `<self_collide>true</self_collide>` changes that for all of them, the arm's own links included.
+- Who touches whom: Drake reads it (`drake:collision_filter_group`, not in 1.7): an arm touches
+  other arms and what stands, never itself nor its carrier. In Gazebo links of one model touch only
+  what else is in the world; `<self_collide>true</self_collide>` changes that for all of them, the
+  arm's own links included.
 - The link `ground` holds what stands still; it has the format's default mass of 1 kg, which
   nothing feels, as it is fixed to the world."""
     return found

@@ -26,7 +26,7 @@ from trocar.descriptions.records import Shape
 Array = NDArray[np.float64]
 
 #: What other programs put beside the robot; it moves nothing.
-PASSED_OVER = ("gazebo", "transmission")
+PASSED_OVER = ("gazebo", "transmission", "mujoco")
 KINDS = {"fixed": "fixed", "revolute": "revolute", "continuous": "revolute"} | {
     "prismatic": "prismatic"
 }

@@ -34,8 +34,11 @@ class Node:
         return ForeignFileError(self._file, f"<{self.tag}> {problem}", self._element.sourceline)
 
     def children(self, tag: str | None = None) -> list[Node]:
-        """Return the elements inside, all or those called `tag`."""
-        inside = [e for e in self._element if isinstance(e.tag, str)]
+        """Return the elements inside, all or those called `tag`.
+
+        Those of other namespaces (drake:..., gz:...) speak to other programs.
+        """
+        inside = [e for e in self._element if isinstance(e.tag, str) and "{" not in e.tag]
         return [Node(e, self._file) for e in inside if tag is None or e.tag == tag]
 
     def child(self, tag: str) -> Node | None:

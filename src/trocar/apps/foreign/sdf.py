@@ -76,6 +76,11 @@ class _Model:
         self._version = tuple(int(part) for part in version.split(".")[:2])
         node.check((*MODEL, *PASSED_OVER))
         self._finder = MeshFinder(Path(file), packages)
+        self._still = {
+            joint.need("child").text()
+            for joint in node.children("joint")
+            if joint.attribute("type") == "fixed" and joint.need("parent").text() == WORLD
+        }
         self._from_world = inverse(_own_pose(node))
         self._places: dict[str, _Place] = {}
         for link in node.children("link"):
@@ -150,8 +155,9 @@ class _Model:
             shapes.append(ForeignShape(self._shape(collision, "casting"), False, True))
         link = ForeignLink(node.attribute("name"), shapes=tuple(shapes))
         inertial = node.child("inertial")
-        if inertial is None:  # the format's own default
-            return replace(link, mass=1.0, inertia=np.eye(3))
+        if inertial is None:  # the format's own default; what is nothing and stands still has none
+            nothing = not shapes and link.name in self._still
+            return link if nothing else replace(link, mass=1.0, inertia=np.eye(3))
         at = _own_pose(inertial)
         values, turn = inertial.child("inertia"), at[:3, :3]
         six = {

@@ -14,7 +14,7 @@ from trocar.modeling.urdf import urdf_tree
 #: The camera's distance over the largest extent of the links' origins. Source: chosen by eye.
 DISTANCE = 1.9
 #: Where the camera stands: above the horizon, and around it [rad]. Source: chosen by eye.
-PITCH, YAW = 0.35, -0.9
+PITCH, YAW = 0.3, 0.8
 
 
 def rviz_config(model: LinkModel, ros: int) -> str:

@@ -75,7 +75,7 @@ RVIZ = """ROS 1, the folder above this one in `ROS_PACKAGE_PATH`, `roscore` runn
 ```
 rosparam set robot_description -t {name}.urdf
 rosrun robot_state_publisher robot_state_publisher &
-rostopic pub -s -r 10 -f rviz/start.yaml /joint_states sensor_msgs/JointState &
+rostopic pub -s -r 10 /joint_states sensor_msgs/JointState "$(cat rviz/start.yaml)" &
 rviz -d rviz/trocar.rviz
 ```
 

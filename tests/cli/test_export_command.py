@@ -29,6 +29,19 @@ def test_an_export_says_what_it_wrote_and_warns_on_stderr(trocar, tmp_path):
     assert files == ["  model.txt"]
 
 
+def test_meshes_are_counted_and_not_listed(trocar, tmp_path, monkeypatch):
+    def write(task: Task) -> tuple[str, ...]:
+        for name in ("parts/a.obj", "parts/b.obj", "parts/colours.mtl", "model.txt"):
+            (task.folder / name).parent.mkdir(exist_ok=True)
+            (task.folder / name).write_text("", encoding="utf-8")
+        return ()
+
+    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write))
+    _, *lines = trocar("export", "ecm", "--format", "plain", "-o", tmp_path).out.splitlines()
+    assert lines[0] == "  model.txt"
+    assert lines[1].startswith("  and 2 meshes, ")
+
+
 def test_json_names_files_counts_and_warnings(trocar, tmp_path):
     words = ("export", "ecm", "--format", "plain", "-o", tmp_path, "--package", "scope")
     found = trocar(*words, "--sdf-version", "1.7", "--json").document

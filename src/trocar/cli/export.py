@@ -16,6 +16,8 @@ from trocar.cli.output import print_json, warn
 if TYPE_CHECKING:
     from trocar.apps.exports import Export
 
+MESH_FILES = (".obj", ".stl")
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
@@ -63,8 +65,9 @@ def run(args: Namespace) -> int:
 
 
 def _report(done: Export) -> str:
-    files = [f"  {name}" for name in done.files if not name.startswith(("meshes/", "assets/"))]
-    meshes = len(done.files) - len(files)
-    more = [f"  and {meshes} meshes, {done.triangles} triangles to be seen"] if meshes else []
+    meshes = [name for name in done.files if name.endswith(MESH_FILES)]
+    beside = {name.rpartition("/")[0] for name in meshes}
+    files = [f"  {n}" for n in done.files if n.rpartition("/")[0] not in beside or "/" not in n]
+    more = f"  and {len(meshes)} meshes, {done.triangles} triangles to be seen"
     head = f"{done.folder}: {done.format}, {done.links} links, {done.joints} joints"
-    return "\n".join([head, *files, *more])
+    return "\n".join([head, *files, *([more] if meshes else [])])

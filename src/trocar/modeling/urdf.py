@@ -82,7 +82,7 @@ def _link(link: Link, places: Mapping[Mesh, str]) -> Any:
         child(inertial, "mass", {"value": number(link.mass)})
         child(inertial, "inertia", _inertia(link.inertia))
     for shape in link.shapes:
-        if getattr(shape, "visible", True):
+        if shape.visible:
             for part in _drawn(shape):
                 visual = _shape(made, "visual", part, places)
                 child(visual, "material", {"name": shape.material})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from trocar.apps.exports.task import Format, Options, Task
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.records import Shape
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.modeling.links import rig_links
 
@@ -174,8 +176,34 @@ def triangle(x: float) -> Mesh:
 
 def test_a_mesh_is_written_in_metres_with_indices_from_one(tmp_path):
     assert obj(triangle(0.125)) == b"v 0 0 0\nv 0.125 0 0\nv 0 1 0\nf 1 2 3\n"
+    shaded = replace(triangle(1.0), normals=np.tile([0.0, 0.0, 1.0], (3, 1)))
+    assert obj(shaded).endswith(b"vn 0 0 1\n" * 3 + b"f 1//1 2//2 3//3\n")
+    coloured = obj(triangle(1.0), "steel").decode()
+    assert coloured.startswith("mtllib materials.mtl\nv ") and "usemtl steel\nf 1 2 3" in coloured
     write_meshes({triangle(0.1): "a", triangle(0.2): "b"}, tmp_path / "meshes")
     assert everything(tmp_path) == ["meshes", "meshes/a.obj", "meshes/b.obj"]
+
+
+def test_colours_lie_beside_the_meshes_that_name_them(tmp_path):
+    one, two = triangle(0.1), triangle(0.2)
+    write_meshes({one: "seen", two: "touched"}, tmp_path, {one: "drape"})
+    assert everything(tmp_path) == ["materials.mtl", "seen.obj", "touched.obj"]
+    colours = (tmp_path / "materials.mtl").read_text(encoding="utf-8")
+    assert colours.startswith("newmtl drape\nKa 0.175 0.29 0.31\nKd 0.35 0.58 0.62\nKs 0.05")
+    assert "mtllib" in (tmp_path / "seen.obj").read_text(encoding="utf-8")
+    assert "mtllib" not in (tmp_path / "touched.obj").read_text(encoding="utf-8")
+
+
+def test_meshes_that_are_alike_are_one_file_and_others_of_the_same_name_another(rig):
+    def model(*meshes: Mesh):
+        shapes = [Shape("mesh", np.eye(4), np.ones(3), "steel", mesh=mesh) for mesh in meshes]
+        found = rig_links(rig)
+        links = tuple(replace(link, shapes=()) for link in found.links)
+        return replace(found, links=(replace(links[0], shapes=tuple(shapes)), *links[1:]))
+
+    one, same, other = (replace(triangle(x), name="part") for x in (0.1, 0.1, 0.2))
+    assert list(mesh_names(model(one, same, other)).values()) == ["part", "part", "part_2"]
+    assert list(mesh_names(model(triangle(0.3))).values()) == ["world"]
 
 
 def test_no_meshes_make_no_folder(tmp_path, rig):

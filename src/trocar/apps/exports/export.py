@@ -80,5 +80,5 @@ def export(
 
 
 def _triangles(model: LinkModel) -> int:
-    shapes = [s for link in model.links for s in link.shapes if getattr(s, "visible", True)]
+    shapes = [s for link in model.links for s in link.shapes if s.visible]
     return sum(len(s.mesh.faces) for s in shapes if s.mesh is not None)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
+from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.modeling.links import LinkModel
+
+MATERIAL_FILE = "materials.mtl"
 
 
 def mesh_names(model: LinkModel) -> dict[Mesh, str]:
@@ -19,7 +22,7 @@ def mesh_names(model: LinkModel) -> dict[Mesh, str]:
         for shape in link.shapes:
             if shape.mesh is None or shape.mesh in found:
                 continue
-            stem = getattr(shape.mesh, "name", "") or link.name
+            stem = shape.mesh.name or link.name
             name, k = stem, 1
             while name in owners and not _alike(owners[name], shape.mesh):
                 k += 1
@@ -34,16 +37,56 @@ def _alike(one: Mesh, other: Mesh) -> bool:
     return same and np.array_equal(one.faces, other.faces)
 
 
-def write_meshes(meshes: Mapping[Mesh, str], folder: Path) -> None:
-    """Write each mesh as NAME.obj, in metres."""
-    if meshes:
-        folder.mkdir(parents=True, exist_ok=True)
-    for name, mesh in {name: mesh for mesh, name in meshes.items()}.items():
-        (folder / f"{name}.obj").write_bytes(obj(mesh))
+def seen_materials(model: LinkModel) -> dict[Mesh, str]:
+    """Return what each mesh that is seen is made of: rows of `descriptions.materials`."""
+    shapes = [s for link in model.links for s in link.shapes if s.visible]
+    return {s.mesh: s.material for s in reversed(shapes) if s.mesh is not None}
 
 
-def obj(mesh: Mesh) -> bytes:
-    """Return a mesh as a Wavefront OBJ file: corners to a nanometre, triangles."""
-    corners = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in np.round(mesh.vertices, 9) + 0.0]
-    faces = [f"f {a} {b} {c}\n" for a, b, c in mesh.faces + 1]
-    return "".join(corners + faces).encode()
+def write_meshes(
+    meshes: Mapping[Mesh, str], folder: Path, materials: Mapping[Mesh, str] | None = None
+) -> None:
+    """Write each mesh as NAME.obj, in metres.
+
+    Args:
+        meshes: {mesh: its name}
+        folder: where; is made when there is a mesh
+        materials: {mesh: a row of `descriptions.materials`}: these get their colour from a file
+            beside them, for programs that look for it nowhere else
+    """
+    if not meshes:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    made_of = dict(materials or {})
+    if made_of:
+        (folder / MATERIAL_FILE).write_bytes(mtl(sorted(set(made_of.values()))))
+    for mesh, name in meshes.items():
+        (folder / f"{name}.obj").write_bytes(obj(mesh, made_of.get(mesh, "")))
+
+
+def obj(mesh: Mesh, material: str = "") -> bytes:
+    """Return a mesh as a Wavefront OBJ file: corners to a nanometre, normals where it has them."""
+    lines = [f"mtllib {MATERIAL_FILE}\n"] if material else []
+    lines += [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in np.round(mesh.vertices, 9) + 0.0]
+    if mesh.normals is not None:
+        normals = np.round(mesh.normals, 4) + 0.0
+        lines += [f"vn {x:.4g} {y:.4g} {z:.4g}\n" for x, y, z in normals]
+    lines += [f"usemtl {material}\n"] if material else []
+    corner = "{0}" if mesh.normals is None else "{0}//{0}"
+    face = f"f {corner} {corner.replace('0', '1')} {corner.replace('0', '2')}\n"
+    return "".join([*lines, *(face.format(a, b, c) for a, b, c in mesh.faces + 1)]).encode()
+
+
+def mtl(materials: Iterable[str]) -> bytes:
+    """Return the colours of materials as an MTL file (Wavefront), ambient light half as strong."""
+    text = ""
+    for name in materials:
+        found = MATERIALS[name]
+        red, green, blue, opaque = found.rgba
+        shine = f" {found.gloss / 2:.4g}"
+        text += (
+            f"newmtl {name}\nKa {red / 2:.4g} {green / 2:.4g} {blue / 2:.4g}\n"
+            f"Kd {red:.4g} {green:.4g} {blue:.4g}\nKs{3 * shine}\n"
+            f"Ns {10 + 90 * found.gloss:.4g}\nd {opaque:.4g}\nillum 2\n"
+        )
+    return text.encode()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from trocar.apps.exports.meshes import write_meshes
+from trocar.apps.exports.meshes import seen_materials, write_meshes
 from trocar.apps.exports.ros_package import cmake_lists, package_xml
 from trocar.apps.exports.rviz import rviz_config, start_message
 from trocar.apps.exports.task import Task
@@ -32,7 +32,7 @@ def write_urdf(task: Task) -> tuple[str, ...]:
         )
     prefix = f"package://{package}/meshes" if package else "meshes"
     places = {mesh: f"{prefix}/{stem}.obj" for mesh, stem in task.meshes.items()}
-    write_meshes(task.meshes, task.folder / "meshes")
+    write_meshes(task.meshes, task.folder / "meshes", seen_materials(task.model))
     _write(task.folder / f"{name}.urdf", urdf(task.model, places))
     _write(task.folder / f"{name}_drake.urdf", urdf(task.model, places, friction=False))
     _write(task.folder / "rviz" / "trocar.rviz", rviz_config(task.model, 1).encode())

@@ -30,7 +30,7 @@ def test_a_package_says_its_name_wherever_it_counts(tmp_path) -> None:
     done = export(find_rig("psm"), "urdf", tmp_path, Options(package="my_psm"))
     assert {"package.xml", "CMakeLists.txt"} <= set(done.files)
     assert "<name>my_psm</name>" in (tmp_path / "package.xml").read_text(encoding="utf-8")
-    assert "project(my_psm" in (tmp_path / "CMakeLists.txt").read_text(encoding="utf-8")
+    assert "project(my_psm)" in (tmp_path / "CMakeLists.txt").read_text(encoding="utf-8")
     text = (tmp_path / "psm.urdf").read_text(encoding="utf-8")
     assert 'filename="meshes/' not in text
 

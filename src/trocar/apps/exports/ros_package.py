@@ -38,7 +38,7 @@ PACKAGE_XML = """<?xml version="1.0"?>
 """
 
 CMAKE = """cmake_minimum_required(VERSION 3.8)
-project({package} NONE)
+project({package})
 file(GLOB models *.urdf)
 if("$ENV{{ROS_VERSION}}" STREQUAL "1")
   find_package(catkin REQUIRED)

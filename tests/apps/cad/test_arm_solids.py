@@ -67,9 +67,8 @@ def round_axes(link: Link) -> list[tuple[np.ndarray, np.ndarray]]:
     return [(np.array(tuple(a.position)), np.array(tuple(a.direction))) for a in axes if a]
 
 
-def nearest(link: Link, pose: np.ndarray) -> float:
-    """How far the axis z of a pose [m] is from the nearest parallel cylinder's axis [mm]."""
-    point, z = 1000.0 * pose[:3, 3], pose[:3, 2]
+def nearest(link: Link, point: np.ndarray, z: np.ndarray) -> float:
+    """How far the axis z through a point [mm] is from that of the nearest parallel cylinder."""
     away = [np.linalg.norm(np.cross(p - point, z)) for p, d in round_axes(link)
             if np.linalg.norm(np.cross(d, z)) < 1e-9]  # fmt: skip
     return float(min(away, default=np.inf))
@@ -82,7 +81,7 @@ def nearest(link: Link, pose: np.ndarray) -> float:
 def test_hinges_of_the_solids_lie_on_the_frames(arm, link, axis):
     mechanism = load_arm(arm).mechanism
     at = poses(mechanism, np.zeros(len(mechanism.joints)), link)[axis]
-    assert nearest(links_of(arm)[link], at) < 1e-6
+    assert nearest(links_of(arm)[link], 1000.0 * at[:3, 3], at[:3, 2]) < 1e-6
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -96,8 +95,22 @@ def test_a_calibrated_arm_gets_hinges_of_its_own(arm):
     own = replace(nominal, mechanism=replace(nominal.mechanism, frames=tuple(frames)))
     carrier = frames[index].parent
     assert carrier is not None
-    assert nearest(drawn(own)[carrier], before) < 1e-6
-    assert nearest(links_of(arm)[carrier], before) > 0.5
+    point, z = 1000.0 * before[:3, 3], before[:3, 2]
+    assert nearest(drawn(own)[carrier], point, z) < 1e-6
+    assert nearest(links_of(arm)[carrier], point, z) > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_robot_with_leaning_hinges_is_drawn_on_them(arm, skew_overlay):
+    own = load_arm(arm, "none", skew_overlay(arm, np.random.default_rng(1)))
+    links = drawn(own)
+    for name, axes in AXES[arm].items():
+        for part in links[name].parts:
+            assert part.solid.is_valid, (name, part.material)
+        for axis in axes:
+            at = kit.hinge(own.mechanism, name, axis)
+            assert nearest(links[name], at.point, at.direction) < 1e-6, (name, axis)
 
 
 @pytest.mark.parametrize("arm", ARMS)

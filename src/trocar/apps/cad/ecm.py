@@ -16,7 +16,7 @@ from build123d import Plane
 from trocar.apps.cad import kit
 from trocar.apps.cad.kit import Hinge, hinge
 from trocar.apps.cad.link import Link, Part
-from trocar.apps.cad.linkage import bar, cannula, cap_pair
+from trocar.apps.cad.linkage import bar, bored, cannula, cap_pair
 from trocar.descriptions.records import ArmDescription
 from trocar.kinematics.mechanism import Mechanism
 
@@ -157,7 +157,10 @@ def _pitch_bottom(m: Mechanism) -> Link:
         kit.box((coupled.point[0] - 10, -10, -17), (a, 18, 17)),
         kit.box((a, -10, -BAR), (b + 46, 14, BAR)),
     )
-    parts = (Part("casting", rear + front), Part("cover", bar(a, b, 2.0, 24.0, 2 * BAR)))
+    parts = (
+        Part("casting", bored(rear + front, (own, coupled, end), 6.0)),
+        Part("cover", bar(a, b, 2.0, 24.0, 2 * BAR)),
+    )
     return Link("pitch_bottom", "pitch_bottom", parts, touch)
 
 
@@ -254,7 +257,7 @@ def _endoscope(m: Mechanism) -> Link:
     cables = [
         kit.turning(
             Hinge(axis.point + np.array([x, 0.0, 0.0]), axis.direction),
-            [(0, -590), (3.5, -590), (5, -588), (5, -564), (7.5, -562), (7.5, -548), (0, -548)],
+            [(0, -592), (5, -592), (5, -560), (0, -560)],
         )
         for x in (-12.0, 12.0)
     ]

@@ -41,7 +41,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import inverse
-from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.mechanism import Closure, Mechanism
 
 Array = NDArray[np.float64]
 #: A circle of an outline: x, y of its centre and its radius [mm].
@@ -89,14 +89,26 @@ def hinge(mechanism: Mechanism, link: str, name: str) -> Hinge:
         UnknownNameError: no such frame, or its axis does not stand still on this body
     """
     closure = next((c for c in mechanism.closures if c.name == name), None)
-    if closure is not None and link in (closure.frame_a, closure.frame_b):
-        point = closure.point_a if link == closure.frame_a else closure.point_b
-        return Hinge(point * MM, np.array([0.0, 0.0, 1.0]))
+    if closure is not None:
+        return _closing(mechanism, link, closure)
     if name == link:
         own = inverse(mechanism.frame(link).after)
         return Hinge(own[:3, 3] * MM, own[:3, 2])
     pose = axis_pose(mechanism, link, name)
     return Hinge(pose[:3, 3] * MM, pose[:3, 2])
+
+
+def _closing(mechanism: Mechanism, link: str, closure: Closure) -> Hinge:
+    """Return the axis of a closing hinge; a pin that slides belongs to the link it slides in."""
+    along = np.array([0.0, 0.0, 1.0])
+    if link == closure.frame_a:
+        return Hinge(closure.point_a * MM, along)
+    if link == closure.frame_b:
+        return Hinge(closure.point_b * MM, along)
+    pin = mechanism.frame(closure.frame_b)
+    if pin.parent != link:
+        raise UnknownNameError("axis", closure.name, [closure.frame_a, closure.frame_b], link)
+    return Hinge(pin.before[:3, 3] * MM, pin.before[:3, 2])
 
 
 def axis_pose(mechanism: Mechanism, link: str, name: str) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,13 @@ def bar(start: float, end: float, y: float, tall: float, wide: float) -> Shape:
     full = (y, 0.0, tall, wide, 0.34 * tall)
     stations = [(start, *slim), (start + 26, *full), (end - 26, *full), (end, *slim)]
     return kit.together([kit.lofted(stations[k : k + 2]) for k in range(3)])
+
+
+def bored(eye: Shape, axes: Sequence[Hinge], radius: float) -> Shape:
+    """Return a link with a bore along each axis; half a millimetre of it is play."""
+    for at in axes:
+        eye = eye - kit.pin(at, -60.0, 60.0, radius + 0.5)
+    return eye
 
 
 def cap_pair(at: Hinge, layer: float, tall: float, radius: float) -> list[Shape]:

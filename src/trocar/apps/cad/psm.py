@@ -15,7 +15,7 @@ from build123d import Plane
 from trocar.apps.cad import kit
 from trocar.apps.cad.kit import hinge
 from trocar.apps.cad.link import Link, Part
-from trocar.apps.cad.linkage import bar, cannula, cap_pair
+from trocar.apps.cad.linkage import bar, bored, cannula, cap_pair
 from trocar.descriptions.records import ArmDescription
 from trocar.kinematics.mechanism import Mechanism
 
@@ -165,7 +165,10 @@ def _pitch_bottom(m: Mechanism) -> Link:
         kit.box((b, -10, -13), (b + 44, 12, 13)),
     )
     return Link(
-        "pitch_bottom", "pitch_bottom", (Part("casting", rear + front), Part("cover", cover)), touch
+        "pitch_bottom",
+        "pitch_bottom",
+        (Part("casting", bored(rear + front, (own, coupled, end), 5.0)), Part("cover", cover)),
+        touch,
     )
 
 

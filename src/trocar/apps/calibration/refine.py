@@ -30,6 +30,8 @@ ROUNDS = 8
 SETTLED = 1e-10
 #: Or than this share of the noise of a pose. Source: our own choice.
 NOISE_SHARE = 1e-4
+#: Or by this many standard deviations of the geometry. Source: our own choice.
+SIGMA_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,10 +91,18 @@ def refine(
         problem = Problem(robot, compress(robot, samples, found), samples.sigmas, basis, tilted)
         solved = _solve(problem)
         robot = problem.moved(solved.x)
-        if number == ROUNDS or np.abs(solved.x).max() < max(
-            SETTLED, NOISE_SHARE * samples.sigmas[0]
-        ):
+        if number == ROUNDS or _settled(solved, samples.sigmas[0]):
             return _result(problem, robot, samples, register(robot, samples, camera, q), solved)
+
+
+def _settled(solved: OptimizeResult, sigma: float) -> bool:
+    """Tell whether a round has moved nothing by more than a small share of its uncertainty."""
+    step = np.asarray(solved.x, dtype=np.float64)
+    if np.abs(step).max() < max(SETTLED, NOISE_SHARE * sigma):
+        return True
+    # What the tracks hardly show drifts on and on, and changes nothing that they show.
+    shown = np.asarray(solved.jac, dtype=np.float64)[: -len(step)] @ step
+    return float(np.linalg.norm(shown)) < SIGMA_SHARE
 
 
 def may_tilt(linkage: Linkage) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
         (task.folder / "model.txt").write_text(text, encoding="utf-8")
         return ("straight lines",)
 
-    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write))
+    monkeypatch.setitem(FORMATS, "plain", Format("Plain", write, ("package", "sdf_version")))
 
 
 def test_an_export_says_what_it_wrote_and_warns_on_stderr(trocar, tmp_path):

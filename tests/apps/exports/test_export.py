@@ -212,5 +212,13 @@ def test_no_meshes_make_no_folder(tmp_path, rig):
     assert everything(tmp_path) == []
 
 
+def test_an_option_for_another_format_is_refused(tmp_path, rig):
+    with pytest.raises(InputError, match=r"--package: got 'p' with --format sdf; allowed: .*urdf"):
+        export(rig, "sdf", tmp_path / "new", Options(package="p"))
+    with pytest.raises(InputError, match=r"--sdf-version: got '1.7' .*allowed: with --format sdf"):
+        export(rig, "plain", tmp_path / "new", Options(sdf_version="1.7"))
+    assert everything(tmp_path) == []
+
+
 def test_options_have_the_common_values():
     assert Options() == Options(package="", sdf_version="1.9")

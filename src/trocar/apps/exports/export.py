@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from trocar.apps.exports.formats import FORMATS
@@ -10,7 +10,7 @@ from trocar.apps.exports.meshes import mesh_names
 from trocar.apps.exports.task import Options, Task
 from trocar.apps.folders import check_folder, whole_folder
 from trocar.descriptions.records import RigDescription
-from trocar.errors import UnknownNameError
+from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.links import LinkModel, rig_links
 from trocar.modeling.markup import lxml_etree
 
@@ -56,11 +56,13 @@ def export(
 
     Raises:
         UnknownNameError: no such format
-        InputError: the folder cannot be used, or an arm has no masses; nothing was written
+        InputError: the folder cannot be used, an option is for another format, or an arm has no
+            masses; nothing was written
         MissingExtraError: lxml is not installed
     """
     if format not in FORMATS:
         raise UnknownNameError("format", format, FORMATS)
+    _check_options(format, options or Options())
     check_folder(Path(folder).expanduser(), force)
     lxml_etree()
     model = rig_links(rig)
@@ -77,6 +79,17 @@ def export(
         triangles=_triangles(model),
         warnings=warnings,
     )
+
+
+def _check_options(format: str, options: Options) -> None:  # noqa: A002 - as above
+    """Refuse what the format would pass over in silence."""
+    for name, value in asdict(options).items():
+        if value != getattr(Options(), name) and name not in FORMATS[format].takes:
+            takers = [known for known, one in FORMATS.items() if name in one.takes]
+            raise InputError(
+                f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
+                f" --format {' or '.join(takers)}"
+            )
 
 
 def _triangles(model: LinkModel) -> int:

@@ -10,6 +10,6 @@ from trocar.apps.exports.urdf import write_urdf
 #: {what --format takes: the format}
 FORMATS: dict[str, Format] = {
     "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
-    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf),
-    "sdf": Format("SDF: Gazebo, Drake", write_sdf),
+    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package",)),
+    "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
 }

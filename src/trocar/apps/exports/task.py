@@ -50,7 +50,9 @@ class Format:
     Attributes:
         title: for people
         write: fills the task's folder and returns warnings: what the user should know
+        takes: names of the `Options` that it looks at
     """
 
     title: str
     write: Callable[[Task], tuple[str, ...]]
+    takes: tuple[str, ...] = ()

@@ -20,18 +20,18 @@ from trocar.kinematics.forward import poses
 #: The robot's file of each format; SDF has words for what follows a joint from 1.11 on.
 FILES = {"urdf": "lone_{name}.urdf", "sdf": "model.sdf", "mjcf": "lone_{name}.xml"}
 
-#: SDF does not say where the motors are; of other loops those next to the closing hinge are passive.
+#: SDF does not say where the motors are.
 PASSIVE = ("MTML_elbow_bar_joint", "MTML_elbow_rod_joint")
 
 
-@pytest.mark.parametrize("format", FILES)
+@pytest.mark.parametrize("language", FILES)
 @pytest.mark.parametrize("name", ["psm", "ecm", "mtml"])
-def test_an_exported_arm_comes_back(format: str, name: str, tmp_path: Path, rng) -> None:
+def test_an_exported_arm_comes_back(language: str, name: str, tmp_path: Path, rng) -> None:
     arm = load_arm(name)
     rig = lone_arm_rig(arm)
-    export(rig, format, tmp_path / "out", Options(sdf_version="1.11"))
-    (file,) = (tmp_path / "out").glob(FILES[format].format(name=name))
-    order = Order(passive=PASSIVE) if (name, format) == ("mtml", "sdf") else None
+    export(rig, language, tmp_path / "out", Options(sdf_version="1.11"))
+    (file,) = (tmp_path / "out").glob(FILES[language].format(name=name))
+    order = Order(passive=PASSIVE) if (name, language) == ("mtml", "sdf") else None
     found = bring_in(file, tmp_path / "back", order)
     back = load_arm(found.file)
     place = rig.arms[0].name
@@ -45,7 +45,7 @@ def test_an_exported_arm_comes_back(format: str, name: str, tmp_path: Path, rng)
         ours = poses(arm.mechanism, q, arm.root)
         theirs = poses(back.mechanism, q / weights, back.root)
         names = {frame: f"{place}_{frame}" for frame in ours}
-        if format == "mjcf":  # a lone arm's bodies have no prefix
+        if language == "mjcf":  # a lone arm's bodies have no prefix
             names = {frame: frame for frame in ours}
         root = inverse(theirs[names[arm.root]])
         for frame, expected in ours.items():

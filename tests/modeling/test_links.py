@@ -72,6 +72,22 @@ def test_loops_close_in_the_links_that_they_name(rng, random_positions) -> None:
                 assert np.abs(a - b).max() < 1e-12
 
 
+def test_at_its_zero_every_joint_that_moves_on_its_own_is_at_0_and_loops_are_closed(
+    skew_overlay, rng
+) -> None:
+    for overlay in (None, skew_overlay("psm", rng)):
+        model = rig_links(lone_arm_rig(load_arm("psm", calibration=overlay)))
+        zero = model.zero
+        assert set(zero) == {joint.name for joint in model.joints if joint.hinge}
+        assert all(zero[j.name] == 0.0 for j in model.joints if j.hinge and not j.in_loop)
+        assert any(zero.values()) == (overlay is not None)
+        at = stand(model, dict(zero))
+        for loop in model.loops:
+            a = at[loop.link_a] @ np.append(loop.point_a, 1.0)
+            b = at[loop.link_b] @ np.append(loop.point_b, 1.0)
+            assert np.abs(a - b).max() < 1e-12
+
+
 def all_rigs() -> list[RigDescription]:
     return [load_rig(name) for name in names("rigs")]
 

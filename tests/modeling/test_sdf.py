@@ -123,6 +123,18 @@ def test_every_number_reads_back_as_the_float_that_it_is() -> None:
     assert exact([0.1, -0.0, 1e-300]) == "0.1 0.0 1e-300"
 
 
+@pytest.mark.parametrize("name", names("rigs"))
+def test_every_inertia_in_the_file_is_a_possible_bodys(name) -> None:
+    for inertial in parsed(rig_links(load_rig(name))).iter("inertial"):
+        values = {e.tag: float(e.text) for e in inertial.find("inertia")}
+        x, y, z = values["ixy"], values["ixz"], values["iyz"]
+        matrix = [[values["ixx"], x, y], [x, values["iyy"], z], [y, z, values["izz"]]]
+        least, middle, most = np.linalg.eigvalsh(matrix)
+        assert float(inertial.findtext("mass")) > 0.0
+        assert least > 0.0
+        assert least + middle >= most * (1.0 - 1e-9)
+
+
 def test_the_same_rig_gives_the_same_bytes() -> None:
     assert sdf(rig_links(load_rig("psm"))) == sdf(rig_links(load_rig("psm")))
 

@@ -8,6 +8,7 @@ import subprocess
 import pytest
 
 from trocar.apps.exports import Options, export, find_rig
+from trocar.cli import main
 from trocar.errors import InputError, UnknownNameError
 
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")
@@ -54,6 +55,26 @@ def test_an_unknown_version_is_refused_and_nothing_is_written(tmp_path) -> None:
     with pytest.raises(UnknownNameError, match=r"unknown SDF version '2.0'"):
         export(find_rig("ecm"), "sdf", tmp_path / "ecm", Options(sdf_version="2.0"))
     assert not list(tmp_path.iterdir())
+
+
+def test_bad_input_is_one_line_and_exit_status_2(tmp_path, capfd) -> None:
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine.txt").write_text("mine", encoding="utf-8")
+    for arguments, told in (
+        (["psm", "--sdf-version", "1.8", "-o", "new"], "unknown SDF version '1.8'"),
+        (["psm", "-o", "full"], "is not empty (got mine.txt)"),
+        (["psm_si", "-o", "new"], "has no mass for"),
+        (["pms", "-o", "new"], "unknown arm or rig 'pms'"),
+        (["psm", "--tool", "SPOON", "-o", "new"], "SPOON"),
+        (["psm", "--calibration", "none.toml", "-o", "new"], "none.toml"),
+    ):
+        folder = [str(tmp_path / a) if a in ("new", "full") else a for a in arguments]
+        assert main(["export", *folder, "--format", "sdf"]) == 2
+        said = capfd.readouterr()
+        assert told in said.err
+        assert said.err.startswith("trocar: error: ")
+        assert said.err.count("\n") == 1
+    assert [entry.name for entry in tmp_path.rglob("*")] == ["full", "mine.txt"]
 
 
 def test_a_folder_with_something_in_it_is_not_overwritten(tmp_path) -> None:

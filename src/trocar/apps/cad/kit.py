@@ -15,7 +15,6 @@ from build123d import (
     Axis,
     BuildSketch,
     Circle,
-    Edge,
     Face,
     GeomType,
     Location,
@@ -297,11 +296,6 @@ def box(low: ArrayLike, high: ArrayLike) -> Shape:
 def block(low: ArrayLike, high: ArrayLike, bevel: float) -> Shape:
     """Return a box between two corners with bevelled edges, which costs few triangles."""
     return chamfer(box(low, high).edges(), bevel)
-
-
-def edges_across(part: Shape, axis: Axis) -> list[Edge]:
-    """Return the edges of the two faces across an axis: the rims to round or bevel."""
-    return list(part.faces().filter_by(axis).edges())
 
 
 def prism(at: Hinge, low: float, high: float, radius: float, sides: int = 8) -> Shape:

@@ -1,6 +1,7 @@
 """Random control in range, in plain MuJoCo: what any version of it makes of an exported file.
 
     python tests/modeling/menagerie/shake.py FOLDER/scene.xml ... --seconds 60
+    python tests/modeling/menagerie/shake.py FOLDER/psm.xml --twice
 
 needs MuJoCo and numpy, not trocar; so it runs in an environment with an older MuJoCo too.
 """
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
@@ -16,6 +18,10 @@ import numpy as np
 #: For half of the time controls change with each step, as Menagerie's own test has them; then they
 #: stay for so many steps.
 HELD = 500
+#: What the README of an export asks a scene to copy.
+COPIED = ("timestep", "integrator", "solver", "jacobian", "cone", "impratio")
+#: Hinges of the scene that robots are attached to.
+PENDULUMS = 61
 
 
 def shake(model: mujoco.MjModel, seconds: float, rng: np.random.Generator) -> float:
@@ -51,14 +57,39 @@ def at_rest(model: mujoco.MjModel) -> float:
     return float(np.abs(data.qacc).max())
 
 
+def busy_scene(child: mujoco.MjSpec | None) -> mujoco.MjSpec:
+    """Return a scene of pendulums with a child's option block, or with MuJoCo's own for None."""
+    scene = mujoco.MjSpec()
+    for k in range(PENDULUMS):
+        body = scene.worldbody.add_body(name=f"pendulum_{k}", pos=[2.0 + 0.1 * k, 0.0, 1.0])
+        body.add_joint(name=f"pendulum_{k}", damping=[0.01, 0.0, 0.0])
+        body.add_geom(size=[0.02] * 3, pos=[0.0, 0.0, -0.1])
+    if child is not None:
+        for name in COPIED:
+            setattr(scene.option, name, getattr(child.option, name))
+    return scene
+
+
+def twice(child: Callable[[], mujoco.MjSpec], scene: mujoco.MjSpec) -> mujoco.MjModel:
+    """Attach a robot on two sides of a scene."""
+    for side, y in (("left_", 0.6), ("right_", -0.6)):
+        frame = scene.worldbody.add_frame(pos=[0.0, y, 0.0])
+        scene.attach(child(), prefix=side, frame=frame)
+    return scene.compile()
+
+
 def main() -> None:
     """Shake files and tell how their loops held."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("files", nargs="+")
     parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--twice", action="store_true", help="two of them in a large scene")
     asked = parser.parse_args()
     for file in asked.files:
         model = mujoco.MjModel.from_xml_path(file)
+        if asked.twice:
+            scene = busy_scene(mujoco.MjSpec.from_file(file))
+            model = twice(lambda file=file: mujoco.MjSpec.from_file(file), scene)
         rest, gap = at_rest(model), shake(model, asked.seconds, np.random.default_rng(0))
         sys.stdout.write(
             f"{mujoco.__version__} {file}: no warning, home {rest:.1e}, gap {1e6 * gap:.2f} um\n"

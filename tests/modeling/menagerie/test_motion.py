@@ -13,7 +13,7 @@ from trocar.simulation import World
 from trocar.simulation.trajectories import paper_sine
 
 from .conftest import ARMS, compiled, find, written
-from .shake import shake
+from .shake import busy_scene, shake, twice
 
 #: Both compute the same in float64; 1e-14 was measured, and 1e-9 is what was asked for.
 SAME = 1e-9
@@ -113,33 +113,9 @@ def test_a_minute_of_random_control_raises_no_warning(name, rng, complaints):
     assert not complaints
 
 
-def busy_parent(child: mujoco.MjSpec | None) -> mujoco.MjSpec:
-    """Return a scene with 61 pendulums of its own; it takes a child's option block, or none."""
-    parent = mujoco.MjSpec()
-    for k in range(61):
-        body = parent.worldbody.add_body(name=f"pendulum_{k}", pos=[2.0 + 0.1 * k, 0.0, 1.0])
-        body.add_joint(name=f"pendulum_{k}", damping=[0.01, 0.0, 0.0])
-        body.add_geom(size=[0.02] * 3, pos=[0.0, 0.0, -0.1])
-    if child is not None:
-        for name in COPIED:
-            setattr(parent.option, name, getattr(child.option, name))
-    return parent
-
-
-#: What the README of an export asks for.
-COPIED = ("timestep", "integrator", "solver", "jacobian", "cone", "impratio")
-
-
 def spec_of(name: str) -> mujoco.MjSpec:
     text, meshes = written(find(name))
     return mujoco.MjSpec.from_string(text, assets=meshes)
-
-
-def both_sides(name: str, parent: mujoco.MjSpec) -> mujoco.MjModel:
-    for side, y in (("left_", 0.6), ("right_", -0.6)):
-        frame = parent.worldbody.add_frame(pos=[0.0, y, 0.0])
-        parent.attach(spec_of(name), prefix=side, frame=frame)
-    return parent.compile()
 
 
 @pytest.mark.parametrize(
@@ -149,7 +125,7 @@ def both_sides(name: str, parent: mujoco.MjSpec) -> mujoco.MjModel:
 def test_two_arms_work_in_a_large_scene_that_took_over_the_option_block(
     name, seconds, rng, complaints
 ):
-    model = both_sides(name, busy_parent(spec_of(name)))
+    model = twice(lambda: spec_of(name), busy_scene(spec_of(name)))
     assert model.nv > 60
     assert {model.key(k).name for k in range(model.nkey)} == {"left_home", "right_home"}
     assert shake(model, seconds, rng) < TORN
@@ -160,7 +136,7 @@ def test_a_scene_that_keeps_its_own_option_block_tears_the_loops(rng, tmp_path, 
     """That is why the README says what must be copied."""
     monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of its own where it runs
     with pytest.warns(UserWarning, match="integrator: parent has"):
-        model = both_sides("psm", busy_parent(None))
+        model = twice(lambda: spec_of("psm"), busy_scene(None))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     gap = 0.0

@@ -97,7 +97,9 @@ def _assets(sheet: Sheet, world: Any) -> Any:
         if name in used:
             look = {"specular": exact(material.gloss), "shininess": exact(material.gloss)}
             child(made, "material", {"name": name, "rgba": row(material.rgba), **look})
-    meshes = sorted({geom.get("mesh") for geom in world.iter("geom")} - {None})
-    for name in meshes:
-        child(made, "mesh", {"class": sheet.classes.root, "name": name, "file": f"{name}.obj"})
+    seen = {geom.get("mesh") for geom in world.iter("geom") if geom.get("class") == "visual"}
+    meshes = {geom.get("mesh") for geom in world.iter("geom")}
+    for name in sorted(meshes - {None}):
+        said = {"class": sheet.classes.root, "name": name, "file": f"{name}.obj"}
+        child(made, "mesh", said if name in seen else {**said, "inertia": "convex"})
     return made

@@ -12,9 +12,9 @@ from trocar.modeling.trees import link_poses
 from trocar.modeling.urdf import urdf_tree
 
 #: The camera's distance over the largest extent of the links' origins. Source: chosen by eye.
-DISTANCE = 1.9
+DISTANCE = 1.7
 #: Where the camera stands: above the horizon, and around it [rad]. Source: chosen by eye.
-PITCH, YAW = 0.3, 0.8
+PITCH, YAW = 0.3, 0.9
 
 
 def rviz_config(model: LinkModel, ros: int) -> str:
@@ -24,7 +24,7 @@ def rviz_config(model: LinkModel, ros: int) -> str:
         ros: 1 or 2, whose classes have different names
     """
     places = link_poses(model, model.start)
-    at = np.array([pose[:3, 3] for name, pose in places.items() if name != "world"])
+    at = np.array([places[link.name][:3, 3] for link in model.links if link.arm])
     low, high = at.min(axis=0), at.max(axis=0)
     x, y, z = 0.5 * (low + high)
     plugin = "rviz" if ros == 1 else "rviz_default_plugins"
@@ -33,7 +33,7 @@ def rviz_config(model: LinkModel, ros: int) -> str:
         panel="rviz" if ros == 1 else "rviz_common",
         plugin=plugin,
         source=source,
-        floor=f"{low[2]:.4g}",
+        floor=f"{min(pose[2, 3] for pose in places.values()):.4g}",
         focus=f"X: {x:.4g}, Y: {y:.4g}, Z: {z:.4g}",
         distance=f"{DISTANCE * float((high - low).max()) + 0.3:.4g}",
         pitch=PITCH,

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 
 from trocar.apps.calibration import Tracks, calibrate
-from trocar.apps.calibration.axes import distances, measure_axes
+from trocar.apps.calibration.axes import Value, distances, measure_axes
 from trocar.apps.calibration.linkage import linkage
 from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks
 from trocar.apps.mocap.noise import spoil
-from trocar.descriptions import load_arm
+from trocar.apps.mocap.simulate import Parts
+from trocar.descriptions import ArmDescription, load_arm
 from trocar.geometry.se3 import exp_twist
 from trocar.kinematics.estimation import fit_pivot_in_body
 
@@ -20,88 +22,96 @@ pytestmark = pytest.mark.slow
 
 ROBOTS = 20
 POSITION, ROTATION = 1e-4, float(np.deg2rad(0.05))
+WHITE, WORSE = Noise(POSITION, ROTATION), Noise(POSITION, ROTATION, 0.05, 0.01)
 
 
-@dataclass(frozen=True)
-class Errors:
-    """Errors of each kind, and the same over their own standard deviations."""
-
-    distances: np.ndarray
-    closed: np.ndarray
-    betas: np.ndarray
-    centre: np.ndarray
-    scaled: np.ndarray
+@functools.cache
+def robot(seed: int) -> ArmDescription:
+    return perturbed(load_arm("psm"), np.random.default_rng(seed))
 
 
-def errors(dropout: float, outliers: float) -> Errors:
+def seen(seed: int, amplitude: float, parts: Parts, noise: Noise) -> tuple[Tracks, Mapping]:
+    """Return one sweep of 24 s at 120 Hz, and the truth."""
+    settings = MocapSettings("kinematic", parts, 24.0, amplitude, 120.0, noise, seed)
+    made = simulate_tracks(robot(seed), settings)
+    return Tracks("x", "", made.times, made.poses, made.rate_hz), made.truth
+
+
+def off(found: Mapping[str, Value], truth: Mapping[str, float]) -> np.ndarray:
+    """Return errors, and the same over their own standard deviations, (2, n)."""
+    by = np.array([value.value - truth[name] for name, value in found.items()])
+    return np.abs([by, by / [value.sigma for value in found.values()]])
+
+
+@functools.cache
+def distance_errors(amplitude: float, noise: Noise = WHITE) -> np.ndarray:
+    """Return errors of the distances of all robots as `calibrate` measures them, (2, n)."""
     arm = load_arm("psm")
-    noise = Noise(POSITION, ROTATION, dropout, outliers)
-    found: dict[str, list[float]] = {name: [] for name in Errors.__dataclass_fields__}
+    plan = arm.calibration
+    assert plan is not None
+    pairs = {f"{a}-{b}": (plan.axes[a], plan.axes[b]) for a, b in plan.distances}
+    found: list[np.ndarray] = []
     for seed in range(ROBOTS):
-        made = simulate_tracks(
-            perturbed(arm, np.random.default_rng(seed)),
-            MocapSettings("kinematic", "both", 24.0, 0.6, 120.0, noise, seed),
-        )
-        got = calibrate(Tracks("x", "", made.times, made.poses, made.rate_hz), arm)
-        truth = made.truth
-        for label, value in got.axis_distances.items():
-            off = value.value - truth["axis_distances_m"][label]
-            found["distances"].append(off)
-            found["scaled"].append(off / value.sigma)
-            found["closed"].append(got.closed_distances[label] - truth["axis_distances_m"][label])
-        found["betas"] += [v.value - truth["beta_rad"][k] for k, v in got.betas.items()]
-        if got.centre is not None:
-            fit = got.centre.report.fit
-            off = fit.post - np.array(truth["rcm"]["position_in_base_body_m"])
-            found["centre"].append(float(np.linalg.norm(off)))
-    return Errors(**{name: np.abs(values) for name, values in found.items()})
+        tracks, truth = seen(seed, amplitude, "axes", noise)
+        found.append(off(distances(measure_axes(tracks, linkage(arm)), pairs),
+                         truth["axis_distances_m"]))  # fmt: skip
+    return np.concatenate(found, axis=1)
 
 
 @pytest.mark.parametrize(
     # Source: the figures to reach.
-    ("amplitude", "median", "most"),
-    [(0.3, 18e-6, 70e-6), (0.8, 6e-6, 22e-6)],
+    ("amplitude", "noise", "median", "most"),
+    [
+        (0.3, WHITE, 18e-6, 70e-6),
+        (0.6, WHITE, 8e-6, 32e-6),
+        (0.6, WORSE, 8e-6, 32e-6),
+        (0.8, WHITE, 6e-6, 22e-6),
+    ],
 )
-def test_axes_come_within_their_figures(amplitude: float, median: float, most: float) -> None:
-    arm = load_arm("psm")
-    loops, plan, off = linkage(arm), arm.calibration, []
-    assert plan is not None
-    pairs = {f"{a}-{b}": (plan.axes[a], plan.axes[b]) for a, b in plan.distances}
-    for seed in range(ROBOTS):
-        made = simulate_tracks(
-            perturbed(arm, np.random.default_rng(seed)),
-            # The whole take of `trocar mocap`: 24 s of each part, of which both sweep the pitch.
-            MocapSettings(
-                "kinematic", "both", 24.0, amplitude, 120.0, Noise(POSITION, ROTATION), seed
-            ),
-        )
-        tracks = Tracks("x", "", made.times, made.poses, made.rate_hz)
-        got = distances(measure_axes(tracks, loops), pairs)
-        off += [value.value - made.truth["axis_distances_m"][k] for k, value in got.items()]
-    assert len(off) == 8 * ROBOTS
-    assert np.median(np.abs(off)) <= median and np.quantile(np.abs(off), 0.95) <= most
-
-
-@pytest.mark.parametrize(("dropout", "outliers"), [(0.0, 0.0), (0.05, 0.01)])
-def test_all_figures_hold_with_lost_bodies_and_gross_errors(
-    dropout: float, outliers: float
+def test_one_sweep_tells_the_axes_to_their_figures(
+    amplitude: float, noise: Noise, median: float, most: float
 ) -> None:
-    got = errors(dropout, outliers)
-    assert np.median(got.distances) <= 8e-6 and np.quantile(got.distances, 0.95) <= 32e-6
-    assert np.rad2deg(np.quantile(got.betas, 0.95)) <= 15e-3
-    assert np.median(got.centre) <= 16e-6 and np.quantile(got.centre, 0.95) <= 30e-6
+    errors, _ = distance_errors(amplitude, noise)
+    assert len(errors) == 8 * ROBOTS
+    assert np.median(errors) <= median and np.quantile(errors, 0.95) <= most
+
+
+def test_intervals_of_the_distances_cover_them() -> None:
+    scaled = np.concatenate([distance_errors(amplitude)[1] for amplitude in (0.3, 0.6, 0.8)])
+    # Source: 92 to 98 % is asked for. 480 numbers scatter by 1.0 % (binomial); the amplitudes have
+    # the same noise in common, so it may be 1.7 %, and 1 % is allowed on top.
+    assert 0.91 <= np.mean(scaled < 1.96) <= 0.99
+
+
+def test_all_figures_hold_with_lost_bodies_and_gross_errors() -> None:
+    measured, closed, betas, centre = [], [], [], []
+    for seed in range(ROBOTS):
+        # The whole take of `trocar mocap`: the pitch is swept before the remote centre, too.
+        tracks, truth = seen(seed, 0.6, "both", WORSE)
+        got = calibrate(tracks, load_arm("psm"))
+        lengths = truth["axis_distances_m"]
+        measured.append(off(got.axis_distances, lengths))
+        closed += [abs(got.closed_distances[k] - v) for k, v in lengths.items()]
+        betas.append(off(got.betas, truth["beta_rad"])[0])
+        assert got.centre is not None
+        place = np.array(truth["rcm"]["position_in_base_body_m"])
+        centre.append(float(np.linalg.norm(got.centre.report.fit.post - place)))
+    errors, scaled = np.concatenate(measured, axis=1)
+    # Source: the figures to reach.
+    assert np.median(errors) <= 8e-6 and np.quantile(errors, 0.95) <= 32e-6
+    assert np.rad2deg(np.quantile(np.concatenate(betas), 0.95)) <= 15e-3
+    assert np.median(centre) <= 16e-6 and np.quantile(centre, 0.95) <= 30e-6
     # A closed geometry says each length twice, so it is known better.
-    assert np.median(got.closed) < np.median(got.distances)
-    # Of 160 distances 1.96 standard deviations cover 92 to 98 % of the truth; the binomial spread
-    # of the count comes on top.
-    assert 0.90 <= np.mean(got.scaled < 1.96) <= 0.995
+    assert np.median(closed) < np.median(errors)
+    # 160 numbers scatter by 1.7 %.
+    assert 0.90 <= np.mean(scaled < 1.96) <= 0.995
 
 
 def test_intervals_of_the_remote_centre_cover_it() -> None:
     within: list[bool] = []
     for seed in range(ROBOTS):
         made = simulate_tracks(
-            perturbed(load_arm("psm"), np.random.default_rng(seed)),
+            robot(seed),
             MocapSettings("kinematic", "rcm", 24.0, 0.6, 30.0, Noise(), seed),
         )
         truth = np.array(made.truth["rcm"]["position_in_base_body_m"])
@@ -110,10 +120,8 @@ def test_intervals_of_the_remote_centre_cover_it() -> None:
         sway = np.outer(np.sin(0.7 * made.times), [0.01, 0.02, 0.005, 0.006, 0.02, 0.01])
         rng = np.random.default_rng(seed)
         for draw in range(15):
-            seen = exact if draw % 2 else exp_twist(sway) @ exact
-            base, body = (
-                spoil(poses, Noise(POSITION, ROTATION, 0.05, 0.01), rng) for poses in seen
-            )
+            taken = exact if draw % 2 else exp_twist(sway) @ exact
+            base, body = (spoil(poses, WORSE, rng) for poses in taken)
             fit = fit_pivot_in_body(base, body)
             within += (np.abs(fit.post - truth) < 1.96 * fit.sigma_post).tolist()
     # Source: 92 to 98 % is asked for. 900 numbers scatter by 0.7 % (binomial) and, as the three of

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.descriptions import load_arm, load_rig
+from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.calibrated import apply_overlay
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh
@@ -19,7 +19,9 @@ from trocar.errors import InputError, MissingExtraError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import coordinates, poses
 from trocar.modeling.menagerie import MJX, PID, POSITION, VARIANTS, mjcf_document
+from trocar.modeling.menagerie.bodies import BRAKED_DAMPING
 from trocar.modeling.mjcf import rig_spec
+from trocar.simulation.drives import HOLDING_DAMPING
 
 from .conftest import ARMS, RIGS, compiled, find, written
 
@@ -32,6 +34,15 @@ AGREED = 1e-9
 def test_every_arm_and_rig_compiles_without_a_warning(name, variant, complaints):
     model = compiled(find(name), variant)
     assert model.nu and model.nkey == 1 and not complaints
+
+
+@pytest.mark.parametrize("tool", [*names("tools"), "none"])
+def test_every_instrument_compiles_and_rests(tool, complaints):
+    model = compiled(lone_arm_rig(load_arm("psm", tool=tool)))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_step(model, data)
+    assert np.abs(data.qacc).max() < 1e-3 and not complaints
 
 
 @pytest.mark.parametrize("name", [*ARMS, *RIGS])
@@ -210,6 +221,10 @@ def test_the_file_for_mjx_asks_for_nothing_that_mjx_lacks():
         touching = model.geom_type[model.geom_group == 3]
         kinds = (geom.mjGEOM_SPHERE, geom.mjGEOM_CAPSULE, geom.mjGEOM_BOX, geom.mjGEOM_MESH)
         assert set(touching) <= {int(kind) for kind in kinds}
+
+
+def test_brakes_hold_as_those_of_the_simulation():
+    assert BRAKED_DAMPING == HOLDING_DAMPING
 
 
 def test_an_arm_without_gains_or_masses_is_refused():

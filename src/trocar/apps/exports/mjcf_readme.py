@@ -34,8 +34,8 @@ def _requirements(name: str) -> str:
     return (
         f"MuJoCo {POSITION.minimum} or later for `{name}.xml` and `{name}{PID.suffix}.xml` (the"
         f" integrator `discrete` is new in it), {MJX.minimum} or later for"
-        f" `{name}{MJX.suffix}.xml`. Tried with {TRIED}; `{MJX.suffix}` with {TRIED_MJX}. Nothing"
-        " else is needed, trocar neither."
+        f" `{name}{MJX.suffix}.xml`. The built-in arms and rigs were tried with {TRIED},"
+        f" `{MJX.suffix}` with {TRIED_MJX}. Nothing else is needed, trocar neither."
     )
 
 

@@ -16,7 +16,7 @@ def urdf_readme(task: Task, name: str, warnings: tuple[str, ...]) -> str:
             pin="[Path.cwd().parent]" if package else '["."]',
             drake=f'parser.package_map().Add("{package}", ".")\n' if package else "",
         ),
-        "To see it in RViz": RVIZ.format(name=name, package=package)
+        "To see it in RViz": RVIZ.format(name=name)
         if package
         else "RViz finds meshes in ROS packages only: export with `--package NAME`.",
         "Joints": _joints(task),

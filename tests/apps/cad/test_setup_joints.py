@@ -16,7 +16,7 @@ pytest.importorskip("build123d", reason="solids need the extra cad")
 from build123d import GeomType
 from build123d.topology import Shape
 
-from trocar.apps.cad import cart, kit, suj, table
+from trocar.apps.cad import cart, ecm, kit, psm, suj, table
 from trocar.apps.cad.draw import drawn
 from trocar.apps.cad.link import Link
 from trocar.apps.cad.sets import solid_sets
@@ -137,3 +137,15 @@ def test_the_tables_top_is_what_the_arms_may_touch():
     cushions = next(p.solid for p in one.parts if p.material == "drape").bounding_box()
     assert slab.bounding_box().max.Z == pytest.approx(cushions.max.Z) == pytest.approx(table.TOP)
     assert pytest.approx(cushions.size.Y) == slab.bounding_box().size.Y
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "carried"), [("suj_psm1", "psm"), ("suj_ecm", "ecm")])
+def test_what_holds_an_arm_does_not_run_through_its_base(name, carried):
+    module = {"psm": psm, "ecm": ecm}[carried]
+    base = next(k for k in module.links(load_arm(carried)) if k.frame == "base")
+    arm, last = load_arm(name), links_of(name)[-1]
+    at = poses(arm.mechanism, np.zeros(len(arm.mechanism.joints)), relative_to=last.frame)
+    stands = [part.solid.moved(kit.location(at["mount"])) for part in base.parts]
+    held = sum(shared(a, p.solid) for a in stands for p in last.parts)
+    assert held < 20.0  # at most a hair of the foot in its seat [mm^3]

@@ -172,13 +172,11 @@ def _hanger(m: Mechanism) -> Link:
     start = _face_of_upper_arm(m)
     seat = pose(m, np.zeros(len(m.joints)), "tip", "suj_4")
     plate = kit.rounded_box((-14, 0, -13), (124, 104, 26), 8.0, 20.0)
-    at = Plane(origin=tuple(1e3 * seat[:3, 3]), x_dir=tuple(seat[:3, 0]), z_dir=tuple(seat[:3, 2]))
-    foot = at.origin + at.z_dir * -30.0
-    bends = [
-        (0.0, start - 64.0, 44.0),
-        (-92.0, start - 170.0, 34.0),
-        (float(foot.Y), float(foot.Z), 36.0),
-    ]
+    at = kit.location(seat)
+    bends = [(0.0, start - 56.0, 42.0)]
+    for x, z, radius in ((-146.0, 52.0, 31.0), (-116.0, -22.0, 30.0), (-30.0, -34.0, 24.0)):
+        y, up = (kit.MM * seat[:3, 3] + seat[:3, 0] * x + seat[:3, 2] * z)[1:]
+        bends.append((float(y), float(up), radius))
     turn = Plane.YZ.location
     post = turn * kit.plate(kit.outline(bends), -33, 33, 9.0, round_off=True)
     drum = [
@@ -192,10 +190,10 @@ def _hanger(m: Mechanism) -> Link:
     parts = (
         Part("cover", post),
         Part("joint", kit.turning(_own(), drum)),
-        Part("casting", at.location * plate),
+        Part("casting", at * plate),
     )
-    touch = [turn * kit.plate(kit.hull(bends[k : k + 2]), -33, 33) for k in (0, 1)]
-    return Link("hanger", "suj_4", parts, (*touch, at.location * plate))
+    touch = [turn * kit.plate(kit.hull(bends[k : k + 2]), -33, 33) for k in (0, 1, 2)]
+    return Link("hanger", "suj_4", parts, (*touch, at * plate))
 
 
 def _own() -> Hinge:

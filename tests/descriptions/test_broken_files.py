@@ -25,6 +25,7 @@ def edited(source: Path, folder: Path, old: str, new: str) -> Path:
     return path
 
 
+YAW = 'solid = "psm/yaw"'
 ARM_FAULTS = [
     ("schema = 1", "schema = 2", "schema", "got 2; allowed: 1"),
     ("schema = 1", "", "schema", "got None; allowed: 1"),
@@ -77,21 +78,30 @@ ARM_FAULTS = [
     ("mass_kg = 1.4705", "mass_kg = 0.0", "body[0].mass_kg", "got 0; allowed: above 0"),
     ("mass_kg = 1.4705", "mass_g = 1470.5", "body[0].mass", "allowed keys: mass_kg"),
     (
-        "inertia_kgm2 = [0.01814, 0.01571, 0.008249, 4.3e-06, 7.3e-06, -0.000486]",
+        "inertia_kgm2 = [0.0095, 0.0082, 0.0095, 0.0, 0.0, 0.0]",
         "inertia_kgm2 = [0.1, 0.01, 0.01, 0, 0, 0]",
-        "body[0].inertia_kgm2",
+        "body[1].inertia_kgm2",
         "exceeds the sum of the others",
     ),
     (
-        "inertia_kgm2 = [0.01814, 0.01571, 0.008249, 4.3e-06, 7.3e-06, -0.000486]",
+        "inertia_kgm2 = [0.0095, 0.0082, 0.0095, 0.0, 0.0, 0.0]",
         "inertia_kgm2 = [0.01, 0.01, 0.0, 0, 0, 0]",
-        "body[0].inertia_kgm2",
+        "body[1].inertia_kgm2",
         "allowed above 0",
     ),
     ('[[body]]\nframe = "yaw"', '[[body]]\nframe = "yow"', "body.frame", "got 'yow'"),
-    ('kind = "cylinder"', 'kind = "cone"', "body[0].shape[0].kind", "box, capsule, cylinder"),
-    ("radius_mm = 50", "radius_mm = 0", "body[0].shape[0].radius", "must be positive"),
-    ('material = "cover"', 'material = "gold"', "body[0].shape[0].material", "casting"),
+    (YAW, 'shape = [{ kind = "cone" }]', "body[0].shape[0].kind", "box, capsule, cylinder"),
+    (
+        YAW,
+        'shape = [{ kind = "sphere", center_mm = [0, 0, 0], radius_mm = 0 }]',
+        "body[0].shape[0].radius",
+        "must be positive",
+    ),
+    (YAW, 'shape = [{ kind = "box", material = "gold" }]', "body[0].shape[0].material", "casting"),
+    (YAW, 'solid = "psm/yow"', "body[0].solid", "got 'psm/yow'; allowed: psm/base, psm/yaw"),
+    (YAW, 'solid = "yaw"', "body[0].solid", "allowed: "),
+    (YAW, "touches = true", "body[0].touches", "false where there is no `solid`"),
+    (YAW, "", "body[0].inertia_kgm2", "no shape to compute it from"),
     ("ratio = 0.6025", "ratio = 0.0", "counterweight.ratio", "above 0"),
     ('joint = "insertion"\nratio', 'joint = "insert"\nratio', "counterweight.joint", "'insert'"),
     ("yaw = { coulomb_nm", "yow = { coulomb_nm", "friction.identified", "got 'yow'"),

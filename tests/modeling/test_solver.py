@@ -76,5 +76,6 @@ def test_options_reach_the_model():
     assert model.opt.timestep == 0.002
     assert model.ngeom == 0
     drawn = rig_spec(rig, ModelOptions(decoration=True)).compile()
-    shapes = sum(len(b.shapes) for a in rig.arms for b in a.arm.bodies)
-    assert drawn.ngeom == shapes + sum(len(p.shapes) for p in rig.props)
+    shapes = [s for a in rig.arms for b in a.arm.bodies for s in b.shapes]
+    shapes += [s for prop in rig.props for s in prop.shapes]
+    assert drawn.ngeom == sum(s.visible or s.collide for s in shapes)

@@ -55,7 +55,9 @@ class Solid:
 def solid_names(folder: Path = DATA) -> tuple[str, ...]:
     """Return every solid of a folder of sets as "set/link", sorted."""
     files = sorted(folder.glob(f"*/{INDEX}"))
-    return tuple(f"{file.parent.name}/{link}" for file in files for link in _index(file).entries())
+    return tuple(
+        f"{file.parent.name}/{link}" for file in files for link in read_table(file).entries()
+    )
 
 
 @lru_cache(maxsize=1024)

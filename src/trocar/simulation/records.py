@@ -122,11 +122,11 @@ class Health:
 
 @dataclass(frozen=True, eq=False)
 class ShapeRecord:
-    """A shape to draw: on which body, how big, which colour.
+    """A shape to draw: on which body, how big, which colour; pieces that only touch are left out.
 
     `size` as in `descriptions.Shape`: half edges of a box, (radius, half length, 0) of a capsule
     or cylinder, (radius, 0, 0) of a sphere, farthest from its origin of a mesh [m]. `triangles`
-    of a mesh: vertices (n, 3) [m] and faces (m, 3).
+    of a mesh: vertices (n, 3) [m] and faces (m, 3); `normals`: its surface's at the vertices.
     """
 
     body: int
@@ -142,6 +142,7 @@ class ShapeRecord:
     frame: str
     collide: bool
     triangles: tuple[Array, NDArray[np.int64]] | None = None
+    normals: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,16 +11,16 @@ from trocar.simulation.records import ShapeRecord
 
 
 def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeRecord, ...]:
-    """Return every shape of a rig, props first, with the id of the body that carries it."""
+    """Return every visible shape of a rig, props first, with the id of the body that carries it."""
     found: list[ShapeRecord] = []
     for prop in rig.props:
         body = model.body(prop.name).id
-        for number, shape in enumerate(prop.shapes):
+        for number, shape in enumerate(s for s in prop.shapes if s.visible):
             found.append(_record(shape, body, f"{prop.name}/{number}", None, ""))
     for arm in rig.arms:
         for part in arm.arm.bodies:
             body = model.body(naming.scoped(arm.name, part.frame)).id
-            for number, shape in enumerate(part.shapes):
+            for number, shape in enumerate(s for s in part.shapes if s.visible):
                 name = f"{arm.name}/{part.frame}/{part.part}/{number}"
                 found.append(_record(shape, body, name, arm.name, part.frame))
     return tuple(found)
@@ -42,4 +42,5 @@ def _record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> 
         frame,
         shape.collide,
         None if shape.mesh is None else (shape.mesh.vertices, shape.mesh.faces),
+        None if shape.mesh is None else shape.mesh.normals,
     )

@@ -65,14 +65,14 @@ def solids_text(links: Sequence[DrawnLink]) -> str:
 def _section(link: DrawnLink) -> str:
     turn, weight = link.weight.gyration, link.weight
     moments = [turn[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
-    least = 1e-9 * float(np.trace(turn))
+    least = 1e-7 * float(np.trace(turn))
     entries: dict[str, Any] = {
         "frame": link.frame,
         "volume_mm3": _short(weight.volume),
-        "com_mm": [_short(v, 1e-6) for v in weight.com],
+        "com_mm": [_short(v, 1e-3) for v in weight.com],
         "gyration_mm2": [_short(v, least) for v in moments],
-        "lower_mm": [_short(v, 1e-6) for v in link.lower],
-        "upper_mm": [_short(v, 1e-6) for v in link.upper],
+        "lower_mm": [_short(v, 1e-3) for v in link.lower],
+        "upper_mm": [_short(v, 1e-3) for v in link.upper],
     }
     lines = [f"{key} = {value_text(value, key)}\n" for key, value in entries.items()]
     for key, pieces in (("visual", link.visual), ("convex", link.convex)):

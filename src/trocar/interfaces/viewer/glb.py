@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,11 +35,19 @@ class Finish:
 
 @dataclass(frozen=True)
 class Part:
-    """Triangles of one finish: vertices (n, 3) [m], faces (m, 3)."""
+    """Triangles of one finish.
+
+    Args:
+        vertices: (n, 3) [m]
+        faces: (m, 3)
+        finish: how they answer to light
+        normals: the surface's at the vertices, (n, 3); without them each triangle is drawn flat
+    """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     finish: Finish
+    normals: NDArray[np.float64] | None = None
 
 
 def pack(parts: Sequence[Part]) -> bytes:
@@ -47,17 +55,24 @@ def pack(parts: Sequence[Part]) -> bytes:
     blob = b""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
-    for part in parts:
+    primitives: list[dict[str, Any]] = []
+    for material, part in enumerate(parts):
+        first = len(accessors)
         for array, accessor in _accessors(part):
             views.append({"buffer": 0, "byteOffset": len(blob), "byteLength": array.nbytes})
             accessors.append({"bufferView": len(views) - 1, **accessor})
             blob += array.tobytes()
+        attributes = {"POSITION": first}
+        if part.normals is not None:
+            attributes["NORMAL"] = first + 1
+        last = len(accessors) - 1
+        primitives.append({"attributes": attributes, "indices": last, "material": material})
     document = {
         "asset": {"version": "2.0"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [_primitive(k) for k in range(len(parts))]}],
+        "meshes": [{"primitives": primitives}],
         "materials": [_material(part.finish) for part in parts],
         "accessors": accessors,
         "bufferViews": views,
@@ -68,16 +83,15 @@ def pack(parts: Sequence[Part]) -> bytes:
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
-def _accessors(part: Part):
+def _accessors(part: Part) -> Iterator[tuple[NDArray[Any], dict[str, Any]]]:
     points = part.vertices.astype("<f4")
     indices = part.faces.astype("<u4").ravel()
     bounds = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
     yield points, {"componentType": FLOAT, "count": len(points), "type": "VEC3", **bounds}
+    if part.normals is not None:
+        normals = part.normals.astype("<f4")
+        yield normals, {"componentType": FLOAT, "count": len(normals), "type": "VEC3"}
     yield indices, {"componentType": UNSIGNED_INT, "count": indices.size, "type": "SCALAR"}
-
-
-def _primitive(k: int) -> dict[str, Any]:
-    return {"attributes": {"POSITION": 2 * k}, "indices": 2 * k + 1, "material": k}
 
 
 def _material(finish: Finish) -> dict[str, Any]:

@@ -85,15 +85,18 @@ class Bodies:
 def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
     """Join the shapes of one body into one set of triangles per finish, in the body's frame."""
     parts: list[Part] = []
-    by_finish = sorted(shapes, key=lambda shape: repr(finish(shape)))
-    for look, group in groupby(by_finish, key=finish):
-        vertices, faces, count = [], [], 0
+    by_finish = sorted(shapes, key=lambda shape: (repr(finish(shape)), shape.normals is None))
+    for (look, flat), group in groupby(by_finish, key=lambda s: (finish(s), s.normals is None)):
+        vertices, normals, faces, count = [], [], [], 0
         for shape in group:
             points, triangles = shape.triangles or mesh(shape.kind, shape.size, shape.rounding)
             vertices.append(points @ shape.pose[:3, :3].T + shape.pose[:3, 3])
+            if shape.normals is not None:
+                normals.append(shape.normals @ shape.pose[:3, :3].T)
             faces.append(triangles + count)
             count += len(points)
-        parts.append(Part(np.concatenate(vertices), np.concatenate(faces), look))
+        smooth = None if flat else np.concatenate(normals)
+        parts.append(Part(np.concatenate(vertices), np.concatenate(faces), look, smooth))
     return parts
 
 

@@ -94,14 +94,30 @@ def read_tool(path: Path) -> ToolDescription:
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    table = _open(path)
+    return _read_tool(_open(path))
+
+
+def _read_tool(table: Table) -> ToolDescription:
     name, title = table.text("name"), table.text("title", "")
     source, tip = table.text("source"), table.text("tip")
     fits = table.texts("fits")
     parts = _read_parts(table, name)
     coupling = read_coupling(table)
     table.done()
-    return ToolDescription(name, title, source, str(path), fits, tip, parts, coupling)
+    return ToolDescription(name, title, source, table.file, fits, tip, parts, coupling)
+
+
+def read_mechanism(path: Path, tool: Path | None = None) -> ArmDescription:
+    """Read an arm and its tool without their bodies, as who draws these bodies needs it.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    return _read_arm(_bodiless(path), None if tool is None else _read_tool(_bodiless(tool)))
+
+
+def _bodiless(path: Path) -> Table:
+    return _open(path).without("body", "counterweight")
 
 
 def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
@@ -111,8 +127,11 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
         DescriptionError: naming file, key, what was got and what is allowed
         InputError: the tool is for arms of another generation
     """
-    table = _open(path)
-    name = table.text("name")
+    return _read_arm(_open(path), tool)
+
+
+def _read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
+    name, path = table.text("name"), table.file
     kind = table.text("type", allowed=ARM_TYPES)
     generation, title = table.text("generation", ""), table.text("title", "")
     source = table.text("source")
@@ -148,17 +167,17 @@ def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
     except DescriptionError:
         raise
     except TrocarError as problem:
-        raise DescriptionError(str(path), "frame", str(problem)) from problem
+        raise DescriptionError(path, "frame", str(problem)) from problem
     arm = ArmDescription(
         name=name,
         type=kind,
         generation=generation,
         title=title,
         source=source,
-        file=str(path),
+        file=path,
         mechanism=mechanism,
         joints=parts.joints,
-        bodies=_balanced(parts, mechanism, balance, str(path)),
+        bodies=_balanced(parts, mechanism, balance, path),
         friction=parts.friction,
         rotor=parts.rotor,
         control=parts.control,

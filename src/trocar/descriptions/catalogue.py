@@ -5,7 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from trocar.descriptions.arms import ToolDescription, read_arm, read_tool, tool_wanted
+from trocar.descriptions.arms import (
+    ToolDescription,
+    read_arm,
+    read_mechanism,
+    read_tool,
+    tool_wanted,
+)
 from trocar.descriptions.calibrated import Calibration, One, calibrated, calibrated_rig
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
@@ -43,6 +49,14 @@ def load_arm(
     wanted = tool_wanted(path) if tool is None else str(tool)
     arm = read_arm(path, None if wanted in ("", "none") else load_tool(wanted))
     return calibrated(arm, calibration)
+
+
+def load_mechanism(
+    name: str | Path, tool: str | Path = "none", calibration: One | None = None
+) -> ArmDescription:
+    """Load an arm with its tool as `load_arm` does, but without their bodies."""
+    mounted = None if tool == "none" else _find("tools", tool)
+    return calibrated(read_mechanism(_find("arms", name), mounted), calibration)
 
 
 def load_tool(name: str | Path) -> ToolDescription:

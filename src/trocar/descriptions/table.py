@@ -53,6 +53,12 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
+    def without(self, *keys: str) -> Table:
+        """Return this table as if these entries were not there."""
+        rest = Table({k: v for k, v in self._data.items() if k not in keys}, self.file, self.path)
+        rest._read |= self._read
+        return rest
+
     def raw(self, key: str, default: Any = None) -> Any:
         """Return an entry as TOML has it."""
         self._read.add(key)

@@ -75,7 +75,7 @@ def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
     visual = cast(Any, spec.visual)
     visual.global_.offwidth, visual.global_.offheight = size
     visual.quality.shadowsize = SHADOW
-    visual.headlight.ambient = [0.36] * 3
+    visual.headlight.ambient = [0.42] * 3
     visual.headlight.diffuse = [0.30] * 3
     visual.headlight.specular = [0.10] * 3
     world = cast(mujoco.MjsBody, spec.worldbody)
@@ -98,39 +98,47 @@ def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
 def _camera(
     model: mujoco.MjModel, data: mujoco.MjData, view: View, size: tuple[int, int]
 ) -> mujoco.MjvCamera:
+    """Return a camera that sees everything, and nearly fills the picture with it."""
     azimuth, elevation = VIEWS[view]
-    low, high = _bounds(model, data)
     turn, tilt = np.deg2rad(azimuth), np.deg2rad(elevation)
     ahead = np.array(
         [np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)], dtype=np.float64
     )
     right = np.array([np.sin(turn), -np.cos(turn), 0.0])
-    half = 0.5 * (high - low)
-    across, up = np.abs(right) @ half, np.abs(np.cross(right, ahead)) @ half
-    height = 2.0 * MARGIN * max(up, across * size[1] / size[0])
+    axes = np.stack([right, np.cross(right, ahead), ahead])
+    seen = _corners(model, data) @ axes.T
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    middle = 0.5 * (low + high)
+    aspect = size[0] / size[1]
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-    camera.lookat, camera.azimuth, camera.elevation = 0.5 * (low + high), azimuth, elevation
-    depth = float(np.abs(ahead) @ half)
+    camera.azimuth, camera.elevation = azimuth, elevation
     camera.orthographic = int(view != "three_quarter")
     if camera.orthographic:
-        model.vis.global_.fovy = height
-        camera.distance = depth + height
+        wide, tall, deep = MARGIN * (high - low)
+        model.vis.global_.fovy = max(tall, wide / aspect)
+        camera.distance = deep + tall
     else:
         model.vis.global_.fovy = FIELD_OF_VIEW
-        camera.distance = 0.5 * height / np.tan(0.5 * np.deg2rad(FIELD_OF_VIEW)) + 0.6 * depth
+        slope = np.tan(0.5 * np.deg2rad(FIELD_OF_VIEW)) / MARGIN
+        away = seen - middle
+        reach = np.maximum(np.abs(away[:, 1]), np.abs(away[:, 0]) / aspect) / slope
+        camera.distance = float((reach - away[:, 2]).max())
+    camera.lookat = middle @ axes
+    depth = 0.5 * float(high[2] - low[2])
     extent = float(model.stat.extent)
-    model.vis.map.znear = 0.1 * (camera.distance - depth) / extent
-    model.vis.map.zfar = 10.0 * (camera.distance + depth) / extent
+    model.vis.map.znear = max(0.02, 0.8 * (camera.distance - depth)) / extent
+    model.vis.map.zfar = 2.0 * (camera.distance + depth) / extent
     return camera
 
 
-def _bounds(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Array, Array]:
-    """Bound what is seen, in the world [m]."""
+def _corners(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
+    """Return the corners of the boxes around all that is seen, in the world, (n, 3) [m]."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), np.float64).reshape(3, 8).T
+    local = model.geom_aabb[:, None, :3] + signs * model.geom_aabb[:, None, 3:]
     turns = data.geom_xmat.reshape(-1, 3, 3)
-    middle = data.geom_xpos + (turns @ model.geom_aabb[:, :3, None])[..., 0]
-    reach = (np.abs(turns) @ model.geom_aabb[:, 3:, None])[..., 0]
-    return (middle - reach).min(axis=0), (middle + reach).max(axis=0)
+    world = np.einsum("nij,nkj->nki", turns, local) + data.geom_xpos[:, None]
+    return world.reshape(-1, 3)
 
 
 def _draw(

@@ -8,7 +8,8 @@ from importlib.util import find_spec
 
 from trocar.apps.cad.link import Link
 from trocar.apps.cad.tessellate import Fineness
-from trocar.descriptions import load_arm, names
+from trocar.descriptions import names
+from trocar.descriptions.catalogue import load_mechanism
 from trocar.descriptions.overlay_records import Overlay
 from trocar.errors import InputError
 
@@ -40,7 +41,7 @@ class SolidSet:
         found: dict[str, Link] = {}
         for arm, tool in self.arms:
             if overlay is None or overlay.arm == arm:
-                for link in draw(load_arm(arm, tool, overlay)):
+                for link in draw(load_mechanism(arm, tool, overlay)):
                     found.setdefault(link.name, link)
         return tuple(found.values())
 

@@ -18,6 +18,7 @@ from trocar.descriptions.overlay_file import (
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.warp import calibrated_bodies
 from trocar.errors import DescriptionError, InputError, LoopError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
 from trocar.geometry.se3 import transform
@@ -157,7 +158,10 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
     return replace(
         arm,
         mechanism=changed,
-        bodies=(*arm.bodies, *(pin_body(name, arm.name) for name in pins)),
+        bodies=(
+            *calibrated_bodies(arm, changed, overlay.file),
+            *(pin_body(name, arm.name) for name in pins),
+        ),
         rotor={**arm.rotor, **{pin_name(name): PIN_ROTOR_KG for name in pins}},
         overlay=overlay,
     )

@@ -22,6 +22,11 @@ def psm() -> LinkModel:
     return rig_links(lone_arm_rig(load_arm("psm")))
 
 
+def places(model: LinkModel) -> dict[Mesh, str]:
+    meshes = {s.mesh for link in model.links for s in link.shapes if s.mesh is not None}
+    return {mesh: f"meshes/{mesh.name}.obj" for mesh in meshes}
+
+
 def with_shapes(model: LinkModel, *shapes: Shape) -> LinkModel:
     """The first links alone, the second with these shapes."""
     links = tuple(
@@ -31,13 +36,13 @@ def with_shapes(model: LinkModel, *shapes: Shape) -> LinkModel:
 
 
 def test_the_same_rig_gives_the_same_bytes_indented_by_two(psm) -> None:
-    text = urdf(psm)
-    assert text == urdf(psm)
+    text = urdf(psm, places(psm))
+    assert text == urdf(psm, places(psm))
     assert b"\n  <link name=" in text and b"\n    <inertial>" in text and b"\t" not in text
 
 
 def test_joints_have_what_their_hinges_feel(psm) -> None:
-    root = etree.fromstring(urdf(psm))
+    root = etree.fromstring(urdf(psm, places(psm)))
     for joint in psm.joints:
         if joint.hinge is not None and not joint.follows:
             found = root.find(f"joint[@name='{joint.name}']")
@@ -51,14 +56,18 @@ def test_joints_have_what_their_hinges_feel(psm) -> None:
 
 
 def test_fingers_stop_where_they_meet(psm) -> None:
-    limit = etree.fromstring(urdf(psm)).find("joint[@name='PSM1_finger_left']/limit").attrib
+    limit = (
+        etree.fromstring(urdf(psm, places(psm)))
+        .find("joint[@name='PSM1_finger_left']/limit")
+        .attrib
+    )
     assert psm.joint("PSM1_finger_left").lower < 0.0 == float(limit["lower"])
 
 
 def test_what_has_no_limit_gets_a_large_number() -> None:
     model = rig_links(lone_arm_rig(load_arm("mtml")))
     assert not np.isfinite(model.joint("MTML_gripper_left").velocity)
-    text = urdf(model)
+    text = urdf(model, places(model))
     assert b"inf" not in text and b"nan" not in text
     limit = etree.fromstring(text).find("joint[@name='MTML_gripper_left']/limit").attrib
     assert float(limit["velocity"]) == UNLIMITED
@@ -89,7 +98,7 @@ def test_a_mesh_is_looked_up_where_its_file_is(psm) -> None:
 
 
 def test_each_material_is_defined_once_and_named_by_what_is_seen(psm) -> None:
-    root = etree.fromstring(urdf(psm))
+    root = etree.fromstring(urdf(psm, places(psm)))
     defined = [material.get("name") for material in root.findall("material")]
     assert len(defined) == len(set(defined))
     assert {m.get("name") for m in root.findall("link/visual/material")} == set(defined)

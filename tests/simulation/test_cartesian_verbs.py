@@ -221,7 +221,7 @@ def test_a_psm_s_pose_follows_the_endoscope_and_the_setup_joints_also_during_ser
     assert arm.servo_cp(arm.setpoint_cp().T)
     first, local = arm.measured_cp(), arm.local_measured_cp().T
     assert first.frame_id == "ECM"
-    assert scope.move_jr([0.1, 0.05, 0.0, 0.0]).wait(5.0)
+    assert scope.move_jr([-0.1, 0.05, 0.0, 0.0]).wait(5.0)
     second = arm.measured_cp().T
     setup.release_brakes()
     assert setup.move_jr([0.03, 0.0, 0.0, 0.0, 0.0, 0.0]).wait(10.0)

@@ -15,12 +15,13 @@ MATERIAL_FILE = "materials.mtl"
 
 
 def mesh_names(model: LinkModel) -> dict[Mesh, str]:
-    """Return a name for each mesh of a model; meshes that are alike have the same name."""
+    """Return a name for each mesh of a model that is seen or touches; alike ones have the same."""
     found: dict[Mesh, str] = {}
     owners: dict[str, Mesh] = {}
     for link in model.links:
         for shape in link.shapes:
-            if shape.mesh is None or shape.mesh in found:
+            used = shape.visible or shape.collide
+            if shape.mesh is None or shape.mesh in found or not used:
                 continue
             stem = shape.mesh.name or link.name
             name, k = stem, 1

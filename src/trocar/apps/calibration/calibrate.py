@@ -76,7 +76,8 @@ def calibrate(
     seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
     base = None if seen is None else base_axis(seen.report)
     datum = find_datum(axes, home, base)
-    measured = distances(axes, pairs, datum.points)
+    # Axes that are taken for parallel are compared where the tracks know them best.
+    measured = distances(axes, pairs, None if closure == "parallelogram" else datum.points)
     found_betas = betas(axes, home, lines, datum.at_home) if home.still else {}
     guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
     samples, enough = seen_samples(tracks, axes, home, guess)

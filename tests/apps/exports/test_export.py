@@ -206,6 +206,13 @@ def test_meshes_that_are_alike_are_one_file_and_others_of_the_same_name_another(
     assert list(mesh_names(model(triangle(0.3))).values()) == ["world"]
 
 
+def test_meshes_that_nobody_sees_or_touches_are_no_files(rig):
+    found = rig_links(rig)
+    meshes = {s.mesh for link in found.links for s in link.shapes if s.visible or s.collide}
+    assert set(mesh_names(found)) == meshes - {None}
+    assert any(s.mesh and s.mesh not in meshes for link in found.links for s in link.shapes)
+
+
 def test_no_meshes_make_no_folder(tmp_path, rig):
     bare = tuple(replace(b, shapes=()) for b in rig.arms[0].arm.bodies)
     arm = replace(rig.arms[0], arm=replace(rig.arms[0].arm, bodies=bare))

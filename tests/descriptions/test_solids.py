@@ -11,9 +11,11 @@ from scipy.spatial import ConvexHull
 
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.meshes import Mesh, open_edges
+from trocar.descriptions.records import Shape
 from trocar.descriptions.shapes import impossible
 from trocar.descriptions.solids import DATA, INDEX, Solid, read_solid, solid_names
 from trocar.errors import DescriptionError
+from trocar.kinematics.forward import pose
 
 PACKAGE = DATA.parents[2]
 ARMS = [(arm, "none") for arm in names("arms")] + [("psm", tool) for tool in names("tools")]
@@ -153,12 +155,62 @@ def test_the_package_stays_small() -> None:
     assert size <= 12e6
 
 
-def visible_triangles(name: str) -> int:
+def meshes_of(name: str) -> list[tuple[Shape, np.ndarray]]:
+    """Every mesh of a rig at its start, with its pose in the world."""
     rig = load_rig(name)
-    shapes = [s for arm in rig.arms for body in arm.arm.bodies for s in body.shapes]
-    shapes += [s for prop in rig.props for s in prop.shapes]
-    return sum(len(s.mesh.faces) for s in shapes if s.mesh is not None and s.visible)
+    found = [(s, prop.pose @ s.pose) for prop in rig.props for s in prop.shapes]
+    roots: dict[str, dict[str, np.ndarray]] = {}
+    for arm in rig.arms:
+        at = roots[arm.on][arm.frame] @ arm.pose if arm.on else arm.pose
+        mechanism, q = arm.arm.mechanism, rig.poses["start"][arm.name]
+        roots[arm.name] = {
+            f.name: at @ pose(mechanism, q, f.name, arm.arm.root) for f in mechanism.frames
+        }
+        found += [(s, roots[arm.name][b.frame] @ s.pose) for b in arm.arm.bodies for s in b.shapes]
+    return [(s, at) for s, at in found if s.mesh is not None]
+
+
+def triangles(shapes: list[tuple[Shape, np.ndarray]]) -> int:
+    return sum(len(s.mesh.faces) for s, _ in shapes if s.mesh is not None)
 
 
 def test_the_full_cart_has_no_more_triangles_than_a_page_can_show() -> None:
-    assert visible_triangles("full_cart") <= 120_000
+    meshes = meshes_of("full_cart")
+    assert triangles([m for m in meshes if m[0].visible]) <= 120_000
+    assert triangles([m for m in meshes if not m[0].visible]) <= 10_000
+
+
+def test_the_endoscope_sees_no_more_than_20_000_triangles() -> None:
+    """Those with a corner in a frustum of 80 deg across, the widest of the facts' cameras."""
+    rig = load_rig("full_cart")
+    scope = rig.arm("ECM")
+    setup = rig.arm(scope.on)
+    at = setup.pose @ pose(
+        setup.arm.mechanism, rig.poses["start"][setup.name], scope.frame, setup.arm.root
+    )
+    at = (
+        at
+        @ scope.pose
+        @ pose(scope.arm.mechanism, rig.poses["start"]["ECM"], "tip", scope.arm.root)
+    )
+    seen = 0
+    for shape, place in meshes_of("full_cart"):
+        if shape.mesh is None or not shape.visible:
+            continue
+        local = np.linalg.inv(at) @ place
+        points = shape.mesh.vertices @ local[:3, :3].T + local[:3, 3]
+        ahead = points[:, 2]
+        wide = np.abs(points[:, :2]) <= np.tan(np.deg2rad(40.0)) * ahead[:, None]
+        inside = (ahead > 0.01) & wide.all(axis=1)
+        seen += int(inside[shape.mesh.faces].any(axis=1).sum())
+    assert 0 < seen <= 20_000
+
+
+@pytest.mark.parametrize(
+    ("rig", "arms", "most"),
+    [("psm", "PSM1", 20_000), ("ecm", "ECM", 12_000), ("full_cart", "SUJ_PSM1", 6_000)],
+)
+def test_one_arm_keeps_to_its_share(rig: str, arms: str, most: int) -> None:
+    bodies = load_rig(rig).arm(arms).arm.bodies
+    shapes = [(s, s.pose) for b in bodies for s in b.shapes if s.visible and s.mesh is not None]
+    assert triangles(shapes) <= most

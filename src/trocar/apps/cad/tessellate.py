@@ -29,6 +29,9 @@ Ints = NDArray[np.int64]
 
 #: Digits of a coordinate [mm] and of a normal's component that are kept.
 DIGITS, NORMAL_DIGITS = 3, 2
+#: A normal shorter than this share of a face's longest has no direction, and how far away, as a
+#: share of the way to the middle of the face, it is looked for instead.
+LOST, NUDGE = 1e-6, 1e-3
 
 
 @dataclass(frozen=True)
@@ -92,31 +95,28 @@ def _faces(solid: Shape) -> Iterator[Triangles]:
         if face.wrapped.Orientation() == TopAbs_Orientation.TopAbs_REVERSED:
             faces = faces[:, ::-1]
         vertices = np.array(points, dtype=np.float64)
-        at = [found.UVNode(k).Coord() for k in count]
-        yield Triangles(vertices, _normals(face, at, vertices, faces), faces)
+        at = np.array([found.UVNode(k).Coord() for k in count], dtype=np.float64)
+        yield Triangles(vertices, _normals(face, at), faces)
 
 
-def _normals(face: Face, at: list[tuple[float, float]], vertices: Array, faces: Ints) -> Array:
+def _normals(face: Face, at: Array) -> Array:
     """Return the surface's outward unit normals at (u, v), (n, 3).
 
-    At the apex of a cone and the poles of a sphere, where a surface has none, it is the mean of the
-    triangles around.
+    At the apex of a cone and the poles of a sphere, where a surface has none, it is the one close
+    by, towards the middle of the face.
     """
     surface, point, normal = BRepGProp_Face(face.wrapped), gp_Pnt(), gp_Vec()
+    middle = 0.5 * (at.min(axis=0) + at.max(axis=0))
     found = np.empty((len(at), 3))
-    for k, (u, v) in enumerate(at):
-        surface.Normal(u, v, point, normal)
+
+    def read(k: int, place: Array) -> float:
+        surface.Normal(float(place[0]), float(place[1]), point, normal)
         found[k] = normal.Coord()
-    length = np.linalg.norm(found, axis=1)
-    lost = length < 1e-6 * max(float(length.max()), 1e-12)
-    if lost.any():
-        a, b, c = (vertices[faces[:, k]] for k in range(3))
-        flat = np.cross(b - a, c - a)
-        mean = np.zeros_like(found)
-        for k in range(3):
-            np.add.at(mean, faces[:, k], flat)
-        found[lost] = mean[lost]
-        length = np.linalg.norm(found, axis=1)
+        return float(np.linalg.norm(found[k]))
+
+    length = np.array([read(k, place) for k, place in enumerate(at)])
+    for k in np.flatnonzero(length < LOST * max(float(length.max()), 1e-12)):
+        length[k] = read(k, at[k] + NUDGE * (middle - at[k]))
     return found / np.maximum(length, 1e-12)[:, None]
 
 

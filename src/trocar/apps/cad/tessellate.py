@@ -116,7 +116,7 @@ def _normals(face: Face, at: Array) -> Array:
 
     length = np.array([read(k, place) for k, place in enumerate(at)])
     for k in np.flatnonzero(length < LOST * max(float(length.max()), 1e-12)):
-        length[k] = read(k, at[k] + NUDGE * (middle - at[k]))
+        length[k] = read(int(k), at[k] + NUDGE * (middle - at[k]))
     return found / np.maximum(length, 1e-12)[:, None]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 
 from trocar.apps.cad.link import Link
 from trocar.apps.cad.tessellate import Fineness
@@ -64,7 +63,7 @@ def solid_sets() -> dict[str, SolidSet]:
         SolidSet("cart", Fineness(1.0, 4.0)),
         SolidSet("table", Fineness(1.0, 4.0)),
     )
-    return {one.name: one for one in each if find_spec(f"trocar.apps.cad.{one.name}")}
+    return {one.name: one for one in each}
 
 
 def sets_of(overlay: Overlay) -> tuple[str, ...]:

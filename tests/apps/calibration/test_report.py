@@ -12,7 +12,7 @@ pytest.importorskip("matplotlib", reason="drawings need matplotlib (extra: plot)
 
 from trocar.apps.calibration import calibrate, read_tracks
 from trocar.apps.calibration.own_centre import own_centre
-from trocar.apps.calibration.rcm import centre_samples
+from trocar.apps.calibration.rcm_cloud import centre_samples
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.report import write_report
 from trocar.apps.mocap import MocapSettings, Noise, simulate_tracks, worn, write_tracks

@@ -56,6 +56,22 @@ def test_dropouts_and_gross_outliers_are_left_out():
     assert np.isnan(fit.points[np.isnan(T[:, 0, 0])]).all()
 
 
+def test_a_point_that_wanders_as_far_as_the_papers_ecm_keeps_its_samples():
+    rng = np.random.default_rng(6)
+    T, *_ = about_a_point(rng, **NOISE)
+    # Source: closed-loop paper, Table 7: 3.72, 2.45 and 1.33 mm, here along the angles' squares.
+    turned = T[:, :3, :3].transpose(0, 2, 1) @ T[0, :3, :3]
+    shape = np.stack([turned[:, 0, 1], turned[:, 0, 2] ** 2, turned[:, 1, 2]], axis=1)
+    shape -= shape.mean(axis=0)
+    T[:, :3, 3] += np.array([3.72e-3, 2.45e-3, 1.33e-3]) * shape / shape.std(axis=0)
+    wandering = pivot(T, rotation_sigma=NOISE["rotation"])
+    assert wandering.outliers == 0
+    T[::100, :3, 3] += 0.04 * rng.choice([-1.0, 1.0], (len(T[::100]), 1))
+    found = pivot(T, rotation_sigma=NOISE["rotation"])
+    assert found.outliers == len(T[::100])
+    assert found.rms == pytest.approx(wandering.rms, rel=0.02)
+
+
 def test_too_few_poses_are_refused():
     with pytest.raises(InputError, match="tracked in 5 of 5"):
         fit_pivot(np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3)))

@@ -10,17 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.axes import LEAST_SAMPLES
+from trocar.apps.calibration.home import still_start
+from trocar.apps.calibration.rcm_cloud import CloudPoint, centre_samples, over_cells
 from trocar.apps.calibration.rcm_frame import (
     CentreLinks,
     HingesAbout,
     Table7,
     about_hinges,
     centre_links,
+    resting,
     table7,
 )
 from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
+from trocar.geometry import inverse
 from trocar.kinematics.estimation import (
     PivotFit,
     fit_pivot_in_body,
@@ -35,25 +39,6 @@ Array = NDArray[np.float64]
 _WANDERS = 1.3
 # Source: our own choice; a file with six decimals has this much rounding. [m]
 _ROUNDING = 3e-6
-# Source: our own choice; Fig 9's cloud is averaged over so many cells of each joint's sweep, of
-# those that have a few samples.
-_CELLS, _LEAST_IN_CELL = 6, 5
-
-
-@dataclass(frozen=True, eq=False)
-class CloudPoint:
-    """Where the remote centre is estimated about one pose of the arm, as in the paper's Fig 9.
-
-    Attributes:
-        q: of yaw and pitch, (2,) [rad], 0 at the start or, if the arm did not stand still
-            there, in the middle of the sweep
-        position: mean of R tip + p in the base body, (3,) [m]
-        samples: that it is the mean of
-    """
-
-    q: Array
-    position: Array
-    samples: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +136,7 @@ def find_rcm(
     chosen, warnings = _chosen(tracks, links, bodies or {})
     base, body = chosen.poses[links.base], chosen.poses[links.body]
     check_together(chosen, links.base, links.body, LEAST_SAMPLES)
-    fit = fit_pivot_in_body(base, body)
+    fit = _fit(chosen.times, base, body)
     noise_rms = _noise_rms(base, body, fit)
     if fit.rms > max(_WANDERS * noise_rms, _ROUNDING):
         warnings.append(
@@ -176,6 +161,22 @@ def find_rcm(
         warnings=(*tracks.warnings, *warnings),
         hinges=hinges,
     )
+
+
+def _fit(times: Array, base: Array, body: Array) -> PivotFit:
+    """Fit the pivot to the sweep, without a still start.
+
+    A single pose that is held for long would count as many, and a centre that wanders would look
+    as if it did so less.
+    """
+    fit = fit_pivot_in_body(base, body)
+    moved = np.where(fit.used[:, None, None], inverse(resting(base)) @ body, np.nan)[:, :3].reshape(
+        -1, 12
+    )
+    still = still_start(times, {str(i): moved[:, i] for i in range(12)})
+    if still is None or np.count_nonzero(fit.used & ~still) < LEAST_SAMPLES:
+        return fit
+    return fit_pivot_in_body(base, np.where(still[:, None, None], np.nan, body))
 
 
 def _slips(tracks: Tracks, links: CentreLinks) -> list[str]:
@@ -216,28 +217,3 @@ def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
         position, rotation = white_noise(base)
         square += 3.0 * position**2 + 2.0 * rotation**2 * float(fit.post @ fit.post)
     return float(np.sqrt(square))
-
-
-def centre_samples(hinges: HingesAbout, fit: PivotFit) -> tuple[Array, Array]:
-    """Return joint positions (k, 2) [rad] and centres (k, 3) [m] of samples that have both."""
-    seen = fit.used & np.isfinite(hinges.q).all(axis=1)
-    return hinges.q[seen], fit.points[seen]
-
-
-def over_cells(q: Array, points: Array) -> tuple[CloudPoint, ...]:
-    """Average points over cells of yaw and pitch.
-
-    Args:
-        q: of each point, (n, 2) [rad]
-        points: (n, 3) [m]
-    """
-    if len(q) < _LEAST_IN_CELL:
-        return ()
-    low, width = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9) / _CELLS
-    cells = np.minimum((q - low) // width, _CELLS - 1).astype(int)
-    number = cells[:, 0] * _CELLS + cells[:, 1]
-    return tuple(
-        CloudPoint(q[inside].mean(axis=0), points[inside].mean(axis=0), int(inside.sum()))
-        for inside in (number == cell for cell in np.unique(number))
-        if inside.sum() >= _LEAST_IN_CELL
-    )

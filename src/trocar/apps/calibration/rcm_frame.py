@@ -20,11 +20,13 @@ from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
 from trocar.geometry import inverse, rotation_z, transform
+from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.kinematics.estimation import (
     LEAST_SPAN,
     HingeFit,
     PivotFit,
     fit_hinge,
+    not_gross,
     rest_pose,
 )
 from trocar.kinematics.forward import poses
@@ -163,10 +165,10 @@ def about_hinges(tracks: Tracks, links: CentreLinks) -> HingesAbout:
 def _fit(tracks: Tracks, a: str, b: str) -> HingeFit | None:
     if tracks.together(a, b).sum() < LEAST_SAMPLES:
         return None
-    return fit_hinge(inverse(_resting(tracks.poses[a])) @ tracks.poses[b])
+    return fit_hinge(inverse(resting(tracks.poses[a])) @ tracks.poses[b])
 
 
-def _resting(T: Array) -> Array:
+def resting(T: Array) -> Array:
     """Return the mean pose of a body where it rests, else its poses."""
     rest = rest_pose(T) if np.isfinite(T[:, 0, 0]).sum() > LEAST_SAMPLES else None
     return T if rest is None else rest.pose
@@ -232,7 +234,7 @@ def table7(
     if hinges.yaw is None or hinges.pitch is None:
         raise InputError(f"{links.arm.name}: yaw and pitch axis wanted, one is not known")
     up, along = hinges.yaw.in_b, hinges.pitch.in_a
-    centre, effect = _in_yaw_body(tracks, links, fit)
+    centre, effect = _in_yaw_body(tracks, links, hinges, fit)
     towards = np.array(TOWARDS.get(links.arm.type, TOWARDS["ECM"]))
     sense = hinges.senses[1]
 
@@ -252,12 +254,21 @@ def table7(
     return Table7(value[:3], sigma[:3], rms, axes), (float(value[3]), float(sigma[3]))
 
 
-def _in_yaw_body(tracks: Tracks, links: CentreLinks, fit: PivotFit) -> tuple[Array, Array]:
-    """Return the centre in the yaw body, (3,), and each sample's effect on it, (n, 3)."""
-    T = inverse(tracks.poses[links.yaw]) @ _resting(tracks.poses[links.base])
+def _in_yaw_body(
+    tracks: Tracks, links: CentreLinks, hinges: HingesAbout, fit: PivotFit
+) -> tuple[Array, Array]:
+    """Return the centre in the yaw body at yaw 0, (3,), and each sample's effect on it, (n, 3)."""
+    T = inverse(tracks.poses[links.yaw]) @ resting(tracks.poses[links.base])
+    if hinges.yaw is not None:
+        # A centre that is off the yaw axis goes round it as the body turns: back to where it was.
+        axis = hinges.yaw.in_b
+        turn = matrix_from_rotation_vector(
+            np.outer(hinges.senses[0] * hinges.q[:, 0], axis.direction)
+        )
+        T = transform(turn, axis.point - turn @ axis.point) @ T
     points = T[:, :3, :3] @ fit.post + T[:, :3, 3]
     away = np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)
-    used = away < 5.0 * np.nanmedian(away) + 1e-9
+    used = not_gross(away)
     centre = points[used].mean(axis=0)
     effect = fit.influence[:, 3:] @ T[used, :3, :3].mean(axis=0).T
     effect[used] += (points[used] - centre) / used.sum()

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from trocar.apps import pages
 from trocar.apps.calibration import report_draw as draw
 from trocar.apps.calibration.own_centre import OwnCentre, own_centre
-from trocar.apps.calibration.rcm import RcmReport, centre_samples, over_cells
+from trocar.apps.calibration.rcm import RcmReport
+from trocar.apps.calibration.rcm_cloud import centre_samples, over_cells
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.records import Calibration
 from trocar.descriptions import ArmDescription

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.geometry import home_points, shift_rows
-from trocar.apps.calibration.rcm import CloudPoint
+from trocar.apps.calibration.rcm_cloud import CloudPoint
 from trocar.apps.calibration.records import Calibration
 from trocar.apps.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 

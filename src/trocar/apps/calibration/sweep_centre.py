@@ -16,12 +16,9 @@ from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.geometry import inverse
-from trocar.kinematics.estimation import PivotFit
+from trocar.kinematics.estimation import PivotFit, not_gross
 
 Array = NDArray[np.float64]
-
-# Source: our own choice; samples farther than this many times the median are gross outliers.
-FAR = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +100,7 @@ def _from_axis(
     if not seen.any():
         return None
     away = np.linalg.norm(points - np.median(points[seen], axis=0), axis=1)
-    kept = seen & (away <= FAR * np.median(away[seen]) + 1e-9)
+    kept = not_gross(away)
     axis = axes.axis(hinge.name, body)
     between = points[kept] - axis.point
     along = between @ axis.direction

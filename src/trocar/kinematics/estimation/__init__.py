@@ -8,8 +8,10 @@ from trocar.kinematics.estimation.noise import white_noise
 from trocar.kinematics.estimation.pivot import LEAST_TURN, PivotFit, fit_pivot
 from trocar.kinematics.estimation.plain import fit_hinge_least_squares
 from trocar.kinematics.estimation.rest import RestPose, fit_pivot_in_body, rest_pose
+from trocar.kinematics.estimation.robust import GROSS_M, not_gross
 
 __all__ = [
+    "GROSS_M",
     "LEAST_SPAN",
     "LEAST_TURN",
     "SMALL_SPAN",
@@ -25,6 +27,7 @@ __all__ = [
     "fit_pivot",
     "fit_pivot_in_body",
     "likely_cause",
+    "not_gross",
     "refine_hinges",
     "rest_pose",
     "white_noise",

@@ -5,6 +5,9 @@ with noise sigma_R in it plain least squares draws the tip to the body. Here eve
 moved onto the model first, each part by its share of the noise (errors in variables), and the
 residuals are weighted by their covariance.
 
+A real centre wanders by millimetres. That is no error of a sample: all samples count but gross
+outliers, see `robust.not_gross`, and `rms` is what all of them miss the point by.
+
 Source: equations 3 to 5 of the closed-loop paper, section 4; equation 5 lacks the 1/n that its
 Table 7 needs, so the root mean square here has it.
 """
@@ -18,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, UndeterminedError
 from trocar.geometry.rotations import matrix_from_rotation_vector, skew
-from trocar.kinematics.estimation.robust import near, shared_point
+from trocar.kinematics.estimation.robust import not_gross, shared_point
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -28,12 +31,11 @@ Mask = NDArray[np.bool_]
 LEAST_TURN = 0.015
 #: Source: our choice; six unknowns need three poses.
 LEAST_POSES = 8
-# Source: our choice; chi-squared with three degrees of freedom exceeds it once in a million.
-_FAR_SQUARED = 31.0
 # Source: our choice; noise below this is rounding.
 _ROUNDING = 1e-11
-# Source: our choice; residuals of a tenth of their expected size are all rounding.
-_LEAST_SCALE = 1e-2
+# Source: our choice; samples that miss the point by less count alike in the first guess, so that
+# it is that of the whole sweep and not of the poses that one place of a wandering point fits. [m]
+_ALIKE = 1e-3
 _ROUNDS = 8
 _STEPS = 6
 
@@ -54,7 +56,7 @@ class PivotFit:
         used: which samples were, (n,)
         influence: effect of each sample's own residual on (tip, post), (n, 6) [m]; zero where
             unused
-        outliers: samples that were tracked but far off, and not used
+        outliers: samples that were tracked but grossly off, and not used
     """
 
     tip: Array
@@ -108,8 +110,7 @@ def fit_pivot(
     for _ in range(_ROUNDS):
         sigma = _noise(x, Rt, pt, used, rotation_sigma, relative)
         x, linear = _descend(x, Rt, pt, used, sigma)
-        far: Array = (linear[0] ** 2).sum(axis=1)
-        chosen = far < _FAR_SQUARED * max(float(far[used].mean()) / 3.0, _LEAST_SCALE)
+        chosen = not_gross(np.linalg.norm(Rt @ x[:3] + pt - x[3:], axis=1))
         if (chosen == used).all():
             break
         used = chosen
@@ -136,8 +137,8 @@ def _check(R: ArrayLike, p: ArrayLike) -> tuple[Array, Mask]:
 
 def _start(R: Array, p: Array) -> tuple[Array, Mask]:
     """Find a tip to start from, and the samples that are near it."""
-    _, tip, missed = shared_point(R, p, np.ones(len(R)), free=3)
-    return tip, near(missed)
+    _, tip, missed = shared_point(R, p, np.ones(len(R)), free=3, least=_ALIKE)
+    return tip, not_gross(missed)
 
 
 def _check_determined(R: Array) -> None:

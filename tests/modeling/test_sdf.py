@@ -205,7 +205,11 @@ def test_a_calibrated_arm_differs_from_the_drawn_one_in_what_the_overlay_moved(
     assert texts(drawn, "frame") == texts(real, "frame")
     unmoved = set(before) - moved - {"ground"}
     for name in unmoved:
-        same = [etree.tostring(named(root, "link", name)) for root in (drawn, real)]
+        links = [named(root, "link", name) for root in (drawn, real)]
+        if name == "PSM1_base":  # it carries the yaw axis, which its shape follows
+            for shape in [e for k in links for e in k if e.tag in ("visual", "collision")]:
+                shape.getparent().remove(shape)
+        same = [etree.tostring(link) for link in links]
         assert same[0] == same[1], name
     for name in texts(drawn, "joint"):
         if "_c1_" not in name and "_c2_" not in name:

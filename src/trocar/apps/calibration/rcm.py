@@ -15,12 +15,11 @@ from trocar.apps.calibration.rcm_cloud import CloudPoint, centre_samples, over_c
 from trocar.apps.calibration.rcm_frame import (
     CentreLinks,
     HingesAbout,
-    Table7,
     about_hinges,
     centre_links,
     resting,
-    table7,
 )
+from trocar.apps.calibration.table7 import Table7, table7
 from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError

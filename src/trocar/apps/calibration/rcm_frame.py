@@ -8,9 +8,7 @@ with the yaw link, in which the centre rests; spreads are told in it as it stand
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +17,11 @@ from trocar.apps.calibration.axes import LEAST_SAMPLES
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.geometry import inverse, rotation_z, transform
-from trocar.geometry.rotations import matrix_from_rotation_vector
+from trocar.geometry import inverse, transform
 from trocar.kinematics.estimation import (
     LEAST_SPAN,
     HingeFit,
-    PivotFit,
     fit_hinge,
-    not_gross,
     rest_pose,
 )
 from trocar.kinematics.forward import poses
@@ -38,7 +33,6 @@ Array = NDArray[np.float64]
 TOWARDS: dict[str, tuple[float, float, float]] = {"PSM": (0.0, -1.0, 0.0), "ECM": (1.0, 0.0, 0.0)}
 # Source: our own choice; a start that is still for so long gives the zero of the angles. [s], [rad]
 _STILL_S, _STILL_RAD = 0.5, 0.01
-_STEP = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,28 +80,6 @@ class HingesAbout:
     senses: tuple[float, float]
     q: Array
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Table7:
-    """The centre in the frame of the first two joint axes, from the pitch axis.
-
-    Attributes:
-        position, sigma: (3,) [m]
-        rms_axes: spread of the centre along each axis, (3,) [m]
-        axes: the frame's axes as columns, in the base body at the start, (3, 3)
-    """
-
-    position: Array
-    sigma: Array
-    rms_axes: Array
-    axes: Array
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
-        return {
-            "position_m": self.position, "sigma": self.sigma, "rms_xyz_m": self.rms_axes,
-        }  # fmt: skip
 
 
 def centre_links(arm: ArmDescription) -> CentreLinks:
@@ -217,64 +189,6 @@ def _senses(
     return (first, 1.0), (words,)
 
 
-def table7(
-    tracks: Tracks, links: CentreLinks, hinges: HingesAbout, fit: PivotFit
-) -> tuple[Table7, tuple[float, float]]:
-    """Tell the centre from the pitch axis in the frame of the first two joint axes.
-
-    Args:
-        tracks: of base and yaw link
-        links: which bodies they are
-        hinges: with both axes
-        fit: of the centre in the base body
-
-    Returns:
-        the centre in that frame, and its distance from the pitch axis with its 1-sigma [m]
-    """
-    if hinges.yaw is None or hinges.pitch is None:
-        raise InputError(f"{links.arm.name}: yaw and pitch axis wanted, one is not known")
-    up, along = hinges.yaw.in_b, hinges.pitch.in_a
-    centre, effect = _in_yaw_body(tracks, links, hinges, fit)
-    towards = np.array(TOWARDS.get(links.arm.type, TOWARDS["ECM"]))
-    sense = hinges.senses[1]
-
-    def told(x: Array) -> Array:
-        frame = axes_frame(x, sense, towards)
-        across = x[:3] - x[3:6] - (x[:3] - x[3:6]) @ x[6:9] * x[6:9]
-        position = frame[:3, :3].T @ (x[:3] - frame[:3, 3])
-        return np.asarray([*position, np.linalg.norm(across)], dtype=np.float64)
-
-    x = np.concatenate([centre, along.point, along.direction, up.point, up.direction])
-    influence = np.hstack([effect, along.influence, up.influence]) @ _slope(told, x).T
-    sigma = np.sqrt(np.sum(influence**2, axis=0))
-    value = told(x)
-    axes = _at_start(hinges) @ axes_frame(x, sense, towards)[:3, :3]
-    spread = (fit.points[fit.used] - fit.post) @ axes
-    rms = np.sqrt(np.mean(spread**2, axis=0))
-    return Table7(value[:3], sigma[:3], rms, axes), (float(value[3]), float(sigma[3]))
-
-
-def _in_yaw_body(
-    tracks: Tracks, links: CentreLinks, hinges: HingesAbout, fit: PivotFit
-) -> tuple[Array, Array]:
-    """Return the centre in the yaw body at yaw 0, (3,), and each sample's effect on it, (n, 3)."""
-    T = inverse(tracks.poses[links.yaw]) @ resting(tracks.poses[links.base])
-    if hinges.yaw is not None:
-        # A centre that is off the yaw axis goes round it as the body turns: back to where it was.
-        axis = hinges.yaw.in_b
-        turn = matrix_from_rotation_vector(
-            np.outer(hinges.senses[0] * hinges.q[:, 0], axis.direction)
-        )
-        T = transform(turn, axis.point - turn @ axis.point) @ T
-    points = T[:, :3, :3] @ fit.post + T[:, :3, 3]
-    away = np.linalg.norm(points - np.nanmedian(points, axis=0), axis=1)
-    used = not_gross(away)
-    centre = points[used].mean(axis=0)
-    effect = fit.influence[:, 3:] @ T[used, :3, :3].mean(axis=0).T
-    effect[used] += (points[used] - centre) / used.sum()
-    return centre, effect
-
-
 def axes_frame(x: Array, sense: float, towards: Array) -> Array:
     """Return the frame of the first two joint axes, (4, 4).
 
@@ -294,18 +208,3 @@ def axes_frame(x: Array, sense: float, towards: Array) -> Array:
     across_axes = np.column_stack([up, side, z])
     drawn = np.column_stack([towards, np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0]])
     return transform(across_axes @ drawn.T, origin)
-
-
-def _at_start(hinges: HingesAbout) -> Array:
-    """Return the rotation of the yaw body in the base where its angle is 0, (3, 3)."""
-    fit = hinges.yaw
-    if fit is None:
-        return np.eye(3)
-    zero = np.nanmedian(fit.angles - hinges.senses[0] * hinges.q[:, 0])
-    return fit.before[:3, :3] @ rotation_z(zero) @ fit.after[:3, :3]
-
-
-def _slope(of: Callable[[Array], Array], x: Array) -> Array:
-    """Return the derivative of a function of x, (m, n), by central differences."""
-    steps = _STEP * np.eye(len(x))
-    return np.stack([(of(x + s) - of(x - s)) / (2.0 * _STEP) for s in steps], axis=1)

@@ -9,19 +9,16 @@ from numpy.typing import NDArray
 
 from trocar.apps import pages
 from trocar.apps.calibration import report_draw as draw
-from trocar.apps.calibration.own_centre import OwnCentre, own_centre
 from trocar.apps.calibration.rcm import RcmReport
-from trocar.apps.calibration.rcm_cloud import centre_samples, over_cells
-from trocar.apps.calibration.rcm_frame import centre_links
+from trocar.apps.calibration.rcm_cloud import over_cells
+from trocar.apps.calibration.rcm_split import Split, split_centre
 from trocar.apps.calibration.records import Calibration
+from trocar.apps.calibration.table7 import Table7
 from trocar.descriptions import ArmDescription
-from trocar.descriptions.overlay import apply_overlay
 
 Array = NDArray[np.float64]
 
 MM = 1e3
-#: Samples of a sweep that the mechanism is computed at. Source: our own choice.
-MOST = 2000
 
 
 def check_report(folder: str | Path) -> Path:
@@ -146,51 +143,74 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
     )
     if seen.table7 is None or not seen.cloud:
         return text + '<p class="quiet">Yaw and pitch axis are not both known.</p>'
-    links = centre_links(arm)
-    q, points = (part[:: 1 + len(part) // MOST] for part in centre_samples(seen.hinges, seen.fit))
-    drawn = own_centre(arm.mechanism, links, q)
-    own = own_centre(apply_overlay(arm, found.overlay).mechanism, links, q)
-    text += (
-        "<p>Relative to the pitch axis, in the frame of the first two joint axes:</p>"
-        + _positions(seen, drawn, own)
-        + _spreads(seen, own)
-    )
-    turned = (points - points.mean(axis=0)) @ seen.table7.axes
+    split = split_centre(found, seen, arm)
+    text += _frame(seen.table7, split) + _positions(seen.table7, split)
+    text += _spreads(seen.table7, split)
     caption = (
         "The centre over cells of yaw and pitch; crosses: what the calibrated mechanism does by"
         " itself in the same sweep. Both about their means."
     )
-    dots, crosses = over_cells(q, turned), over_cells(q, own.cloud)
+    dots, crosses = over_cells(split.q, split.cloud), over_cells(split.q, split.own.cloud)
     return text + pages.picture(draw.clouds(dots, crosses), caption)
 
 
-def _positions(seen: RcmReport, drawn: OwnCentre, own: OwnCentre) -> str:
+def _frame(seen: Table7, split: Split) -> str:
+    """Tell how well the frame is known that the centre is told in."""
+    frame, lever = seen.frame, float(np.linalg.norm(split.position))
+    return (
+        "<h3>Simulation and hardware: the difference and its parts</h3>"
+        "<p>All relative to the pitch axis, in the frame of the first two joint axes. This frame is"
+        f" set up from the two axes as tracked: 1 sigma {_mm(frame.origin)} mm of its origin and"
+        f" {_mm(frame.turn)} mrad about its axes, to be carried {MM * lever:.1f} mm to the centre:"
+        " the rows &ldquo;frame set-up&rdquo;.</p>"
+    )
+
+
+def _positions(seen: Table7, split: Split) -> str:
     """Split the difference of the measured centre from the description's."""
-    assert seen.table7 is not None  # noqa: S101  the caller looked
-    at = seen.table7.position
+    part = split.place
     rows = [
-        ("description", drawn.position),
-        ("measured", at),
-        ("difference", at - drawn.position),
-        ("  by link lengths and axes (calibrated less description)", own.position - drawn.position),
-        ("  left unexplained", at - own.position),
-        ("  noise, 1 sigma", seen.table7.sigma),
+        ("description", part["description"]),
+        ("measured", split.position),
+        ("difference", split.position - part["description"]),
+        ("= link lengths", part["lengths"]),
+        ("+ axis errors", part["axes"]),
+        ("+ left unexplained", part["left"]),
+        ("1 sigma of frame set-up", seen.frame.position),
+        ("1 sigma of noise of the centre", seen.centre_sigma),
+        ("1 sigma of both", seen.sigma),
     ]
-    return _xyz("position [mm]", rows)
+    note = (
+        "<p>Link lengths: the sides as calibrated, and the linkage as far off the yaw axis as"
+        " measured, no axis leaning. Axis errors: what changes as they lean as measured. What is"
+        " left unexplained holds the error of the calibrated geometry itself, too.</p>"
+    )
+    return _xyz("position [mm]", rows) + note
 
 
-def _spreads(seen: RcmReport, own: OwnCentre) -> str:
+def _spreads(seen: Table7, split: Split) -> str:
     """Split the measured spread of the centre."""
-    assert seen.table7 is not None  # noqa: S101  the caller looked
-    total, noise = seen.table7.rms_axes, seen.noise_rms / np.sqrt(3.0)
-    left = np.sqrt(np.maximum(total**2 - own.rms_axes**2 - noise**2, 0.0))
+    part = {name: _rms(cloud) for name, cloud in split.clouds.items()}
     rows = [
-        ("measured", total),
-        ("  the mechanism by itself", own.rms_axes),
-        ("  noise (a third of its square for each axis)", np.full(3, noise)),
-        ("  left unexplained", left),
+        ("measured", _rms(split.cloud)),
+        ("the calibrated mechanism by itself", split.own.rms_axes),
+        ("of link lengths", part["lengths"]),
+        ("of axis errors", part["axes"]),
+        ("measured less mechanism", part["left"]),
+        ("of noise (a third of its square for each axis)", np.full(3, split.noise)),
+        ("left unexplained", split.unexplained),
+        ("1 sigma of frame set-up", seen.frame.spread),
     ]
-    return _xyz("spread, RMS [mm]", rows)
+    note = (
+        "<p>Sample by sample, link lengths + axis errors = mechanism, and mechanism + what it is"
+        " missed by = measured; their RMS need not add up, as one may undo the other. Noise and"
+        " what is left unexplained add as squares.</p>"
+    )
+    return _xyz("spread, RMS [mm]", rows) + note
+
+
+def _rms(cloud: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(cloud**2, axis=0)), dtype=np.float64)
 
 
 def _xyz(what: str, rows: list[tuple[str, Array]]) -> str:

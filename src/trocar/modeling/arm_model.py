@@ -20,7 +20,7 @@ from trocar.kinematics.tree import local_pose
 from trocar.modeling import naming
 from trocar.modeling.assets import add_material, add_mesh
 from trocar.modeling.contacts import ContactMask
-from trocar.modeling.hinges import hinge_of, merged
+from trocar.modeling.hinges import followers, hinge_of, merged
 from trocar.modeling.options import (
     CONTACT_FRICTION,
     CONTACT_IMPEDANCE,
@@ -298,26 +298,15 @@ def _add_couplings(
     spec: mujoco.MjSpec, name: str, arm: ArmDescription, options: ModelOptions
 ) -> None:
     """Tie frames that neither a motor nor a loop moves to the joint they follow."""
-    driven = {frame for joint in arm.joints for frame, _ in joint.drive}
-    passive = {frame for closure in arm.mechanism.closures for frame in closure.passive}
-    for frame in arm.mechanism.frames:
-        if frame.motion == "fixed" or frame.name in driven | passive:
-            continue
-        if len(frame.couplings) != 1:
-            raise InputError(
-                f"{arm.name}: frame {frame.name!r} follows more than one joint, which"
-                " only frames inside a loop may do"
-            )
-        follows, ratio = frame.couplings[0]
-        hinge, weight = arm.joint(follows).drive[0]
+    for frame, leader, ratio in followers(arm):
         _add_equality(
             spec,
-            naming.scoped(name, frame.name),
+            naming.scoped(name, frame),
             mujoco.mjtEq.mjEQ_JOINT,
             options,
-            name1=naming.scoped(name, frame.name),
-            name2=naming.scoped(name, hinge),
-            data=[0.0, ratio * weight],
+            name1=naming.scoped(name, frame),
+            name2=naming.scoped(name, leader),
+            data=[0.0, ratio],
         )
 
 

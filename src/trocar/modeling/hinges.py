@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import ArmDescription, Body, Friction, JointDescription
+from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -91,3 +92,26 @@ def merged(bodies: Sequence[Body]) -> tuple[float, Array, Array]:
         offset = b.com - com
         inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
     return mass, com, inertia
+
+
+def followers(arm: ArmDescription) -> tuple[tuple[str, str, float], ...]:
+    """Return the frames that neither a motor nor a loop moves: (frame, frame it follows, ratio).
+
+    Raises:
+        InputError: one follows more than one joint
+    """
+    found: list[tuple[str, str, float]] = []
+    driven = {frame for joint in arm.joints for frame, _ in joint.drive}
+    passive = {frame for closure in arm.mechanism.closures for frame in closure.passive}
+    for frame in arm.mechanism.frames:
+        if frame.motion == "fixed" or frame.name in driven | passive:
+            continue
+        if len(frame.couplings) != 1:
+            raise InputError(
+                f"{arm.name}: frame {frame.name!r} follows more than one joint, which"
+                " only frames inside a loop may do"
+            )
+        follows, ratio = frame.couplings[0]
+        lead, weight = arm.joint(follows).drive[0]
+        found.append((frame.name, lead, ratio * weight))
+    return tuple(found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,14 @@ from trocar.errors import InputError
 from trocar.kinematics.mechanism import Motion
 
 Array = NDArray[np.float64]
+
+#: What URDF and SDF call the joints that we have.
+KINDS: Mapping[str, Motion] = {
+    "fixed": "fixed",
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "prismatic": "prismatic",
+}
 
 
 class ForeignFileError(InputError):

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.foreign import solids
+from trocar.apps.foreign.mesh_finder import MeshFinder
 from trocar.apps.foreign.records import (
+    KINDS,
     ForeignFileError,
     ForeignJoint,
     ForeignLink,
@@ -23,7 +25,6 @@ from trocar.apps.foreign.records import (
     ForeignShape,
     as_tree,
 )
-from trocar.apps.foreign.urdf import MeshFinder
 from trocar.apps.foreign.xml_tree import Node, inertia_of, pose_of, read_xml
 from trocar.descriptions.records import Shape
 from trocar.geometry.se3 import inverse
@@ -32,9 +33,6 @@ Array = NDArray[np.float64]
 
 #: Infinite in SDF is any larger number than this. Source: sdformat, joint axis limits (1e16).
 UNLIMITED = 1e15
-KINDS = {"fixed": "fixed", "revolute": "revolute", "continuous": "revolute"} | {
-    "prismatic": "prismatic"
-}
 MODEL = ("link", "joint", "frame", "pose")
 #: Says how a simulator treats the model, not what it is.
 PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
@@ -196,7 +194,7 @@ class _Model:
         parent, child = node.need("parent").text(), node.need("child").text()
         at_child, here = self.at(child, node), self.at(name, node)
         pose = inverse(self.at(parent, node)) @ at_child
-        joint = ForeignJoint(name, KINDS[kind], parent, child, pose)  # type: ignore[arg-type]
+        joint = ForeignJoint(name, KINDS[kind], parent, child, pose)
         if kind == "fixed":
             return joint
         axis = node.need("axis")

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.foreign import solids
+from trocar.apps.foreign.mesh_finder import MeshFinder
 from trocar.apps.foreign.records import (
+    KINDS,
     ForeignFileError,
     ForeignJoint,
     ForeignLink,
@@ -27,9 +29,6 @@ Array = NDArray[np.float64]
 
 #: What other programs put beside the robot; it moves nothing.
 PASSED_OVER = ("gazebo", "transmission", "mujoco")
-KINDS = {"fixed": "fixed", "revolute": "revolute", "continuous": "revolute"} | {
-    "prismatic": "prismatic"
-}
 
 
 def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> ForeignModel:
@@ -55,38 +54,6 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> ForeignModel:
     passed = sorted({n.tag for n in root.children() if n.tag in PASSED_OVER})
     said = tuple(f"{path}: <{tag}> is passed over" for tag in passed)
     return ForeignModel(root.attribute("name"), str(path), tree, order, (), said)
-
-
-class MeshFinder:
-    """Finds the files that a robot's file names."""
-
-    def __init__(self, path: Path, packages: tuple[Path, ...]) -> None:
-        self._folder = path.resolve().parent
-        self._packages = packages
-
-    def find(self, node: Node, uri: str) -> Path:
-        """Return the file that a URI or relative path names.
-
-        Raises:
-            ForeignFileError: it is not there; where it was looked for is named
-        """
-        scheme, mark, rest = uri.partition("://")
-        if not mark:
-            places = [self._folder / uri]
-        elif scheme == "file":
-            places = [Path(rest)]
-        elif scheme in ("package", "model"):
-            name, _, inside = rest.partition("/")
-            above = [*self._packages, self._folder, *self._folder.parents]
-            places = [p / name / inside for p in above]
-            places += [p / inside for p in above if p.name == name or (p / "package.xml").is_file()]
-        else:
-            raise node.fail(f"got {uri!r}; allowed: a path, file://, package:// or model://")
-        found = next((place for place in places if place.is_file()), None)
-        if found is None:
-            near = ", ".join(str(place) for place in places[:3])
-            raise node.fail(f"{uri!r} is not there (looked for {near}); --package-path DIR helps")
-        return found
 
 
 def _colour(node: Node) -> Array | None:
@@ -163,7 +130,7 @@ def _joint(node: Node) -> ForeignJoint:
         raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
     joint = ForeignJoint(
         node.attribute("name"),
-        KINDS[kind],  # type: ignore[arg-type]
+        KINDS[kind],
         node.need("parent").attribute("link"),
         node.need("child").attribute("link"),
         _origin(node),

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from trocar.descriptions.records import RigArm
-from trocar.errors import InputError
 from trocar.kinematics.loops import loops_are_parallelograms
+from trocar.modeling.hinges import followers
 from trocar.modeling.markup import child
 from trocar.modeling.menagerie.bodies import Anchor, at_point
 from trocar.modeling.menagerie.sheet import Sheet
@@ -54,21 +54,8 @@ def add_couplings(sheet: Sheet, place: RigArm, hinges: Mapping[str, str], to: An
     Raises:
         InputError: one follows more than one joint
     """
-    arm = place.arm
-    driven = {frame for joint in arm.joints for frame, _ in joint.drive}
-    passive = {frame for closure in arm.mechanism.closures for frame in closure.passive}
-    for frame in arm.mechanism.frames:
-        if frame.motion == "fixed" or frame.name in driven | passive:
-            continue
-        if len(frame.couplings) != 1:
-            raise InputError(
-                f"{arm.name}: frame {frame.name!r} follows more than one joint, which"
-                " only frames inside a loop may do"
-            )
-        follows, ratio = frame.couplings[0]
-        lead, weight = arm.joint(follows).drive[0]
-        name = sheet.name(place.name, frame.name)
-        _tie(sheet, to, name, (hinges[frame.name], hinges[lead]), ratio * weight)
+    for frame, leader, ratio in followers(place.arm):
+        _tie(sheet, to, sheet.name(place.name, frame), (hinges[frame], hinges[leader]), ratio)
 
 
 def _tie(sheet: Sheet, to: Any, name: str, joints: tuple[str, str], ratio: float) -> None:

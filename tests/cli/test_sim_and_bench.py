@@ -16,7 +16,7 @@ from trocar.simulation import World
 
 REPORT = [
     "rig", "timestep_s", "simulated_s", "wall_s", "real_time_factor", "bare_real_time_factor",
-    "overhead", "loop_gap_um_max", "rcm_error_um_max",
+    "overhead", "overhead_at_rest", "loop_gap_um_max", "rcm_error_um_max",
     "rcm_wander_um_max", "branch_ok", "tracking_rms",
 ]  # fmt: skip
 

@@ -101,6 +101,12 @@ ARM_FAULTS = [
     (YAW, 'solid = "psm/yow"', "body[0].solid", "got 'psm/yow'; allowed: psm/base, psm/yaw"),
     (YAW, 'solid = "yaw"', "body[0].solid", "allowed: "),
     (YAW, "touches = true", "body[0].touches", "false where there is no `solid`"),
+    (
+        YAW,
+        'solid = "psm/yaw"\ntouches = "hull"',
+        "body[0].touches",
+        'true, false, "box", "capsule"',
+    ),
     (YAW, "", "body[0].inertia_kgm2", "no shape to compute it from"),
     ("ratio = 0.6025", "ratio = 0.0", "counterweight.ratio", "above 0"),
     ('joint = "insertion"\nratio', 'joint = "insert"\nratio', "counterweight.joint", "'insert'"),

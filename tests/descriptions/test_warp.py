@@ -17,7 +17,7 @@ from trocar.descriptions.overlay import (
     closure_patch,
     frame_patch,
 )
-from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.records import ArmDescription, Shape
 from trocar.descriptions.solids import DATA
 from trocar.descriptions.warp import carried_axes, warp
 from trocar.kinematics.forward import pose
@@ -113,3 +113,32 @@ def test_shapes_drawn_for_a_robot_are_taken_from_beside_its_overlay(tmp_path: Pa
     assert own is not None and old is not None and own is not old
     np.testing.assert_array_equal(own.vertices, old.vertices)
     assert [s.collide for s in bar.shapes] == [s.collide for s in nominal.shapes]
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_what_touches_of_a_longer_bar_is_as_long_as_the_bar(name: str) -> None:
+    arm, robot = longer(name)
+    before, after = (touched(one, "pitch_bottom") for one in (arm, robot))
+    assert before.kind == after.kind == "box" and before.hull == after.hull == "capsule"
+    ends = [shape.pose[0, 3] + np.array([-1.0, 1.0]) * shape.size[0] for shape in (before, after)]
+    np.testing.assert_allclose(ends[1] - ends[0], [0.0, 0.004], atol=2e-4)
+    np.testing.assert_allclose(before.size[1:], after.size[1:], atol=1e-4)
+
+
+def test_a_box_that_touches_is_about_all_convex_pieces() -> None:
+    arm = load_arm("psm", "none")
+    (body,) = (body for body in arm.bodies if body.frame == "pitch_end")
+    pieces = [s for s in body.shapes if s.mesh is not None and not s.visible]
+    corners = np.concatenate([s.mesh.vertices for s in pieces if s.mesh is not None])
+    box = touched(arm, "pitch_end")
+    middle = box.pose[:3, 3]
+    assert len(pieces) > 1 and not any(s.collide for s in pieces)
+    np.testing.assert_allclose(middle - box.size, corners.min(axis=0), atol=1e-12)
+    np.testing.assert_allclose(middle + box.size, corners.max(axis=0), atol=1e-12)
+
+
+def touched(arm: ArmDescription, frame: str) -> Shape:
+    """The one shape of a link that collides."""
+    (body,) = (body for body in arm.bodies if body.frame == frame)
+    (shape,) = (shape for shape in body.shapes if shape.collide)
+    return shape

@@ -18,6 +18,8 @@ from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
 
 Array = NDArray[np.float64]
+#: What of a drawn solid collides: nothing, its convex pieces, or a box or capsule about them all.
+Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 
 #: Name of the stereo display's frame, in which the poses of masters are told. Source: the dVRK's
@@ -69,6 +71,7 @@ class Body:
         source: where the numbers are from
         part: the file's name: the arm's or the tool's
         solid: the drawn solid, "set/link", whose meshes are among the shapes; "" without one
+        touches: what of that solid collides
     """
 
     frame: str
@@ -80,6 +83,7 @@ class Body:
     source: str
     part: str
     solid: str = ""
+    touches: Touches = "nothing"
 
 
 @dataclass(frozen=True)

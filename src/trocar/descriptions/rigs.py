@@ -20,7 +20,8 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.shapes import read_body, read_drawn, read_shape, seen_and_touched
+from trocar.descriptions.shapes import read_body, read_drawn, read_shape, read_touches
+from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -116,7 +117,9 @@ def _read_prop(row: Table) -> Prop:
     if "description" in row:
         prop = Prop(name, at, _read_prop_file(row))
     else:
-        drawn = seen_and_touched(row, read_drawn(row))
+        solid = read_drawn(row)
+        touches = read_touches(row, solid)
+        drawn = () if solid is None else seen_and_touched(solid, touches)
         prop = Prop(name, at, (*drawn, *(read_shape(s) for s in row.tables("shape"))))
     row.text("source", "")
     row.done()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Literal, cast
 
 import numpy as np
@@ -10,8 +9,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
-from trocar.descriptions.records import Body, Shape, ShapeKind
-from trocar.descriptions.solids import Solid, read_solid, solid_names
+from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
+from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
@@ -103,7 +102,9 @@ def read_body(table: Table, part: str) -> Body:
     if mass <= 0.0:
         raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
     solid = read_drawn(table)
-    shapes = (*seen_and_touched(table, solid), *map(read_shape, table.tables("shape")))
+    touches = read_touches(table, solid)
+    drawn = () if solid is None else seen_and_touched(solid, touches)
+    shapes = (*drawn, *map(read_shape, table.tables("shape")))
     com, inertia, origin = _uniform(table, solid, shapes, mass)
     com = table.vector("com", 3, "length", default=com)
     if origin == "source":
@@ -115,7 +116,7 @@ def read_body(table: Table, part: str) -> Body:
     source = table.text("source", "")
     table.done()
     name = "" if solid is None else solid.name
-    return Body(frame, mass, com, inertia, shapes, origin, source, part, name)
+    return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 
 def read_drawn(table: Table) -> Solid | None:
@@ -136,14 +137,18 @@ def read_drawn(table: Table) -> Solid | None:
         raise table.fail("solid", f"got {name!r}; allowed: {allowed}") from None
 
 
-def seen_and_touched(table: Table, solid: Solid | None) -> tuple[Shape, ...]:
-    """Return the shapes of a solid; its convex pieces touch if the table says so."""
-    touches = table.flag("touches", False)
-    if solid is None:
-        if touches:
-            raise table.fail("touches", "got true; allowed: false where there is no `solid`")
-        return ()
-    return (*solid.visual, *(replace(piece, collide=touches) for piece in solid.convex))
+def read_touches(table: Table, solid: Solid | None) -> Touches:
+    """Return what of a solid collides, as the table says."""
+    value = table.raw("touches", False)
+    if solid is None and value is not False:
+        raise table.fail("touches", f"got {value!r}; allowed: false where there is no `solid`")
+    if value is False:
+        return "nothing"
+    if value is True:
+        return "pieces"
+    if value in ("box", "capsule"):
+        return cast(Touches, value)
+    raise table.fail("touches", f'got {value!r}; allowed: true, false, "box", "capsule"')
 
 
 def _uniform(

@@ -5,7 +5,7 @@ A folder of solids holds solids.toml and the OBJ files that it names, in millime
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
-from trocar.descriptions.records import Shape
+from trocar.descriptions.records import Shape, Touches
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError
+from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,31 @@ class Solid:
     upper: Array
     visual: tuple[Shape, ...]
     convex: tuple[Shape, ...]
+
+
+def seen_and_touched(solid: Solid, touches: Touches) -> tuple[Shape, ...]:
+    """Return the shapes of a solid: what is seen of it, and what of it collides."""
+    pieces = (replace(piece, collide=touches == "pieces") for piece in solid.convex)
+    if touches in ("nothing", "pieces"):
+        return (*solid.visual, *pieces)
+    about = box_about(solid.convex)
+    if touches == "capsule":
+        about = replace(about, hull="capsule")
+    return (*solid.visual, *pieces, about)
+
+
+def box_about(pieces: tuple[Shape, ...]) -> Shape:
+    """Return the box about meshes, which is not seen."""
+    corners = [
+        piece.mesh.vertices @ piece.pose[:3, :3].T + piece.pose[:3, 3]
+        for piece in pieces
+        if piece.mesh is not None
+    ]
+    points = np.concatenate(corners)
+    lower, upper = points.min(axis=0), points.max(axis=0)
+    pose = transform(np.eye(3), 0.5 * (lower + upper))
+    size = 0.5 * (upper - lower)
+    return Shape("box", pose, size, UNSEEN, weigh=False, visible=False)
 
 
 def solid_names(folder: Path = DATA) -> tuple[str, ...]:

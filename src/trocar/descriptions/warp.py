@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import hinge_side
 from trocar.descriptions.records import ArmDescription, Body, Shape
-from trocar.descriptions.solids import read_solid
-from trocar.geometry.se3 import inverse
+from trocar.descriptions.solids import read_solid, seen_and_touched
+from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 #: Weight of an axis is its distance to the power of minus this. Source: our own choice: the bosses
 #: around an axis move with it as one piece, and the middle of a rod shares its ends' ways.
 POWER = 3.0
+#: Corners of a box of half edges 1.
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 #: Nearer than this a point lies on the axis; axes that moved less have not moved. [m]
 NEAR = 1e-9
 
@@ -69,20 +71,25 @@ def _calibrated(body: Body, axes: tuple[CarriedAxis, ...], folder: Path | None) 
         except KeyError:
             pass  # of another arm or of a tool
         else:
-            touches = any(s.collide for s in body.shapes if s.mesh is not None and not s.visible)
-            pieces = (replace(piece, collide=touches) for piece in solid.convex)
-            others = (s for s in body.shapes if s.mesh is None)
-            return replace(body, shapes=(*solid.visual, *pieces, *others))
+            nominal = len(seen_and_touched(read_solid(body.solid), body.touches))
+            drawn = seen_and_touched(solid, body.touches)
+            return replace(body, shapes=(*drawn, *body.shapes[nominal:]))
     if not any(axis.moved for axis in axes):
         return body
     return replace(body, shapes=tuple(_warped(shape, axes) for shape in body.shapes))
 
 
 def _warped(shape: Shape, axes: tuple[CarriedAxis, ...]) -> Shape:
-    """Return a shape whose mesh has moved with the axes; itself without a mesh."""
+    """Return a shape whose mesh, or box that is only touched, has moved with the axes."""
+    turn, at = shape.pose[:3, :3], shape.pose[:3, 3]
+    if shape.kind == "box" and not shape.visible:
+        corners = shape.size * CORNERS
+        moved = (warp(corners @ turn.T + at, axes) - at) @ turn
+        lower, upper = moved.min(axis=0), moved.max(axis=0)
+        place = shape.pose @ transform(np.eye(3), 0.5 * (lower + upper))
+        return replace(shape, pose=place, size=0.5 * (upper - lower))
     if shape.mesh is None:
         return shape
-    turn, at = shape.pose[:3, :3], shape.pose[:3, 3]
     moved = warp(shape.mesh.vertices @ turn.T + at, axes)
     vertices = (moved - at) @ turn
     mark = hashlib.sha256(np.round(vertices, 9).tobytes()).hexdigest()[:8]

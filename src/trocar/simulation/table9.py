@@ -32,9 +32,10 @@ class Table9Row:
     """One configuration.
 
     Attributes:
-        overhead: bare over own real-time factor; the bare model's arms rest
-        overhead_in_motion: own time over that of mj_step in the same motion
-        collision_cost: time of a step with over without bodies that collide
+        bare_real_time_factor: of mj_step alone, in the same motion
+        overhead: own time over that of mj_step in the same motion
+        overhead_at_rest: own time over that of one call of mj_step while the arms rest
+        collision_cost: time of mj_step with over without bodies that collide, while the arms rest
     """
 
     configuration: str
@@ -43,7 +44,7 @@ class Table9Row:
     real_time_factor: float
     bare_real_time_factor: float
     overhead: float
-    overhead_in_motion: float
+    overhead_at_rest: float
     collision_cost: float
     paper: float
     goal: float
@@ -90,16 +91,18 @@ def table9(
         for _ in range(passes):
             with_bodies = time_beside_bare(own, trajectory, every, passes=1)
             without = time_beside_bare(free, trajectory, every, passes=1)
-            ratios.append(with_bodies.bare / without.bare)
+            ratios.append(with_bodies.at_rest / without.at_rest)
             factors.append(
                 (
                     with_bodies.real_time_factor,
                     with_bodies.bare_real_time_factor,
                     with_bodies.overhead,
-                    with_bodies.overhead_in_motion,
+                    with_bodies.overhead_at_rest,
                 )
             )
-        factor, bare, overhead, moving = map(statistics.median, zip(*factors, strict=True))
+        factor, bare, overhead, resting = map(statistics.median, zip(*factors, strict=True))
         cost = statistics.median(ratios)
-        rows.append(Table9Row(label, rig, setup, factor, bare, overhead, moving, cost, paper, goal))
+        rows.append(
+            Table9Row(label, rig, setup, factor, bare, overhead, resting, cost, paper, goal)
+        )
     return rows

@@ -20,17 +20,19 @@ class Timing:
     Attributes:
         simulated: simulated time of a pass [s]
         own: the world with targets written and samples taken [s]
-        bare: the same model from the same start, one call of mj_step alone: its arms rest [s]
+        bare: mj_step alone, of the same model in the same motion [s]
+        at_rest: one call of mj_step alone from the same start: the arms rest, which is cheaper [s]
         overhead: own / bare, the median of the passes' ratios
-        overhead_in_motion: own / what mj_step takes of the same motion, likewise
+        overhead_at_rest: own / at rest, likewise
         recording: samples of the last own pass
     """
 
     simulated: float
     own: float
     bare: float
+    at_rest: float
     overhead: float
-    overhead_in_motion: float
+    overhead_at_rest: float
     recording: Recording
 
     @property
@@ -40,7 +42,7 @@ class Timing:
 
     @property
     def bare_real_time_factor(self) -> float:
-        """The same of MuJoCo alone."""
+        """The same of MuJoCo alone, in the same motion."""
         return self.simulated / self.bare
 
 
@@ -49,7 +51,8 @@ def time_beside_bare(
 ) -> Timing:
     """Play a trajectory, step the same model alone, and play with a clock around mj_step, in turn.
 
-    An arm at rest is cheaper to step than one in motion, so the second ratio is the smaller one.
+    An arm at rest is cheaper to step than one in motion (fewer iterations of the solver), so the
+    overhead that Python costs is told beside the same motion, and the other ratio is the larger.
 
     Args:
         world: is reset before each pass
@@ -60,7 +63,7 @@ def time_beside_bare(
     count = every * len(next(iter(trajectory.positions.values())))
     own: list[float] = []
     bare: list[float] = []
-    moving: list[float] = []
+    at_rest: list[float] = []
     recording: Recording | None = None
     for _ in range(passes):
         begin_trajectory(world, trajectory)
@@ -70,8 +73,8 @@ def time_beside_bare(
         begin_trajectory(world, trajectory)
         before = time.perf_counter()
         mujoco.mj_step(world._model, world._data, nstep=count)
-        bare.append(time.perf_counter() - before)
-        moving.append(_seconds_in_mujoco(world, trajectory, every))
+        at_rest.append(time.perf_counter() - before)
+        bare.append(_seconds_in_mujoco(world, trajectory, every))
     world.reset()
     if recording is None:
         raise ValueError(f"passes: got {passes}; allowed: 1 or more")
@@ -79,8 +82,9 @@ def time_beside_bare(
         count * world.timestep,
         statistics.median(own),
         statistics.median(bare),
+        statistics.median(at_rest),
         statistics.median(o / b for o, b in zip(own, bare, strict=True)),
-        statistics.median(o / m for o, m in zip(own, moving, strict=True)),
+        statistics.median(o / r for o, r in zip(own, at_rest, strict=True)),
         recording,
     )
 

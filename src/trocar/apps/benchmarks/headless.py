@@ -29,6 +29,7 @@ class HeadlessReport:
     real_time_factor: float
     bare_real_time_factor: float
     overhead: float
+    overhead_at_rest: float
     loop_gap_um_max: float
     rcm_error_um_max: float | None
     rcm_wander_um_max: float | None
@@ -73,6 +74,7 @@ def run_headless(
         real_time_factor=timing.simulated / wall,
         bare_real_time_factor=timing.bare_real_time_factor,
         overhead=timing.overhead,
+        overhead_at_rest=timing.overhead_at_rest,
         loop_gap_um_max=1e6 * gap,
         rcm_error_um_max=1e6 * rcm if centred else None,
         rcm_wander_um_max=1e6 * world.health().rcm_wander_m if centred else None,

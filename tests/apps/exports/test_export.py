@@ -11,7 +11,7 @@ import pytest
 
 from trocar.apps.exports import export, find_rig
 from trocar.apps.exports.formats import FORMATS
-from trocar.apps.exports.meshes import mesh_names, obj, write_meshes
+from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.task import Format, Options, Task
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
@@ -19,6 +19,7 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.modeling.links import rig_links
+from trocar.modeling.mesh_files import mesh_names, obj
 
 
 @pytest.fixture(autouse=True)

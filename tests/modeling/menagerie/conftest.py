@@ -8,12 +8,12 @@ from dataclasses import replace
 import mujoco
 import pytest
 
-from trocar.apps.exports.meshes import mesh_names, obj
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
 from trocar.modeling.links import rig_links
 from trocar.modeling.menagerie import POSITION, Variant, mjcf_document
+from trocar.modeling.mesh_files import mesh_names, obj
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).
 ARMS = tuple(name for name in names("arms") if not name.endswith("_si"))

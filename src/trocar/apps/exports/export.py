@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from trocar.apps.exports.formats import FORMATS
-from trocar.apps.exports.meshes import mesh_names
 from trocar.apps.exports.task import Options, Task
 from trocar.apps.folders import check_folder, whole_folder
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.links import LinkModel, rig_links
 from trocar.modeling.markup import lxml_etree
+from trocar.modeling.mesh_files import mesh_names
 
 
 @dataclass(frozen=True)

@@ -1,47 +1,12 @@
-"""The meshes of an export: a name for each, and the files."""
+"""The meshes of an export, written into its folder."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
-from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
-from trocar.modeling.links import LinkModel
-
-MATERIAL_FILE = "materials.mtl"
-
-
-def mesh_names(model: LinkModel) -> dict[Mesh, str]:
-    """Return a name for each mesh of a model that is seen or touches; alike ones have the same."""
-    found: dict[Mesh, str] = {}
-    owners: dict[str, Mesh] = {}
-    for link in model.links:
-        for shape in link.shapes:
-            used = shape.visible or shape.collide
-            if shape.mesh is None or shape.mesh in found or not used:
-                continue
-            stem = shape.mesh.name or link.name
-            name, k = stem, 1
-            while name in owners and not _alike(owners[name], shape.mesh):
-                k += 1
-                name = f"{stem}_{k}"
-            owners.setdefault(name, shape.mesh)
-            found[shape.mesh] = name
-    return found
-
-
-def _alike(one: Mesh, other: Mesh) -> bool:
-    same = np.array_equal(one.vertices, other.vertices)
-    return same and np.array_equal(one.faces, other.faces)
-
-
-def seen_materials(model: LinkModel) -> dict[Mesh, str]:
-    """Return what each mesh that is seen is made of: rows of `descriptions.materials`."""
-    shapes = [s for link in model.links for s in link.shapes if s.visible]
-    return {s.mesh: s.material for s in reversed(shapes) if s.mesh is not None}
+from trocar.modeling.mesh_files import mesh_files
 
 
 def write_meshes(
@@ -52,42 +17,8 @@ def write_meshes(
     Args:
         meshes: {mesh: its name}
         folder: where; is made when there is a mesh
-        materials: {mesh: a row of `descriptions.materials`}: these get their colour from a file
-            beside them, for programs that look for it nowhere else
+        materials: as `mesh_files` takes them
     """
-    if not meshes:
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    made_of = dict(materials or {})
-    if made_of:
-        (folder / MATERIAL_FILE).write_bytes(mtl(sorted(set(made_of.values()))))
-    for mesh, name in meshes.items():
-        (folder / f"{name}.obj").write_bytes(obj(mesh, made_of.get(mesh, "")))
-
-
-def obj(mesh: Mesh, material: str = "") -> bytes:
-    """Return a mesh as a Wavefront OBJ file: corners to a nanometre, normals where it has them."""
-    lines = [f"mtllib {MATERIAL_FILE}\n"] if material else []
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in np.round(mesh.vertices, 9) + 0.0]
-    if mesh.normals is not None:
-        normals = np.round(mesh.normals, 4) + 0.0
-        lines += [f"vn {x:.4g} {y:.4g} {z:.4g}\n" for x, y, z in normals]
-    lines += [f"usemtl {material}\n"] if material else []
-    corner = "{0}" if mesh.normals is None else "{0}//{0}"
-    face = f"f {corner} {corner.replace('0', '1')} {corner.replace('0', '2')}\n"
-    return "".join([*lines, *(face.format(a, b, c) for a, b, c in mesh.faces + 1)]).encode()
-
-
-def mtl(materials: Iterable[str]) -> bytes:
-    """Return the colours of materials as an MTL file (Wavefront), ambient light half as strong."""
-    text = ""
-    for name in materials:
-        found = MATERIALS[name]
-        red, green, blue, opaque = found.rgba
-        shine = f" {found.gloss / 2:.4g}"
-        text += (
-            f"newmtl {name}\nKa {red / 2:.4g} {green / 2:.4g} {blue / 2:.4g}\n"
-            f"Kd {red:.4g} {green:.4g} {blue:.4g}\nKs{3 * shine}\n"
-            f"Ns {10 + 90 * found.gloss:.4g}\nd {opaque:.4g}\nillum 2\n"
-        )
-    return text.encode()
+    for name, content in mesh_files(meshes, materials).items():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from trocar.apps.exports.meshes import seen_materials, write_meshes
+from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.ros_package import cmake_lists, package_xml
 from trocar.apps.exports.rviz import rviz_config, start_message
 from trocar.apps.exports.task import Task
 from trocar.apps.exports.urdf_readme import urdf_readme
 from trocar.errors import InputError
+from trocar.modeling.mesh_files import seen_materials
 from trocar.modeling.trees import late_leaders
 from trocar.modeling.urdf import urdf, urdf_tree
 

@@ -1,0 +1,44 @@
+"""Messages of ROS 1, ROS 2 and rosbridge, without any of them installed.
+
+A message in memory is a dict in ROS 2's field names: ``{"header": {"stamp": (sec, nanosec),
+"frame_id": "ECM"}, "name": ["yaw"], "position": array, ...}``. Times and durations are pairs of
+integers, uint8[] is bytes, float64[] may be an array. ROS 1's sequence number does not exist.
+"""
+
+from trocar.interfaces.crtk.messages.binary import (
+    cdr_decode,
+    cdr_encode,
+    ros1_decode,
+    ros1_encode,
+)
+from trocar.interfaces.crtk.messages.catalogue import (
+    MessageType,
+    ServiceType,
+    message_names,
+    message_type,
+    service_names,
+    service_type,
+)
+from trocar.interfaces.crtk.messages.checking import blank, check
+from trocar.interfaces.crtk.messages.definition import Field
+from trocar.interfaces.crtk.messages.errors import MessageError
+from trocar.interfaces.crtk.messages.rosjson import from_json, to_json
+
+__all__ = [
+    "Field",
+    "MessageError",
+    "MessageType",
+    "ServiceType",
+    "blank",
+    "cdr_decode",
+    "cdr_encode",
+    "check",
+    "from_json",
+    "message_names",
+    "message_type",
+    "ros1_decode",
+    "ros1_encode",
+    "service_names",
+    "service_type",
+    "to_json",
+]

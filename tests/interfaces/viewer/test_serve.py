@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import subprocess
@@ -13,12 +14,17 @@ from typing import Any
 
 import pytest
 import viser
+import websockets.sync.client
+from viser.infra import Message
 from viser.infra._async_message_buffer import AsyncMessageBuffer
+from websockets.exceptions import ConnectionClosedError
+from websockets.sync.client import ClientConnection
+from websockets.typing import Origin, Subprotocol
 
 import trocar
 from trocar.errors import DivergedError, InputError
 from trocar.interfaces.viewer import serve
-from trocar.interfaces.viewer.server import address, serving
+from trocar.interfaces.viewer.server import LocalServer, address, serving
 
 from ..fake_world import FakeWorld
 
@@ -144,3 +150,33 @@ def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:
         out, err = process.communicate(timeout=30)
     assert first.startswith("http://127.0.0.1:")
     assert (process.returncode, out, err) == (0, "ended\n", "")
+
+
+def connect(server: LocalServer, origin: str | None) -> ClientConnection:
+    protocol = Subprotocol(f"viser-v{viser.__version__}")
+    given = None if origin is None else Origin(origin)
+    url = address(server).replace("http", "ws")
+    return websockets.sync.client.connect(
+        url, origin=given, subprotocols=[protocol], compression=None, max_size=None
+    )
+
+
+@pytest.mark.parametrize("origin", ["https://example.org", "null", "http://127.0.0.1.evil.org"])
+def test_a_page_of_another_site_hears_nothing_and_is_not_heard(
+    origin: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heard: list[bytes] = []
+    monkeypatch.setattr(Message, "deserialize", heard.append)
+    with serving("127.0.0.1", 0, "test") as server, connect(server, origin) as page:
+        with contextlib.suppress(ConnectionClosedError):
+            page.send(b"any")
+        with pytest.raises(ConnectionClosedError, match=r"1008.*other sites"):
+            page.recv(timeout=10)
+    assert not heard
+
+
+def test_the_page_itself_and_programs_are_welcome() -> None:
+    with serving("127.0.0.1", 0, "test") as server:
+        for origin in (address(server), "http://localhost:3000", None):
+            with connect(server, origin) as page:
+                assert page.recv(timeout=10)

@@ -129,6 +129,7 @@ def serve(
     speed: Literal["realtime", "max"] = "realtime",
     duration_s: float | None = None,
     on_ready: Callable[[str], None] | None = None,
+    loop: Loop | None = None,
 ) -> None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
@@ -139,13 +140,14 @@ def serve(
         speed: "realtime" keeps to the wall clock, "max" runs as fast as it goes
         duration_s: simulated time to run [s]; None means until Ctrl-C
         on_ready: called with the page's address once it is served and time flows
+        loop: the world's loop, when others talk to it, too; not running yet, and ended here
 
     Raises:
         InputError: the host or the port cannot be used
         DivergedError: the simulation left the finite numbers
     """
     with serving(host, port, label=f"trocar: {world.rig.name}") as server:
-        loop = Loop(world, speed=speed)
+        loop = loop or Loop(world, speed=speed)
         page = run_there(server, lambda: Page(server, world, loop))
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)

@@ -9,14 +9,37 @@ import sys
 from collections.abc import Iterator
 
 import viser
+from viser.infra import WebsockClientConnection
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
 
 from trocar.errors import InputError
+from trocar.interfaces.origins import may_come_from
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
+POLICY_VIOLATION = 1008
+"""Why a WebSocket is closed. Source: RFC 6455, section 7.4.1."""
+
+
 class LocalServer(viser.ViserServer):
-    """viser's server without its tunnel to the outside: the page has no password."""
+    """viser's server without its tunnel to the outside: the page has no password.
+
+    viser lets every page of the web connect, so those that do not come from this machine are sent
+    away before anything is said or heard. It has no place to do so before the handshake.
+    """
+
+    def __init__(self, host: str, port: int, label: str) -> None:
+        super().__init__(host=host, port=port, label=label, verbose=False)
+        server = self._websock_server
+        connections = server._live_connections  # nowhere else does viser tell who connects
+
+        async def send_strangers_away(client: WebsockClientConnection) -> None:
+            await _send_away_unless_ours(connections[client.client_id])
+
+        server.on_client_connect(send_strangers_away)
+        server.disconnect_all_clients()  # a page that was left open may have been faster
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
@@ -38,7 +61,7 @@ def serving(host: str, port: int, label: str) -> Iterator[LocalServer]:
     host = _checked_host(host)
     _check_free(host, port)
     with _quiet():
-        server = LocalServer(host=host, port=port, label=label, verbose=False)
+        server = LocalServer(host, port, label)
     try:
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
@@ -52,6 +75,16 @@ def address(server: LocalServer) -> str:
     """Say where the page is."""
     host = server.get_host()
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+
+
+async def _send_away_unless_ours(connection: ServerConnection) -> None:
+    request = connection.request
+    if request is not None and may_come_from(request.headers.get("Origin")):
+        return
+    await connection.close(POLICY_VIOLATION, "pages of other sites may not connect")
+    with contextlib.suppress(ConnectionClosed):
+        while True:  # what was said already is not heard
+            await connection.recv()
 
 
 def _checked_host(host: str) -> str:

@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.commands import Command, Pause, Reset, Resume
 from trocar.interfaces.inbox import Inbox
-from trocar.interfaces.pace import Clock, Pace, whole_steps
+from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
 from trocar.interfaces.publisher import Publisher
-from trocar.interfaces.state import LoopState, Question
+from trocar.interfaces.state import Elapsed, LoopState, Question, Watcher
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -33,6 +33,10 @@ T = TypeVar("T")
 
 TICK_S = 0.005
 """Simulated time between two tick boundaries [s]. Source: our own choice, as in headless runs."""
+
+SERVER_TICK_S = 0.001
+"""The same where programs talk to the arms [s]: a command waits no longer. Source: our own choice,
+the period of the dVRK's own control loop, half of which it takes on average."""
 
 
 class WallClock:
@@ -72,7 +76,7 @@ class Loop:
             raise UnknownNameError("speed", speed, ("realtime", "max"))
         self._world = world
         if tick_s is None:
-            tick_s = max(1, round(TICK_S / world.timestep)) * world.timestep
+            tick_s = nearest_tick(TICK_S, world.timestep)
         self._substeps = whole_steps(tick_s, world.timestep)
         self._tick_s = tick_s
         self._realtime = speed == "realtime"
@@ -86,8 +90,24 @@ class Loop:
         self._refused = 0
         self._ticks = 0
         self._publisher = Publisher(world, self._clock)
+        self._watchers: tuple[Watcher, ...] = ()
 
     # What other threads may call.
+
+    @property
+    def world(self) -> World:
+        """The world; what changes in it may be looked at in the loop's thread only."""
+        return self._world
+
+    @property
+    def tick_s(self) -> float:
+        """Simulated time between two tick boundaries [s]."""
+        return self._tick_s
+
+    @property
+    def now(self) -> float:
+        """Wall time since some fixed moment [s]."""
+        return self._clock.now()
 
     @property
     def state(self) -> LoopState:
@@ -108,6 +128,15 @@ class Loop:
     def running(self) -> bool:
         """Whether the loop's thread is at work."""
         return self._outcome is not None and not self._outcome.done()
+
+    def watch(self, watcher: Watcher) -> Callable[[], None]:
+        """Tell a watcher, in the loop's thread, of ticks and refusals; call the result to stop."""
+        self._watchers += (watcher,)
+
+        def stop() -> None:
+            self._watchers = tuple(w for w in self._watchers if w is not watcher)
+
+        return stop
 
     def post(self, command: Command) -> bool:
         """Ask for a command at the next tick boundary; return False when it was refused.
@@ -211,6 +240,8 @@ class Loop:
         if not self._paused:
             self._world.step(self._substeps)
             self._ticks += 1
+        for watcher in self._watchers:
+            watcher.ticked(self._elapsed())
 
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:
@@ -228,10 +259,15 @@ class Loop:
         except InputError as error:
             self._refused += 1
             _log.warning("refused: %s", error)
+            for watcher in self._watchers:
+                watcher.refused(command, str(error))
         if isinstance(command, Pause | Resume):
             self._paused = isinstance(command, Pause)
         if isinstance(command, Pause | Resume | Reset):
             self._restart()
+
+    def _elapsed(self) -> Elapsed:
+        return Elapsed(self._ticks * self._tick_s, self._pace.let_go_s, self._paused)
 
     def _restart(self) -> None:
         self._pace.restart()

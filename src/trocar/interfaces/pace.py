@@ -88,6 +88,11 @@ class Speedometer:
         return (sim_b - sim_a) / (wall_b - wall_a) if wall_b > wall_a else 0.0
 
 
+def nearest_tick(wanted_s: float, timestep_s: float) -> float:
+    """Return the whole multiple of the timestep that is nearest to a tick [s], one at least."""
+    return max(1, round(wanted_s / timestep_s)) * timestep_s
+
+
 def whole_steps(tick_s: float, timestep_s: float) -> int:
     """Count the physics steps in a tick; refuse a tick that is no whole multiple of them."""
     steps = round(tick_s / timestep_s)

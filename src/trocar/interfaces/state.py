@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from trocar.errors import TrocarError
 
 if TYPE_CHECKING:
+    from trocar.interfaces.commands import Command
     from trocar.simulation import World
     from trocar.simulation.records import Health, Snapshot
 
@@ -33,6 +34,33 @@ class LoopState:
     paused: bool
     real_time_factor: float
     refused: int
+
+
+@dataclass(frozen=True)
+class Elapsed:
+    """How time has passed in a loop since it began.
+
+    Args:
+        simulated_s: simulated time, which a reset does not set back [s]
+        let_go_s: wall time that the loop was behind and gave up catching up [s]
+        paused: True while time does not flow
+    """
+
+    simulated_s: float
+    let_go_s: float
+    paused: bool
+
+
+class Watcher(Protocol):
+    """Looks on in the loop's thread; what it does there takes time from the physics."""
+
+    def ticked(self, elapsed: Elapsed) -> None:
+        """Look at the world after a tick; while paused, after every period without one."""
+        ...
+
+    def refused(self, command: Command, reason: str) -> None:
+        """Learn of a command that raised an error when it was applied."""
+        ...
 
 
 @dataclass(frozen=True)

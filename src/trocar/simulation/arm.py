@@ -15,6 +15,7 @@ from trocar.simulation.jaw import Jaw, NoJaw
 from trocar.simulation.journal import command
 from trocar.simulation.locking import Locking
 from trocar.simulation.motion import Motion
+from trocar.simulation.records import ArmSample
 from trocar.simulation.settings import Settings
 from trocar.simulation.state_verbs import StateVerbs
 from trocar.simulation.states import OperatingState
@@ -155,6 +156,29 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         """Exert nothing but gravity compensation, until the next command; the jaw holds."""
         zero = np.zeros(len(self._push))
         return self._pushed(self._verbs.servo_effort(zero, self._own, "free"))
+
+    # ------------------------------------------------------------------ looking
+
+    def sample(self) -> ArmSample:
+        """Return copies of what every reading of this arm is computed from."""
+        told, welded = self._verbs.setpoints, self._drives.welded
+        return ArmSample(
+            *self.readings(),
+            told.position.copy(),
+            told.velocity.copy(),
+            told.effort.copy(),
+            self._drives.load(),
+            not welded and self._drives.gravity_compensated,
+            self._states.state,
+            self._states.homed,
+            self.busy or self._homing is not None,
+            self._base,
+            self.description.tool,
+            (told.velocity_ratio, told.acceleration_ratio),
+            self.gripper is not None and self.gripper.closed,
+            self._lock is not None,
+            bool(self._drives.brakes) and bool(self._drives.locked.all()),
+        )
 
     # ------------------------------------------------------------------ used by the world
 

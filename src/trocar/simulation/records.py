@@ -74,6 +74,43 @@ class ArmSnapshot:
 
 
 @dataclass(frozen=True, eq=False)
+class ArmSample:
+    """What an arm's readings are computed from, copied in a few microseconds.
+
+    Attributes:
+        q, qd, effort: measured, of every joint (n,) [rad or m, per s, N m or N]
+        told_q, told_qd, told_effort: set-points, (n,)
+        load: efforts that the links' weight asks for, (n,) [N m or N]
+        balanced: whether gravity compensation is on
+        state, homed, busy: the operating state
+        base: what `set_base_frame` said, T (4, 4) and frame; None where the rig says it
+        tool: name of the mounted tool, "" without one
+        ratios: shares of the velocity and acceleration limits that moves keep to
+        closed: whether a master's gripper is shut
+        orientation_locked: whether a master's gimbal holds an orientation
+        brakes_locked: whether every brake is locked; False without brakes
+    """
+
+    q: Array
+    qd: Array
+    effort: Array
+    told_q: Array
+    told_qd: Array
+    told_effort: Array
+    load: Array
+    balanced: bool
+    state: str
+    homed: bool
+    busy: bool
+    base: tuple[Array, str] | None
+    tool: str
+    ratios: tuple[float, float]
+    closed: bool
+    orientation_locked: bool
+    brakes_locked: bool
+
+
+@dataclass(frozen=True, eq=False)
 class Snapshot:
     """A world at a time: where every body is, and every arm.
 

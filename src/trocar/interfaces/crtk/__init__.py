@@ -1,1 +1,7 @@
-"""The dVRK's interface (CRTK): one core, and the transports that carry it."""
+"""CRTK, the dVRK's interface: an engine-free core that every transport speaks for."""
+
+from trocar.interfaces.crtk.core import Core
+from trocar.interfaces.crtk.topics import Service, Topic
+from trocar.interfaces.crtk.transport import Transport
+
+__all__ = ["Core", "Service", "Topic", "Transport"]

@@ -1,0 +1,77 @@
+"""The time that headers carry: it only goes forward, and is never zero."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Literal
+
+from trocar.errors import UnknownNameError
+from trocar.interfaces.state import Elapsed
+
+#: (seconds, nanoseconds), as messages carry times.
+Stamp = tuple[int, int]
+Mode = Literal["wall", "sim"]
+MODES: tuple[Mode, ...] = ("wall", "sim")
+SECOND = 1_000_000_000
+
+#: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
+FIRST_NS = SECOND
+
+
+class Stamper:
+    """Turn a loop's time into stamps.
+
+    Args:
+        mode: "wall": the wall clock at the start, plus simulated time, plus the time spent in
+            pauses; "sim": simulated time from 1 s. Neither is turned back by a reset.
+        wall_ns: the wall clock [ns since 1970]
+    """
+
+    def __init__(self, mode: Mode = "wall", wall_ns: Callable[[], int] = time.time_ns) -> None:
+        if mode not in MODES:
+            raise UnknownNameError("clock", mode, MODES)
+        self.mode = mode
+        self._first = wall_ns() if mode == "wall" else FIRST_NS
+        self._last = 0
+        self._idle_s = 0.0
+        self._seen_s: float | None = None
+        self._now = self._first
+        #: Time that has passed, pauses included [s].
+        self.elapsed_s = 0.0
+
+    def advance(self, elapsed: Elapsed, wall_s: float) -> None:
+        """Note how time has passed; `wall_s` tells how long pauses last, from any zero [s]."""
+        if elapsed.paused and self._seen_s is not None:
+            self._idle_s += max(0.0, wall_s - self._seen_s)
+        self._seen_s = wall_s
+        self.elapsed_s = elapsed.simulated_s + elapsed.let_go_s + self._idle_s
+        passed = self.elapsed_s if self.mode == "wall" else elapsed.simulated_s
+        self._now = self._first + round(passed * SECOND)
+
+    def stamp(self) -> Stamp:
+        """Return a stamp later than all before, a nanosecond at least."""
+        self._last = max(self._now, self._last + 1)
+        return divmod(self._last, SECOND)
+
+
+class Beat:
+    """Tell when something that comes so often is due, by absolute time: nothing adds up.
+
+    Args:
+        rate_hz: how often
+    """
+
+    #: A tick that is this much early is in time. [s]
+    SLACK_S = 1e-6
+
+    def __init__(self, rate_hz: float) -> None:
+        self._rate, self._count = rate_hz, -1
+
+    def due(self, elapsed_s: float) -> bool:
+        """Tell whether the next one is due; those that were missed are left out."""
+        count = int((elapsed_s + self.SLACK_S) * self._rate)
+        if count <= self._count:
+            return False
+        self._count = count
+        return True

@@ -1,0 +1,218 @@
+"""The engine-free core of every transport: topics out, commands in.
+
+loop's thread --samples--> publishing thread --messages--> transports
+transports --messages--> checks --commands--> the loop's inbox
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from trocar.errors import InputError, UnknownNameError
+from trocar.interfaces.crtk import incoming, rig_messages, services
+from trocar.interfaces.crtk.clock import Mode, Stamper
+from trocar.interfaces.crtk.publishing import Publishing
+from trocar.interfaces.crtk.sample import Sample
+from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table, topic_table
+from trocar.interfaces.crtk.transport import Batch, Message, Transport
+from trocar.interfaces.crtk.watching import Watch
+from trocar.interfaces.loop import Loop
+
+_log = logging.getLogger("trocar")
+
+#: Source: the seeds' joints were published so often; paper, section 3.5.2. [Hz]
+RATE_HZ = 220.0
+#: Source: the cameras of the da Vinci; paper, section 3.4. [Hz]
+CAMERA_RATE_HZ = 60.0
+#: Source: our own choice, the control rate that clients of the dVRK reach. [Hz]
+RATE_MAX_HZ = 1000.0
+#: The same refusal is told once in this much wall time. Source: as in the simulation. [s]
+REFUSAL_PERIOD_S = 2.0
+
+
+class Core:
+    """What every transport speaks for.
+
+    Args:
+        loop: the world's loop; its ticks bound how late samples are (`SERVER_TICK_S`)
+        rate_hz: of states, above 0 to 1000
+        camera_rate_hz: of images
+        clock: "wall" or "sim": what header stamps tell
+        compat: names of older interfaces to serve as well
+
+    Attributes:
+        loop, rate_hz, camera_rate_hz: as given
+        topics, services: {name: row}; a row marked `later` is not served
+        refused: how many messages were refused
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        *,
+        rate_hz: float = RATE_HZ,
+        camera_rate_hz: float = CAMERA_RATE_HZ,
+        clock: Mode = "wall",
+        compat: Sequence[str] = (),
+    ) -> None:
+        for name, got in (("rate", rate_hz), ("camera rate", camera_rate_hz)):
+            if not 0.0 < got <= RATE_MAX_HZ:
+                raise InputError(f"{name}: got {got:g} Hz; allowed: above 0 to {RATE_MAX_HZ:g} Hz")
+        self.loop, self.rate_hz, self.camera_rate_hz = loop, rate_hz, camera_rate_hz
+        self.compat = tuple(compat)
+        rig = loop.world.rig
+        self.topics: Mapping[str, Topic] = MappingProxyType({t.name: t for t in topic_table(rig)})
+        self.services: Mapping[str, Service] = MappingProxyType(
+            {s.name: s for s in service_table(rig)}
+        )
+        self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
+        self.stamper = Stamper(clock)
+        self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
+        self._watch = Watch(loop, self.prefixes, self.stamper, rate_hz, self._samples)
+        self._publishing = Publishing(
+            self.topics, self.prefixes, rig_messages.makers(clock == "sim")
+        )
+        self._transports: list[Transport] = []
+        self._thread: threading.Thread | None = None
+        self._lock = threading.Lock()
+        self._said: dict[str, tuple[float, int]] = {}
+        self._broken: set[str] = set()
+        self.refused = 0
+
+    # ------------------------------------------------------------------ life
+
+    def attach(self, transport: Transport) -> None:
+        """Serve a transport as well; started with the core, or at once when it runs."""
+        if self._thread is not None:
+            transport.start(self)
+        self._transports.append(transport)
+
+    def start(self) -> None:
+        """Start transports, and publish in a thread of its own."""
+        self.begin()
+        self._thread = threading.Thread(target=self._run, name="trocar-publish", daemon=True)
+        self._thread.start()
+
+    def begin(self) -> None:
+        """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
+        for transport in self._transports:
+            transport.start(self)
+        self._watch.start()
+
+    def close(self) -> None:
+        """End: no more samples, then no thread, then no transport."""
+        self._watch.stop()
+        if self._thread is not None:
+            self._samples.put(None)
+            self._thread.join()
+            self._thread = None
+        for transport in self._transports:
+            transport.close()
+
+    # ------------------------------------------------------------------ in
+
+    def receive(self, name: str, message: Message, peer: str = "") -> bool:
+        """Take a message that somebody published; from any thread. Never raises.
+
+        Args:
+            name: the topic
+            message: its fields
+            peer: who sent it, for the log
+
+        Returns:
+            whether it was accepted; one that is refused changes nothing, and is told of on the
+            arm's topic `warning`
+        """
+        topic = self.topics.get(name)
+        try:
+            if topic is None or topic.direction != "sub" or topic.later:
+                raise InputError("the simulator does not listen to this topic")
+            incoming.handle(self, topic, message)
+        except InputError as problem:
+            self.refuse(topic, name, str(problem), peer)
+            return False
+        return True
+
+    def call(self, name: str, request: Message, timeout_s: float = 5.0) -> Message:
+        """Answer a service call; from any thread but the loop's.
+
+        Raises:
+            UnknownNameError: no such service
+            InputError: what is wrong with the request, or no answer in time
+        """
+        if name not in self.services:
+            raise UnknownNameError("service", name, self.services)
+        return services.answer(self, self.services[name], request, timeout_s)
+
+    def refuse(self, topic: Topic | None, name: str, reason: str, peer: str = "") -> None:
+        """Count a refused message, and say so: once a while for each topic."""
+        known = topic is not None
+        now = self.loop.now
+        with self._lock:
+            self.refused += 1
+            key = name if known else ""
+            said, unsaid = self._said.get(key, (-REFUSAL_PERIOD_S, 0))
+            if now - said < REFUSAL_PERIOD_S and key in self._said:
+                self._said[key] = said, unsaid + 1
+                return
+            self._said[key] = now, 0
+        more = f" ({unsaid} more such since)" if unsaid else ""
+        text = f"{topic.key if topic else name[:80]}: {reason}{more}"
+        _log.warning("refused%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
+        before = self.prefixes.get(topic.arm, "system") if topic else "system"
+        self.emit(f"{before}/warning", {"data": text})
+
+    # ------------------------------------------------------------------ out
+
+    def emit(self, name: str, fields: Mapping[str, Any]) -> None:
+        """Publish an event with the next sample, its header added; from any thread."""
+        self._watch.put(name, fields)
+
+    def latched(self, name: str) -> Message | None:
+        """Return the last message of a latched topic, for those who come late."""
+        return self._publishing.latched.get(name)
+
+    def publish_waiting(self) -> int:
+        """Publish every sample that waits, in the calling thread; return how many."""
+        count = 0
+        while not self._samples.empty():
+            sample = self._samples.get()
+            if sample is not None:
+                self._publish(sample)
+                count += 1
+        return count
+
+    @property
+    def skipped(self) -> int:
+        """How many samples were left out because publishing could not keep up."""
+        return self._watch.skipped
+
+    # ------------------------------------------------------------------ inside
+
+    def _run(self) -> None:
+        while (sample := self._samples.get()) is not None:
+            self._publish(sample)
+
+    def _publish(self, sample: Sample) -> None:
+        wanted = [(transport, transport.wanted()) for transport in self._transports]
+        asked = frozenset[str]().union(*(names for _, names in wanted))
+        events = self._publishing.events(sample)
+        states = self._publishing.states(sample, asked)
+        for transport, names in wanted:
+            batch = events + [states[name] for name in names if name in states]
+            if batch:
+                self._send(transport, batch)
+
+    def _send(self, transport: Transport, batch: Batch) -> None:
+        """Hand a batch over; a transport that breaks does not end the others' messages."""
+        try:
+            transport.send(batch)
+        except Exception:  # noqa: BLE001  logged whole, once for each transport
+            if transport.name not in self._broken:
+                self._broken.add(transport.name)
+                _log.exception("%s: messages are lost", transport.name)

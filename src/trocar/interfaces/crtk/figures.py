@@ -1,0 +1,152 @@
+"""What an arm reads out, computed from a sample outside of the loop's thread.
+
+The numbers are those of `Arm.measured_cp` and its like; each pose is computed once per sample and
+only when it is asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import DISPLAY, ArmDescription, RigArm
+from trocar.geometry.se3 import inverse
+from trocar.interfaces.crtk.sample import Sample
+from trocar.kinematics.forward import pose
+from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+
+Array = NDArray[np.float64]
+
+
+@lru_cache(maxsize=64)
+def _fixed(arm: ArmDescription) -> Array:
+    """Return the pose of an arm's reference frame in its root, (4, 4)."""
+    mechanism = arm.mechanism
+    return pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.reference, arm.root)
+
+
+class RigFigures:
+    """Figures of every arm of a sample."""
+
+    def __init__(self, sample: Sample) -> None:
+        self.sample = sample
+        self._arms = {arm.name: ArmFigures(arm, self) for arm in sample.rig.arms}
+        self._scope = next((a.name for a in sample.rig.arms if a.arm.type == "ECM"), None)
+
+    def arm(self, name: str) -> ArmFigures:
+        """Return an arm's figures."""
+        return self._arms[name]
+
+    @cached_property
+    def scope_in_world(self) -> Array | None:
+        """The tip of the endoscope's arm in the world, (4, 4); None without one."""
+        if self._scope is None:
+            return None
+        scope = self._arms[self._scope]
+        return scope.reference_in_world @ scope.local_measured
+
+    @property
+    def scope(self) -> str | None:
+        """Name of the endoscope's arm."""
+        return self._scope
+
+
+class ArmFigures:
+    """Figures of one arm at one moment."""
+
+    def __init__(self, rig_arm: RigArm, rig: RigFigures) -> None:
+        self.rig_arm, self.arm, self._rig = rig_arm, rig_arm.arm, rig
+        self.name = rig_arm.name
+        self.sample = rig.sample.arms[rig_arm.name]
+        self.own = slice(0, rig_arm.arm.own_joints)
+        self.names = rig_arm.arm.mechanism.joint_names
+
+    @property
+    def own_frame(self) -> str:
+        """Name of the arm's own base frame: that of local/measured_cp."""
+        return self.arm.mechanism.reference if self.arm.type == "SUJ" else f"{self.name}_base"
+
+    @cached_property
+    def local_measured(self) -> Array:
+        """The tip in the arm's own base frame, (4, 4)."""
+        return pose(self.arm.mechanism, self.sample.q)
+
+    @cached_property
+    def local_setpoint(self) -> Array:
+        """The tip at the set-points in the arm's own base frame, (4, 4)."""
+        return pose(self.arm.mechanism, self.sample.told_q)
+
+    @cached_property
+    def base(self) -> tuple[Array, str]:
+        """The arm's own base in the frame of its poses, (4, 4), and that one's name."""
+        return self.sample.base or self._placed()
+
+    @cached_property
+    def root_in_world(self) -> Array:
+        """The arm's root in the world, by what carries it, (4, 4)."""
+        if not self.rig_arm.on:
+            return self.rig_arm.pose
+        carrier = self._rig.arm(self.rig_arm.on)
+        mechanism = carrier.arm.mechanism
+        mount = pose(mechanism, carrier.sample.q, self.rig_arm.frame, carrier.arm.root)
+        return carrier.root_in_world @ mount @ self.rig_arm.pose
+
+    @cached_property
+    def reference_in_world(self) -> Array:
+        """The arm's own base in the world, (4, 4)."""
+        return self.root_in_world @ _fixed(self.arm)
+
+    @property
+    def measured(self) -> Array:
+        """The tip in the frame of `base`, (4, 4)."""
+        return self.base[0] @ self.local_measured
+
+    @property
+    def setpoint(self) -> Array:
+        """The tip at the set-points in the frame of `base`, (4, 4)."""
+        return self.base[0] @ self.local_setpoint
+
+    @cached_property
+    def body_jacobian(self) -> Array:
+        """At the tip in its axes, jaw or gripper left out, (6, n)."""
+        return jacobian_body(self.arm.mechanism, self.sample.q)[:, self.own]
+
+    @cached_property
+    def spatial_jacobian(self) -> Array:
+        """About the origin of the arm's own base, in its axes, (6, n)."""
+        return jacobian_spatial(self.arm.mechanism, self.sample.q)[:, self.own]
+
+    @cached_property
+    def local_velocity(self) -> Array:
+        """Of the tip in axes of the arm's own base: (linear; angular), (6,) [m/s, rad/s]."""
+        R = self.local_measured[:3, :3]
+        twist = jacobian_body(self.arm.mechanism, self.sample.q) @ self.sample.qd
+        return np.concatenate([R @ twist[:3], R @ twist[3:]])
+
+    @property
+    def velocity(self) -> Array:
+        """Of the tip in axes of the frame of `base`: (linear; angular), (6,) [m/s, rad/s]."""
+        R = self.base[0][:3, :3]
+        own = self.local_velocity
+        return np.concatenate([R @ own[:3], R @ own[3:]])
+
+    def wrench(self, jacobian: Array) -> Array:
+        """Return what the motors exert beside carrying the links: (force; torque), (6,)."""
+        effort = (self.sample.effort - self.sample.load)[self.own]
+        return np.asarray(np.linalg.lstsq(jacobian.T, effort, rcond=1e-9)[0], dtype=np.float64)
+
+    def _placed(self) -> tuple[Array, str]:
+        """As `Places.base_pose` says."""
+        kind, rig = self.arm.type, self._rig
+        if kind == "PSM" and rig.scope is not None and rig.scope_in_world is not None:
+            return inverse(rig.scope_in_world) @ self.reference_in_world, rig.scope
+        if kind == "ECM" and self.rig_arm.on:
+            carrier = rig.arm(self.rig_arm.on)
+            seen = inverse(carrier.reference_in_world) @ self.reference_in_world
+            return seen, carrier.arm.mechanism.reference
+        display = rig.sample.rig.display
+        if kind == "MTM" and display is not None:
+            return inverse(display) @ self.reference_in_world, DISPLAY
+        return np.eye(4), self.own_frame

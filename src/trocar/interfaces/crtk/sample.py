@@ -1,0 +1,56 @@
+"""What is copied in the loop's thread, so that everything else can be computed outside of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from trocar.descriptions.records import RigDescription
+from trocar.interfaces.crtk.clock import Stamp
+from trocar.simulation.records import ArmSample
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes:
+        name: the topic that tells of it
+        fields: its message without a header
+        stamp: when; the sample's own where it is None
+    """
+
+    name: str
+    fields: Mapping[str, Any]
+    stamp: Stamp | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """A world at one moment.
+
+    Attributes:
+        stamp: of every message that is made from it
+        time: simulation time [s]
+        rig: the rig, as its tools are now
+        arms: {name: what its readings are computed from}
+        events: what happened since the sample before, oldest first
+        scene: what else the rig has that moves, for whoever publishes it
+    """
+
+    stamp: Stamp
+    time: float
+    rig: RigDescription
+    arms: Mapping[str, ArmSample]
+    events: tuple[Event, ...] = ()
+    scene: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+def take(world: World, stamp: Stamp, events: tuple[Event, ...]) -> Sample:
+    """Copy a world; in the thread that steps it."""
+    arms = {name: arm.sample() for name, arm in world.arms.items()}
+    return Sample(stamp, world.time, world.rig, arms, events)

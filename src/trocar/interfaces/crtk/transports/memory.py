@@ -1,0 +1,58 @@
+"""A transport that goes nowhere: what was sent lies in lists. Tests listen to the core with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from trocar.interfaces.crtk.transport import Batch, Message
+
+if TYPE_CHECKING:
+    from trocar.interfaces.crtk.core import Core
+
+
+class MemoryTransport:
+    """Keep messages by topic.
+
+    Args:
+        wanted: names of the topics to ask for; None asks for all
+
+    Attributes:
+        received: {topic: its messages, oldest first}
+        batches: how many batches came
+    """
+
+    name = "memory"
+
+    def __init__(self, wanted: Iterable[str] | None = None) -> None:
+        self._wanted = None if wanted is None else frozenset(wanted)
+        self.received: dict[str, list[Message]] = {}
+        self.batches = 0
+        self.closed = False
+
+    def start(self, core: Core) -> None:
+        """Ask for everything, unless told what."""
+        if self._wanted is None:
+            self._wanted = frozenset(core.topics)
+
+    def want(self, *names: str) -> None:
+        """Ask for these topics from now on, and no other."""
+        self._wanted = frozenset(names)
+
+    def wanted(self) -> frozenset[str]:
+        """Return the names of the topics that were asked for."""
+        return self._wanted or frozenset()
+
+    def send(self, batch: Batch) -> None:
+        """Keep messages."""
+        self.batches += 1
+        for topic, message in batch:
+            self.received.setdefault(topic.name, []).append(message)
+
+    def last(self, name: str) -> Message:
+        """Return the newest message of a topic."""
+        return self.received[name][-1]
+
+    def close(self) -> None:
+        """End."""
+        self.closed = True

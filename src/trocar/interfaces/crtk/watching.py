@@ -1,0 +1,114 @@
+"""The core's part in the loop's thread: it takes samples, and notes what happens between them."""
+
+from __future__ import annotations
+
+import queue
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from trocar.interfaces.commands import Command
+from trocar.interfaces.crtk import happenings, sample
+from trocar.interfaces.crtk.clock import Beat, Stamper
+from trocar.interfaces.crtk.sample import Event, Sample
+from trocar.interfaces.loop import Loop
+from trocar.interfaces.state import Elapsed
+from trocar.simulation.journal import Entry
+
+#: How many samples may wait to be published: a third of a second at 220 Hz. Source: our own choice,
+#: longer than a hiccup of a busy machine.
+WAITING = 64
+#: How many events may wait for a sample. Source: our own choice: floods are cut off.
+EVENTS = 1024
+
+
+class Watch:
+    """Watches a loop, and hands samples on.
+
+    Args:
+        loop: is watched from `start` to `stop`
+        prefixes: {arm: what stands before its topics}
+        stamper: gives stamps
+        rate_hz: how often to sample
+        take: called with every sample in the loop's thread; None stops what takes them
+
+    Attributes:
+        skipped: how many samples were left out since those before were not published yet
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        prefixes: Mapping[str, str],
+        stamper: Stamper,
+        rate_hz: float,
+        samples: queue.SimpleQueue[Sample | None],
+    ) -> None:
+        self._loop, self._prefixes, self._stamper = loop, prefixes, stamper
+        self._beat, self._samples = Beat(rate_hz), samples
+        self._events: deque[Event] = deque(maxlen=EVENTS)
+        self._moved: set[str] = set()
+        self._stops: list[Callable[[], None]] = []
+        self.skipped = 0
+
+    def start(self) -> None:
+        """Watch from now on."""
+        self._stops = [self._loop.world.listen(self._hear), self._loop.watch(self)]
+
+    def stop(self) -> None:
+        """Watch no longer."""
+        for stop in self._stops:
+            stop()
+
+    def put(self, name: str, fields: Mapping[str, Any]) -> None:
+        """Let an event out with the next sample; from any thread."""
+        self._events.append(Event(name, fields))
+
+    def ticked(self, elapsed: Elapsed) -> None:
+        """Take a sample when one is due."""
+        self._stamper.advance(elapsed, self._loop.now)
+        if not self._beat.due(self._stamper.elapsed_s):
+            return
+        if self._samples.qsize() >= WAITING:
+            self.skipped += 1
+            return
+        self._repeat_states()
+        events: list[Event] = []
+        while self._events:
+            events.append(self._events.popleft())
+        self._samples.put(sample.take(self._loop.world, self._stamper.stamp(), tuple(events)))
+
+    def refused(self, command: Command, reason: str) -> None:
+        """Tell the arm's `warning` topic of a command that was refused when it was applied."""
+        before = self._prefixes.get(getattr(command, "arm", ""), "system")
+        self.put(f"{before}/warning", {"data": reason})
+
+    def _hear(self, entry: Entry) -> None:
+        before = self._prefixes.get(entry.source)
+        if before is None:
+            return
+        if happenings.is_move(entry):
+            self._moved.add(entry.source)
+        desired = happenings.desired_state(entry)
+        if desired is not None:
+            self._append(before, "desired_state", {"data": desired})
+        found = happenings.told(entry)
+        if found is not None:
+            if found[0] == "operating_state":
+                self._moved.discard(entry.source)
+            self._append(before, *found)
+
+    def _append(self, before: str, key: str, fields: Mapping[str, Any]) -> None:
+        self._events.append(Event(f"{before}/{key}", fields, self._stamper.stamp()))
+
+    def _repeat_states(self) -> None:
+        """Tell again the state of arms that were told to move and changed none by it.
+
+        Clients wait for a state that is newer than their command, and a command to an arm that is
+        busy anyhow changes nothing.
+        """
+        for name in self._moved:
+            now = self._loop.world.arm(name).operating_state()
+            fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": now.is_busy}
+            self._append(self._prefixes[name], "operating_state", fields)
+        self._moved.clear()

@@ -17,11 +17,16 @@ from trocar.apps.calibration.axes import (
 )
 from trocar.apps.calibration.betas import Pair, betas
 from trocar.apps.calibration.bodies import chosen_bodies, first_positions, seen_samples
-from trocar.apps.calibration.cautions import closing_warnings, datum_warnings, home_warnings
+from trocar.apps.calibration.cautions import (
+    closing_warnings,
+    datum_warnings,
+    home_warnings,
+    rest_warnings,
+)
 from trocar.apps.calibration.datum import find_datum
 from trocar.apps.calibration.geometry import Slot, home_points
 from trocar.apps.calibration.home import find_home
-from trocar.apps.calibration.level import levelled
+from trocar.apps.calibration.level import level_of, levelled
 from trocar.apps.calibration.linkage import Linkage, linkage
 from trocar.apps.calibration.motion import mechanism_of
 from trocar.apps.calibration.patches import patches
@@ -71,7 +76,6 @@ def calibrate(
     tracks, missing = chosen_bodies(tracks, loops, centre, bodies or {})
     axes, home = find_home(tracks.times, measure_axes(tracks, loops, watch))
     pairs, lines = _plan(arm)
-    ground = loops.ground
     watch("remote centre")
     seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
     base = None if seen is None else base_axis(seen.report)
@@ -82,9 +86,10 @@ def calibrate(
     guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
     samples, enough = seen_samples(tracks, axes, home, guess)
     first = first_positions(axes, home)[enough]
-    refined = refine(guess, samples, first, closure == "parallelogram", watch)
-    if refined.robot.tilts and ground in datum.points:
-        refined = replace(refined, robot=levelled(refined.robot, ground, datum.points[ground]))
+    level = level_of(guess, datum.points)
+    refined = refine(guess, samples, first, closure == "parallelogram", level, watch)
+    if refined.robot.tilts:
+        refined = replace(refined, robot=levelled(refined.robot, level))
     nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
@@ -93,6 +98,7 @@ def calibrate(
         *missing,
         *axes.warnings,
         *home_warnings(home, bool(lines)),
+        *rest_warnings(refined),
         *datum_warnings(datum, refined, centre is not None),
         *closing_warnings(closure, measured, closed, refined, wander),
         *told,

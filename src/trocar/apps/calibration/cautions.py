@@ -48,6 +48,16 @@ def datum_warnings(datum: Datum, refined: Refined, has_centre: bool) -> tuple[st
     )
 
 
+def rest_warnings(refined: Refined) -> tuple[str, ...]:
+    """Say that the refinement has not come to rest."""
+    if refined.settled:
+        return ()
+    return (
+        f"the refinement has not come to rest after {len(refined.history) - 1} rounds, so the"
+        " closed geometry is not quite the likeliest: longer or wider sweeps help",
+    )
+
+
 def closing_warnings(
     closure: ClosureKind,
     measured: Mapping[str, Value],

@@ -83,7 +83,7 @@ class Centre:
 def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
     """Return the remote centre that a description is built for, None where there is none."""
     mechanism, body_of = arm.mechanism, bodies_of(arm)
-    q = _sweep(linkage, mechanism)
+    q = swept(linkage, mechanism)
     every = poses(mechanism, q, mechanism.reference)
     ground = poses(mechanism, linkage.rest, linkage.bodies[linkage.ground])
     base = body_of[mechanism.reference]
@@ -102,7 +102,7 @@ def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
     return None
 
 
-def _sweep(linkage: Linkage, mechanism: Mechanism) -> Array:
+def swept(linkage: Linkage, mechanism: Mechanism) -> Array:
     """Return joint positions over the range of the joints that move the loops, (n, n_joints)."""
     q = np.tile(linkage.rest, (POSITIONS, 1))
     for joint in linkage.joints:
@@ -121,7 +121,7 @@ def still_point(robot: Robot, body: str) -> tuple[Array, float]:
         it at home, in the plane (2,) [m]; and the root of its mean squared distance from there [m]
     """
     linkage, mechanism = robot.linkage, mechanism_of(robot)
-    q = _sweep(linkage, mechanism)
+    q = swept(linkage, mechanism)
     at = frame_poses(mechanism, closed_coordinates(mechanism, q))
     index = mechanism.frame_index
     ground = np.linalg.inv(at[index[linkage.bodies[linkage.ground]]])

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.calibration.level import Level, height, height_slope
 from trocar.apps.calibration.motion import (
     marker_poses,
     marker_rates,
@@ -25,6 +26,10 @@ Array = NDArray[np.float64]
 
 # What the tracks leave open stays where it was; weak enough to pull nothing else. [m, rad]
 LEASH = 1.0
+#: Where along the axes the linkage's plane lies is told by the datum, and else by second-order
+#: effects of the pins alone (see `level`), which tracks without noise show. Source: our own choice;
+#: how far from that plane a pin may sit. [m]
+HEIGHT_M = 0.1
 # Source: our own choice; displacements of 1 um give slopes to 1e-9 and rounding of 1e-10.
 STEP = 1e-6
 #: Home is known no better than this, so that exact tracks can be weighted: rounding. [rad]
@@ -40,6 +45,7 @@ class Problem:
     sigmas: tuple[float, float]
     basis: Array
     tilted: tuple[str, ...]
+    level: Level
 
     @property
     def free(self) -> int:
@@ -62,6 +68,12 @@ class Problem:
             markers[body] = here
         displaced = robot.moved + (self.basis @ step[:n]).reshape(-1, 2)
         return replace(robot, moved=displaced, tilts=tilts, markers=markers)
+
+    @property
+    def datum_columns(self) -> slice:
+        """The unknowns that shift and turn the markers which have the datum."""
+        at = self.free + 6 * list(self.robot.markers).index(self.level.body)
+        return slice(at, at + 6)
 
     def expected(self, step: Array) -> Array:
         """Return where the markers are at a step, (g, n_bodies, 4, 4)."""
@@ -124,6 +136,7 @@ def rows(problem: Problem, taken: Eliminated, step: Array) -> Array:
         [
             np.einsum("grs,gs->gr", taken.project, left).ravel(),
             at_home / taken.home_sigma,
+            [height(problem.moved(step), problem.level) / HEIGHT_M],
             step / LEASH,
         ]
     )
@@ -137,9 +150,17 @@ def slopes(problem: Problem, taken: Eliminated, step: Array) -> Array:
         [
             np.einsum("grs,gsk->grk", taken.project, slope).reshape(-1, slope.shape[-1]),
             np.einsum("jgr,grk->jk", taken.home, slope) / taken.home_sigma[:, None],
+            height_row(problem) / HEIGHT_M,
             np.eye(slope.shape[-1]) / LEASH,
         ]
     )
+
+
+def height_row(problem: Problem) -> Array:
+    """Return how the height of the datum follows the unknowns, (1, unknowns)."""
+    row = np.zeros((1, problem.free + 6 * len(problem.robot.markers)))
+    row[0, problem.datum_columns] = height_slope(problem.robot, problem.level)
+    return row
 
 
 def expected_slopes(problem: Problem, step: Array) -> Array:

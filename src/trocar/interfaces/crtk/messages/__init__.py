@@ -20,11 +20,12 @@ from trocar.interfaces.crtk.messages.catalogue import (
     service_type,
 )
 from trocar.interfaces.crtk.messages.checking import blank, check
-from trocar.interfaces.crtk.messages.definition import Field
+from trocar.interfaces.crtk.messages.definition import Constant, Field
 from trocar.interfaces.crtk.messages.errors import MessageError
 from trocar.interfaces.crtk.messages.rosjson import from_json, to_json
 
 __all__ = [
+    "Constant",
     "Field",
     "MessageError",
     "MessageType",

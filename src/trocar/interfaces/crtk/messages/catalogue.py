@@ -13,7 +13,12 @@ from functools import cache
 from pathlib import Path
 
 from trocar.errors import UnknownNameError
-from trocar.interfaces.crtk.messages.definition import Field, read_fields
+from trocar.interfaces.crtk.messages.definition import (
+    Constant,
+    Field,
+    read_constants,
+    read_fields,
+)
 
 FOLDER = Path(__file__).parent / "definitions"
 # Between the parts of a text with all that it depends on. Source: genmsg, `compute_full_text`.
@@ -27,6 +32,7 @@ class MessageType:
     Args:
         name: such as "sensor_msgs/JointState"; a service's halves end in Request and Response
         fields: in order, those that only ROS 1 has included
+        constants: in order
         text_ros1: definition in ROS 1's words, followed by those of all that it depends on
         text_ros2: the same in ROS 2's words
         md5: ROS 1's checksum
@@ -36,6 +42,7 @@ class MessageType:
 
     name: str
     fields: tuple[Field, ...]
+    constants: tuple[Constant, ...]
     text_ros1: str
     text_ros2: str
     md5: str
@@ -114,12 +121,18 @@ def _fields(name: str) -> tuple[Field, ...]:
     return read_fields(_texts()[name], name)
 
 
+@cache
+def _constants(name: str) -> tuple[Constant, ...]:
+    return read_constants(_texts()[name])
+
+
 def _md5_text(name: str) -> str:
-    """What ROS 1 hashes: each line, with a message's own sum for its type."""
-    return "\n".join(
+    """What ROS 1 hashes: constants, then fields, with a message's own sum for its type."""
+    fields = [
         f"{_md5(field.type)} {field.ros1_name}" if field.is_message else field.text(ros1=True)
         for field in _fields(name)
-    )
+    ]
+    return "\n".join([*(constant.text() for constant in _constants(name)), *fields])
 
 
 @cache
@@ -139,8 +152,9 @@ def _depends(name: str) -> list[str]:
 
 def _full_text(name: str, *, ros1: bool) -> str:
     def lines(of: str) -> str:
-        fields = [f for f in _fields(of) if ros1 or not f.only_ros1]
-        return "".join(f"{field.text(ros1)}\n" for field in fields)
+        fields = [f.text(ros1) for f in _fields(of) if ros1 or not f.only_ros1]
+        constants = [constant.text() for constant in _constants(of)]
+        return "".join(f"{line}\n" for line in [*constants, *fields])
 
     parts = [f"{RULE}\nMSG: {other}\n{lines(other)}" for other in _depends(name)]
     return "\n".join([lines(name), *parts])
@@ -156,6 +170,7 @@ def _message(name: str) -> MessageType:
     return MessageType(
         name=name,
         fields=_fields(name),
+        constants=_constants(name),
         text_ros1=_full_text(name, ros1=True),
         text_ros2=_full_text(name, ros1=False),
         md5=_md5(name),

@@ -49,6 +49,8 @@ def blank(kind: str | MessageType) -> Message:
 def blank_field(field: Field) -> Any:
     """What a field holds that nobody has set."""
     if field.length is not None:
+        if field.is_message:
+            return [blank(field.type) for _ in range(field.length)]
         zero = np.zeros(field.length) if field.type == "float64" else [0] * field.length
         return bytes(field.length) if field.type == "uint8" else zero
     if field.is_message:
@@ -83,8 +85,10 @@ def _field(top: MessageType, field: Field, value: Any, path: str) -> None:
         _single(top, field, value, path)
         return
     if isinstance(value, np.ndarray):
+        picture = field.type == "uint8" and value.dtype == np.uint8
         wrong = value.ndim != 1 or value.dtype.kind not in "fiu"
-        if wrong or (value.dtype.kind == "f" and field.type not in REALS):
+        wrong = wrong or (value.dtype.kind == "f" and field.type not in REALS)
+        if wrong and not picture:
             got = f"got {value.dtype} of shape {value.shape}"
             raise MessageError(top.name, path, f"{got}, one row of {field.type} is allowed")
     elif not isinstance(value, list | tuple) and not (
@@ -93,8 +97,9 @@ def _field(top: MessageType, field: Field, value: Any, path: str) -> None:
         raise MessageError(top.name, path, f"got {shown(value)}, a list is allowed")
     if field.length and len(value) != field.length:
         raise MessageError(top.name, path, f"got {len(value)} values, {field.length} belong there")
-    if isinstance(value, np.ndarray | bytes | bytearray) and field.type in ("uint8", *REALS):
-        return  # of one kind, and in range whatever it holds
+    kind = value.dtype.name if isinstance(value, np.ndarray) else "uint8"
+    if isinstance(value, np.ndarray | bytes | bytearray) and kind == field.type:
+        return  # in range whatever it holds
     for index, entry in enumerate(value):
         _single(top, field, entry, f"{path}[{index}]")
 

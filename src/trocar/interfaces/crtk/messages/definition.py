@@ -28,6 +28,7 @@ SCALARS = {
 # ROS 2's names of ROS 1's built-in types.
 TIMES = {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"}
 ROS1_MARK = "#ros1 "
+CONSTANT = re.compile(r"(?P<type>\w+)\s+(?P<name>\w+)\s*=\s*(?P<value>-?\d+)")
 LINE = re.compile(r"(?P<type>[\w/]+)(?P<array>\[(?P<length>\d*)\])?\s+(?P<name>\w+)")
 
 
@@ -54,12 +55,46 @@ class Field:
         """Whether it is a message in the message."""
         return "/" in self.type
 
+    @property
+    def ros1_type(self) -> str:
+        """The type in ROS 1's words, brackets included, such as "float64[9]"."""
+        return self.type + self.brackets
+
+    @property
+    def ros2_type(self) -> str:
+        """The type in ROS 2's words, brackets included, such as "builtin_interfaces/Time"."""
+        names = {short: full for full, short in TIMES.items()}
+        return names.get(self.type, self.type) + self.brackets
+
+    @property
+    def brackets(self) -> str:
+        """Nothing for one value, "[]" for any number, "[9]" for nine."""
+        return "" if self.length is None else f"[{self.length or ''}]"
+
     def text(self, ros1: bool) -> str:
         """The line of a definition, in the words of one edition of ROS."""
-        names = {short: full for full, short in TIMES.items()}
-        kind = self.type if ros1 else names.get(self.type, self.type)
-        array = "" if self.length is None else f"[{self.length or ''}]"
-        return f"{kind}{array} {self.ros1_name if ros1 else self.name}"
+        if ros1:
+            return f"{self.ros1_type} {self.ros1_name}"
+        return f"{self.ros2_type} {self.name}"
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number that a definition gives a name; no wire carries it."""
+
+    name: str
+    type: str
+    value: int
+
+    def text(self) -> str:
+        """The line of a definition, in the form that ROS 1 hashes."""
+        return f"{self.type} {self.name}={self.value}"
+
+
+def read_constants(text: str) -> tuple[Constant, ...]:
+    """The constants of a definition, in order."""
+    found = (CONSTANT.fullmatch(line.strip()) for line in text.splitlines())
+    return tuple(Constant(f["name"], f["type"], int(f["value"])) for f in found if f)
 
 
 def read_field(line: str, where: str) -> Field:
@@ -77,8 +112,8 @@ def read_field(line: str, where: str) -> Field:
     if "/" not in kind and kind not in {*SCALARS, "string", "time", "duration"}:
         raise InputError(f"{where}: {found['name']}: no type {kind!r}; messages need their package")
     length = int(found["length"] or 0) if found["array"] else None
-    if length and kind not in SCALARS:
-        raise InputError(f"{where}: {found['name']}: an array of so many may only be of scalars")
+    if length and not (kind in SCALARS or "/" in kind):
+        raise InputError(f"{where}: {found['name']}: got {length} of {kind}, [] is allowed")
     mark = ROS1_MARK.removeprefix("#")
     ros1_name = remark.removeprefix(mark).strip() if remark.startswith(mark) else found["name"]
     return Field(found["name"], kind, length, ros1_name, only_ros1)
@@ -94,5 +129,6 @@ def read_fields(text: str, where: str) -> tuple[Field, ...]:
     return tuple(
         read_field(line, where)
         for line in lines
-        if line and (line.startswith(ROS1_MARK) or not line.startswith("#"))
+        if line.startswith(ROS1_MARK)
+        or (line and not line.startswith("#") and not CONSTANT.fullmatch(line))
     )

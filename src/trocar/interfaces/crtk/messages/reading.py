@@ -8,7 +8,6 @@ from typing import Any
 from trocar.interfaces.crtk.messages.catalogue import MessageType, message_type
 from trocar.interfaces.crtk.messages.definition import SCALARS, Field
 from trocar.interfaces.crtk.messages.wire import (
-    SECOND,
     Wire,
     WireError,
     least_size,
@@ -18,7 +17,7 @@ from trocar.interfaces.crtk.messages.wire import (
     room,
     written_runs,
 )
-from trocar.interfaces.crtk.messages.writing import EMPTY_ROS2, Script, check_clock
+from trocar.interfaces.crtk.messages.writing import EMPTY_ROS2, Script, check_clock, clock_line
 
 
 class Reader(Script):
@@ -92,11 +91,9 @@ class Reader(Script):
             self.flush()
             self.add(f"{name} = string(d, p, {length}, END); p += {length}")
             return name
-        signed = field.type == "duration" or not self.wire.ros1
-        seconds = self.scalar("i" if signed else "I")
-        rest = self.scalar("i" if self.wire.ros1 and field.type == "duration" else "I")
+        seconds, rest = self.scalar("i"), self.scalar("I")
         self.flush()
-        self.add(f"if not 0 <= {rest} < {SECOND}: clock({rest})")
+        self.add(clock_line(field.type, seconds, rest))
         return f"({seconds}, {rest})"
 
     def array(self, field: Field) -> str:
@@ -108,7 +105,7 @@ class Reader(Script):
         elif field.type in SCALARS:
             self.numbers(field, name)
         else:
-            count = self.scalar("I")
+            count = str(field.length) if field.length else self.scalar("I")
             self.flush()
             self.each(field, name, count)
         return name
@@ -146,7 +143,7 @@ def least_message(kind: MessageType) -> int:
         if field.length == 0:
             total += 4
         elif field.is_message:
-            total += least_message(message_type(field.type))
+            total += least_message(message_type(field.type)) * (field.length or 1)
         else:
             total += least_size(field.type) * (field.length or 1)
     return max(total, 1)

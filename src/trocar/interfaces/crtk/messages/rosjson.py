@@ -27,7 +27,7 @@ from trocar.interfaces.crtk.messages.definition import Field
 from trocar.interfaces.crtk.messages.errors import MessageError, shown
 
 TIME_NAMES = ("secs", "sec"), ("nsecs", "nanosec")
-WRONG = (KeyError, TypeError, ValueError, AttributeError)
+WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 
 _writers: dict[str | MessageType, Callable[[Message], dict[str, Any]]] = {}
 
@@ -135,6 +135,8 @@ def _field(top: MessageType, field: Field, given: Any, path: str) -> Any:
         values: Any = _bytes(top, given, path)
     elif not isinstance(given, list | tuple):
         raise MessageError(top.name, path, f"got {shown(given)}, a list is allowed")
+    elif field.type == "float64" and {float}.issuperset(map(type, given)):
+        values = given
     else:
         single = enumerate(given)
         values = [_single(top, field, entry, f"{path}[{index}]") for index, entry in single]

@@ -17,8 +17,13 @@ import numpy as np
 from trocar.interfaces.crtk.messages.definition import SCALARS
 
 PADS = tuple(bytes(count) for count in range(8))
-# A name that is longer than this is written anew each time. Source: our own choice, joints' names.
-CACHED_NAMES = 64
+# Up to so many values are copied, and so many names remembered. Source: our own choice, joints.
+CACHED = 64
+DTYPES = {
+    code: np.dtype(f"<{'f' if code in 'fd' else 'u' if code.isupper() else 'i'}{calcsize(code)}")
+    for code in SCALARS.values()
+    if code != "?"
+} | {"?": np.dtype(bool)}
 SECOND = 1_000_000_000
 
 
@@ -35,7 +40,7 @@ class Wire:
         aligned: whether values stand at multiples of their size
         end: what follows each string, and is counted with it
         spare: how many bytes may follow a message
-        ros1: whether fields that only ROS 1 has are written, and times are unsigned
+        ros1: whether fields that only ROS 1 has are written
     """
 
     prefix: bytes
@@ -69,27 +74,25 @@ ROS1 = Wire(prefix=b"", aligned=False, end=b"", spare=0, ros1=True)
 CDR = Wire(prefix=b"\x00\x01\x00\x00", aligned=True, end=b"\x00", spare=3, ros1=False)
 
 
-def write_numbers(value: Any, code: str, count: int = 0) -> bytes | memoryview:
+def write_numbers(value: Any, code: str, count: int = 0) -> bytes | bytearray | memoryview:
     """An array of scalars as bytes; `count` is how many there must be, 0 for any number."""
+    data: Any
     if code == "B" and isinstance(value, bytes | bytearray):
-        data = value if isinstance(value, bytes) else bytes(value)
-    elif isinstance(value, np.ndarray):
-        array = np.ascontiguousarray(value, dtype=f"<{_numpy_code(code)}")
-        data = array.reshape(-1).view("u1").data if array.size > 64 else array.tobytes()
-    else:
+        data = value
+    elif not isinstance(value, np.ndarray):
         data = pack(f"<{len(value)}{code}", *value)
+    elif value.dtype is DTYPES[code] and value.size <= CACHED:
+        data = value.tobytes()
+    else:
+        data = np.ascontiguousarray(value, dtype=DTYPES[code]).reshape(-1).view("u1").data
     if count and len(data) != count * calcsize(code):
         raise WireError(f"got {len(data) // calcsize(code)} values, {count} belong there")
     return data
 
 
-def _numpy_code(code: str) -> str:
-    return f"{'f' if code in 'fd' else 'u' if code.isupper() else 'i'}{calcsize(code)}"
-
-
 def write_strings(values: Sequence[str], end: bytes, align: int) -> bytes:
     """Strings, each with its length before it, the count first."""
-    if len(values) <= CACHED_NAMES:
+    if len(values) <= CACHED:
         return _write_strings(tuple(values), end, align)
     return _write_strings.__wrapped__(tuple(values), end, align)
 

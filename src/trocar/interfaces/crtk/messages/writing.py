@@ -76,6 +76,7 @@ class Writer(Script):
             "numbers": write_numbers,
             "strings": write_strings,
             "clock": check_clock,
+            "wrong_count": wrong_count,
             "PADS": PADS,
             "END": wire.end,
         }
@@ -142,10 +143,9 @@ class Writer(Script):
             self.message(message_type(field.type), name)
         else:
             self.add(f"{name}, {name}n = {value}")
-            self.add(f"if not 0 <= {name}n < {SECOND}: clock({name}n)")
-            signed = field.type == "duration" or not self.wire.ros1
-            self.scalar("i" if signed else "I", name)
-            self.scalar("i" if self.wire.ros1 and field.type == "duration" else "I", f"{name}n")
+            self.add(clock_line(field.type, name, f"{name}n"))
+            self.scalar("i", name)
+            self.scalar("I", f"{name}n")
 
     def array(self, field: Field, value: str) -> None:
         """Write a field of several values."""
@@ -159,7 +159,10 @@ class Writer(Script):
             self.raw(name)
         else:
             self.add(f"{name} = {value}")
-            self.scalar("I", f"len({name})")
+            if field.length:
+                self.add(f"if len({name}) != {field.length}: wrong_count(len({name}))")
+            else:
+                self.scalar("I", f"len({name})")
             self.flush()
             self.each(field, name)
 
@@ -191,9 +194,20 @@ class Writer(Script):
         self.path = above
 
 
-def check_clock(nanoseconds: int) -> None:
+def clock_line(kind: str, seconds: str, rest: str) -> str:
+    """The line that refuses what is no time; what is one fits both editions' signs."""
+    early = f"{seconds} < 0 or " if kind == "time" else ""
+    return f"if {early}not 0 <= {rest} < {SECOND}: clock({seconds}, {rest})"
+
+
+def wrong_count(count: int) -> None:
+    """Say that an array of so many does not fit."""
+    raise WireError(f"got {count} messages")
+
+
+def check_clock(seconds: int, rest: int) -> None:
     """Say what a time may be."""
-    raise WireError(f"got {nanoseconds} nanoseconds, 0 to {SECOND - 1} is allowed")
+    raise WireError(f"got {seconds} s and {rest} ns, a time in 1970 to 2038 is allowed")
 
 
 def write_encoder(kind: MessageType, wire: Wire) -> tuple[Callable[[Any], bytes], Script]:

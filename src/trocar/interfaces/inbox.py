@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import Counter
 
 from trocar.interfaces.commands import (
     Command,
@@ -19,7 +20,7 @@ from trocar.interfaces.state import Question
 _log = logging.getLogger("trocar")
 
 CAPACITY = 64
-"""How many moves and states may wait. Source: our own choice; a tick lasts 5 ms."""
+"""How many moves and states of an arm may wait. Source: our own choice; a tick lasts 5 ms."""
 
 SUPERSEDING = {"servo_jp", "servo_jf", "servo_cp", "servo_cf", "servo_ci"}
 """Set-points of which only the newest counts; servo_jr and servo_cr add up, so each counts."""
@@ -30,7 +31,8 @@ class Inbox:
 
     A stream of set-points (servo) may come faster than ticks: an older one that still waits is
     worthless, so the newer takes its place at the end of the queue. Moves and states all count
-    and are bounded: when too many wait, a new one is refused with a warning.
+    and are bounded for each arm: when too many wait, a new one is refused with a warning, the
+    first of many. What somebody floods one arm with keeps nobody from another.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:
@@ -38,19 +40,22 @@ class Inbox:
         self._lock = threading.Lock()
         self._waiting: dict[object, Command] = {}
         self._posted = 0
-        self._ordered = 0
+        self._ordered: Counter[str] = Counter()
+        self._said = False
         self.refused = 0
 
     def post(self, command: Command) -> bool:
         """Queue a command; return False when it was refused because too many wait."""
-        key = stream(command)
+        key, arm = stream(command), getattr(command, "arm", "")
         with self._lock:
-            full = key is None and self._ordered >= self._capacity
+            full = key is None and self._ordered[arm] >= self._capacity
             if full:
                 self.refused += 1
+                say, self._said = not self._said, True
             else:
-                self._put(key, command)
-        if full:
+                say = False
+                self._put(key, arm, command)
+        if say:
             _log.warning("%d commands wait already: refused %r", self._capacity, command)
         return not full
 
@@ -59,7 +64,8 @@ class Inbox:
         with self._lock:
             taken = list(self._waiting.values())
             self._waiting.clear()
-            self._ordered = 0
+            self._ordered.clear()
+            self._said = False
         return taken
 
     def dismiss(self) -> None:
@@ -68,10 +74,10 @@ class Inbox:
             if isinstance(command, Question):
                 command.answer.cancel()
 
-    def _put(self, key: tuple[str, str] | None, command: Command) -> None:
+    def _put(self, key: tuple[str, str] | None, arm: str, command: Command) -> None:
         self._posted += 1
         if key is None:
-            self._ordered += 1
+            self._ordered[arm] += 1
             self._waiting[self._posted] = command
         else:
             self._waiting.pop(key, None)

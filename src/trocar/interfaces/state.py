@@ -7,8 +7,6 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-from trocar.errors import TrocarError
-
 if TYPE_CHECKING:
     from trocar.interfaces.commands import Command
     from trocar.simulation import World
@@ -69,7 +67,7 @@ class Question:
 
     Args:
         ask: a function that only reads
-        answer: where what it returns, or the TrocarError that it raises, is put
+        answer: where what it returns, or the error that it raises, is put
     """
 
     ask: Callable[[World], Any]
@@ -77,7 +75,11 @@ class Question:
 
     def apply(self, world: World) -> None:
         """Ask, and put down the answer."""
+        if not self.answer.set_running_or_notify_cancel():
+            return
         try:
-            self.answer.set_result(self.ask(world))
-        except TrocarError as error:
+            found = self.ask(world)
+        except Exception as error:  # noqa: BLE001  whoever asked the wrong thing learns of it
             self.answer.set_exception(error)
+        else:
+            self.answer.set_result(found)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import logging
 import queue
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
 from trocar.errors import InputError, UnknownNameError
-from trocar.interfaces.crtk import incoming, rig_messages, services
+from trocar.interfaces.crtk import rig_messages, services
 from trocar.interfaces.crtk.clock import Mode, Stamper
+from trocar.interfaces.crtk.incoming import Incoming
 from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table, topic_table
@@ -48,6 +49,7 @@ class Core:
     Attributes:
         loop, rate_hz, camera_rate_hz: as given
         topics, services: {name: row}; a row marked `later` is not served
+        incoming: what becomes of messages that somebody publishes
         refused: how many messages were refused
     """
 
@@ -73,14 +75,18 @@ class Core:
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
         self.stamper = Stamper(clock)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
-        self._watch = Watch(loop, self.prefixes, self.stamper, rate_hz, self._samples)
+        self.incoming = Incoming(self)
+        self._watch = Watch(
+            loop, self.prefixes, self.stamper, rate_hz, self._samples, self.incoming.waits
+        )
         self._publishing = Publishing(
             self.topics, self.prefixes, rig_messages.makers(clock == "sim")
         )
         self._transports: list[Transport] = []
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
-        self._said: dict[str, tuple[float, int]] = {}
+        self._said: dict[tuple[str, str], tuple[float, int]] = {}
+        self._stop_taking: Callable[[], None] = lambda: None
         self._broken: set[str] = set()
         self.refused = 0
 
@@ -102,10 +108,12 @@ class Core:
         """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
         for transport in self._transports:
             transport.start(self)
+        self._stop_taking = self.incoming.begin()
         self._watch.start()
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
+        self._stop_taking()
         self._watch.stop()
         if self._thread is not None:
             self._samples.put(None)
@@ -132,9 +140,13 @@ class Core:
         try:
             if topic is None or topic.direction != "sub" or topic.later:
                 raise InputError("the simulator does not listen to this topic")
-            incoming.handle(self, topic, message)
+            self.incoming.take(topic, message, peer)
         except InputError as problem:
-            self.refuse(topic, name, str(problem), peer)
+            self.refuse(topic, name, str(problem), peer, getattr(problem, "kind", ""))
+            return False
+        except Exception:  # noqa: BLE001  whatever a message holds, everybody else goes on
+            _log.exception("%s: a message could not be read", name[:80])
+            self.refuse(topic, name, "could not be read", peer)
             return False
         return True
 
@@ -149,13 +161,14 @@ class Core:
             raise UnknownNameError("service", name, self.services)
         return services.answer(self, self.services[name], request, timeout_s)
 
-    def refuse(self, topic: Topic | None, name: str, reason: str, peer: str = "") -> None:
-        """Count a refused message, and say so: once a while for each topic."""
-        known = topic is not None
+    def refuse(
+        self, topic: Topic | None, name: str, reason: str, peer: str = "", kind: str = ""
+    ) -> None:
+        """Count a refused message, and say so: once a while for each topic and kind of reason."""
         now = self.loop.now
         with self._lock:
             self.refused += 1
-            key = name if known else ""
+            key = (topic.name, kind) if topic else ("", "")
             said, unsaid = self._said.get(key, (-REFUSAL_PERIOD_S, 0))
             if now - said < REFUSAL_PERIOD_S and key in self._said:
                 self._said[key] = said, unsaid + 1
@@ -172,6 +185,10 @@ class Core:
     def emit(self, name: str, fields: Mapping[str, Any]) -> None:
         """Publish an event with the next sample, its header added; from any thread."""
         self._watch.put(name, fields)
+
+    def tell_state(self, arm: str) -> None:
+        """Tell an arm's operating state with the next sample; in the loop's thread."""
+        self._watch.tell_state(arm)
 
     def latched(self, name: str) -> Message | None:
         """Return the last message of a latched topic, for those who come late."""

@@ -77,7 +77,6 @@ STANDING: dict[str, tuple[Callable[[ArmSample], Any], Callable[[Any], dict[str, 
     "orientation_locked": (lambda a: a.orientation_locked, lambda v: {"data": v}),
     "brakes_locked": (lambda a: a.brakes_locked, lambda v: {"data": v}),
     "IO/tool": (lambda a: bool(a.tool), _button),
-    "IO/adapter": (lambda a: bool(a.tool), _button),
 }
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from trocar.descriptions.records import RigDescription
@@ -50,7 +50,10 @@ class Sample:
     scene: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
-def take(world: World, stamp: Stamp, events: tuple[Event, ...]) -> Sample:
-    """Copy a world; in the thread that steps it."""
+def take(
+    world: World, stamp: Stamp, events: tuple[Event, ...], waits: Callable[[str], bool]
+) -> Sample:
+    """Copy a world, in the thread that steps it; arms for which commands wait are busy."""
     arms = {name: arm.sample() for name, arm in world.arms.items()}
+    arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
     return Sample(stamp, world.time, world.rig, arms, events)

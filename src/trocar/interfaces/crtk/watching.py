@@ -30,7 +30,8 @@ class Watch:
         prefixes: {arm: what stands before its topics}
         stamper: gives stamps
         rate_hz: how often to sample
-        take: called with every sample in the loop's thread; None stops what takes them
+        samples: takes every sample
+        waits: tells whether commands wait for an arm, which keep it busy
 
     Attributes:
         skipped: how many samples were left out since those before were not published yet
@@ -43,9 +44,10 @@ class Watch:
         stamper: Stamper,
         rate_hz: float,
         samples: queue.SimpleQueue[Sample | None],
+        waits: Callable[[str], bool],
     ) -> None:
         self._loop, self._prefixes, self._stamper = loop, prefixes, stamper
-        self._beat, self._samples = Beat(rate_hz), samples
+        self._beat, self._samples, self._waits = Beat(rate_hz), samples, waits
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
@@ -76,7 +78,12 @@ class Watch:
         events: list[Event] = []
         while self._events:
             events.append(self._events.popleft())
-        self._samples.put(sample.take(self._loop.world, self._stamper.stamp(), tuple(events)))
+        stamp, world = self._stamper.stamp(), self._loop.world
+        self._samples.put(sample.take(world, stamp, tuple(events), self._waits))
+
+    def tell_state(self, arm: str) -> None:
+        """Tell an arm's state with the next sample, even when it is the same."""
+        self._moved.add(arm)
 
     def refused(self, command: Command, reason: str) -> None:
         """Tell the arm's `warning` topic of a command that was refused when it was applied."""
@@ -94,9 +101,11 @@ class Watch:
             self._append(before, "desired_state", {"data": desired})
         found = happenings.told(entry)
         if found is not None:
-            if found[0] == "operating_state":
+            key, fields = found
+            if key == "operating_state":
                 self._moved.discard(entry.source)
-            self._append(before, *found)
+                fields = {**fields, "is_busy": fields["is_busy"] or self._waits(entry.source)}
+            self._append(before, key, fields)
 
     def _append(self, before: str, key: str, fields: Mapping[str, Any]) -> None:
         self._events.append(Event(f"{before}/{key}", fields, self._stamper.stamp()))
@@ -109,6 +118,7 @@ class Watch:
         """
         for name in self._moved:
             now = self._loop.world.arm(name).operating_state()
-            fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": now.is_busy}
+            busy = now.is_busy or self._waits(name)
+            fields = {"state": now.state, "is_homed": now.is_homed, "is_busy": busy}
             self._append(self._prefixes[name], "operating_state", fields)
         self._moved.clear()

@@ -159,15 +159,18 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
 
     # ------------------------------------------------------------------ looking
 
-    def sample(self) -> ArmSample:
-        """Return copies of what every reading of this arm is computed from."""
+    def sample(self, read: tuple[Array, Array, Array, Array] | None = None) -> ArmSample:
+        """Return copies of what every reading of this arm is computed from.
+
+        Args:
+            read: positions, velocities, efforts and loads (n,) each, where somebody has read them
+        """
         told, welded = self._verbs.setpoints, self._drives.welded
         return ArmSample(
-            *self.readings(),
+            *(read or (*self.readings(), self._drives.load())),
             told.position.copy(),
             told.velocity.copy(),
             told.effort.copy(),
-            self._drives.load(),
             not welded and self._drives.gravity_compensated,
             self._states.state,
             self._states.homed,

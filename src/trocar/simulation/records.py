@@ -79,8 +79,8 @@ class ArmSample:
 
     Attributes:
         q, qd, effort: measured, of every joint (n,) [rad or m, per s, N m or N]
-        told_q, told_qd, told_effort: set-points, (n,)
         load: efforts that the links' weight asks for, (n,) [N m or N]
+        told_q, told_qd, told_effort: set-points, (n,)
         balanced: whether gravity compensation is on
         state, homed, busy: the operating state
         base: what `set_base_frame` said, T (4, 4) and frame; None where the rig says it
@@ -94,10 +94,10 @@ class ArmSample:
     q: Array
     qd: Array
     effort: Array
+    load: Array
     told_q: Array
     told_qd: Array
     told_effort: Array
-    load: Array
     balanced: bool
     state: str
     homed: bool

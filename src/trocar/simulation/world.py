@@ -30,7 +30,8 @@ from trocar.simulation.play import Player
 from trocar.simulation.probes import Probes
 from trocar.simulation.recording.past import Past
 from trocar.simulation.recording.recorder import Recorder
-from trocar.simulation.records import Health, Recording, ShapeRecord, Snapshot
+from trocar.simulation.records import ArmSample, Health, Recording, ShapeRecord, Snapshot
+from trocar.simulation.sampling import Sampling
 from trocar.simulation.sensor_readings import Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import ServoInputs
@@ -354,6 +355,10 @@ class World:
             self._build,
         )
 
+    def samples(self) -> dict[str, ArmSample]:
+        """Return {arm: copies of what its readings are computed from}, quickly."""
+        return self._sampling.take(self.arms)
+
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
         return self._places.remote_centres()
@@ -426,6 +431,7 @@ class World:
         self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, self._tip_load_n)
         probes = Probes(self._model, self._data, self._shown, self._load)
+        self._sampling = Sampling(self._data, self._servos, self._drives)
         self._sensors = Sensors(self.rig, self._model, self._data, self._drives, probes)
 
     def _advance(self, count: int) -> None:

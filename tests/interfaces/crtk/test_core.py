@@ -29,7 +29,7 @@ def test_states_come_at_their_rate_and_carry_one_stamp() -> None:
 
 
 def test_a_command_moves_the_arm() -> None:
-    served = Served()
+    served = Served(wanted=["PSM1/setpoint_js"])
     goal = [0.1, 0.1, 0.12, 0.0, 0.0, 0.0]
     assert served.core.receive("PSM1/move_jp", {"position": goal})
     served.run(3.0)

@@ -54,6 +54,6 @@ def take(
     world: World, stamp: Stamp, events: tuple[Event, ...], waits: Callable[[str], bool]
 ) -> Sample:
     """Copy a world, in the thread that steps it; arms for which commands wait are busy."""
-    arms = {name: arm.sample() for name, arm in world.arms.items()}
+    arms = world.samples()
     arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
     return Sample(stamp, world.time, world.rig, arms, events)

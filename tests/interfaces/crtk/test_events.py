@@ -1,0 +1,159 @@
+"""What happens between samples: operating states, goals, warnings, late subscribers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.interfaces.commands import Verb
+from trocar.interfaces.crtk.watching import WAITING
+
+from .served import Served, stamp_ns
+
+AT_START = "PSM1/operating_state"
+
+
+def busy_after(served: Served, count: int) -> list[bool]:
+    return [m["is_busy"] for m in served.messages(AT_START)[count:]]
+
+
+def settle(rig: str = "psm", **more) -> tuple[Served, int]:
+    served = Served(rig, wanted=["PSM1/setpoint_js"], **more)
+    served.run(0.02)
+    return served, len(served.messages(AT_START))
+
+
+@pytest.mark.parametrize("verb", ["move_jp", "jaw.move_jp", "move_cp"])
+def test_a_move_of_no_length_is_busy_and_then_not(verb: str) -> None:
+    served, before = settle()
+    arm = served.world.arm("PSM1")
+    here = {
+        "move_jp": {"q": arm.setpoint_js().position},
+        "move_cp": {"T": arm.setpoint_cp().T},
+        "jaw.move_jp": {"q": arm.jaw.setpoint_js().position},
+    }
+    served.loop.post(Verb("PSM1", verb, here[verb]))
+    served.run(0.3)
+    told = busy_after(served, before)
+    assert told[0] is True
+    assert told[-1] is False
+
+
+def test_a_move_while_moving_is_told_of_again() -> None:
+    served, _ = settle()
+    goal = served.world.arm("PSM1").setpoint_js().position + 0.02
+    served.loop.post(Verb("PSM1", "move_jp", {"q": goal}))
+    served.run(0.02)
+    before = len(served.messages(AT_START))
+    served.loop.post(Verb("PSM1", "move_jp", {"q": goal + 0.01}))
+    served.run(0.02)
+    assert True in busy_after(served, before)
+
+
+def test_stamps_of_the_operating_state_increase_strictly() -> None:
+    served, _ = settle()
+    goal = served.world.arm("PSM1").setpoint_js().position + 0.02
+    for sign in (1.0, -1.0, 1.0):
+        served.loop.post(Verb("PSM1", "move_jp", {"q": goal * sign}))
+        served.run(0.05)
+    served.run(1.5)
+    stamps = [stamp_ns(m) for m in served.messages(AT_START)]
+    assert (np.diff(stamps) > 0).all()
+
+
+def test_the_operating_state_comes_again_every_second() -> None:
+    served, before = settle()
+    served.run(3.0)
+    assert len(served.messages(AT_START)) - before == 3
+
+
+def test_states_that_change_are_told_with_what_was_asked_for() -> None:
+    served, before = settle()
+    for name in ("disable", "enable"):
+        served.loop.post(Verb("PSM1", "state_command", {"name": name}))
+        served.run(0.01)
+    assert [m["state"] for m in served.messages(AT_START)[before:]] == ["DISABLED", "ENABLED"]
+    assert [m["data"] for m in served.messages("PSM1/desired_state")] == ["DISABLED", "ENABLED"]
+
+
+def test_a_refused_command_is_a_warning_on_its_arms_topic() -> None:
+    served, _ = settle()
+    served.loop.post(Verb("PSM1", "servo_jp", {"q": [1.0]}))
+    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+    served.run(0.01)
+    told = [m["data"] for m in served.messages("PSM1/warning")]
+    assert len(told) == 2
+    assert "allowed: 6 numbers" in told[0]
+    assert "ratio 7.0" in told[1]
+
+
+def test_a_goal_that_was_reached_is_told() -> None:
+    served, _ = settle()
+    served.loop.post(Verb("PSM1", "move_jr", {"dq": [0.01, 0, 0, 0, 0, 0]}))
+    served.run(0.5)
+    assert [m["data"] for m in served.messages("PSM1/goal_reached")] == [True]
+
+
+def test_another_tool_is_told_and_its_poses_are_published() -> None:
+    served, _ = settle()
+    served.transport.want("PSM1/measured_cp", "PSM1/jaw/measured_js")
+    assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006"}
+    served.loop.post(Verb("PSM1", "set_tool_type", {"name": "PROGRASP_FORCEPS:420093"}))
+    served.run(0.05)
+    assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093"}
+    p = served.last("PSM1/measured_cp")["pose"]["position"]
+    expected = served.world.arm("PSM1").measured_cp().T[:3, 3]
+    np.testing.assert_allclose([p["x"], p["y"], p["z"]], expected, atol=1e-6)
+    served.loop.post(Verb("PSM1", "set_tool_type", {"name": "none"}))
+    served.run(0.02)
+    before = len(served.messages("PSM1/jaw/measured_js"))
+    served.run(0.05)
+    assert len(served.messages("PSM1/jaw/measured_js")) == before  # no jaw, no message
+
+
+def test_ratios_of_moves_are_told_when_they_change() -> None:
+    served, _ = settle()
+    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 0.5, "of": "velocity"}))
+    served.run(0.01)
+    assert served.core.latched("PSM1/trajectory_j/ratio_v") == {"data": 0.5}
+    assert served.core.latched("PSM1/trajectory_j/ratio_a") == {"data": 1.0}
+
+
+def test_a_pinched_gripper_is_told() -> None:
+    served = Served("mtm", wanted=[])
+    served.loop.post(Verb("MTML", "gripper.squeeze_to", {"angle": 0.0}))
+    served.run(1.0)
+    assert len(served.messages("MTML/gripper/pinch")) == 1
+    assert served.core.latched("MTML/gripper/closed") == {"data": True}
+    assert served.core.latched("MTMR/gripper/closed") == {"data": False}
+
+
+def test_samples_that_nobody_publishes_are_left_out_and_events_are_not() -> None:
+    served = Served(wanted=["PSM1/measured_js"])
+    for k in range(600):
+        if k == 590:
+            served.loop.post(Verb("PSM1", "state_command", {"name": "disable"}))
+        served.loop.tick()
+    assert served.core.skipped > 0
+    assert served.core.publish_waiting() == WAITING
+    served.run(0.02)
+    assert served.last(AT_START)["state"] == "DISABLED"
+
+
+def test_a_transport_that_breaks_does_not_silence_the_others(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    served, _ = settle()
+    broken = type(served.transport)()
+    broken.name = "broken"
+    served.core.attach(broken)
+    broken.want("PSM1/measured_js")
+
+    def send(batch) -> None:  # noqa: ARG001
+        raise OSError("no such wire")
+
+    monkeypatch.setattr(broken, "send", send)
+    before = served.transport.batches
+    served.run(0.1)
+    assert served.transport.batches > before
+    assert "broken: messages are lost" in caplog.text

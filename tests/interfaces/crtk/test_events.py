@@ -27,6 +27,7 @@ def settle(rig: str = "psm", **more) -> tuple[Served, int]:
 def test_a_move_of_no_length_is_busy_and_then_not(verb: str) -> None:
     served, before = settle()
     arm = served.world.arm("PSM1")
+    assert arm.jaw is not None
     here = {
         "move_jp": {"q": arm.setpoint_js().position},
         "move_cp": {"T": arm.setpoint_cp().T},

@@ -98,8 +98,8 @@ def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
     label = f"decoder of {kind.name}"
 
     def decode(data: bytes) -> Message:
-        if not data.startswith(wire.prefix[:2]) or len(data) < wire.origin:
-            allowed = f"{wire.prefix[:2].hex(' ')} (CDR, little endian) and two more bytes"
+        if not data.startswith(wire.prefix[:2]):
+            allowed = f"{wire.prefix[:2].hex(' ')} (CDR, little endian)"
             raise MessageError(kind.name, "", f"begins with {shown_bytes(data)}, not {allowed}")
         try:
             return run(data)

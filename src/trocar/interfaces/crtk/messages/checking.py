@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from trocar.interfaces.crtk.messages.errors import MessageError, shown
 from trocar.interfaces.crtk.messages.wire import SECOND
 
 Message = dict[str, Any]
+Names = Mapping[str, object]
 REALS = ("float32", "float64")
 # The largest float32. Source: IEEE 754.
 FLOAT32_MAX = float(np.finfo(np.float32).max)
@@ -60,10 +63,16 @@ def blank_field(field: Field) -> Any:
     return {"string": "", "bool": False}.get(field.type, 0.0 if field.type in REALS else 0)
 
 
+@cache
+def fields_by_name(kind: MessageType) -> dict[str, Field]:
+    """The fields that a message in memory has, in order."""
+    return {field.name: field for field in kind.fields if not field.only_ros1}
+
+
 def _message(top: MessageType, kind: MessageType, message: object, path: str) -> None:
     if not isinstance(message, dict):
         raise MessageError(top.name, path, f"got {shown(message)}, a dict of fields is allowed")
-    fields = {field.name: field for field in kind.fields if not field.only_ros1}
+    fields = fields_by_name(kind)
     check_names(top, path, message, fields)
     dot = f"{path}." if path else ""
     for name, field in fields.items():
@@ -72,12 +81,13 @@ def _message(top: MessageType, kind: MessageType, message: object, path: str) ->
         _field(top, field, message[name], f"{dot}{name}")
 
 
-def check_names(top: MessageType, path: str, message: dict[Any, Any], known: Any) -> None:
+def check_names(top: MessageType, path: str, message: dict[Any, Any], known: Names) -> None:
     """Refuse fields that nobody knows."""
-    for name in message:
-        if name not in known:
-            allowed = ", ".join(known) or "none"
-            raise MessageError(top.name, path, f"unknown field {shown(name)}; known: {allowed}")
+    if message.keys() <= known.keys():
+        return
+    name = next(name for name in message if name not in known)
+    allowed = ", ".join(known) or "none"
+    raise MessageError(top.name, path, f"unknown field {shown(name)}; known: {allowed}")
 
 
 def _field(top: MessageType, field: Field, value: Any, path: str) -> None:

@@ -10,6 +10,7 @@ import base64
 import binascii
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,14 @@ from trocar.interfaces.crtk.messages.checking import (
     blank_field,
     check,
     check_names,
+    fields_by_name,
     scalar_problem,
 )
 from trocar.interfaces.crtk.messages.definition import Field
 from trocar.interfaces.crtk.messages.errors import MessageError, shown
 
 TIME_NAMES = ("secs", "sec"), ("nsecs", "nanosec")
+ALL_TIME_NAMES = dict.fromkeys(name for names in TIME_NAMES for name in names)
 WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 
 _writers: dict[str | MessageType, Callable[[Message], dict[str, Any]]] = {}
@@ -113,19 +116,23 @@ def _write_reals(values: Any) -> list[float | None]:
 def _message(top: MessageType, kind: MessageType, given: object, path: str) -> Message:
     if not isinstance(given, dict):
         raise MessageError(top.name, path, f"got {shown(given)}, an object is allowed")
-    known = {name for field in kind.fields for name in (field.name, field.ros1_name)}
-    check_names(top, path, given, sorted(known))
+    check_names(top, path, given, _names(kind))
     dot = f"{path}." if path else ""
     message: Message = {}
-    for field in kind.fields:
-        name = field.name if field.name in given else field.ros1_name
-        if field.only_ros1:
-            continue
+    for own, field in fields_by_name(kind).items():
+        name = own if own in given else field.ros1_name
         if name in given:
-            message[field.name] = _field(top, field, given[name], f"{dot}{name}")
+            message[own] = _field(top, field, given[name], f"{dot}{name}")
         else:
-            message[field.name] = blank_field(field)
+            message[own] = blank_field(field)
     return message
+
+
+@cache
+def _names(kind: MessageType) -> dict[str, Field]:
+    """Every name that a field may have in JSON, those of ROS 1 included."""
+    pairs = [(name, field) for field in kind.fields for name in (field.name, field.ros1_name)]
+    return dict(pairs)
 
 
 def _field(top: MessageType, field: Field, given: Any, path: str) -> Any:
@@ -157,6 +164,8 @@ def _bytes(top: MessageType, given: str | bytes | bytearray, path: str) -> bytes
 
 
 def _single(top: MessageType, field: Field, given: Any, path: str) -> Any:
+    if type(given) is float and field.type == "float64":
+        return given
     if field.is_message:
         return _message(top, message_type(field.type), given, path)
     value: Any = _time(top, given, path) if field.type in ("time", "duration") else given
@@ -171,7 +180,7 @@ def _single(top: MessageType, field: Field, given: Any, path: str) -> Any:
 def _time(top: MessageType, given: Any, path: str) -> tuple[Any, Any]:
     if not isinstance(given, dict):
         raise MessageError(top.name, path, f"got {shown(given)}, secs and nsecs are allowed")
-    check_names(top, path, given, [name for names in TIME_NAMES for name in names])
+    check_names(top, path, given, ALL_TIME_NAMES)
     seconds, rest = (
         next((given[name] for name in names if name in given), 0) for names in TIME_NAMES
     )

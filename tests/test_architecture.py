@@ -46,7 +46,7 @@ HOMES = {
     "viser": ("interfaces/viewer",),
     "websockets": ("interfaces/viewer", "interfaces/crtk/transports/websocket"),
     "rospy": ("interfaces/crtk/transports",),
-    "cyclonedds": ("interfaces/crtk/transports",),
+    "cyclonedds": ("interfaces/crtk/transports/ros2",),
     "moderngl": ("rendering",),
     "mcap": ("simulation/recording",),
     "zstandard": ("simulation/recording",),

@@ -61,11 +61,11 @@ def network(environment: Mapping[str, str]) -> Network:
     domain = _domain(environment.get("ROS_DOMAIN_ID", ""))
     size = graph.gid_size(environment.get("ROS_DISTRO"))
     if environment.get("CYCLONEDDS_URI"):
-        return Network(domain, None, "as CYCLONEDDS_URI says", "the same CYCLONEDDS_URI", size)
+        return Network(domain, None, "where CYCLONEDDS_URI says", "CYCLONEDDS_URI=...", size)
     chosen = _range(environment)
     if chosen == "SUBNET":
         config = DISCOVERY.format(most=32, peers="") + INTERNAL
-        return Network(domain, config, "this network, without any password", "nothing else", size)
+        return Network(domain, config, "the whole network, without any password", "", size)
     peers = '<Peers><Peer address="{}"/></Peers>'
     if chosen == "LOCALHOST":
         config = NO_MULTICAST + DISCOVERY.format(most=32, peers=peers.format("localhost"))

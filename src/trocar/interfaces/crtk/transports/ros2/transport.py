@@ -100,14 +100,15 @@ class Ros2Transport:
         bus, self._bus = self._bus, None
         bus.close()
 
-    def start_line(self) -> str:
-        """Return what to tell a person: where we are, and what their terminal must set."""
+    @property
+    def greeting(self) -> str:
+        """What to tell a person: where we are, and what their terminal must set."""
         where = self.where
         return (
-            f"ROS 2: domain {where.domain}, {where.reach} (DDS opens UDP ports on all interfaces). "
-            f"In other terminals: export RMW_IMPLEMENTATION=rmw_cyclonedds_cpp "
-            f"ROS_DOMAIN_ID={where.domain}, and {where.set}. "
-            "Services work with rmw_cyclonedds_cpp only; topics should with others too, untested."
+            f"ROS 2: domain {where.domain}, {where.reach}; DDS opens UDP ports on all interfaces\n"
+            f"  other terminals: export RMW_IMPLEMENTATION=rmw_cyclonedds_cpp "
+            f"ROS_DOMAIN_ID={where.domain} {where.set}\n"
+            "  services work with rmw_cyclonedds_cpp only; topics are proven with it only"
         )
 
     # ------------------------------------------------------------------ out

@@ -1,0 +1,208 @@
+"""A ROS 2 program in a process of its own, on the wheel's ordinary typed classes: no code of ours.
+
+`python peer.py ACTION CONFIG`: prints lines of JSON; the first is "ready".
+"""
+
+# pyright: reportArgumentType=false, reportCallIssue=false
+# The wheel's `sequence` says nothing of being a list, which its values are.
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cyclonedds.idl.annotations as mark
+from cyclonedds.core import Policy, Qos
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct
+from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.pub import DataWriter
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+PATIENCE_S = 30.0
+
+
+@dataclass
+@mark.final
+class Time(IdlStruct, typename="builtin_interfaces::msg::dds_::Time_"):
+    sec: int32
+    nanosec: uint32
+
+
+@dataclass
+@mark.final
+class Header(IdlStruct, typename="std_msgs::msg::dds_::Header_"):
+    stamp: Time
+    frame_id: str
+
+
+@dataclass
+@mark.final
+class JointState(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
+    header: Header
+    name: sequence[str]
+    position: sequence[float64]
+    velocity: sequence[float64]
+    effort: sequence[float64]
+
+
+@dataclass
+@mark.final
+class OperatingState(IdlStruct, typename="crtk_msgs::msg::dds_::OperatingState_"):
+    header: Header
+    state: str
+    is_homed: bool
+    is_busy: bool
+
+
+@dataclass
+@mark.final
+class StringStamped(IdlStruct, typename="crtk_msgs::msg::dds_::StringStamped_"):
+    header: Header
+    string: str
+
+
+@dataclass
+@mark.final
+class TriggerRequest(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Request_"):
+    guid: uint64
+    seq: int64
+    structure_needs_at_least_one_member: uint8
+
+
+@dataclass
+@mark.final
+class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response_"):
+    guid: uint64
+    seq: int64
+    success: bool
+    message: str
+
+
+VOLATILE = Qos(
+    Policy.Reliability.Reliable(duration(seconds=1)),
+    Policy.History.KeepLast(1000),
+    Policy.DataRepresentation(use_cdrv0_representation=True),
+)
+LATCHED = Qos(
+    Policy.Reliability.Reliable(duration(seconds=1)),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(10),
+    Policy.DataRepresentation(use_cdrv0_representation=True),
+)
+
+
+def say(**values: Any) -> None:
+    sys.stdout.write(f"{json.dumps(values)}\n")
+    sys.stdout.flush()
+
+
+def until(done: Callable[[], bool]) -> bool:
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        if done():
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def header() -> Header:
+    now = time.time_ns()
+    return Header(Time(now // 1_000_000_000, now % 1_000_000_000), "")
+
+
+def listen(participant: DomainParticipant) -> None:
+    """Tell of a hundred joint states, and of the latched state that was there before us."""
+    joints = DataReader(
+        participant, Topic(participant, "rt/PSM1/measured_js", JointState), VOLATILE
+    )
+    topic = Topic(participant, "rt/PSM1/operating_state", OperatingState)
+    state = DataReader(participant, topic, LATCHED)
+    say(ready=True)
+    got: list[JointState] = []
+    states: list[OperatingState] = []
+
+    def enough() -> bool:
+        got.extend(joints.take(100))
+        states.extend(state.take(100))
+        return len(got) >= 100 and bool(states)
+
+    until(enough)
+    stamps = [s.header.stamp.sec * 1_000_000_000 + s.header.stamp.nanosec for s in got]
+    say(
+        stamps=stamps,
+        names=list(got[0].name),
+        position=list(got[-1].position),
+        state=states[0].state,
+        homed=states[0].is_homed,
+    )
+
+
+def drive(participant: DomainParticipant) -> None:
+    """Enable, home and move in one burst; tell how the state of the arm changed."""
+    topic = Topic(participant, "rt/PSM1/operating_state", OperatingState)
+    state = DataReader(participant, topic, VOLATILE)
+    topic = Topic(participant, "rt/PSM1/state_command", StringStamped)
+    orders = DataWriter(participant, topic, LATCHED)
+    moves = DataWriter(participant, Topic(participant, "rt/PSM1/move_jp", JointState), VOLATILE)
+    joints = DataReader(
+        participant, Topic(participant, "rt/PSM1/measured_js", JointState), VOLATILE
+    )
+    say(ready=True)
+    ends = (state.get_matched_publications, orders.get_matched_subscriptions)
+    until(lambda: all(end() for end in (*ends, moves.get_matched_subscriptions)))
+    goal = [0.2, -0.1, 0.11, 0.3, 0.0, 0.0]
+    for order in ("enable", "home"):
+        orders.write(StringStamped(header(), order))
+    moves.write(JointState(header(), [], goal, [], []))
+    seen: list[tuple[str, bool, bool]] = []
+    last: list[float] = []
+
+    def arrived() -> bool:
+        seen.extend((s.state, s.is_homed, s.is_busy) for s in state.take(100))
+        for sample in joints.take(100):
+            last[:] = sample.position
+        near = last and max(abs(a - b) for a, b in zip(last, goal, strict=True)) < 0.01
+        return bool(near) and not seen[-1][2]
+
+    say(arrived=until(arrived), seen=seen, position=last)
+
+
+def call(participant: DomainParticipant) -> None:
+    """Call a service as rmw_cyclonedds_cpp does, twice."""
+    name = "PSM1/crtk_version"
+    asked = Topic(participant, f"rq/{name}Request", TriggerRequest)
+    answered = Topic(participant, f"rr/{name}Reply", TriggerResponse)
+    own = Policy.Userdata(b"clientid=1.2.3;")
+    requests = DataWriter(participant, asked, VOLATILE + Qos(own))
+    replies = DataReader(participant, answered, VOLATILE + Qos(own))
+    say(ready=True)
+    until(lambda: bool(requests.get_matched_subscriptions() and replies.get_matched_publications()))
+    got: list[TriggerResponse] = []
+
+    def complete() -> bool:
+        got.extend(replies.take(10))
+        return len(got) == 2
+
+    for seq in (7, 8):
+        requests.write(TriggerRequest(2**63 + 5, seq, 0))
+    until(complete)
+    say(answers=[(a.guid, a.seq, a.success, a.message) for a in sorted(got, key=lambda a: a.seq)])
+
+
+def linger(participant: DomainParticipant) -> None:
+    """Listen without ever reading, until killed."""
+    topic = Topic(participant, "rt/PSM1/measured_js", JointState)
+    reader = DataReader(participant, topic, VOLATILE)
+    until(lambda: bool(reader.get_matched_publications()))
+    say(ready=True)
+    time.sleep(PATIENCE_S)
+
+
+if __name__ == "__main__":
+    domain = Domain(0, sys.argv[2])
+    {f.__name__: f for f in (listen, drive, call, linger)}[sys.argv[1]](DomainParticipant(0))

@@ -1,0 +1,76 @@
+"""A core on ROS 2 in this process, and programs that meet it in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from trocar.interfaces import Loop
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.transports.ros2 import Network, Ros2Transport, network
+from trocar.interfaces.loop import SERVER_TICK_S
+from trocar.simulation import World
+
+PEER = Path(__file__).parent / "peer.py"
+
+
+def private_network() -> Network:
+    """Return the loopback, with a tag that no other test has."""
+    where = network({})
+    assert where.config is not None
+    tag = f"<Tag>trocar-{uuid.uuid4().hex}</Tag></Discovery>"
+    return replace(where, config=where.config.replace("</Discovery>", tag))
+
+
+class Program:
+    """A peer that runs; `tell` waits for its next line."""
+
+    def __init__(self, action: str, where: Network) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, str(PEER), action, str(where.config)],
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self.tell() == {"ready": True}
+
+    def tell(self) -> dict:
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line, "the program ended without a word"
+        return json.loads(line)
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.communicate()
+
+
+@contextmanager
+def program(action: str, where: Network) -> Iterator[Program]:
+    """Run a peer for as long as the block."""
+    peer = Program(action, where)
+    try:
+        yield peer
+    finally:
+        peer.end()
+
+
+@contextmanager
+def served(rig: str = "psm") -> Iterator[tuple[Core, Ros2Transport]]:
+    """Run a rig on ROS 2 for as long as the block."""
+    loop = Loop(World(rig), tick_s=SERVER_TICK_S)
+    core = Core(loop)
+    transport = Ros2Transport(private_network())
+    core.attach(transport)
+    core.start()
+    loop.start()
+    try:
+        yield core, transport
+    finally:
+        loop.stop()
+        core.close()

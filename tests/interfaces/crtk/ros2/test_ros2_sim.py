@@ -1,0 +1,98 @@
+"""A running simulator on ROS 2, and programs in other processes that meet it."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
+
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.messages import message_type
+from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
+from trocar.interfaces.crtk.transports.ros2.bus import Bus, Quality
+
+from .ros2_side import Program, program, served
+
+JOINTS = ["yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw"]
+
+
+def eventually(done, seconds: float = 20.0) -> bool:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if done():
+            return True
+        time.sleep(0.02)
+    return False
+
+
+@pytest.fixture(scope="module")
+def simulator():
+    with served() as running:
+        yield running
+
+
+def test_a_late_subscriber_gets_states_in_order_and_the_operating_state(simulator) -> None:
+    _, transport = simulator
+    time.sleep(0.5)
+    with program("listen", transport.where) as peer:
+        told = peer.tell()
+    assert np.all(np.diff(told["stamps"]) > 0)
+    assert told["names"] == JOINTS
+    assert np.all(np.isfinite(told["position"]))
+    assert told["state"] in ("DISABLED", "ENABLED")
+
+
+def test_a_service_answers_each_call_to_its_caller(simulator) -> None:
+    _, transport = simulator
+    with program("call", transport.where) as peer:
+        told = peer.tell()
+    assert told["answers"] == [[2**63 + 5, seq, True, "1.1.0"] for seq in (7, 8)]
+
+
+def test_bytes_that_are_no_message_are_refused_and_nothing_moves(simulator) -> None:
+    core, transport = simulator
+    rng = np.random.default_rng(7)
+    before = core.refused
+    stranger = Bus(0, transport.where.config, b"")
+    try:
+        kind = message_type("sensor_msgs/JointState").dds_name
+        writer = stranger.writer("rt/PSM1/move_jp", kind, Quality(100))
+        assert eventually(lambda: writer.look() > 0)
+        for size in range(4, 84):
+            writer.write(b"\0\1\0\0" + rng.bytes(size))
+        assert eventually(lambda: core.refused >= before + 80)
+    finally:
+        stranger.close()
+    time.sleep(0.1)
+    assert core.loop.running
+
+
+def test_programs_that_are_killed_hold_up_nobody(simulator) -> None:
+    core, transport = simulator
+    ticks = core.loop.now
+    peers = [Program("linger", transport.where) for _ in range(4)]
+    for peer in peers:
+        os.kill(peer.process.pid, 9)
+        peer.end()
+    with program("listen", transport.where) as peer:
+        assert len(peer.tell()["stamps"]) >= 100
+    assert core.loop.now > ticks and core.loop.running
+    assert transport.lost == 0
+
+
+def test_nothing_is_wanted_until_somebody_listens(simulator) -> None:
+    _, transport = simulator
+    with program("linger", transport.where):
+        assert eventually(lambda: transport.wanted() == {"PSM1/measured_js"})
+    # the one that was killed is missed after its lease
+    assert eventually(lambda: not transport.wanted(), 30.0)
+
+
+def test_it_can_be_closed_and_started_again() -> None:
+    for _ in range(2):
+        with served() as (core, transport):
+            assert isinstance(core, Core) and isinstance(transport, Ros2Transport)

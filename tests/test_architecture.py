@@ -44,6 +44,7 @@ HOMES = {
     "ruckig": ("simulation",),
     "gymnasium": ("interfaces/gym",),
     "viser": ("interfaces/viewer",),
+    "msgspec": ("interfaces/crtk/transports/websocket",),
     "websockets": ("interfaces/viewer", "interfaces/crtk/transports/websocket"),
     "rospy": ("interfaces/crtk/transports",),
     "cyclonedds": ("interfaces/crtk/transports/ros2",),

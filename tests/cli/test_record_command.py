@@ -34,7 +34,19 @@ def test_a_headless_run_is_recorded_and_repeated(trocar, tmp_path):
 
 def test_a_live_run_is_recorded(trocar, tmp_path):
     file = tmp_path / "run.mcap"
-    live = ("sim", "--rig", "psm", "--port", "0", "--speed", "max", "--duration", "0.1")
+    live = (
+        "sim",
+        "--rig",
+        "psm",
+        "--port",
+        "0",
+        "--websocket-port",
+        "0",
+        "--speed",
+        "max",
+        "--duration",
+        "0.1",
+    )
     assert trocar(*live, "--record", file).status == 0
     recorded = open_recording(file)
     assert recorded.problem == "" and recorded.end == pytest.approx(0.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 from pathlib import Path
 
@@ -107,8 +108,39 @@ def test_a_port_that_is_taken_is_one_clear_error(capsys):
         busy.bind(("127.0.0.1", 0))
         busy.listen()
         port = busy.getsockname()[1]
-        assert main(["sim", "--rig", "psm", "--port", str(port), "--duration", "0.1"]) == 2
-    assert str(port) in capsys.readouterr().err
+        words = ["sim", "--rig", "psm", "--duration", "0.1"]
+        assert main([*words, "--port", str(port), "--websocket-port", "0"]) == 2
+        assert str(port) in capsys.readouterr().err
+        assert main([*words, "--no-page", "--websocket-port", str(port)]) == 2
+    told = capsys.readouterr().err
+    assert f"the WebSocket cannot listen on 127.0.0.1 port {port}: address already in use" in told
+    assert "--websocket-port" in told and "--no-websocket" in told
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--host", "0.0.0.0"], "--host 0.0.0.0: whoever reaches this address could drive"),
+        (["--host", "0.0.0.0", "--token", "easy"], "--token: got 4 characters; allowed: 16"),
+        (["--websocket-port", "70000"], "port 70000 does not exist"),
+        (["--no-websocket"], "nothing would be served"),
+        (["--rate", "2000", "--websocket-port", "0"], "rate: got 2000 Hz; allowed: above 0 to"),
+        (["--compat", "gazebo"], "invalid choice: 'gazebo'"),
+    ],
+)
+def test_what_cannot_be_served_is_one_clear_error(words: list[str], told: str, capsys):
+    assert main(["sim", "--rig", "psm", "--no-page", "--duration", "0.1", *words]) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_clients_alone_can_be_served_and_the_token_is_not_printed(capsys, monkeypatch):
+    monkeypatch.setenv("TROCAR_TOKEN", "0123456789abcdef")
+    words = ["sim", "--rig", "psm", "--no-page", "--websocket-port", "0", "--speed", "max"]
+    assert main([*words, "--duration", "0.1"]) == 0
+    printed = capsys.readouterr().out
+    assert re.fullmatch(
+        r"ws://127\.0\.0\.1:\d+  \(rosbridge, with the token\)  \(Ctrl-C stops\)\n", printed
+    )
 
 
 def test_bench_prints_one_document(capsys):

@@ -1,6 +1,7 @@
-"""Simulate a rig: live in the browser, or headless along the paper's test trajectory.
+"""Simulate a rig: live for the browser and for clients, or headless along the paper's trajectory.
 
-Live, the page is served on this machine only; its address is printed when the arms move.
+Live, the page and rosbridge's WebSocket are served on this machine only; their addresses are
+printed when the arms move.
 Headless, every arm but the setup joints follows the paper's sine, and speed, loop health and
 tracking are reported. --tip-load turns a force about each instrument's tip.
 --record writes a file that `trocar replay` repeats; headless it is one more pass along the sine.
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibrations, add_json, number
 from trocar.cli.output import print_json, table
+from trocar.cli.serving import add_serving, serve
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +25,6 @@ if TYPE_CHECKING:
     from trocar.simulation import World
 
 HEADLESS_DURATION_S = 10.0
-PORT = 8080
 DEFAULT_TOOL = "LARGE_NEEDLE_DRIVER:400006"
 
 
@@ -52,9 +53,6 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("realtime", "max"),
         help="default: realtime in the browser, max headless",
     )
-    parser.add_argument(
-        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
-    )
     parser.add_argument("--control", choices=("dvrk", "paper"), default="dvrk", help="gains")
     parser.add_argument(
         "--friction", choices=("identified", "paper"), default="identified", help="joint model"
@@ -72,6 +70,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
     )
     add_json(parser)
+    add_serving(parser)
 
 
 def run(args: Namespace) -> int:
@@ -101,22 +100,10 @@ def run(args: Namespace) -> int:
 
 
 def _live(args: Namespace) -> int:
-    from trocar.interfaces.viewer import serve
-
     world = _world(args)
     print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
-
-    def tell(url: str) -> None:
-        print(f"{url}  (Ctrl-C stops)", flush=True)
-
     with world.record(args.record) if args.record else nullcontext():
-        serve(
-            world,
-            port=args.port,
-            speed=args.speed or "realtime",
-            duration_s=args.duration,
-            on_ready=tell,
-        )
+        serve(world, args)
     return 0
 
 

@@ -49,6 +49,10 @@ class Stamper:
         passed = self.elapsed_s if self.mode == "wall" else elapsed.simulated_s
         self._now = self._first + round(passed * SECOND)
 
+    def now(self) -> Stamp:
+        """Return the time that the next stamp is not before; from any thread."""
+        return divmod(max(self._now, self._last), SECOND)
+
     def stamp(self) -> Stamp:
         """Return a stamp later than all before, a nanosecond at least."""
         self._last = max(self._now, self._last + 1)

@@ -1,0 +1,156 @@
+"""What `trocar sim` serves beside the page: its options, and one loop for everybody.
+
+A transport is added in three places here: its option, `_transports`, and nothing else; what its
+`greeting` says is printed when time flows.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack, closing, suppress
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import number
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from argparse import _ArgumentGroup
+
+    from trocar.interfaces import Loop
+    from trocar.interfaces.crtk import Core, Transport
+    from trocar.simulation import World
+
+    Adds = _ArgumentGroup
+
+PORT = 8080
+WEBSOCKET_PORT = 9090
+TOKEN_VARIABLE = "TROCAR_TOKEN"
+SWITCH_S = 0.0005
+"""How long one thread may keep the others waiting [s]. Source: our own choice, half a tick."""
+
+
+def add_serving(parser: ArgumentParser) -> None:
+    """Add the options of the page and of everything else that is served."""
+    page = parser.add_argument_group("the page")
+    page.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
+    )
+    page.add_argument("--no-page", action="store_true", help="serve no page")
+    sockets = parser.add_argument_group("clients (docs/ros.md)")
+    sockets.add_argument(
+        "--no-websocket", action="store_true", help="do without rosbridge's WebSocket"
+    )
+    sockets.add_argument(
+        "--websocket-port",
+        type=int,
+        default=WEBSOCKET_PORT,
+        metavar="N",
+        help=f"default: {WEBSOCKET_PORT}; 0: any",
+    )
+    sockets.add_argument(
+        "--host",
+        default="127.0.0.1",
+        help="where the WebSocket listens; beyond this machine only with --token",
+    )
+    sockets.add_argument(
+        "--token", help=f"what WebSocket clients have to show; default: ${TOKEN_VARIABLE}, if set"
+    )
+    _add_rates(sockets)
+
+
+def _add_rates(sockets: Adds) -> None:
+    sockets.add_argument(
+        "--rate", type=number, metavar="HZ", help="of states; default: 220, up to 1000"
+    )
+    sockets.add_argument("--camera-rate", type=number, metavar="HZ", help="of images; default: 60")
+    sockets.add_argument(
+        "--clock",
+        choices=("wall", "sim"),
+        default="wall",
+        help="stamps: the wall clock at the start plus simulated time, or simulated time alone",
+    )
+    sockets.add_argument(
+        "--compat",
+        action="append",
+        default=[],
+        choices=("dvrk_env", "dvrk_vrep"),
+        help="serve an older simulator's topics, too; may be repeated",
+    )
+
+
+def serve(world: World, args: Namespace) -> None:
+    """Run a world and serve what the options ask for, until Ctrl-C or the time is over.
+
+    Raises:
+        InputError: a port, host or token that cannot be used, or nothing to serve
+        DivergedError: the simulation left the finite numbers
+    """
+    transports = _transports(args)
+    if args.no_page and not transports:
+        raise InputError(
+            "nothing would be served: leave out --no-page or --no-websocket, or use --headless"
+        )
+    loop = _loop(world, args, shared=bool(transports))
+    with ExitStack() as stack:
+        if transports:
+            sys.setswitchinterval(SWITCH_S)
+            core = stack.enter_context(closing(_core(loop, args)))
+            for transport in transports:
+                core.attach(transport)
+            core.start()
+        _run(world, loop, args, transports)
+
+
+def _transports(args: Namespace) -> list[Transport]:
+    """Return what the options ask for, not started yet."""
+    found: list[Transport] = []
+    if not args.no_websocket:
+        from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
+
+        token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE) or None
+        found.append(WebSocketTransport(args.host, args.websocket_port, token))
+    return found
+
+
+def _loop(world: World, args: Namespace, *, shared: bool) -> Loop:
+    """Make the loop; clients want an answer sooner than a page needs it."""
+    from trocar.interfaces import Loop
+    from trocar.interfaces.loop import SERVER_TICK_S
+
+    steps = max(1, round(SERVER_TICK_S / world.timestep))
+    tick_s = steps * world.timestep if shared else None
+    return Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
+
+
+def _core(loop: Loop, args: Namespace) -> Core:
+    from trocar.interfaces.crtk import Core
+
+    rates = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
+    given = {name: rate for name, rate in rates.items() if rate is not None}
+    return Core(loop, clock=args.clock, compat=args.compat, **given)
+
+
+def _run(world: World, loop: Loop, args: Namespace, transports: list[Transport]) -> None:
+    told = [str(getattr(transport, "greeting", transport.name)) for transport in transports]
+
+    def tell(*addresses: str) -> None:
+        first, *others = addresses
+        print(f"{first}  (Ctrl-C stops)", *others, sep="\n", flush=True)
+
+    if args.no_page:
+        with closing(loop), suppress(KeyboardInterrupt):
+            loop.start(args.duration)
+            tell(*told)
+            loop.wait()
+        return
+    from trocar.interfaces.viewer import serve as serve_page
+
+    serve_page(
+        world,
+        port=args.port,
+        duration_s=args.duration,
+        on_ready=lambda url: tell(url, *told),
+        loop=loop,
+    )

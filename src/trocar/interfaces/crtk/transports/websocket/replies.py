@@ -1,0 +1,65 @@
+"""What the server says in the rosbridge protocol: facts in, bytes for the wire out.
+
+A server's frames are not masked and nothing is compressed, so one message is encoded once and the
+same bytes go to everybody who wants it.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+from msgspec import json
+
+from trocar.interfaces.crtk.transports.websocket.requests import Id, Level
+
+# The first byte of a frame that is whole. Source: RFC 6455, section 5.2.
+TEXT, BINARY = 0x81, 0x82
+
+
+def frame(payload: bytes, kind: int = TEXT) -> bytes:
+    """Wrap UTF-8 text (or bytes) for the wire. Source: RFC 6455, section 5.2."""
+    size = len(payload)
+    if size < 126:
+        return struct.pack("!BB", kind, size) + payload
+    if size < 1 << 16:
+        return struct.pack("!BBH", kind, 126, size) + payload
+    return struct.pack("!BBQ", kind, 127, size) + payload
+
+
+def as_json(document: object) -> bytes:
+    """Write a document; what is no number becomes null."""
+    return json.encode(document)
+
+
+def publication(topic: str, message: bytes) -> bytes:
+    """Return the frame of one message on a topic.
+
+    Args:
+        topic: the name as the subscriber spelled it
+        message: the message, in JSON
+    """
+    return frame(b'{"op":"publish","topic":%b,"msg":%b}' % (json.encode(topic), message))
+
+
+def answer(service: str, id: Id, values: Mapping[str, Any]) -> bytes:  # noqa: A002
+    """Return the frame of a service's answer."""
+    return _response(service, id, values, result=True)
+
+
+def failure(service: str, id: Id, reason: str) -> bytes:  # noqa: A002
+    """Return the frame that says why a service did not answer."""
+    return _response(service, id, reason, result=False)
+
+
+def status(level: Level, text: str, id: Id = None) -> bytes:  # noqa: A002
+    """Return the frame of a remark about the conversation itself."""
+    named = {} if id is None else {"id": id}
+    return frame(as_json({"op": "status", "level": level, "msg": text, **named}))
+
+
+def _response(service: str, id: Id, values: object, *, result: bool) -> bytes:  # noqa: A002
+    named = {} if id is None else {"id": id}
+    document = {"op": "service_response", "service": service, **named, "values": values}
+    return frame(as_json({**document, "result": result}))

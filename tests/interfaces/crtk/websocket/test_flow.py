@@ -1,0 +1,62 @@
+"""Rates and queues: bounded, in order, and the newest state counts."""
+
+from __future__ import annotations
+
+import pytest
+from websockets.frames import Frame, Opcode
+
+from trocar.interfaces.crtk.transports.websocket.flow import Bucket, Outbox, Throttle
+from trocar.interfaces.crtk.transports.websocket.replies import BINARY, frame
+
+
+def test_a_burst_passes_and_then_the_rate() -> None:
+    bucket = Bucket(rate=100.0, burst=10.0)
+    assert sum(bucket.take(1.0, 5.0) for _ in range(50)) == 10
+    passed = sum(bucket.take(1.0, 5.0 + 0.001 * k) for k in range(1, 1001))
+    assert 99 <= passed <= 100
+
+
+def test_what_is_larger_than_the_burst_never_passes() -> None:
+    assert not Bucket(rate=100.0, burst=10.0).take(11.0, 1e6)
+
+
+def test_a_throttle_lets_as_many_pass_as_asked_on_average() -> None:
+    throttle = Throttle(1 / 60)
+    assert 600 <= sum(throttle.passes(10.0 + k / 220) for k in range(2200)) <= 601
+
+
+def test_a_throttle_does_not_catch_up_after_a_rest() -> None:
+    throttle = Throttle(1.0)
+    assert throttle.passes(0.0)
+    assert throttle.passes(100.0)
+    assert not throttle.passes(100.5)
+
+
+def test_states_replace_each_other_and_events_all_count_in_their_order() -> None:
+    outbox = Outbox(capacity=10)
+    outbox.put_state("a", b"a1")
+    outbox.put(b"first")
+    outbox.put_state("b", b"b1")
+    outbox.put(b"second")
+    outbox.put_state("a", b"a2")
+    assert outbox.lost == 1
+    assert outbox.take(1000) == [b"first", b"b1", b"second", b"a2"]
+    assert not outbox
+
+
+def test_the_oldest_event_goes_when_too_many_wait() -> None:
+    outbox = Outbox(capacity=3)
+    for k in range(5):
+        outbox.put(b"%d" % k)
+    assert outbox.lost == 2
+    assert outbox.take(2) == [b"2", b"3"]
+    assert outbox.take(2) == [b"4"]
+    outbox.put(b"5")
+    assert outbox.take(1) == [b"5"]
+
+
+@pytest.mark.parametrize("size", [0, 125, 126, 65_535, 65_536, 200_000])
+def test_frames_are_those_of_the_library(size: int) -> None:
+    payload = b"x" * size
+    assert frame(payload) == Frame(Opcode.TEXT, payload).serialize(mask=False)
+    assert frame(payload, BINARY) == Frame(Opcode.BINARY, payload).serialize(mask=False)

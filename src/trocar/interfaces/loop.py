@@ -21,6 +21,7 @@ from trocar.interfaces.commands import Command, Pause, Reset, Resume
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
 from trocar.interfaces.publisher import Publisher
+from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed, LoopState, Question, Watcher
 
 if TYPE_CHECKING:
@@ -91,6 +92,7 @@ class Loop:
         self._ticks = 0
         self._publisher = Publisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
+        self._seldom = Seldom()
 
     # What other threads may call.
 
@@ -258,7 +260,9 @@ class Loop:
             command.apply(self._world)
         except InputError as error:
             self._refused += 1
-            _log.warning("refused: %s", error)
+            unsaid = self._seldom.due(str(error), self._clock.now())
+            if unsaid is not None:
+                _log.warning("refused: %s%s", error, more(unsaid))
             for watcher in self._watchers:
                 watcher.refused(command, str(error))
         if isinstance(command, Pause | Resume):

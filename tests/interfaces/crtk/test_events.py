@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trocar.errors import InputError
+from trocar.interfaces import Loop, Pause
 from trocar.interfaces.commands import Verb
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.transports.memory import MemoryTransport
 from trocar.interfaces.crtk.watching import WAITING
+from trocar.simulation import World
 
 from .served import Served, stamp_ns
 
+#: What only transports that have a use for it ask for.
+BY_TRANSPORTS = ("robot_description", "tf_static")
 AT_START = "PSM1/operating_state"
 
 
@@ -74,7 +81,8 @@ def test_states_that_change_are_told_with_what_was_asked_for() -> None:
         served.loop.post(Verb("PSM1", "state_command", {"name": name}))
         served.run(0.01)
     assert [m["state"] for m in served.messages(AT_START)[before:]] == ["DISABLED", "ENABLED"]
-    assert [m["data"] for m in served.messages("PSM1/desired_state")] == ["DISABLED", "ENABLED"]
+    desired = [m["data"] for m in served.messages("PSM1/desired_state")]
+    assert desired == ["ENABLED", "DISABLED", "ENABLED"]  # the first: how it began
 
 
 def test_a_refused_command_is_a_warning_on_its_arms_topic() -> None:
@@ -139,6 +147,68 @@ def test_samples_that_nobody_publishes_are_left_out_and_events_are_not() -> None
     assert served.core.publish_waiting() == WAITING
     served.run(0.02)
     assert served.last(AT_START)["state"] == "DISABLED"
+
+
+def test_every_latched_topic_has_a_message_for_those_who_come_late() -> None:
+    served = Served("full_cart_mtm", wanted=[])
+    served.run(0.01)
+    rows = served.core.topics.values()
+    latched = [t.name for t in rows if t.latched and not t.later and t.name not in BY_TRANSPORTS]
+    assert [name for name in latched if served.core.latched(name) is None] == []
+
+
+def test_buttons_pressed_and_released_at_once_have_stamps_of_their_own() -> None:
+    served, _ = settle()
+    for pressed in (1, 0):
+        served.core.emit("console/clutch", {"axes": [], "buttons": [pressed]})
+    served.run(0.01)
+    down, up = served.messages("console/clutch")[-2:]
+    assert (down["buttons"], up["buttons"]) == ([1], [0])
+    assert stamp_ns(up) > stamp_ns(down)
+
+
+def test_a_flood_of_commands_that_raise_is_told_once() -> None:
+    served, _ = settle()
+    for _ in range(300):
+        served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+        served.run(0.001)
+    assert len(served.messages("PSM1/warning")) == 1
+    served.run(2.0)
+    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+    served.run(0.01)
+    assert "(299 more such since)" in served.messages("PSM1/warning")[-1]["data"]
+
+
+def test_operating_states_come_again_while_simulated_time_stands() -> None:
+    served, before = settle(clock="sim")
+    served.loop.post(Pause())
+    served.run(3.0)
+    assert len(served.messages(AT_START)) - before == 3
+
+
+def test_when_a_transport_cannot_start_none_is_left_running() -> None:
+    class Late(MemoryTransport):
+        def start(self, core) -> None:  # noqa: ARG002
+            raise InputError("the port is taken")
+
+    core = Core(Loop(World("psm")))
+    first = MemoryTransport()
+    core.attach(first)
+    core.attach(Late())
+    with pytest.raises(InputError, match="port is taken"):
+        core.start()
+    assert first.closed
+
+
+def test_the_core_publishes_in_a_thread_of_its_own_until_it_is_closed() -> None:
+    loop = Loop(World("psm"), speed="max")
+    core, transport = Core(loop), MemoryTransport(["PSM1/measured_js"])
+    core.attach(transport)
+    core.start()
+    loop.run(0.5)  # in this thread
+    core.close()
+    assert len(transport.received["PSM1/measured_js"]) + core.skipped == 100  # ticks of 5 ms
+    assert transport.closed
 
 
 def test_a_transport_that_breaks_does_not_silence_the_others(

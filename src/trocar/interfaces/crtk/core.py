@@ -10,6 +10,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from types import MappingProxyType
 from typing import Any
 
@@ -23,6 +24,7 @@ from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table,
 from trocar.interfaces.crtk.transport import Batch, Message, Transport
 from trocar.interfaces.crtk.watching import Watch
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.seldom import Seldom, more
 
 _log = logging.getLogger("trocar")
 
@@ -32,8 +34,6 @@ RATE_HZ = 220.0
 CAMERA_RATE_HZ = 60.0
 #: Source: our own choice, the control rate that clients of the dVRK reach. [Hz]
 RATE_MAX_HZ = 1000.0
-#: The same refusal is told once in this much wall time. Source: as in the simulation. [s]
-REFUSAL_PERIOD_S = 2.0
 
 
 class Core:
@@ -84,32 +84,40 @@ class Core:
         )
         self._transports: list[Transport] = []
         self._thread: threading.Thread | None = None
-        self._lock = threading.Lock()
-        self._said: dict[tuple[str, str], tuple[float, int]] = {}
+        self._lock, self._seldom = threading.Lock(), Seldom()
         self._stop_taking: Callable[[], None] = lambda: None
         self._broken: set[str] = set()
         self.refused = 0
+        self._begun = False
 
     # ------------------------------------------------------------------ life
 
     def attach(self, transport: Transport) -> None:
         """Serve a transport as well; started with the core, or at once when it runs."""
-        if self._thread is not None:
+        if self._begun:
             transport.start(self)
         self._transports.append(transport)
 
     def start(self) -> None:
-        """Start transports, and publish in a thread of its own."""
+        """Start transports, and publish in a thread of its own.
+
+        Raises:
+            TrocarError: a transport cannot start; none of the others runs then
+        """
         self.begin()
         self._thread = threading.Thread(target=self._run, name="trocar-publish", daemon=True)
         self._thread.start()
 
     def begin(self) -> None:
         """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
-        for transport in self._transports:
-            transport.start(self)
+        with ExitStack() as started:
+            for transport in self._transports:
+                transport.start(self)
+                started.callback(transport.close)
+            started.pop_all()
         self._stop_taking = self.incoming.begin()
         self._watch.start()
+        self._begun = True
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
@@ -165,20 +173,19 @@ class Core:
         self, topic: Topic | None, name: str, reason: str, peer: str = "", kind: str = ""
     ) -> None:
         """Count a refused message, and say so: once a while for each topic and kind of reason."""
-        now = self.loop.now
         with self._lock:
             self.refused += 1
-            key = (topic.name, kind) if topic else ("", "")
-            said, unsaid = self._said.get(key, (-REFUSAL_PERIOD_S, 0))
-            if now - said < REFUSAL_PERIOD_S and key in self._said:
-                self._said[key] = said, unsaid + 1
-                return
-            self._said[key] = now, 0
-        more = f" ({unsaid} more such since)" if unsaid else ""
-        text = f"{topic.key if topic else name[:80]}: {reason}{more}"
+        unsaid = self._seldom.due((topic.name, kind) if topic else None, self.loop.now)
+        if unsaid is None:
+            return
+        text = f"{topic.key if topic else name[:80]}: {reason}{more(unsaid)}"
         _log.warning("refused%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
         before = self.prefixes.get(topic.arm, "system") if topic else "system"
         self.emit(f"{before}/warning", {"data": text})
+
+    def tell_refusals_anew(self) -> None:
+        """Forget which refusals were told a moment ago."""
+        self._seldom.forget()
 
     # ------------------------------------------------------------------ out
 

@@ -79,6 +79,15 @@ STANDING: dict[str, tuple[Callable[[ArmSample], Any], Callable[[Any], dict[str, 
     "IO/tool": (lambda a: bool(a.tool), _button),
 }
 
+#: What latched topics tell until something happens: {topic: its message}.
+FIRST: dict[str, Callable[[ArmSample], dict[str, Any]]] = {
+    "desired_state": lambda a: {"data": a.state},
+    "endoscope_type": lambda a: {"data": ""},  # noqa: ARG005  nobody has said yet
+    "arm_clutch": lambda a: _button(False),  # noqa: ARG005  nobody presses it
+    "IO/arm_clutch": lambda a: _button(False),  # noqa: ARG005
+    "IO/SUJ_clutch": lambda a: _button(False),  # noqa: ARG005
+}
+
 
 def standing_of(arm: ArmSample) -> tuple[object, ...]:
     """Return what the messages of `STANDING` follow from; compared from sample to sample."""

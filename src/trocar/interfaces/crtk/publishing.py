@@ -59,8 +59,7 @@ class Publishing:
     def states(self, sample: Sample, wanted: Iterable[str]) -> dict[str, tuple[Topic, Message]]:
         """Return what is published every period, of the topics that are wanted."""
         rig = RigFigures(sample)
-        seconds = sample.stamp[0] + 1e-9 * sample.stamp[1]
-        tf = self._tf.due(seconds)
+        tf = self._tf.due(sample.elapsed)
         found: dict[str, tuple[Topic, Message]] = {}
         for name in wanted:
             make, topic = self._makers.get(name), self._topics.get(name)
@@ -76,7 +75,7 @@ class Publishing:
         out: Out = []
         for event in sample.events:
             self._add(out, event, sample.stamp)
-        again = self._repeat.due(sample.stamp[0] + 1e-9 * sample.stamp[1])
+        again = self._repeat.due(sample.elapsed)
         for name, arm in sample.arms.items():
             before = self._prefixes[name]
             now = arm.state, arm.homed, arm.busy
@@ -98,6 +97,10 @@ class Publishing:
             last = self.latched.get(topic)
             if last is None or any(last[k] != v for k, v in fields.items()):
                 self._add(out, Event(topic, fields), sample.stamp)
+        for key, first in happenings.FIRST.items():
+            topic = f"{before}/{key}"
+            if topic in self._topics and topic not in self.latched:
+                self._add(out, Event(topic, first(sample.arms[name])), sample.stamp)
 
     def _add(self, out: Out, event: Event, stamp: Stamp) -> None:
         topic = self._topics.get(event.name)

@@ -35,6 +35,7 @@ class Sample:
 
     Attributes:
         stamp: of every message that is made from it
+        elapsed: time since the loop began, pauses included [s]
         time: simulation time [s]
         rig: the rig, as its tools are now
         arms: {name: what its readings are computed from}
@@ -43,6 +44,7 @@ class Sample:
     """
 
     stamp: Stamp
+    elapsed: float
     time: float
     rig: RigDescription
     arms: Mapping[str, ArmSample]
@@ -51,9 +53,13 @@ class Sample:
 
 
 def take(
-    world: World, stamp: Stamp, events: tuple[Event, ...], waits: Callable[[str], bool]
+    world: World,
+    stamp: Stamp,
+    elapsed: float,
+    events: tuple[Event, ...],
+    waits: Callable[[str], bool],
 ) -> Sample:
     """Copy a world, in the thread that steps it; arms for which commands wait are busy."""
     arms = world.samples()
     arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
-    return Sample(stamp, world.time, world.rig, arms, events)
+    return Sample(stamp, elapsed, world.time, world.rig, arms, events)

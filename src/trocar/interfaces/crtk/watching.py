@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import queue
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 from trocar.interfaces.commands import Command
@@ -12,6 +13,7 @@ from trocar.interfaces.crtk import happenings, sample
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.crtk.sample import Event, Sample
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
 
@@ -51,6 +53,7 @@ class Watch:
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
+        self._seldom = Seldom()
         self.skipped = 0
 
     def start(self) -> None:
@@ -75,11 +78,15 @@ class Watch:
             self.skipped += 1
             return
         self._repeat_states()
-        events: list[Event] = []
+        events = tuple(self._drained())
+        stamp, passed = self._stamper.stamp(), self._stamper.elapsed_s
+        self._samples.put(sample.take(self._loop.world, stamp, passed, events, self._waits))
+
+    def _drained(self) -> Iterator[Event]:
+        """Take the events that wait, each with a stamp of its own."""
         while self._events:
-            events.append(self._events.popleft())
-        stamp, world = self._stamper.stamp(), self._loop.world
-        self._samples.put(sample.take(world, stamp, tuple(events), self._waits))
+            event = self._events.popleft()
+            yield event if event.stamp else replace(event, stamp=self._stamper.stamp())
 
     def tell_state(self, arm: str) -> None:
         """Tell an arm's state with the next sample, even when it is the same."""
@@ -88,7 +95,9 @@ class Watch:
     def refused(self, command: Command, reason: str) -> None:
         """Tell the arm's `warning` topic of a command that was refused when it was applied."""
         before = self._prefixes.get(getattr(command, "arm", ""), "system")
-        self.put(f"{before}/warning", {"data": reason})
+        unsaid = self._seldom.due((before, reason), self._loop.now)
+        if unsaid is not None:
+            self.put(f"{before}/warning", {"data": reason + more(unsaid)})
 
     def _hear(self, entry: Entry) -> None:
         before = self._prefixes.get(entry.source)

@@ -96,7 +96,7 @@ def test_a_move_moves_the_arm(talk: Talk) -> None:
 def test_a_bad_message_is_told_on_the_arms_warning_topic(
     served: Served, talk: Talk, message: dict[str, object], words: str
 ) -> None:
-    served.core._said.clear()
+    served.core.tell_refusals_anew()
     talk.send(op="subscribe", topic="/PSM1/warning")
     talk.send(op="publish", topic="/PSM1/move_jp", msg=message)
     warning = talk.hear_on("/PSM1/warning")["data"]

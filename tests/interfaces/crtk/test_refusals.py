@@ -1,0 +1,155 @@
+"""What cannot be used is refused with one warning, and nothing changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.interfaces.crtk.arm_commands import READERS
+from trocar.interfaces.crtk.console import DEEDS, EVERY_ARM
+from trocar.interfaces.crtk.topics import topic_table
+
+from .asking import HOME, joints, pose, quaternion, setpoints, stamped, state, wrench, xyz
+from .served import Served
+
+NAN = float("nan")
+PSM = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+FAR = [0.3, *HOME[1:]]
+GAINS = {name: xyz(0.0, 0.0, 0.0) for name in ("p", "d", "bias", "deadband")}
+IMPEDANCE = {
+    "force_position": xyz(0.0, 0.0, 0.0),
+    "force_orientation": quaternion(),
+    "torque_orientation": quaternion(w=0.0),
+    **{
+        f"{part}_{side}": GAINS
+        for part in ("position", "orientation")
+        for side in ("positive", "negative")
+    },
+}
+
+
+def cartesian(pose_valid: bool, wrench_valid: bool) -> dict:
+    return {
+        **pose(xyz(0.0, 0.0, -0.1)),
+        **wrench(xyz(0.0, 0.0, 1.0)),
+        "pose_is_valid": {"data": pose_valid},
+        "twist_is_valid": {"data": False},
+        "wrench_is_valid": {"data": wrench_valid},
+    }
+
+
+BAD = [
+    ("servo_jp", joints(0.1, 0.1), "got 2 numbers in position; allowed: 6, for yaw"),
+    ("servo_jp", joints(*FAR[:5], NAN), "allowed: finite"),
+    ("servo_jp", joints(*FAR, name=("a", "b", "c", "d", "e", "f")), "allowed: yaw, pitch"),
+    ("servo_jp", joints(*FAR, velocity=(0.0,)), "numbers in velocity"),
+    ("servo_jp", joints(*FAR, velocity=(1e308,) * 6), "allowed: finite, at most"),
+    ("servo_jr", {}, "position is missing"),
+    ("servo_jf", joints(*FAR), "got 0 numbers in effort"),
+    ("servo_cp", pose(xyz(0.0, 0.0, -0.1), quaternion(w=0.0)), "of length 0; allowed: 1"),
+    ("servo_cp", pose(xyz(0.0, NAN, -0.1)), "pose.position.y nan"),
+    ("servo_cr", {"pose": None}, "is missing"),
+    ("servo_cs", cartesian(True, True), "allowed: one of them"),
+    ("servo_cs", cartesian(False, False), "allowed: one of them"),
+    ("servo_ci", IMPEDANCE, "torque_orientation of length 0"),
+    ("body/servo_cf", wrench(xyz(0.0, 0.0, NAN)), "wrench.force.z nan"),
+    ("spatial/servo_cf", {}, "is missing"),
+    ("move_jp", joints(*FAR, 0.0), "got 7 numbers"),
+    ("move_cp", {"pose": pose(xyz(0.0, 0.0, 0.0))}, "pose.orientation.x is missing"),
+    ("state_command", state("fly"), "allowed: enable, disable, home, unhome, pause, resume"),
+    ("state_command", {"string": 3}, "allowed: text"),
+    ("trajectory_j/set_ratio", {"data": 0.0}, "allowed: above 0 to 1"),
+    ("trajectory_j/set_ratio_v", {"data": 2.0}, "allowed: above 0 to 1"),
+    ("use_gravity_compensation", {"data": 1}, "allowed: true or false"),
+    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), quaternion(x=1.0)), "of length 1.414"),
+    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), frame_id="x" * 300), "at most 256"),
+    ("set_tool_type", {"data": "/etc/passwd"}, "LARGE_NEEDLE_DRIVER:400006"),
+    ("set_tool_type", {"data": "../../tool.toml"}, "or none"),
+    ("jaw/move_jp", joints(0.1, 0.1), "allowed: 1, for jaw"),
+    ("jaw/servo_jp", joints(0.1, name=("wrist",)), "allowed: jaw"),
+    ("jaw/servo_jf", joints(0.1), "got 0 numbers in effort"),
+    ("emulate_tool_present", {"data": "no"}, "allowed: true or false"),
+]
+
+
+@pytest.fixture(scope="module")
+def served() -> Served:
+    return Served(wanted=())
+
+
+@pytest.mark.parametrize(("topic", "message", "reason"), BAD)
+def test_a_bad_message_moves_nothing_and_is_told_once(served, topic, message, reason):
+    served.transport.received.clear()
+    served.clock.time += 10.0  # the same reason is told again after a while
+    before, base = setpoints(served), served.world.arm("PSM1").base_frame()[0]
+    for _ in range(3):
+        assert not served.core.receive(f"PSM1/{topic}", message)
+    served.run(0.02)
+    np.testing.assert_array_equal(setpoints(served), before)
+    np.testing.assert_array_equal(served.world.arm("PSM1").base_frame()[0], base)
+    (warning,) = served.messages("PSM1/warning")
+    assert reason in warning["data"]
+    assert topic in warning["data"]
+
+
+def test_names_in_another_order_are_put_into_the_arms():
+    served = Served(wanted=())
+    mixed = tuple(reversed(PSM))
+    assert served.core.receive("PSM1/servo_jp", joints(*reversed(FAR), name=mixed))
+    served.run()
+    np.testing.assert_allclose(setpoints(served), FAR)
+
+
+def test_a_stamp_that_goes_back_is_refused_until_the_stream_was_silent():
+    served = Served(wanted=())
+    send = served.core.receive
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (10, 0)), "a")
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (10, 0)), "a")
+    assert not send("PSM1/servo_jp", stamped(joints(*FAR), (9, 999_999_999)), "a")
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (0, 0)), "a")  # says nothing of its time
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (5, 0)), "b")  # somebody else's clock
+    assert send("PSM1/move_jp", stamped(joints(*HOME), (5, 0)), "a")  # another topic
+    served.run(0.02)
+    np.testing.assert_allclose(setpoints(served), HOME)
+    (warning,) = served.messages("PSM1/warning")
+    assert "older than" in warning["data"]
+    served.clock.time += 10.0
+    assert send("PSM1/servo_jp", stamped(joints(*FAR), (1, 0)), "a")
+
+
+@pytest.mark.parametrize("stamp", [(-1, 0), (1.5, 0), "now", (1,), (10**30, True)])
+def test_a_stamp_that_is_no_time_is_refused(stamp):
+    served = Served(wanted=())
+    assert not served.core.receive("PSM1/servo_jp", stamped(joints(*HOME), stamp))
+
+
+def test_the_memory_of_streams_is_bounded():
+    served = Served(wanted=())
+    for k in range(3000):
+        served.core.receive("PSM1/servo_jp", stamped(joints(*HOME), (k + 1, 0)), f"peer {k}")
+    assert len(served.core.incoming._newest) == 1024
+
+
+def test_an_arm_that_is_not_ready_says_so_once():
+    served = Served(wanted=(), world={"homed": False})
+    before = setpoints(served)
+    for _ in range(100):
+        served.core.receive("PSM1/servo_jp", joints(*FAR))
+        served.run()
+    np.testing.assert_array_equal(setpoints(served), before)
+    (warning,) = served.messages("PSM1/warning")
+    assert "enable it first" in warning["data"]
+
+
+@pytest.mark.parametrize("rig", ["full_cart_mtm", "psm"])
+def test_every_topic_that_the_simulator_listens_to_is_obeyed(rig):
+    from trocar.descriptions import load_rig
+
+    listened = [t for t in topic_table(load_rig(rig)) if t.direction == "sub" and not t.later]
+    others = {*DEEDS, *EVERY_ARM, "SUJ/set_reference_arm"}
+    missing = {
+        t.name
+        for t in listened
+        if not (t.key in READERS if t.arm else t.name in others) and not t.name.startswith("scene/")
+    }
+    assert missing == set()

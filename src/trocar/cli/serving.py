@@ -57,6 +57,9 @@ def add_serving(parser: ArgumentParser) -> None:
     sockets.add_argument(
         "--token", help=f"what WebSocket clients have to show; default: ${TOKEN_VARIABLE}, if set"
     )
+    sockets.add_argument(
+        "--ros2", action="store_true", help="speak ROS 2, without it (extra ros2; DDS has no token)"
+    )
     _add_rates(sockets)
 
 
@@ -111,6 +114,10 @@ def _transports(args: Namespace) -> list[Transport]:
 
         token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE) or None
         found.append(WebSocketTransport(args.host, args.websocket_port, token))
+    if args.ros2:
+        from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
+
+        found.append(Ros2Transport())
     return found
 
 

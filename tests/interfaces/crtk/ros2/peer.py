@@ -14,6 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import cyclonedds.idl.annotations as mark
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
@@ -143,7 +148,7 @@ def listen(participant: DomainParticipant) -> None:
 
 
 def drive(participant: DomainParticipant) -> None:
-    """Enable, home and move in one burst; tell how the state of the arm changed."""
+    """Switch off and on, home and move in one burst; tell how the state of the arm changed."""
     topic = Topic(participant, "rt/PSM1/operating_state", OperatingState)
     state = DataReader(participant, topic, VOLATILE)
     topic = Topic(participant, "rt/PSM1/state_command", StringStamped)
@@ -156,7 +161,7 @@ def drive(participant: DomainParticipant) -> None:
     ends = (state.get_matched_publications, orders.get_matched_subscriptions)
     until(lambda: all(end() for end in (*ends, moves.get_matched_subscriptions)))
     goal = [0.2, -0.1, 0.11, 0.3, 0.0, 0.0]
-    for order in ("enable", "home"):
+    for order in ("disable", "unhome", "enable", "home"):
         orders.write(StringStamped(header(), order))
     moves.write(JointState(header(), [], goal, [], []))
     seen: list[tuple[str, bool, bool]] = []
@@ -194,6 +199,25 @@ def call(participant: DomainParticipant) -> None:
     say(answers=[(a.guid, a.seq, a.success, a.message) for a in sorted(got, key=lambda a: a.seq)])
 
 
+def survey(participant: DomainParticipant) -> None:
+    """Tell of every topic that others write or read, and of who they say they are."""
+    found: dict[str, list[str]] = {}
+    say(ready=True)
+    kinds = {"pub": BuiltinTopicDcpsPublication, "sub": BuiltinTopicDcpsSubscription}
+    readers = {way: BuiltinDataReader(participant, kind) for way, kind in kinds.items()}
+    last = time.monotonic()
+    while time.monotonic() - last < 2.0:
+        for way, reader in readers.items():
+            for end in reader.take(100):
+                last = time.monotonic()
+                told = end.qos[Policy.Userdata]
+                data = told.data.decode() if told else ""
+                latched = Policy.Durability.TransientLocal in end.qos
+                found[f"{way} {end.topic_name}"] = [end.type_name, data, str(latched)]
+        time.sleep(0.05)
+    say(found=found)
+
+
 def linger(participant: DomainParticipant) -> None:
     """Listen without ever reading, until killed."""
     topic = Topic(participant, "rt/PSM1/measured_js", JointState)
@@ -205,4 +229,6 @@ def linger(participant: DomainParticipant) -> None:
 
 if __name__ == "__main__":
     domain = Domain(0, sys.argv[2])
-    {f.__name__: f for f in (listen, drive, call, linger)}[sys.argv[1]](DomainParticipant(0))
+    {f.__name__: f for f in (listen, drive, call, survey, linger)}[sys.argv[1]](
+        DomainParticipant(0)
+    )

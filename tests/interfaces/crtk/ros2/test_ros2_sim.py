@@ -11,9 +11,10 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.messages import message_type
+from trocar.interfaces.crtk.messages import message_type, service_type
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
 from trocar.interfaces.crtk.transports.ros2.bus import Bus, Quality
+from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
 
 from .ros2_side import Program, program, served
 
@@ -53,6 +54,17 @@ def test_a_service_answers_each_call_to_its_caller(simulator) -> None:
     assert told["answers"] == [[2**63 + 5, seq, True, "1.1.0"] for seq in (7, 8)]
 
 
+def test_orders_in_one_burst_are_all_obeyed_in_their_order() -> None:
+    with served() as (_, transport), program("drive", transport.where) as peer:
+        told = peer.tell()
+    assert told["arrived"], told
+    seen = [tuple(state) for state in told["seen"]]
+    stages = [("DISABLED", False, False), ("ENABLED", False, True), ("ENABLED", True, True)]
+    first = [seen.index(stage) for stage in stages]
+    assert first == sorted(first)
+    assert seen[-1] == ("ENABLED", True, False)
+
+
 def test_bytes_that_are_no_message_are_refused_and_nothing_moves(simulator) -> None:
     core, transport = simulator
     rng = np.random.default_rng(7)
@@ -84,6 +96,7 @@ def test_programs_that_are_killed_hold_up_nobody(simulator) -> None:
     assert transport.lost == 0
 
 
+@pytest.mark.slow
 def test_nothing_is_wanted_until_somebody_listens(simulator) -> None:
     _, transport = simulator
     with program("linger", transport.where):
@@ -96,3 +109,27 @@ def test_it_can_be_closed_and_started_again() -> None:
     for _ in range(2):
         with served() as (core, transport):
             assert isinstance(core, Core) and isinstance(transport, Ros2Transport)
+
+
+def test_every_row_of_the_table_is_there_with_its_type(simulator) -> None:
+    core, transport = simulator
+    with program("survey", transport.where) as peer:
+        found = peer.tell()["found"]
+    for topic in core.topics.values():
+        entry = found.pop(f"{topic.direction} rt/{topic.name}", None)
+        if topic.later:
+            assert entry is None, topic.name
+            continue
+        kind = message_type(topic.type)
+        latched = topic.latched and topic.direction == "pub"
+        assert entry == [kind.dds_name, f"typehash={type_hash(kind)};", str(latched)], topic.name
+    for row in core.services.values():
+        kind = service_type(row.type)
+        request, reply = (
+            found.pop(f"sub rq/{row.name}Request"),
+            found.pop(f"pub rr/{row.name}Reply"),
+        )
+        assert (request[0], reply[0]) == (kind.request.dds_name, kind.response.dds_name)
+        assert request[1].split(";")[0] == reply[1].split(";")[0]
+    assert found.pop("pub ros_discovery_info")[2] == "True"
+    assert not [name for name in found if "DCPS" not in name]

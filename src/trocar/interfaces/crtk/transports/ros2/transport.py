@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
-from trocar.interfaces.crtk.transports.ros2 import graph, names
+from trocar.interfaces.crtk.transports.ros2 import graph, library, names
 from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Quality, Reader, Writer
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
 from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
@@ -44,11 +44,16 @@ class Ros2Transport:
 
     Attributes:
         lost: messages for which there was no room, because a subscriber could not follow
+
+    Raises:
+        MissingExtraError: the extra `ros2` is not installed
+        InputError: a variable of ROS 2 that has no possible value
     """
 
     name = "ros2"
 
     def __init__(self, where: Network | None = None, node: str = NODE) -> None:
+        library.load()
         self.where = where or network(os.environ)
         self.node = node
         self.lost = 0
@@ -66,8 +71,7 @@ class Ros2Transport:
         """Join the domain with every topic and service of the core.
 
         Raises:
-            MissingExtraError: the extra `ros2` is not installed
-            DdsError: no such network
+            DdsError: no such network, or too many participants
         """
         self._core = core
         self._bus = bus = Bus(self.where.domain, self.where.config, names.user_data(enclave="/"))

@@ -1,12 +1,13 @@
 """A ROS 2 program in a process of its own, on the wheel's ordinary typed classes: no code of ours.
 
-`python peer.py ACTION CONFIG`: prints lines of JSON; the first is "ready".
+`python peer.py ACTION DOMAIN CONFIG`: prints lines of JSON; the first is "ready".
 """
 
 # pyright: reportArgumentType=false, reportCallIssue=false
 # The wheel's `sequence` says nothing of being a list, which its values are.
 
 import json
+import random
 import sys
 import time
 from collections.abc import Callable
@@ -86,6 +87,12 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
     seq: int64
     success: bool
     message: str
+
+
+@dataclass
+@mark.final
+class Noise(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
+    octets: sequence[uint8]
 
 
 VOLATILE = Qos(
@@ -218,6 +225,17 @@ def survey(participant: DomainParticipant) -> None:
     say(found=found)
 
 
+def babble(participant: DomainParticipant) -> None:
+    """Publish octets by chance under the name of a type."""
+    writer = DataWriter(participant, Topic(participant, "rt/PSM1/move_jp", Noise), VOLATILE)
+    say(ready=True)
+    until(lambda: bool(writer.get_matched_subscriptions()))
+    chance = random.Random(7)
+    for size in range(80):
+        writer.write(Noise(list(chance.randbytes(size))))
+    time.sleep(PATIENCE_S)
+
+
 def linger(participant: DomainParticipant) -> None:
     """Listen without ever reading, until killed."""
     topic = Topic(participant, "rt/PSM1/measured_js", JointState)
@@ -228,7 +246,7 @@ def linger(participant: DomainParticipant) -> None:
 
 
 if __name__ == "__main__":
-    domain = Domain(0, sys.argv[2])
-    {f.__name__: f for f in (listen, drive, call, survey, linger)}[sys.argv[1]](
-        DomainParticipant(0)
-    )
+    number = int(sys.argv[2])
+    domain = Domain(number, sys.argv[3])
+    actions = {action.__name__: action for action in (listen, drive, call, survey, babble, linger)}
+    actions[sys.argv[1]](DomainParticipant(number))

@@ -9,6 +9,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 
 from trocar.interfaces import Loop
@@ -20,12 +21,15 @@ from trocar.simulation import World
 PEER = Path(__file__).parent / "peer.py"
 
 
+DOMAINS = count(1)
+
+
 def private_network() -> Network:
-    """Return the loopback, with a tag that no other test has."""
+    """Return the loopback: a domain new to this process, with a tag that no other process has."""
     where = network({})
     assert where.config is not None
     tag = f"<Tag>trocar-{uuid.uuid4().hex}</Tag></Discovery>"
-    return replace(where, config=where.config.replace("</Discovery>", tag))
+    return replace(where, domain=next(DOMAINS), config=where.config.replace("</Discovery>", tag))
 
 
 class Program:
@@ -33,7 +37,7 @@ class Program:
 
     def __init__(self, action: str, where: Network) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(PEER), action, str(where.config)],
+            [sys.executable, str(PEER), action, str(where.domain), str(where.config)],
             stdout=subprocess.PIPE,
             text=True,
         )

@@ -32,12 +32,13 @@ def start(*options: str, code: str = TROCAR, **variables: str) -> subprocess.Pop
 
 def test_it_says_where_it_speaks_and_what_to_set_and_is_heard() -> None:
     where = private_network()
-    simulator = start("--ros2", CYCLONEDDS_URI=str(where.config))
+    domain = str(where.domain)
+    simulator = start("--ros2", CYCLONEDDS_URI=str(where.config), ROS_DOMAIN_ID=domain)
     try:
         assert simulator.stdout is not None
         told = [simulator.stdout.readline() for _ in range(3)]
         assert "ports on all interfaces" in told[0]
-        assert "RMW_IMPLEMENTATION=rmw_cyclonedds_cpp ROS_DOMAIN_ID=0" in told[1]
+        assert f"RMW_IMPLEMENTATION=rmw_cyclonedds_cpp ROS_DOMAIN_ID={domain}" in told[1]
         assert "services work with rmw_cyclonedds_cpp only" in told[2]
         with program("listen", where) as peer:
             assert len(peer.tell()["stamps"]) >= 100

@@ -7,6 +7,7 @@ the type alike is met. The bytes of a message are those of `cdr_encode`; nothing
 from __future__ import annotations
 
 import ctypes as ct
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from trocar.interfaces.crtk.transports.ros2 import library
@@ -129,7 +130,7 @@ class Bus:
 
     Raises:
         MissingExtraError: the extra `ros2` is not installed
-        DdsError: no such network, or too many participants
+        DdsError: no such network, too many participants, or the process is in the domain already
     """
 
     def __init__(self, domain: int, config: str | None, user_data: bytes) -> None:
@@ -138,9 +139,8 @@ class Bus:
         self._ends: dict[int, Writer | Reader] = {}
         self._domain = 0
         if config is not None:
-            self._domain = lib.wait.dds_create_domain(domain, config.encode())
-            if self._domain != library.PRECONDITION_NOT_MET:  # else it is there already
-                lib.checked(self._domain, f"domain {domain}")
+            entity = lib.wait.dds_create_domain(domain, config.encode())
+            self._domain = lib.checked(entity, f"domain {domain}")
         wish = _qos(lib, Quality(1, user_data=user_data))
         try:
             entity = lib.wait.dds_create_participant(domain, wish, None)
@@ -191,7 +191,7 @@ class Bus:
         if self._domain > 0:
             self._lib.wait.dds_delete(self._domain)
 
-    def _end(self, create: ct._NamedFuncPointer, topic: str, kind: str, quality: Quality) -> int:
+    def _end(self, create: Callable[..., int], topic: str, kind: str, quality: Quality) -> int:
         wish = _qos(self._lib, quality)
         try:
             entity = create(self._participant, self._topic(topic, kind), wish, None)

@@ -27,7 +27,6 @@ ANY_STATE = 0x7F
 DATA = 2
 DATA_AVAILABLE = 1 << 8
 PUBLICATION_MATCHED = 1 << 11
-PRECONDITION_NOT_MET = -4
 
 # What may wait lets other threads of Python run meanwhile: {name: (result, arguments)}.
 WAITING: dict[str, tuple[Any, list[Any]]] = {

@@ -10,7 +10,7 @@ from trocar.interfaces import Loop, Pause
 from trocar.interfaces.commands import Verb
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.watching import WAITING
+from trocar.interfaces.crtk.watching import WAITING_S
 from trocar.simulation import World
 
 from .served import Served, stamp_ns
@@ -139,12 +139,12 @@ def test_a_pinched_gripper_is_told() -> None:
 
 def test_samples_that_nobody_publishes_are_left_out_and_events_are_not() -> None:
     served = Served(wanted=["PSM1/measured_js"])
-    for k in range(600):
-        if k == 590:
+    for k in range(800):
+        if k == 790:
             served.loop.post(Verb("PSM1", "state_command", {"name": "disable"}))
         served.loop.tick()
     assert served.core.skipped > 0
-    assert served.core.publish_waiting() == WAITING
+    assert served.core.publish_waiting() == round(220 * WAITING_S)
     served.run(0.02)
     assert served.last(AT_START)["state"] == "DISABLED"
 

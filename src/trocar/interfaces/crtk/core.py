@@ -83,6 +83,7 @@ class Core:
             self.topics, self.prefixes, rig_messages.makers(clock == "sim")
         )
         self._transports: list[Transport] = []
+        self._started: list[Transport] = []
         self._thread: threading.Thread | None = None
         self._lock, self._seldom = threading.Lock(), Seldom()
         self._stop_taking: Callable[[], None] = lambda: None
@@ -96,6 +97,7 @@ class Core:
         """Serve a transport as well; started with the core, or at once when it runs."""
         if self._begun:
             transport.start(self)
+            self._started.append(transport)
         self._transports.append(transport)
 
     def start(self) -> None:
@@ -115,6 +117,7 @@ class Core:
                 transport.start(self)
                 started.callback(transport.close)
             started.pop_all()
+        self._started = list(self._transports)
         self._stop_taking = self.incoming.begin()
         self._watch.start()
         self._begun = True
@@ -127,8 +130,8 @@ class Core:
             self._samples.put(None)
             self._thread.join()
             self._thread = None
-        for transport in self._transports:
-            transport.close()
+        while self._started:
+            self._started.pop().close()
 
     # ------------------------------------------------------------------ in
 

@@ -17,9 +17,9 @@ from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
 
-#: How many samples may wait to be published: a third of a second at 220 Hz. Source: our own choice,
-#: longer than a hiccup of a busy machine.
-WAITING = 64
+#: Samples that may wait to be published span this much time. Source: our own choice, longer than a
+#: hiccup of a busy machine. [s]
+WAITING_S = 0.5
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024
 
@@ -50,6 +50,7 @@ class Watch:
     ) -> None:
         self._loop, self._prefixes, self._stamper = loop, prefixes, stamper
         self._beat, self._samples, self._waits = Beat(rate_hz), samples, waits
+        self._room = max(1, round(WAITING_S * rate_hz))
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
@@ -74,7 +75,7 @@ class Watch:
         self._stamper.advance(elapsed, self._loop.now)
         if not self._beat.due(self._stamper.elapsed_s):
             return
-        if self._samples.qsize() >= WAITING:
+        if self._samples.qsize() >= self._room:
             self.skipped += 1
             return
         self._repeat_states()

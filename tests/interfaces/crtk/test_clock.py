@@ -37,8 +37,22 @@ def test_stamps_increase_strictly_whatever_time_does(mode, steps) -> None:
 
 def test_by_default_stamps_are_the_wall_clock_at_the_start_plus_simulated_time() -> None:
     stamper = Stamper("wall", lambda: BEGIN)
+    stamper.advance(Elapsed(0.0, 0.0, False), 16.0)
     stamper.advance(Elapsed(0.25, 0.0, False), 17.0)
     assert ns(stamper.stamp()) == BEGIN + 250 * MS
+
+
+def test_what_clients_wait_for_is_not_stamped_before_their_command() -> None:
+    wall = 16.0
+    stamper = Stamper("wall", lambda: BEGIN + round((wall - 10.0) * 1000) * MS)
+    wall = 18.0  # as long as it took until time began to pass
+    stamper.advance(Elapsed(0.0, 0.0, False), wall)
+    command = BEGIN + 8000 * MS + 300 * MS
+    stamper.advance(Elapsed(0.25, 0.0, False), 18.3)  # 50 ms behind
+    assert ns(stamper.stamp(18.3001)) > command
+    assert ns(stamper.stamp()) > command  # and nothing goes back afterwards
+    stamper.advance(Elapsed(0.5, 0.0, False), 18.5)
+    assert ns(stamper.stamp()) == BEGIN + 8500 * MS
 
 
 def test_simulated_time_begins_at_one_second() -> None:
@@ -54,6 +68,7 @@ def test_pauses_count_on_the_wall_clock_only() -> None:
         (Stamper("wall", lambda: BEGIN), BEGIN + 3000 * MS),
         (Stamper("sim"), 2000 * MS),
     ):
+        stamper.advance(Elapsed(0.0, 0.0, False), 9.0)
         stamper.advance(Elapsed(1.0, 0.0, False), 10.0)
         stamper.advance(Elapsed(1.0, 0.0, True), 12.0)
         assert ns(stamper.stamp()) == expected

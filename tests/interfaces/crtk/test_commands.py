@@ -162,6 +162,22 @@ def test_a_move_for_an_arm_that_is_busy_is_told_too():
     assert [m["is_busy"] for m in served.messages("PSM1/operating_state")[before:]] == [True]
 
 
+def test_a_move_that_ends_with_the_one_before_is_told_too():
+    served = Served(wanted=())
+    served.core.receive("PSM1/move_jp", joints(*NEAR))
+    while served.world.arm("PSM1").busy or not served.world.time:
+        served.run()
+        left = np.abs(setpoints(served) - NEAR).max()
+        if 0.0 < left < 2e-6:  # a tick or two before it arrives
+            break
+    before = len(served.messages("PSM1/operating_state"))
+    served.core.receive("PSM1/jaw/move_jp", joints(0.0))
+    served.run(0.5)
+    told = [m["is_busy"] for m in served.messages("PSM1/operating_state")[before:]]
+    assert told[0]
+    assert not told[-1]
+
+
 def test_a_reset_drops_what_waits():
     served = off()
     served.core.receive("PSM1/state_command", state("home"))

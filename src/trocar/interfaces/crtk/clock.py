@@ -23,16 +23,17 @@ class Stamper:
     """Turn a loop's time into stamps.
 
     Args:
-        mode: "wall": the wall clock at the start, plus simulated time, plus the time spent in
-            pauses; "sim": simulated time from 1 s. Neither is turned back by a reset.
+        mode: "wall": the wall clock when time began to pass, plus simulated time, plus the time
+            spent in pauses; "sim": simulated time from 1 s. Neither is turned back by a reset.
         wall_ns: the wall clock [ns since 1970]
     """
 
     def __init__(self, mode: Mode = "wall", wall_ns: Callable[[], int] = time.time_ns) -> None:
         if mode not in MODES:
             raise UnknownNameError("clock", mode, MODES)
-        self.mode = mode
+        self.mode, self._wall_ns = mode, wall_ns
         self._first = wall_ns() if mode == "wall" else FIRST_NS
+        self._began_s = 0.0
         self._last = 0
         self._idle_s = 0.0
         self._seen_s: float | None = None
@@ -42,10 +43,14 @@ class Stamper:
 
     def advance(self, elapsed: Elapsed, wall_s: float) -> None:
         """Note how time has passed; `wall_s` tells how long pauses last, from any zero [s]."""
+        first = self._seen_s is None
         if elapsed.paused and self._seen_s is not None:
             self._idle_s += max(0.0, wall_s - self._seen_s)
         self._seen_s = wall_s
         self.elapsed_s = elapsed.simulated_s + elapsed.let_go_s + self._idle_s
+        if first and self.mode == "wall":  # it may have taken long until time passes
+            self._first = self._wall_ns() - round(self.elapsed_s * SECOND)
+            self._began_s = wall_s - self.elapsed_s
         passed = self.elapsed_s if self.mode == "wall" else elapsed.simulated_s
         self._now = self._first + round(passed * SECOND)
 
@@ -53,9 +58,17 @@ class Stamper:
         """Return the time that the next stamp is not before; from any thread."""
         return divmod(max(self._now, self._last), SECOND)
 
-    def stamp(self) -> Stamp:
-        """Return a stamp later than all before, a nanosecond at least."""
-        self._last = max(self._now, self._last + 1)
+    def stamp(self, wall_s: float | None = None) -> Stamp:
+        """Return a stamp later than all before, a nanosecond at least.
+
+        Args:
+            wall_s: the wall time of something that a client waits for [s]: where simulated time
+                lags behind a little, its stamp is not before the command that brought it about
+        """
+        now = self._now
+        if wall_s is not None and self.mode == "wall" and self._seen_s is not None:
+            now = max(now, self._first + round((wall_s - self._began_s) * SECOND))
+        self._last = max(now, self._last + 1)
         return divmod(self._last, SECOND)
 
 

@@ -106,6 +106,8 @@ class Watch:
             return
         if happenings.is_move(entry):
             self._moved.add(entry.source)
+            if self._loop.world.arm(entry.source).operating_state().is_busy:
+                self._repeat_states()  # it may be over before the next sample
         desired = happenings.desired_state(entry)
         if desired is not None:
             self._append(before, "desired_state", {"data": desired})
@@ -118,7 +120,8 @@ class Watch:
             self._append(before, key, fields)
 
     def _append(self, before: str, key: str, fields: Mapping[str, Any]) -> None:
-        self._events.append(Event(f"{before}/{key}", fields, self._stamper.stamp()))
+        stamp = self._stamper.stamp(self._loop.now)
+        self._events.append(Event(f"{before}/{key}", fields, stamp))
 
     def _repeat_states(self) -> None:
         """Tell again the state of arms that were told to move and changed none by it.

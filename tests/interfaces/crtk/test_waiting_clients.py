@@ -1,0 +1,53 @@
+"""A client of the dVRK waits for moves by stamps; it sees each of them, also in a hiccup."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from trocar.interfaces import Loop
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.transports.memory import MemoryTransport
+from trocar.interfaces.loop import SERVER_TICK_S
+from trocar.simulation import World
+
+from .asking import HOME, joints
+from .served import stamp_ns
+
+PATIENCE_S = 20.0
+
+
+def waited(transport: MemoryTransport, start_ns: int) -> bool:
+    """Wait as crtk_python_client 1.4 does: busy after the start, and then not busy."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end:
+        told = list(transport.received.get("PSM1/operating_state", []))
+        last_busy = max((stamp_ns(m) for m in told if m["is_busy"]), default=0)
+        if last_busy > start_ns and not told[-1]["is_busy"]:
+            return True
+        time.sleep(0.002)
+    return False
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.03])
+def test_a_client_sees_the_end_of_every_move_of_zero_length(late_s):
+    loop, transport = Loop(World("psm"), tick_s=SERVER_TICK_S), MemoryTransport(())
+    core = Core(loop)
+    core.attach(transport)
+    time.sleep(0.1)  # what else a server does before time passes
+    core.start()
+    loop.start()
+    try:
+        core.receive("PSM1/move_jp", joints(*HOME))
+        assert waited(transport, 0)
+        for _ in range(10):
+            if late_s:
+                loop.ask(lambda _: time.sleep(late_s))
+                time.sleep(0.5 * late_s)
+            start_ns = time.time_ns()
+            assert core.receive("PSM1/move_jp", joints(*HOME))
+            assert waited(transport, start_ns)
+    finally:
+        core.close()
+        loop.close()

@@ -64,7 +64,7 @@ def check_bounds(served: Served) -> None:
     core, arms = served.core, len(served.world.arms)
     assert len(core.incoming._newest) <= 1024
     assert len(core._watch._events) <= 1024
-    assert len(core._said) <= 20 * len(core.topics)
+    assert len(core._seldom._said) <= 1000
     assert all(count <= 64 for count in core.incoming._turns.waiting.values())
     assert len(served.loop._inbox._waiting) <= (64 + 2) * arms + 64
 

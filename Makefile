@@ -14,6 +14,9 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 	"$$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 	&& { echo "$$python"; break; }; done)
 
+# The Python that Debian's rospy is for.
+ROS1_PYTHON ?= /usr/bin/python3
+
 # What is installed beside trocar itself, for each thing one may want to do.
 EXTRAS_run := [record,plot]
 EXTRAS_test := [record,bags,plot,export,convex,test,browser]
@@ -27,10 +30,10 @@ $(BIN)/python -m pytest -m browser $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile $(ARGS)
 endef
 
-.PHONY: help venv run test check lint bench cad clean
+.PHONY: help venv run test check lint bench cad ros1-venv clean
 
 help: ## say what can be made
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
 
 venv: .venv/.ready-dev ## build the environment in .venv, with everything that make check needs
 
@@ -54,13 +57,28 @@ bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/trocar cad -o src/trocar/descriptions/data/solids $(ARGS)
 
-clean: ## throw away .venv and the caches
-	rm -rf .venv .pytest_cache .ruff_cache .hypothesis
+ros1-venv: .venv-ros1/.ready ## build .venv-ros1 on the Python that has rospy, for trocar sim --ros1
+
+clean: ## throw away .venv, .venv-ros1 and the caches
+	rm -rf .venv .venv-ros1 .pytest_cache .ruff_cache .hypothesis
 
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
 .venv/.ready-%: .venv/.created pyproject.toml constraints.txt src/trocar/__init__.py
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt \
 		--build-constraint constraints.txt --editable '.$(EXTRAS_$*)'
+	@touch $@
+
+# rospy belongs to the system's Python; crtk_msgs, which nobody packages, is made for clients.
+.venv-ros1/.ready: pyproject.toml constraints.txt src/trocar/__init__.py
+	@$(ROS1_PYTHON) -c 'import rospy, genpy' 2>/dev/null || { echo "$(ROS1_PYTHON) has no rospy;" \
+		"on Debian and Ubuntu: sudo apt install python3-rospy python3-rosmaster" >&2; exit 1; }
+	@$(ROS1_PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "trocar needs" \
+		"Python 3.11 or newer; $(ROS1_PYTHON) is $$($(ROS1_PYTHON) --version 2>&1)" >&2; exit 1; }
+	$(ROS1_PYTHON) -m venv --system-site-packages --clear .venv-ros1
+	.venv-ros1/bin/python -m pip install --quiet --upgrade --constraint constraints.txt pip
+	.venv-ros1/bin/python -m pip install --quiet --constraint constraints.txt \
+		--build-constraint constraints.txt --editable '.[record,export]'
+	.venv-ros1/bin/python -m trocar.interfaces.crtk.transports.ros1.packages .venv-ros1/ros
 	@touch $@
 
 .venv/.created: constraints.txt

@@ -58,6 +58,9 @@ def add_serving(parser: ArgumentParser) -> None:
         "--token", help=f"what WebSocket clients have to show; default: ${TOKEN_VARIABLE}, if set"
     )
     sockets.add_argument(
+        "--ros1", action="store_true", help="join the ROS 1 master at ROS_MASTER_URI (rospy)"
+    )
+    sockets.add_argument(
         "--ros2", action="store_true", help="speak ROS 2, without it (extra ros2; DDS has no token)"
     )
     _add_rates(sockets)
@@ -118,6 +121,10 @@ def _transports(args: Namespace) -> list[Transport]:
         from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
 
         found.append(Ros2Transport())
+    if args.ros1:
+        from trocar.interfaces.crtk.transports.ros1 import Ros1Transport
+
+        found.append(Ros1Transport())
     return found
 
 

@@ -154,6 +154,21 @@ def link_name(arm: str, frame: str) -> str:
     return f"{arm}_{frame}"
 
 
+def joint_name(place: RigArm, frame: str) -> str:
+    """Return what the joint is called that moves a frame: "PSM1_yaw", or as its link."""
+    motors = {joint.drive[0][0]: joint for joint in reversed(place.arm.joints)}
+    joint = motors.get(frame)
+    own = joint is not None and joint.drive == ((frame, 1.0),)
+    return link_name(place.name, joint.name if own and joint else frame)
+
+
+def own_joints(place: RigArm) -> dict[str, str]:
+    """Return the joints of an arm that follow no other, {name: the frame that it moves}."""
+    motors = {joint.drive[0][0] for joint in place.arm.joints}
+    moving = [f.name for f in place.arm.mechanism.frames if f.motion != "fixed"]
+    return {joint_name(place, name): name for name in moving if name in motors}
+
+
 def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
     """Return a rig as links and joints.
 
@@ -222,9 +237,7 @@ class _Reading:
         return [(k, f) for k, f in enumerate(frames) if f.motion != "fixed"]
 
     def joint_name(self, frame: Frame) -> str:
-        joint = hinge_of(self.place.arm, frame.name, self.friction).joint
-        own = joint is not None and joint.drive == ((frame.name, 1.0),)
-        return link_name(self.place.name, joint.name if own and joint else frame.name)
+        return joint_name(self.place, frame.name)
 
     def read(self, frame: Frame, links: list[Link], joints: list[LinkJoint]) -> None:
         """Add a frame's links and joints."""

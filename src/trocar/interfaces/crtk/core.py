@@ -119,6 +119,8 @@ class Core:
             started.pop_all()
         self._started = list(self._transports)
         self._stop_taking = self.incoming.begin()
+        rig, stamp = self.loop.world.rig, self.stamper.stamp()
+        self.emit("tf_static", rig_messages.tf_static(rig, stamp))
         self._watch.start()
         self._begun = True
 

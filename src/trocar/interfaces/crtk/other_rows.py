@@ -79,6 +79,7 @@ LOCKS: tuple[Row, ...] = (
 #: What viewers of ROS ask for.
 VIEWERS: tuple[Row, ...] = (
     ("pub tf", "tf", "tf2_msgs/TFMessage", "m, quaternion xyzw", "every frame in its parent"),
+    ("pub latched", "tf_static", "tf2_msgs/TFMessage", "m, quaternion xyzw", "what stands still"),
     ("pub state", "joint_states", JOINTS, "rad, m", "every hinge of robot_description"),
     ("pub latched", "robot_description", STRING, "", "the rig as URDF"),
     ("pub clock", "clock", "rosgraph_msgs/Clock", "s", "simulated time, with --clock sim"),

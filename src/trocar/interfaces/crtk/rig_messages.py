@@ -1,35 +1,30 @@
-"""What is published of the rig as a whole: tf, the clock."""
+"""What is published of the rig as a whole: tf, the hinges of its URDF, the clock."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import DISPLAY
+from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.publishing import Figure
+from trocar.interfaces.crtk.robot_model import WORLD, fixed_frames, hinge_states
 from trocar.interfaces.crtk.transport import Message
 
 Array = NDArray[np.float64]
 
 
-#: The root of tf. Source: that of the URDF that is exported.
-WORLD = "world"
-
-
 def tf(rig: RigFigures, stamp: Stamp) -> Message:
-    """Return every arm's base and tip in the frame of its poses, and in the world what else is."""
+    """Return every arm's base and tip in the frame of its poses, but for what stands still."""
     found: dict[str, Message] = {}
+    fixed = fixed_frames(rig.sample.rig)
 
     def add(parent: str, child: str, T: Array) -> None:
-        if child not in found and child != parent:
+        if child not in found and child not in fixed and child != parent:
             found[child] = say.transform_stamped(stamp, parent, child, T)
 
-    display = rig.sample.rig.display
-    if display is not None:
-        add(WORLD, DISPLAY, display)
     for rig_arm in rig.sample.rig.arms:
         arm = rig.arm(rig_arm.name)
         base, frame = arm.base
@@ -40,6 +35,26 @@ def tf(rig: RigFigures, stamp: Stamp) -> Message:
     return {"transforms": list(found.values())}
 
 
+def tf_static(rig: RigDescription, stamp: Stamp) -> Message:
+    """Return the frames that stand still in the world: the roots of what `tf` tells."""
+    found = fixed_frames(rig).items()
+    return {"transforms": [say.transform_stamped(stamp, WORLD, name, at) for name, at in found]}
+
+
+def joint_states(rig: RigFigures, stamp: Stamp) -> Message:
+    """Return every hinge of the rig's URDF that follows no other."""
+    arms = rig.sample.arms
+    names, position, velocity = hinge_states(
+        rig.sample.rig,
+        {name: arm.q for name, arm in arms.items()},
+        {name: arm.qd for name, arm in arms.items()},
+    )
+    header = {"stamp": stamp, "frame_id": ""}
+    return {
+        "header": header, "name": names, "position": position, "velocity": velocity, "effort": []
+    }  # fmt: skip
+
+
 def clock(rig: RigFigures, stamp: Stamp) -> Message:  # noqa: ARG001  as every maker
     """Return a rosgraph_msgs/Clock."""
     return {"clock": stamp}
@@ -47,4 +62,4 @@ def clock(rig: RigFigures, stamp: Stamp) -> Message:  # noqa: ARG001  as every m
 
 def makers(simulated: bool) -> dict[str, Figure]:
     """Return how to make the messages of the rig; the clock's only where time is simulated."""
-    return {"tf": tf, **({"clock": clock} if simulated else {})}
+    return {"tf": tf, "joint_states": joint_states, **({"clock": clock} if simulated else {})}

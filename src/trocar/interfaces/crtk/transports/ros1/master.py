@@ -1,0 +1,117 @@
+"""The ROS master: where it is, whether it answers, and which address we listen on."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from http.client import HTTPConnection, HTTPException
+from typing import Any
+from urllib.parse import urlparse
+from xmlrpc.client import Error as XmlRpcError
+from xmlrpc.client import ServerProxy, Transport
+
+from trocar.errors import InputError, TrocarError
+
+DEFAULT_URI = "http://localhost:11311"
+"""Where a master is when nothing says so. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
+
+PATIENCE_S = 2.0
+"""How long a master may take to answer [s]. Source: our own choice; it takes milliseconds."""
+
+LOOPBACK = ("localhost", "127.", "::1")
+
+
+class MasterError(TrocarError):
+    """No master answers; `uri` is where one was looked for."""
+
+    def __init__(self, uri: str, given: bool, reason: str) -> None:
+        self.uri = uri
+        told = "ROS_MASTER_URI" if given else "ROS_MASTER_URI is not set; the usual place"
+        super().__init__(
+            f"--ros1: no ROS master answers at {uri} ({told}): {reason}. Start one with"
+            " `rosmaster --core` or `roscore`, or set ROS_MASTER_URI to where it runs"
+        )
+
+
+@dataclass(frozen=True)
+class Master:
+    """A master that answers within `PATIENCE_S`.
+
+    Attributes:
+        uri: where it is
+        given: whether ROS_MASTER_URI said so
+    """
+
+    uri: str
+    given: bool
+
+    def ask(self, verb: str, *arguments: Any) -> tuple[int, str, Any]:
+        """Call the master's interface; return (code, message, value).
+
+        Raises:
+            MasterError: it does not answer
+        """
+        try:
+            with ServerProxy(self.uri, transport=_Impatient(), allow_none=True) as proxy:
+                answer: Any = getattr(proxy, verb)("/trocar", *arguments)
+            code, message, value = answer
+        except (OSError, HTTPException, XmlRpcError, ValueError, TypeError) as error:
+            reason = str(error) or type(error).__name__
+            raise MasterError(self.uri, self.given, reason) from error
+        return int(code), str(message), value
+
+
+def find_master() -> Master:
+    """Return the master that the environment names.
+
+    Raises:
+        InputError: ROS_MASTER_URI is no address
+        MasterError: nobody answers there
+    """
+    uri = os.environ.get("ROS_MASTER_URI", "")
+    parts = urlparse(uri or DEFAULT_URI)
+    try:
+        usable = parts.scheme == "http" and parts.hostname and parts.port
+    except ValueError:
+        usable = False
+    if not usable:
+        raise InputError(f"ROS_MASTER_URI: got {uri!r}; allowed: http://HOST:PORT ({DEFAULT_URI})")
+    master = Master(uri or DEFAULT_URI, bool(uri))
+    master.ask("getPid")
+    return master
+
+
+def settle_address(master: Master) -> str:
+    """Decide on which address the node listens, and return a sentence that says so.
+
+    ROS_HOSTNAME and ROS_IP count where they are set. Else a master on this machine is taken to
+    mean that everybody is on this machine.
+    """
+    host = os.environ.get("ROS_HOSTNAME") or os.environ.get("ROS_IP") or ""
+    if not host and is_loopback(urlparse(master.uri).hostname or ""):
+        os.environ["ROS_HOSTNAME"] = "127.0.0.1"
+        return (
+            "listens on 127.0.0.1 only; to be found by other machines set ROS_IP to this"
+            " machine's address (ROS 1 asks nobody for a password)"
+        )
+    if is_loopback(host):
+        return f"listens on {host} only, as ROS_HOSTNAME or ROS_IP says"
+    named = f"others find it as {host}" if host else "others find it by this machine's name"
+    return (
+        f"listens on all interfaces ({named}), and whoever reaches it may move the arms:"
+        " ROS 1 asks nobody for a password. ROS_HOSTNAME=127.0.0.1 keeps it on this machine"
+    )
+
+
+def is_loopback(host: str) -> bool:
+    """Tell whether a name or address means this machine."""
+    return host.startswith(LOOPBACK)
+
+
+class _Impatient(Transport):
+    """XML-RPC over HTTP with a limit on every wait."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = PATIENCE_S
+        return connection

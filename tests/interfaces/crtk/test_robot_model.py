@@ -1,0 +1,83 @@
+"""The URDF that viewers get, and the hinges that are published for it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+import numpy as np
+import pytest
+
+from trocar.descriptions import load_rig, names
+from trocar.interfaces.crtk.robot_model import fixed_frames, frames, hinge_states, robot_model
+from trocar.kinematics.forward import poses
+from trocar.modeling.links import rig_links
+from trocar.modeling.trees import joint_values, link_poses
+from trocar.modeling.urdf import urdf_tree
+from trocar.simulation import World
+
+RIGS = ("psm", "ecm", "mtm", "full_cart_mtm")
+
+
+def random_joints(rig, rng):
+    found = {}
+    for arm in rig.arms:
+        ends = arm.arm.mechanism.lower, arm.arm.mechanism.upper
+        lower, upper = (np.nan_to_num(e, posinf=1.0, neginf=-1.0) for e in ends)
+        found[arm.name] = rng.uniform(lower, upper)
+    return found
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_the_hinges_put_every_link_where_the_kinematics_have_it(name: str) -> None:
+    rig = load_rig(name)
+    q = random_joints(rig, np.random.default_rng(7))
+    model = urdf_tree(rig_links(rig))
+    found, positions, _ = hinge_states(rig, q, q)
+    own = [j.name for j in model.joints if j.kind != "fixed" and not j.follows]
+    assert sorted(found) == sorted(own)
+    at = link_poses(model, joint_values(model, dict(zip(found, positions, strict=True))))
+    for arm in rig.arms:
+        mechanism = arm.arm.mechanism
+        root = np.linalg.inv(at[f"{arm.name}_{arm.arm.root}"])
+        for frame, expected in poses(mechanism, q[arm.name], arm.arm.root).items():
+            link = f"{arm.name}_{frame}"
+            if link in at:
+                np.testing.assert_allclose(root @ at[link], expected, atol=1e-9, err_msg=link)
+
+
+def test_velocities_are_the_positions_differences() -> None:
+    rig = load_rig("psm")
+    rng = np.random.default_rng(8)
+    q, v = random_joints(rig, rng), {"PSM1": rng.normal(size=7)}
+    step = 1e-6
+    _, a, velocity = hinge_states(rig, q, v)
+    _, b, _ = hinge_states(rig, {"PSM1": q["PSM1"] + step * v["PSM1"]}, v)
+    np.testing.assert_allclose((b - a) / step, velocity, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_no_link_has_the_name_of_a_frame_of_crtk_and_every_mesh_is_there(name: str) -> None:
+    pytest.importorskip("lxml", reason="URDF needs the extra 'export'")
+    rig = load_rig(name)
+    model = robot_model(rig)
+    links = set(re.findall(r'<link name="(\w+)"', model.urdf))
+    assert not links & set(frames(rig))
+    assert "world" in links
+    files = set(re.findall(r'filename="([^"]+)"', model.urdf))
+    assert files
+    for file in files:
+        assert Path(unquote(urlparse(file).path)).is_file(), file
+    assert robot_model(rig) is model
+
+
+@pytest.mark.parametrize("name", names("rigs"))
+def test_fixed_frames_stand_where_the_world_has_them(name: str) -> None:
+    world = World(name)
+    fixed = fixed_frames(world.rig)
+    assert fixed
+    for arm in world.arms.values():
+        frame = arm.local_measured_cp().frame_id
+        if frame in fixed:
+            np.testing.assert_allclose(fixed[frame], world.reference_pose(arm.name), atol=1e-12)

@@ -96,4 +96,4 @@ def stream(command: Command) -> tuple[str, str] | None:
             return command.arm, part[0] if part else "arm"
     if isinstance(command, GripperSqueezeTo):
         return command.arm, "gripper"
-    return None
+    return getattr(command, "stream", None)

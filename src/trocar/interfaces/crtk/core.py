@@ -11,12 +11,14 @@ import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.crtk import rig_messages, services
 from trocar.interfaces.crtk.clock import Mode, Stamper
+from trocar.interfaces.crtk.compat import compatible
 from trocar.interfaces.crtk.incoming import Incoming
 from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.sample import Sample
@@ -68,7 +70,10 @@ class Core:
         self.loop, self.rate_hz, self.camera_rate_hz = loop, rate_hz, camera_rate_hz
         self.compat = tuple(compat)
         rig = loop.world.rig
-        self.topics: Mapping[str, Topic] = MappingProxyType({t.name: t for t in topic_table(rig)})
+        older = compatible(rig, compat)
+        self.topics: Mapping[str, Topic] = MappingProxyType(
+            {**{t.name: t for t in topic_table(rig)}, **older.topics}
+        )
         self.services: Mapping[str, Service] = MappingProxyType(
             {s.name: s for s in service_table(rig)}
         )
@@ -76,11 +81,15 @@ class Core:
         self.stamper = Stamper(clock)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
         self.incoming = Incoming(self)
+        for topic, act in older.handlers.items():
+            self.incoming.handlers[topic] = partial(act, self)
         self._watch = Watch(
             loop, self.prefixes, self.stamper, rate_hz, self._samples, self.incoming.waits
         )
         self._publishing = Publishing(
-            self.topics, self.prefixes, rig_messages.makers(clock == "sim")
+            self.topics,
+            self.prefixes,
+            {**rig_messages.makers(clock == "sim"), **older.makers},
         )
         self._transports: list[Transport] = []
         self._started: list[Transport] = []

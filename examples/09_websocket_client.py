@@ -9,7 +9,8 @@ import json
 import subprocess
 import sys
 
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 GOAL = [0.3, 0.0, 0.12, 0.0, 0.0, 0.0]  # yaw, pitch [rad], insertion [m], roll, wrist [rad]
 
@@ -49,7 +50,7 @@ def move(address: str) -> None:
                 was_busy = busy
 
 
-def say(socket: ClientConnection, op: str, **fields: object) -> None:
+def say(socket: Connection, op: str, **fields: object) -> None:
     """Send one request of the rosbridge protocol."""
     socket.send(json.dumps({"op": op, **fields}))
 

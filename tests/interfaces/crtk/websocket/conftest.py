@@ -92,6 +92,21 @@ def served() -> Iterator[Served]:
 
 
 @pytest.fixture
+def meet(served: Served) -> Iterator[Callable[..., Talk]]:
+    """Return the function that makes a client; all are gone when the test ends."""
+    met: list[Talk] = []
+
+    def make(**options: Any) -> Talk:
+        met.append(Talk(served.url, **options))
+        return met[-1]
+
+    yield make
+    for it in met:
+        it.socket.close_socket()
+    assert until(lambda: not served.transport._server._clients)  # type: ignore[union-attr]
+
+
+@pytest.fixture
 def talk(served: Served) -> Iterator[Talk]:
     it = Talk(served.url)
     yield it

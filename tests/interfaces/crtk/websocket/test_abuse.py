@@ -1,0 +1,255 @@
+"""What a client may do wrong, by mistake or not: the arms move on and memory stays bounded."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+
+import pytest
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+
+from trocar.interfaces.crtk.transports.websocket import client as clients
+from trocar.interfaces.crtk.transports.websocket import server
+
+from .conftest import Served, Talk, until
+
+JS = "/PSM1/measured_js"
+TOKEN = "a token of the tests"
+HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
+
+
+def far(yaw: float) -> str:
+    message = {"position": [yaw, *HOME[1:]]}
+    return json.dumps({"op": "publish", "topic": "/PSM1/servo_jp", "msg": message})
+
+
+def moves_on(served: Served) -> bool:
+    """Whether time flows."""
+    before = served.loop.latest.time
+    return until(lambda: served.loop.latest.time > before)
+
+
+def gone(served: Served) -> bool:
+    return until(lambda: not served.transport.wanted())
+
+
+@pytest.mark.parametrize("origin", ["https://example.org", "null", "http://127.0.0.1.evil.org"])
+def test_pages_of_other_sites_cannot_connect(served: Served, origin: str) -> None:
+    with pytest.raises(InvalidStatus) as caught:
+        connect(served.url, origin=origin)  # type: ignore[arg-type]
+    assert caught.value.response.status_code == 403
+
+
+def test_pages_of_this_machine_can(served: Served) -> None:
+    with closing(Talk(served.url, origin="http://localhost:8080").socket) as it:
+        assert it.response is not None
+
+
+def test_the_token_is_asked_for_on_the_wire() -> None:
+    with closing(Served(token=TOKEN)) as guarded:
+        for url, headers in (
+            (guarded.url, {}),
+            (f"{guarded.url}/?token=wrong", {}),
+            (guarded.url, {"Authorization": "Bearer wrong"}),
+        ):
+            with pytest.raises(InvalidStatus) as caught:
+                connect(url, additional_headers=headers)
+            assert caught.value.response.status_code == 401
+        word = TOKEN.replace(" ", "%20")
+        connect(f"{guarded.url}/?token={word}").close()
+        connect(guarded.url, additional_headers={"Authorization": f"Bearer {TOKEN}"}).close()
+
+
+def test_a_message_of_100_mb_ends_the_connection_unread(served: Served, talk: Talk) -> None:
+    with contextlib.suppress(ConnectionClosed):
+        talk.socket.send("x" * 100_000_000)
+    with pytest.raises(ConnectionClosed):
+        talk.hear()
+    # 1009: too big; 1006: the server had left before its reason could be read.
+    assert talk.socket.close_code in (1009, 1006)
+    assert moves_on(served)
+
+
+def test_a_header_that_announces_an_exabyte_costs_nothing(served: Served, talk: Talk) -> None:
+    talk.socket.socket.sendall(b"\x81\xff" + (1 << 60).to_bytes(8, "big") + b"mask" + b"x" * 100)
+    with pytest.raises(ConnectionClosed):
+        talk.hear()
+    assert moves_on(served)
+
+
+def test_a_flood_is_cut_and_told_and_the_newest_set_point_counts(
+    served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clients, "MESSAGES_PER_S", 200.0)  # the machine may be too busy for more
+    served.core.tell_refusals_anew()
+    talk = meet()
+    talk.send(op="subscribe", topic="/PSM1/warning")
+    talk.wait_for_server()
+    for k in range(10_000):
+        talk.socket.send(far(1e-5 * k))
+    assert "sends too fast" in talk.hear_op("status")["msg"]
+    assert "sends too fast" in talk.hear_on("/PSM1/warning")["data"]
+    assert moves_on(served)
+    other = meet()
+    assert until(lambda: other.socket.send(far(0.0)) is None and abs(yaw(served)) < 1e-9)
+
+
+def yaw(served: Served) -> float:
+    return float(served.loop.latest.arms["PSM1"].setpoint[0])
+
+
+def test_a_reader_that_sleeps_misses_old_states_and_no_memory_grows(
+    served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clients, "MOST_BUFFERED", 4096)
+    monkeypatch.setattr(clients, "SEND_BUFFER", 4096)
+    talk = meet(max_queue=1)
+    talk.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    for name, topic in served.core.topics.items():
+        if topic.direction == "pub" and topic.rate == "state" and not topic.later:
+            talk.send(op="subscribe", topic=f"/{name}")
+    assert until(lambda: len(served.transport.wanted()) > 5)
+    ours = next(iter(served.transport._server._clients))  # type: ignore[union-attr]
+    assert until(lambda: ours._outbox.lost > 100)
+    assert len(ours._outbox._waiting) <= clients.MOST_WAITING + len(served.core.topics)
+    assert "too slowly" in talk.hear_op("status")["msg"]
+
+
+def test_a_client_that_never_answers_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "PING_S", 0.2)
+    monkeypatch.setattr(server, "PONG_S", 0.2)
+    with closing(Served()) as served:
+        port = served.transport.port
+        with socket.create_connection(("127.0.0.1", port)) as half_open:
+            half_open.sendall(HANDSHAKE)
+            assert b"101 Switching" in half_open.recv(4096)
+            half_open.sendall(masked(json.dumps({"op": "subscribe", "topic": JS})))
+            assert until(lambda: bool(served.transport.wanted()))
+            assert gone(served)
+
+
+HANDSHAKE = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+
+
+def masked(text: str) -> bytes:
+    """Return a short text as a client's frame, under a mask of zeros."""
+    payload = text.encode()
+    assert len(payload) < 126
+    return bytes([0x81, 0x80 | len(payload)]) + bytes(4) + payload
+
+
+@pytest.mark.parametrize("junk", [b"\x00" * 500, b"GET /../../etc/passwd HTTP/1.1\r\n\r\n", b"\n"])
+def test_what_is_no_websocket_is_turned_away(served: Served, junk: bytes) -> None:
+    with socket.create_connection(("127.0.0.1", served.transport.port), timeout=20) as stranger:
+        stranger.sendall(junk)
+        stranger.shutdown(socket.SHUT_WR)
+        answer = b""
+        while more := stranger.recv(4096):
+            answer += more
+    assert b"root:" not in answer
+    assert b"101" not in answer
+    assert moves_on(served)
+
+
+def test_no_more_than_so_many_clients_come_in(
+    served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "MOST_CLIENTS", 2)
+    first, _ = meet(), meet()
+    with pytest.raises(InvalidStatus) as caught:
+        meet()
+    assert caught.value.response.status_code == 503
+    first.socket.close()
+    assert until(lambda: len(served.transport._server._clients) == 1)  # type: ignore[union-attr]
+    meet()
+
+
+VANISHING = """
+import json, sys
+from websockets.sync.client import connect
+with connect(sys.argv[1], compression=None) as it:
+    for topic in json.loads(sys.argv[2]):
+        it.send(json.dumps({"op": "subscribe", "topic": topic}))
+    it.recv()
+    print("here", flush=True)
+    for _ in it:
+        pass
+"""
+
+
+@pytest.fixture
+def killed(served: Served) -> Iterator[list[subprocess.Popen[str]]]:
+    topics = ["/PSM1/measured_js", "/PSM1/setpoint_js", "/PSM1/measured_cp"]
+    words = [sys.executable, "-c", VANISHING, served.url, json.dumps(topics)]
+    them = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    yield them
+    for it in them:
+        it.kill()
+        it.wait()
+        assert it.stdout
+        it.stdout.close()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no kill -9")
+def test_killed_clients_are_forgotten(served: Served, killed: list[subprocess.Popen[str]]) -> None:
+    for it in killed:
+        assert it.stdout
+        assert it.stdout.readline() == "here\n"
+    for it in killed:
+        os.kill(it.pid, signal.SIGKILL)
+    assert gone(served)
+    assert moves_on(served)
+
+
+def test_24_clients_come_and_go_while_the_arm_moves_and_no_tick_is_lost(
+    served: Served, meet: Callable[..., Talk]
+) -> None:
+    """Every millisecond of simulated time is stepped, whoever comes and goes."""
+    stop = threading.Event()
+    failures: list[BaseException] = []
+
+    def visit(number: int) -> None:
+        try:
+            while not stop.is_set():
+                talk = Talk(served.url)
+                talk.send(op="subscribe", topic=JS)
+                talk.send(op="subscribe", topic="/PSM1/operating_state")
+                for _ in range(number % 5):
+                    talk.hear()
+                if number % 2:
+                    talk.socket.close()
+                else:
+                    talk.socket.close_socket()
+        except Exception as error:  # noqa: BLE001  raised below, in the test's own thread
+            failures.append(error)
+
+    visitors = [threading.Thread(target=visit, args=(k,)) for k in range(24)]
+    steps, ticks = served.loop.latest.time / served.world.timestep, served.loop._ticks
+    for visitor in visitors:
+        visitor.start()
+    driver = meet()
+    for k in range(30):
+        driver.socket.send(far(0.1 * (k % 2)))
+        time.sleep(0.05)
+    stop.set()
+    for visitor in visitors:
+        visitor.join()
+    driver.socket.send(far(0.0))
+    assert not failures, failures[0]
+    assert moves_on(served)
+    assert gone(served)
+    stepped = served.loop.latest.time / served.world.timestep - steps
+    assert abs(stepped - (served.loop._ticks - ticks)) <= 50  # the state is published now and then

@@ -91,6 +91,18 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
 
 @dataclass
 @mark.final
+class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
+    header: Header
+    height: uint32
+    width: uint32
+    encoding: str
+    is_bigendian: uint8
+    step: uint32
+    data: sequence[uint8]
+
+
+@dataclass
+@mark.final
 class Noise(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     octets: sequence[uint8]
 
@@ -225,6 +237,22 @@ def survey(participant: DomainParticipant) -> None:
     say(found=found)
 
 
+def look(participant: DomainParticipant) -> None:
+    """Tell of five images."""
+    topic = Topic(participant, "rt/stereo/left/image_raw", Image)
+    reader = DataReader(participant, topic, VOLATILE)
+    say(ready=True)
+    got: list[Image] = []
+
+    def enough() -> bool:
+        got.extend(reader.take(1))
+        return len(got) == 5
+
+    until(enough)
+    whole = all(bytes(i.data) == bytes([i.header.stamp.nanosec]) * 921_600 for i in got)
+    say(stamps=[i.header.stamp.nanosec for i in got], whole=whole)
+
+
 def babble(participant: DomainParticipant) -> None:
     """Publish octets by chance under the name of a type."""
     writer = DataWriter(participant, Topic(participant, "rt/PSM1/move_jp", Noise), VOLATILE)
@@ -248,5 +276,7 @@ def linger(participant: DomainParticipant) -> None:
 if __name__ == "__main__":
     number = int(sys.argv[2])
     domain = Domain(number, sys.argv[3])
-    actions = {action.__name__: action for action in (listen, drive, call, survey, babble, linger)}
+    actions = {
+        action.__name__: action for action in (listen, drive, call, survey, look, babble, linger)
+    }
     actions[sys.argv[1]](DomainParticipant(number))

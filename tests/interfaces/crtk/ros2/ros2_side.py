@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import select
 import subprocess
 import sys
 import uuid
@@ -48,6 +49,11 @@ class Program:
         line = self.process.stdout.readline()
         assert line, "the program ended without a word"
         return json.loads(line)
+
+    def waiting(self) -> bool:
+        """Whether it has said something that nobody read yet."""
+        assert self.process.stdout is not None
+        return bool(select.select([self.process.stdout], [], [], 0)[0])
 
     def end(self) -> None:
         self.process.kill()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from trocar.interfaces.crtk.transports.ros2 import library
 from trocar.interfaces.crtk.transports.ros2.library import DdsError, Descriptor, Library
+from trocar.interfaces.crtk.transports.ros2.quality import Quality, quality_of, user_data_of
 
 #: Payloads above it are written while other threads run. Source: measured, copying takes 10 us.
 LARGE = 64 * 1024
@@ -21,23 +22,6 @@ TAKEN = 64
 # DDS_OP_ADR | DDS_OP_TYPE_1BY at offset 0, DDS_OP_RTS.
 ANY_BYTES = (ct.c_uint32 * 3)(0x01010000, 0, 0)
 NOTHING = library.Metadata(None, 0)
-XCDR1 = (ct.c_int16 * 1)(0)
-KEEP_LAST = 0
-
-
-@dataclass(frozen=True)
-class Quality:
-    """Quality of service: reliable always, which every subscriber's wish is compatible with.
-
-    Args:
-        depth: how many messages are kept for a subscriber that lags, or wait at ours
-        latched: whether late subscribers get the last message (TRANSIENT_LOCAL)
-        user_data: of the endpoint
-    """
-
-    depth: int
-    latched: bool = False
-    user_data: bytes = b""
 
 
 @dataclass(frozen=True)
@@ -85,7 +69,7 @@ class Writer:
     def user_data_of(self, reader: int) -> bytes | None:
         """Return the USER_DATA of a subscriber, None when it is gone."""
         found = self._lib.quick.dds_get_matched_subscription_data(self.entity, reader)
-        return _user_data(self._lib, found)
+        return user_data_of(self._lib, found)
 
 
 class Reader:
@@ -114,7 +98,7 @@ class Reader:
     def user_data_of(self, writer: int) -> bytes | None:
         """Return the USER_DATA of who wrote, None when it is gone."""
         found = self._lib.quick.dds_get_matched_publication_data(self.entity, writer)
-        return _user_data(self._lib, found)
+        return user_data_of(self._lib, found)
 
 
 class Bus:
@@ -141,7 +125,7 @@ class Bus:
         if config is not None:
             entity = lib.wait.dds_create_domain(domain, config.encode())
             self._domain = lib.checked(entity, f"domain {domain}")
-        wish = _qos(lib, Quality(1, user_data=user_data))
+        wish = quality_of(lib, Quality(1, user_data=user_data))
         try:
             entity = lib.wait.dds_create_participant(domain, wish, None)
             self._participant = lib.checked(entity, f"a participant of domain {domain}")
@@ -192,7 +176,7 @@ class Bus:
             self._lib.wait.dds_delete(self._domain)
 
     def _end(self, create: Callable[..., int], topic: str, kind: str, quality: Quality) -> int:
-        wish = _qos(self._lib, quality)
+        wish = quality_of(self._lib, quality)
         try:
             entity = create(self._participant, self._topic(topic, kind), wish, None)
             return self._lib.checked(entity, topic)
@@ -223,33 +207,3 @@ def guid(lib: Library, entity: int) -> bytes:
     found = ct.create_string_buffer(16)
     lib.checked(lib.quick.dds_get_guid(entity, found), "a GUID")
     return found.raw
-
-
-def _user_data(lib: Library, endpoint: int | None) -> bytes | None:
-    """Return what an endpoint's quality of service carries, and free the endpoint."""
-    if not endpoint:
-        return None
-    qos = library.Endpoint.from_address(endpoint).qos
-    data, size = ct.c_void_p(), ct.c_size_t()
-    try:
-        if not lib.quick.dds_qget_userdata(qos, ct.byref(data), ct.byref(size)):
-            return b""
-        found = ct.string_at(data, size.value) if data.value else b""
-        lib.quick.dds_free(data)
-        return found
-    finally:
-        lib.quick.dds_builtintopic_free_endpoint(endpoint)
-
-
-def _qos(lib: Library, quality: Quality) -> int:
-    """Return a new dds_qos_t."""
-    quick = lib.quick
-    wish = quick.dds_create_qos()
-    quick.dds_qset_reliability(wish, 1, 0)
-    quick.dds_qset_durability(wish, int(quality.latched))
-    quick.dds_qset_history(wish, KEEP_LAST, quality.depth)
-    all_of_it = [library.UNLIMITED] * 3
-    quick.dds_qset_durability_service(wish, 0, KEEP_LAST, 1, *all_of_it)
-    quick.dds_qset_data_representation(wish, 1, XCDR1)
-    quick.dds_qset_userdata(wish, quality.user_data, len(quality.user_data))
-    return wish

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import blank
 from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Reader, Taken
-from trocar.interfaces.crtk.transports.ros2.service import Served, read_request, reply
+from trocar.interfaces.crtk.transports.ros2.service import HEADER, Served, read_request, reply
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
@@ -22,6 +22,8 @@ _log = logging.getLogger("trocar")
 AT_ONCE = 4
 WAITING = 64
 TIMEOUT_S = 5.0
+# Longer ones are no call. Source: our own choice, 1 MB.
+LONGEST = 1_000_000
 
 
 class Calls:
@@ -48,6 +50,9 @@ class Calls:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def _submit(self, served: Served, taken: Taken) -> None:
+        if not HEADER.stop < len(taken.payload) <= LONGEST:
+            _log.warning("ROS 2: %s: got a call of %d bytes", served.name, len(taken.payload))
+            return
         if not self._room.acquire(blocking=False):
             _log.warning("ROS 2: %s: more than %d calls wait", served.name, WAITING)
             return
@@ -60,6 +65,9 @@ class Calls:
         except InputError as problem:
             _log.warning("ROS 2: %s: %s", served.name, problem)
             answer = _refusal(served, str(problem))
+        except Exception:  # noqa: BLE001  a pool would swallow it
+            _log.exception("ROS 2: %s: no answer", served.name)
+            return
         try:
             if answer is not None and not reply(served, taken, answer):
                 _log.warning("ROS 2: %s: the caller does not listen any more", served.name)

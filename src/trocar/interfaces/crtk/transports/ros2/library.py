@@ -8,10 +8,11 @@ Source: dds.h and ddsi_serdata.h of Cyclone DDS 11.0.
 from __future__ import annotations
 
 import ctypes as ct
+import sys
 from functools import cache
 from typing import Any
 
-from trocar.errors import MissingExtraError, TrocarError
+from trocar.errors import InputError, MissingExtraError, TrocarError
 
 I32, U32, I64, U64, SIZE, POINTER = (
     ct.c_int32,
@@ -182,7 +183,10 @@ def load() -> Library:
 
     Raises:
         MissingExtraError: the extra `ros2` is not installed
+        InputError: on Windows, whose C structures are others
     """
+    if sys.platform == "win32":
+        raise InputError("ROS 2: not on Windows yet; allowed: Linux, macOS")
     try:
         from cyclonedds.internal import DDS
     except ImportError:

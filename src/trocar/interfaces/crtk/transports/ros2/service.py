@@ -11,8 +11,9 @@ from typing import Any
 
 from trocar.interfaces.crtk.messages import ServiceType, cdr_decode, cdr_encode
 from trocar.interfaces.crtk.transports.ros2 import names
-from trocar.interfaces.crtk.transports.ros2.bus import Bus, Quality, Reader, Taken, Writer
+from trocar.interfaces.crtk.transports.ros2.bus import Bus, Reader, Taken, Writer
 from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
+from trocar.interfaces.crtk.transports.ros2.quality import Quality
 
 HEADER = slice(4, 20)
 # Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.

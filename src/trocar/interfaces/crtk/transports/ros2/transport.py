@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.transports.ros2 import graph, library, names
-from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Quality, Reader, Writer
+from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Reader, Writer
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
 from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
 from trocar.interfaces.crtk.transports.ros2.lane import Lane
 from trocar.interfaces.crtk.transports.ros2.network import Network, network
+from trocar.interfaces.crtk.transports.ros2.quality import Quality
 from trocar.interfaces.crtk.transports.ros2.service import open_service
 
 if TYPE_CHECKING:

@@ -1,0 +1,192 @@
+"""The transport alone, on a core that only takes notes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
+
+from trocar.errors import InputError
+from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
+from trocar.interfaces.crtk.topics import Service, Topic
+from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
+from trocar.interfaces.crtk.transports.ros2.bus import Taken
+from trocar.interfaces.crtk.transports.ros2.calls import Calls
+from trocar.interfaces.crtk.transports.ros2.lane import Lane
+from trocar.interfaces.crtk.transports.ros2.service import HEADER, Served
+
+from .ros2_side import Program, private_network, program
+
+JOINTS = Topic("PSM1/measured_js", "sensor_msgs/JointState", "pub", "state")
+IMAGES = Topic("stereo/left/image_raw", "sensor_msgs/Image", "pub", "camera")
+
+
+class Notes:
+    """A core that keeps what it is told."""
+
+    def __init__(self, *topics: Topic) -> None:
+        self.topics = {topic.name: topic for topic in topics}
+        self.services: dict[str, Service] = {}
+
+
+@pytest.fixture
+def transport():
+    core = Notes(JOINTS, IMAGES)
+    running = Ros2Transport(private_network())
+    running.start(core)  # type: ignore[arg-type]  as much of a core as this asks for
+    yield running
+    running.close()
+
+
+def joints(n: int) -> dict:
+    numbers = np.arange(6.0)
+    return {
+        "header": {"stamp": (n // 1000 + 1, n % 1000), "frame_id": ""},
+        "name": ["a"] * 6,
+        "position": numbers,
+        "velocity": numbers,
+        "effort": numbers,
+    }
+
+
+def image(n: int) -> dict:
+    return {
+        "header": {"stamp": (1, n), "frame_id": "left"},
+        "height": 480,
+        "width": 640,
+        "encoding": "rgb8",
+        "is_bigendian": 0,
+        "step": 1920,
+        "data": bytes([n]) * 921_600,
+    }
+
+
+def test_images_arrive_whole_and_in_order(transport: Ros2Transport) -> None:
+    with program("look", transport.where) as peer:
+        for n in range(1, 200):
+            transport.send([(IMAGES, image(n))])
+            time.sleep(0.02)
+            if peer.waiting():
+                break
+        told = peer.tell()
+    stamps = told["stamps"]
+    assert len(stamps) == 5
+    assert stamps == sorted(set(stamps))
+    assert told["whole"]
+    assert transport.lost == 0
+
+
+def test_a_subscriber_that_stands_still_holds_up_nobody(transport: Ros2Transport) -> None:
+    peer = Program("linger", transport.where)
+    os.kill(peer.process.pid, signal.SIGSTOP)
+    try:
+        sender = threading.Thread(
+            target=lambda: [transport.send([(JOINTS, joints(n))]) for n in range(20_000)],
+            daemon=True,
+        )
+        sender.start()
+        sender.join(60)
+        assert not sender.is_alive()
+    finally:
+        peer.end()
+
+
+def test_a_lane_delivers_the_newest_of_each_name() -> None:
+    began, go_on = threading.Event(), threading.Event()
+    seen: list[int] = []
+
+    def deliver(parcel: int) -> None:
+        seen.append(parcel)
+        began.set()
+        go_on.wait(10)
+
+    lane = Lane(deliver)
+    lane.put("left", 1)
+    began.wait(10)
+    for parcel in (2, 3, 4):
+        lane.put("left", parcel)
+    go_on.set()
+    while len(seen) < 2:
+        time.sleep(0.001)
+    lane.close()
+    assert seen == [1, 4]
+    assert lane.overtaken == 2
+
+
+class Replies:
+    """Both ends of a service, without a network."""
+
+    def __init__(self) -> None:
+        self.waiting: list[Taken] = []
+        self.written: list[bytes] = []
+
+    def take(self) -> list[Taken]:
+        found, self.waiting = self.waiting, []
+        return found
+
+    def readers(self) -> list[int]:
+        return [1]
+
+    def user_data_of(self, handle: int) -> bytes:  # noqa: ARG002
+        return b""
+
+    def write(self, payload: bytes) -> bool:
+        self.written.append(payload)
+        return True
+
+
+def answered(call, *requests: bytes) -> list[bytes]:
+    kind = service_type("crtk_msgs/QueryForwardKinematics")
+    ends = Replies()
+    ends.waiting = [Taken(request, 1) for request in requests]
+    served = Served("PSM1/forward_kinematics", kind, ends, ends)  # type: ignore[arg-type]
+    calls = Calls(SimpleNamespace(call=call))  # type: ignore[arg-type]
+    calls.taker(served)(ends)  # type: ignore[arg-type]
+    calls._pool.shutdown(wait=True)
+    return ends.written
+
+
+def asked(kind: str, caller: bytes) -> bytes:
+    payload = cdr_encode(message_type(kind), {"jp": [0.0], "cp": blank_pose()})
+    return payload[: HEADER.start] + caller + payload[HEADER.start :]
+
+
+def blank_pose() -> dict:
+    return {
+        "position": dict.fromkeys("xyz", 0.0),
+        "orientation": {**dict.fromkeys("xyz", 0.0), "w": 1.0},
+    }
+
+
+def test_a_refused_call_is_answered_with_the_reason() -> None:
+    def refuse(*_: object) -> dict:
+        raise InputError("no such pose")
+
+    kind = service_type("crtk_msgs/QueryForwardKinematics").request
+    caller = bytes(range(16))
+    (reply,) = answered(refuse, asked(kind.name, caller))
+    assert reply[HEADER] == caller
+    assert b"no such pose" in reply
+
+
+def test_calls_that_are_none_are_not_answered_by_chance(rng: np.random.Generator) -> None:
+    short = [rng.bytes(size) for size in range(21)]
+    assert answered(lambda *_: {}, *short) == []
+    for reply in answered(lambda *_: {}, *[b"\0\1\0\0" + rng.bytes(40) for _ in range(40)]):
+        assert b"QueryForwardKinematics" in reply  # the refusal says of what
+
+
+def test_a_call_that_breaks_the_simulator_is_told_and_not_answered(caplog) -> None:
+    def break_it(*_: object) -> dict:
+        raise ZeroDivisionError
+
+    kind = service_type("crtk_msgs/QueryForwardKinematics").request
+    assert answered(break_it, asked(kind.name, bytes(16))) == []
+    assert "no answer" in caplog.text

@@ -134,14 +134,22 @@ def test_poses_of_a_calibrated_robot_are_its_own(skew_overlay, rng) -> None:
     close(pose_of(served.last("PSM1/measured_cp")), served.world.arm("PSM1").measured_cp().T, 1e-9)
 
 
-def test_the_frames_of_tf_hang_together_in_one_tree() -> None:
-    served = Served("full_cart_mtm", wanted=["tf"])
+def frames_of(served: Served) -> list[dict]:
+    """Return what tf and tf_static tell together."""
     served.run(0.05)
+    return [*served.last("tf")["transforms"], *served.last("tf_static")["transforms"]]
+
+
+@pytest.mark.parametrize("rig", names("rigs"))
+def test_the_frames_of_tf_hang_together_in_one_tree(rig: str) -> None:
+    served = Served(rig, wanted=["tf"])
     parents: dict[str, str] = {}
-    for each in served.last("tf")["transforms"]:
+    for each in frames_of(served):
         assert each["child_frame_id"] not in parents
         parents[each["child_frame_id"]] = each["header"]["frame_id"]
-    assert {"PSM1", "PSM1_base", "ECM", "MTML", "SUJ_PSM1", "cart", "HRSV"} <= parents.keys()
+    for name, arm in served.world.arms.items():
+        base = "cart" if arm.type == "SUJ" else f"{name}_base"
+        assert {name, base, arm.measured_cp().frame_id} <= parents.keys()
     for frame in parents:
         while frame in parents:
             frame = parents[frame]
@@ -150,9 +158,8 @@ def test_the_frames_of_tf_hang_together_in_one_tree() -> None:
 
 def test_poses_along_tf_are_those_in_the_world() -> None:
     served = Served("full_cart_mtm", wanted=["tf"])
-    served.run(0.05)
     links = {}
-    for each in served.last("tf")["transforms"]:
+    for each in frames_of(served):
         turn, p = each["transform"]["rotation"], each["transform"]["translation"]
         R = matrix_from_quaternion(np.array([turn[k] for k in "wxyz"]))
         T = transform(R, np.array(vector(p)))

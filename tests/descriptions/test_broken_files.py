@@ -76,7 +76,7 @@ ARM_FAULTS = [
     ),
     ('guard = ["pitch_end", "pitch_back"]', 'guard = ["pitch_end"]', "closure[1].guard", "none"),
     ("mass_kg = 1.4705", "mass_kg = 0.0", "body[0].mass_kg", "got 0; allowed: above 0"),
-    ("mass_kg = 1.4705", "mass_g = 1470.5", "body[0].mass", "allowed keys: mass_kg"),
+    ("mass_kg = 1.4705", "mass_mg = 1470500.0", "body[0].mass", "allowed keys: mass_kg"),
     (
         "inertia_kgm2 = [0.0095, 0.0082, 0.0095, 0.0, 0.0, 0.0]",
         "inertia_kgm2 = [0.1, 0.01, 0.01, 0, 0, 0]",

@@ -1,11 +1,13 @@
-"""What masses ask of the motors: holding efforts and apparent inertias, from the description."""
+"""What masses ask of the motors, and what bodies that move together weigh as one."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.records import ArmDescription, Body
 from trocar.kinematics.forward import coordinates, pose
 from trocar.kinematics.jacobian import jacobian_spatial
 from trocar.kinematics.loops import coordinate_rates
@@ -62,6 +64,23 @@ def apparent_inertias(arm: ArmDescription, q: ArrayLike) -> Array:
     for frame, rotor in arm.rotor.items():
         total += rotor * rates[..., arm.mechanism.frame_index[frame], :] ** 2
     return total
+
+
+def merged(bodies: Sequence[Body]) -> tuple[float, Array, Array]:
+    """Merge bodies that move together.
+
+    Returns:
+        mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2]; zeros of no bodies
+    """
+    mass = sum(b.mass for b in bodies)
+    if not bodies:
+        return 0.0, np.zeros(3), np.zeros((3, 3))
+    com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass
+    inertia = np.zeros((3, 3))
+    for b in bodies:
+        offset = b.com - com
+        inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
+    return mass, com, inertia
 
 
 def _cross_columns(rates: Array, point: Array) -> Array:

@@ -280,12 +280,37 @@ class RigArm:
 
 
 @dataclass(frozen=True, eq=False)
+class Movable:
+    """What a prop needs to fall and to be pushed.
+
+    Attributes:
+        mass: [kg]
+        com: centre of mass in the prop's frame, (3,) [m]
+        inertia: about the centre of mass in the frame's axes, (3, 3) [kg m^2]
+        inertia_from: "source", "shape" or "solid"
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    inertia_from: str
+
+
+@dataclass(frozen=True, eq=False)
 class Prop:
-    """A body that stands in the world."""
+    """A body that stands in the world, or one that lies there until something moves it.
+
+    Attributes:
+        name: what it is called
+        pose: T_world_prop, where a movable one begins (4, 4)
+        shapes: what it looks like and collides with
+        movable: None of one that stands still
+    """
 
     name: str
     pose: Array
     shapes: tuple[Shape, ...]
+    movable: Movable | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,7 +320,7 @@ class RigDescription:
     Attributes:
         name, title, source, file: who it is
         arms: carriers before what they carry
-        props: bodies that stand in the world
+        props: bodies that stand in the world, and those that can be moved
         poses: {pose: {arm: q (n,)}}; "start" has every arm
         test_share: share of the test trajectory's amplitude at which the arms do not meet; they
             then swing about the pose "test"
@@ -313,6 +338,11 @@ class RigDescription:
     test_share: float = 1.0
     display: Array | None = None
     sensors: tuple[SensorDescription, ...] = ()
+
+    @property
+    def objects(self) -> tuple[Prop, ...]:
+        """The props that can be moved, in the order of the file."""
+        return tuple(prop for prop in self.props if prop.movable is not None)
 
     def arm(self, name: str) -> RigArm:
         """Return the arm called `name`.

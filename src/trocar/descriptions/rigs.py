@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
+from trocar.descriptions.props import check_object_name, read_prop
 from trocar.descriptions.records import (
     DISPLAY,
     ArmDescription,
-    Prop,
     RigArm,
     RigDescription,
-    Shape,
 )
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.shapes import read_body, read_drawn, read_shape, read_touches
-from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -49,11 +46,13 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         arms.append(_read_arm(row, (arms, display), load_arm))
     if not arms:
         raise table.fail("arm", "is missing; a rig needs at least one arm")
-    props = tuple(_read_prop(row) for row in table.tables("prop"))
+    props = tuple(read_prop(row) for row in table.tables("prop"))
     poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
     for key, found in (("prop", [p.name for p in props]), ("pose", _names(table, "pose"))):
         for again in {n for n in found if found.count(n) > 1}:
             raise table.fail(key, f"got {again!r} a second time")
+    for prop in (prop for prop in props if prop.movable is not None):
+        check_object_name(table, prop.name, [arm.name for arm in arms])
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     sensors = read_sensors(table.tables("sensor"), arms)
@@ -109,35 +108,6 @@ def _read_arm(
     row.text("source", "")
     row.done()
     return RigArm(name, arm, "" if carrier is None else on, frame, at)
-
-
-def _read_prop(row: Table) -> Prop:
-    """Return a prop: shapes in the rig's own file, or bodies in a file of its own."""
-    name, at = row.text("name"), read_pose(row)
-    if "description" in row:
-        prop = Prop(name, at, _read_prop_file(row))
-    else:
-        solid = read_drawn(row)
-        touches = read_touches(row, solid)
-        drawn = () if solid is None else seen_and_touched(solid, touches)
-        prop = Prop(name, at, (*drawn, *(read_shape(s) for s in row.tables("shape"))))
-    row.text("source", "")
-    row.done()
-    return prop
-
-
-def _read_prop_file(row: Table) -> tuple[Shape, ...]:
-    """Return the shapes of a prop's own file, whose path is relative to the rig's folder."""
-    table = read_table(Path(row.file).parent / row.text("description"))
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-    for key in ("name", "title", "source"):
-        table.text(key, "")
-    bodies = [read_body(body, table.file) for body in table.tables("body")]
-    if not bodies:
-        raise table.fail("body", "is missing; a prop needs at least one body")
-    table.done()
-    return tuple(shape for body in bodies for shape in body.shapes)
 
 
 def _names(table: Table, key: str) -> list[str]:

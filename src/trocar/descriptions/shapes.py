@@ -98,13 +98,34 @@ def read_body(table: Table, part: str) -> Body:
         DescriptionError: an impossible body (mass, positive definiteness, triangle inequality)
     """
     frame = table.text("frame")
-    mass = table.quantity("mass", "mass")
-    if mass <= 0.0:
-        raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
+    mass = read_mass(table)
     solid = read_drawn(table)
     touches = read_touches(table, solid)
     drawn = () if solid is None else seen_and_touched(solid, touches)
     shapes = (*drawn, *map(read_shape, table.tables("shape")))
+    com, inertia, origin = read_inertia(table, solid, shapes, mass)
+    source = table.text("source", "")
+    table.done()
+    name = "" if solid is None else solid.name
+    return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
+
+
+def read_mass(table: Table) -> float:
+    """Return the mass that a body must have [kg]."""
+    mass = table.quantity("mass", "mass")
+    if mass <= 0.0:
+        raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
+    return mass
+
+
+def read_inertia(
+    table: Table, solid: Solid | None, shapes: tuple[Shape, ...], mass: float
+) -> tuple[Array, Array, str]:
+    """Return centre of mass, inertia about it and what that is from.
+
+    Raises:
+        DescriptionError: an impossible body, or nothing to compute its inertia from
+    """
     com, inertia, origin = _uniform(table, solid, shapes, mass)
     com = table.vector("com", 3, "length", default=com)
     if origin == "source":
@@ -113,10 +134,7 @@ def read_body(table: Table, part: str) -> Body:
     problem = impossible(inertia)
     if problem:
         raise table.fail("inertia_kgm2", problem)
-    source = table.text("source", "")
-    table.done()
-    name = "" if solid is None else solid.name
-    return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
+    return com, inertia, origin
 
 
 def read_drawn(table: Table) -> Solid | None:

@@ -21,7 +21,7 @@ UNITS: dict[str, dict[str, float]] = {
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
     "area": {"m2": 1.0, "mm2": 1e-6},
     "volume": {"m3": 1.0, "mm3": 1e-9},
-    "mass": {"kg": 1.0},
+    "mass": {"kg": 1.0, "g": 1e-3},
     "inertia": {"kgm2": 1.0},
     "torque": {"nm": 1.0},
     "force": {"n": 1.0},

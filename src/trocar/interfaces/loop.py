@@ -23,6 +23,7 @@ from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
 from trocar.interfaces.publisher import Publisher
 from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed, LoopState, Question, Watcher
+from trocar.simulation.journal import WORLD
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -78,6 +79,7 @@ class Loop:
         self._world = world
         if tick_s is None:
             tick_s = nearest_tick(TICK_S, world.timestep)
+        self._known = {*world.arms, *world.objects, WORLD}
         self._substeps = whole_steps(tick_s, world.timestep)
         self._tick_s = tick_s
         self._realtime = speed == "realtime"
@@ -144,10 +146,10 @@ class Loop:
         """Ask for a command at the next tick boundary; return False when it was refused.
 
         Raises:
-            UnknownNameError: the command names an arm that the rig has not
+            UnknownNameError: the command names an arm or object that the rig has not
         """
         arm = getattr(command, "arm", None)
-        if arm is not None and arm not in self._world.arms:
+        if arm is not None and arm not in self._known:
             raise UnknownNameError("arm", arm, self._world.arms)
         return self._inbox.post(command)
 

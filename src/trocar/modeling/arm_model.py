@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.inertial import merged
 from trocar.descriptions.records import ArmDescription, Body, JointDescription, Shape
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
@@ -20,7 +21,7 @@ from trocar.kinematics.tree import local_pose
 from trocar.modeling import naming
 from trocar.modeling.assets import add_material, add_mesh
 from trocar.modeling.contacts import ContactMask
-from trocar.modeling.hinges import followers, hinge_of, merged
+from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.options import (
     CONTACT_FRICTION,
     CONTACT_IMPEDANCE,
@@ -128,7 +129,7 @@ def _add_frames(
         if moves:
             _add_hinge(made, name, frame, arm, options)
         bodies = massed.get(frame.name, [])
-        _set_mass(made, bodies)
+        set_mass(made, *merged(bodies))
         for number, shape in enumerate(s for b in bodies for s in b.shapes):
             add_shape(
                 spec,
@@ -167,21 +168,14 @@ def _add_hinge(
         hinge.solimp_limit = STIFF_IMPEDANCE
 
 
-def _set_mass(made: mujoco.MjsBody, bodies: list[Body]) -> None:
-    """Merge the bodies that move together into one inertia."""
+def set_mass(made: mujoco.MjsBody, mass: float, com: Array, inertia: Array) -> None:
+    """Give a body its mass, its centre and the inertia about it; nothing where it has none."""
     made.explicitinertial = True
-    made.mass, com, inertia = merged(bodies)
-    if not bodies:
+    made.mass = mass
+    if not mass:
         return
     made.ipos = com
-    made.fullinertia = [
-        inertia[0, 0],
-        inertia[1, 1],
-        inertia[2, 2],
-        inertia[0, 1],
-        inertia[0, 2],
-        inertia[1, 2],
-    ]
+    made.fullinertia = [inertia[k] for k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
 
 
 def add_shape(

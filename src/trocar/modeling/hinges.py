@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import ArmDescription, Body, Friction, JointDescription
+from trocar.descriptions.records import ArmDescription, Friction, JointDescription
 from trocar.errors import InputError
 
 Array = NDArray[np.float64]
@@ -75,23 +74,6 @@ def hinge_of(arm: ArmDescription, frame: str, friction: str) -> Hinge:
         float(lower),
         float(upper),
     )
-
-
-def merged(bodies: Sequence[Body]) -> tuple[float, Array, Array]:
-    """Merge bodies that move together.
-
-    Returns:
-        mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2]; zeros of no bodies
-    """
-    mass = sum(b.mass for b in bodies)
-    if not bodies:
-        return 0.0, np.zeros(3), np.zeros((3, 3))
-    com = sum((b.mass * b.com for b in bodies), np.zeros(3)) / mass
-    inertia = np.zeros((3, 3))
-    for b in bodies:
-        offset = b.com - com
-        inertia += b.inertia + b.mass * (offset @ offset * np.eye(3) - np.outer(offset, offset))
-    return mass, com, inertia
 
 
 def followers(arm: ArmDescription) -> tuple[tuple[str, str, float], ...]:

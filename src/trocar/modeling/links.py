@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.inertial import merged
 from trocar.descriptions.records import (
     ArmDescription,
     Body,
@@ -27,7 +28,7 @@ from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism, Motion
 from trocar.kinematics.tree import frame_poses
-from trocar.modeling.hinges import Hinge, hinge_of, merged
+from trocar.modeling.hinges import Hinge, hinge_of
 
 Array = NDArray[np.float64]
 
@@ -170,7 +171,7 @@ def own_joints(place: RigArm) -> dict[str, str]:
 
 
 def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
-    """Return a rig as links and joints.
+    """Return a rig as links and joints; props that can be moved are none of its links.
 
     Args:
         rig: its description
@@ -181,7 +182,7 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
     """
     links = [Link(WORLD, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), ())]
     joints: list[LinkJoint] = []
-    for prop in rig.props:
+    for prop in (prop for prop in rig.props if prop.movable is None):
         links.append(Link(prop.name, "", "", 0.0, np.zeros(3), np.zeros((3, 3)), prop.shapes))
         joints.append(_fixed(prop.name, WORLD, prop.name, prop.pose))
     loops: list[LinkLoop] = []

@@ -7,11 +7,12 @@ from typing import Any, cast
 import mujoco
 import numpy as np
 
-from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
+from trocar.descriptions.records import ArmDescription, Prop, RigArm, RigDescription
 from trocar.geometry.rotations import quaternion_from_matrix
-from trocar.modeling.arm_model import Anchor, Place, add_arm, add_shape
-from trocar.modeling.contacts import contact_masks
-from trocar.modeling.options import IMPRATIO, ISLAND_JOINTS, ModelOptions
+from trocar.modeling import naming
+from trocar.modeling.arm_model import Anchor, Place, add_arm, add_shape, set_mass
+from trocar.modeling.contacts import OBJECTS, ContactMask, contact_masks
+from trocar.modeling.options import IMPRATIO, ModelOptions, solved_apart
 
 
 def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco.MjSpec:
@@ -29,22 +30,32 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
     masks = contact_masks(rig)
     world = Anchor(cast(mujoco.MjsBody, spec.worldbody), np.eye(4))
     for prop in rig.props:
-        body = world.body.add_body(
-            name=prop.name, pos=prop.pose[:3, 3], quat=quaternion_from_matrix(prop.pose[:3, :3])
-        )
-        for number, shape in enumerate(prop.shapes):
-            add_shape(spec, body, f"{prop.name}/{number}", shape, masks[""], chosen)
+        _add_prop(spec, prop, masks[OBJECTS if prop.movable else ""], chosen)
     frames: dict[str, dict[str, Anchor]] = {}
     for group, arm in enumerate(rig.arms, start=1):
         mount = frames[arm.on][arm.frame] if arm.on else world
         at = Anchor(mount.body, mount.pose @ arm.pose)
         place = Place(arm.name, at, masks[arm.name], group)
         frames[arm.name] = add_arm(spec, arm.arm, place, chosen)
-    apart = len(spec.joints) >= ISLAND_JOINTS
+    objects = len(rig.objects)
+    apart = solved_apart(len(spec.joints) - objects, objects)
     cast(Any, spec.option).disableflags |= (
         mujoco.mjtDisableBit.mjDSBL_WARMSTART if apart else mujoco.mjtDisableBit.mjDSBL_ISLAND
     )
     return spec
+
+
+def _add_prop(spec: mujoco.MjSpec, prop: Prop, mask: ContactMask, options: ModelOptions) -> None:
+    """Add a body that stands in the world, or one that nothing holds."""
+    world = cast(mujoco.MjsBody, spec.worldbody)
+    body = world.add_body(
+        name=prop.name, pos=prop.pose[:3, 3], quat=quaternion_from_matrix(prop.pose[:3, :3])
+    )
+    if prop.movable is not None:
+        body.add_freejoint(name=naming.free_joint(prop.name))
+        set_mass(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
+    for number, shape in enumerate(prop.shapes):
+        add_shape(spec, body, f"{prop.name}/{number}", shape, mask, options)
 
 
 def lone_rig(arm: ArmDescription, name: str = "arm") -> RigDescription:

@@ -26,3 +26,8 @@ def connect(arm: str, closure: str, layer: int) -> str:
 def guard(arm: str, closure: str) -> str:
     """Return the name of the equality that keeps a loop on its branch."""
     return f"{arm}/guard/{closure}"
+
+
+def free_joint(prop: str) -> str:
+    """Return the name of the six degrees of freedom of a prop that can be moved."""
+    return f"{prop}/free"

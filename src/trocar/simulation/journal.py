@@ -18,7 +18,7 @@ from trocar.errors import InputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
-#: Who commands and events come from that concern no single arm.
+#: Who commands and events come from that concern no single arm or object.
 WORLD = "world"
 
 
@@ -30,7 +30,7 @@ class Entry:
         period: physics periods since the last reset; a command comes before that one is stepped
         time: simulation time [s]
         kind: "command" or "event"
-        source: an arm's name, or "world"
+        source: an arm's or an object's name, or "world"
         name: a verb ("servo_jp", "jaw.move_jp", "reset") or an event ("operating_state",
             "goal_reached", "warning", "error", "status")
         values: the verb's arguments by name, or what the event says; copies
@@ -140,7 +140,7 @@ def apply_command(world: object, entry: Entry) -> None:
         InputError: it is none that a world or an arm has
         TrocarError: as the verb raises
     """
-    target: Any = world if entry.source == WORLD else cast(Any, world).arm(entry.source)
+    target: Any = _commanded(cast(Any, world), entry.source)
     *parts, verb = entry.name.split(".")
     for part in parts:
         target = None if part.startswith("_") else getattr(target, part, None)
@@ -148,6 +148,13 @@ def apply_command(world: object, entry: Entry) -> None:
     if not getattr(method, "is_command", False):
         raise InputError(f"{entry.source}: got the command {entry.name!r}, which it does not have")
     cast(Any, method)(**entry.values)
+
+
+def _commanded(world: Any, source: str) -> Any:
+    """Return who a command is for: the world, an object or an arm."""
+    if source == WORLD:
+        return world
+    return world.object(source) if source in world.objects else world.arm(source)
 
 
 def _copied(value: object) -> object:

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.simulation.sensor_readings import Contact
+from trocar.simulation.sensor_readings import Contact, ContactTable
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
@@ -58,6 +58,7 @@ class Probes:
     ) -> None:
         self._model, self._data, self._scratch = model, data, scratch
         self._load = load
+        self._names = tuple(model.body(k).name for k in range(model.nbody))
 
     def beyond(self, body: int) -> Bodies:
         """Return which bodies hang on a body, itself included, (n_bodies,)."""
@@ -70,6 +71,26 @@ class Probes:
     def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
         """Return where some bodies touch others or each other."""
         return tuple(contact for contact, _, _ in self._touching(self._acted(), mine))
+
+    def contact_table(self) -> ContactTable:
+        """Return where any two bodies touch, as `contacts` of all bodies does, at once."""
+        data = self._acted()
+        here = np.flatnonzero(data.contact.efc_address >= 0)
+        found = data.contact
+        axes = found.frame[here].reshape(-1, 3, 3)  # rows; the normal leads from the first shape
+        # An elliptic cone's forces are along the axes: of the normal, and of two tangents where
+        # there is friction, as all shapes have it.
+        rows = found.efc_address[here][:, None] + np.arange(3)
+        felt = data.efc_force[rows]  # what the first shape does to the second
+        return ContactTable(
+            float(self._data.time),
+            self._names,
+            self._model.geom_bodyid[found.geom[here]].astype(np.intp),
+            found.pos[here].copy(),
+            -axes[:, 0],
+            -(felt[:, None] @ axes)[:, 0],
+            -found.dist[here],
+        )
 
     def wrench(self, mine: Bodies, site: Site) -> tuple[Array, Array]:
         """Return force and torque that act on some bodies from outside, at a site in its axes."""

@@ -92,6 +92,29 @@ class ContactsReading(SensorReading):
 
 
 @dataclass(frozen=True, eq=False)
+class ContactTable:
+    """Every place where two bodies touch, a row each; vectors in the world.
+
+    Attributes:
+        time: [s]
+        names: of all bodies
+        bodies: which two touch, `body` and `other` as in `Contact`, (n, 2)
+        points: (n, 3) [m]
+        normals: from `other` into `body`, (n, 3)
+        forces: what `other` does to `body`, (n, 3) [N]
+        depths: how far the shapes overlap, (n,) [m]
+    """
+
+    time: float
+    names: tuple[str, ...]
+    bodies: NDArray[np.intp]
+    points: Array
+    normals: Array
+    forces: Array
+    depths: Array
+
+
+@dataclass(frozen=True, eq=False)
 class ProximityReading(SensorReading):
     """How far a ray goes.
 

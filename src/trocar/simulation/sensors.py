@@ -102,6 +102,18 @@ class Sensors:
             held = self._held[name] = _Held(number, rng, self._sample(sensor, rng))
         return held.reading
 
+    def contacts(self) -> ContactsReading:
+        """Return every place where two bodies touch, without noise."""
+        everything = np.ones(self._model.nbody, dtype=np.bool_)
+        return ContactsReading(
+            name="contacts",
+            kind="contacts",
+            time=float(self._data.time),
+            frame_id="world",
+            units=dict(UNITS["contacts"]),
+            contacts=self._probes.contacts(everything),
+        )
+
     def _sample(self, sensor: SensorDescription, rng: np.random.Generator) -> Reading:
         if sensor.kind == "joint_effort":
             return self._joint_effort(sensor, rng)

@@ -25,6 +25,7 @@ from trocar.simulation.gravity import GravityCompensation
 from trocar.simulation.health import warn_of_flattening
 from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motion import Motion
+from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.places import Places
 from trocar.simulation.play import Player
 from trocar.simulation.probes import Probes
@@ -32,7 +33,7 @@ from trocar.simulation.recording.past import Past
 from trocar.simulation.recording.recorder import Recorder
 from trocar.simulation.records import ArmSample, Health, Recording, ShapeRecord, Snapshot
 from trocar.simulation.sampling import Sampling
-from trocar.simulation.sensor_readings import Reading
+from trocar.simulation.sensor_readings import ContactsReading, ContactTable, Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import ServoInputs
 from trocar.simulation.shapes import shape_records
@@ -125,6 +126,9 @@ class World:
         self._periods = 0
         self.journal = self._journal = Journal(lambda: (self._periods, self.time))
         self._source, self._prefix = WORLD, ""
+        self._objects = Objects(self.rig, self._journal)
+        #: What can be moved, by name.
+        self.objects: dict[str, SceneObject] = self._objects.by_name
         self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
@@ -239,7 +243,7 @@ class World:
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
         """Return to time 0 at a named pose of the rig, in the states that the world began in.
 
-        Joints are in position mode and brakes locked.
+        Joints are in position mode and brakes locked; objects are where the rig has them, at rest.
 
         Gains and gravity compensation stay as they are.
 
@@ -332,6 +336,28 @@ class World:
         if name not in self.arms:
             raise UnknownNameError("arm", name, self.arms, f"rig {self.rig.name}")
         return self.arms[name]
+
+    def object(self, name: str) -> SceneObject:
+        """Return a prop that can be moved.
+
+        Raises:
+            UnknownNameError: no such object; the known ones are listed
+        """
+        if name not in self.objects:
+            raise UnknownNameError("object", name, self.objects, f"rig {self.rig.name}")
+        return self.objects[name]
+
+    def object_states(self) -> ObjectStates:
+        """Return where all objects are and how fast, in one go."""
+        return self._objects.states()
+
+    def contacts(self) -> ContactsReading:
+        """Return every place where two bodies touch, as a `contacts` sensor without noise does."""
+        return self._sensors.contacts()
+
+    def contact_table(self) -> ContactTable:
+        """Return the same as arrays, in one go."""
+        return self._probes.contact_table()
 
     def sensor(self, name: str) -> Reading:
         """Return what a sensor of the rig tells now.
@@ -430,9 +456,10 @@ class World:
         )
         self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
         self._load = TipLoad(self._model, self._data, self.rig, self._drives, self._tip_load_n)
-        probes = Probes(self._model, self._data, self._shown, self._load)
+        self._probes = Probes(self._model, self._data, self._shown, self._load)
         self._sampling = Sampling(self._data, self._servos, self._drives)
-        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, probes)
+        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, self._probes)
+        self._objects.attach(self._model, self._data)
 
     def _advance(self, count: int) -> None:
         """Step the physics, and stop when it is no longer finite."""
@@ -462,9 +489,12 @@ class World:
             if self._bad[list(BAD)].any():
                 break
         kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
-        dof = min(int(self._data.warning.lastinfo[kind]), self._model.nv - 1)
-        hinge = self._model.joint(int(self._model.dof_jntid[dof])).name
+        hinge = self._model.joint(self._culprit(kind)).name
         owner, _, frame = hinge.partition("/")
+        if owner in self.objects:
+            raise DivergedError(
+                self.time, owner, None, f"the {BAD[kind]} of the object is not finite"
+            )
         mechanism = self.arms[owner].description.mechanism
         moving = mechanism.frame(frame)
         if not moving.couplings and moving.parent:  # a pin, which slides in what moves
@@ -476,6 +506,13 @@ class World:
             self._drives[owner].target(mechanism.joint_index[joint]),
             f"the {BAD[kind]} of {frame} is not finite",
         )
+
+    def _culprit(self, kind: int) -> int:
+        """Return the joint that a warning of a bad state speaks of."""
+        index, model = int(self._data.warning.lastinfo[kind]), self._model
+        if kind == BAD_QPOS:
+            return int(np.searchsorted(model.jnt_qposadr, index, side="right")) - 1
+        return int(model.dof_jntid[min(index, model.nv - 1)])
 
 
 def _compiled(rig: RigDescription, options: ModelOptions) -> mujoco.MjModel:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.readme import readme
-from trocar.apps.exports.task import Task
+from trocar.apps.exports.task import Task, left_out
 from trocar.modeling.links import LinkJoint, LinkModel
 from trocar.modeling.sdf import check_version, model_name, sdf
 from trocar.modeling.sdf_world import card, world
@@ -24,12 +24,12 @@ def write_sdf(task: Task) -> tuple[str, ...]:
         MODEL: sdf(task.model, version, task.meshes),
         name: world(task.model, version, task.meshes),
         "model.config": card(task.model, version, MODEL),
-        "README.md": readme(task, "sdf", _sections(task.model, version, name)).encode(),
+        "README.md": readme(task, "sdf", _sections(task, version, name)).encode(),
     }
     for file, data in files.items():
         (task.folder / file).write_bytes(data)
     write_meshes(task.meshes, task.folder / "meshes")
-    return _warnings(task.model, version)
+    return (*left_out(task.rig), *_warnings(task.model, version))
 
 
 def coupled(model: LinkModel) -> list[LinkJoint]:
@@ -52,7 +52,8 @@ def _unsaid(joint: LinkJoint, version: str) -> bool:
     return version == "1.7" and joint.kind == "prismatic"
 
 
-def _sections(model: LinkModel, version: str, world_file: str) -> dict[str, str]:
+def _sections(task: Task, version: str, world_file: str) -> dict[str, str]:
+    model = task.model
     found = {
         "Files": f"""
 - `{MODEL}`: the robot, SDF {version}, one model fixed to the world; `model.config`: its card
@@ -75,6 +76,7 @@ from where the public joints are at 0 and the loops are closed, which is the pos
   arm's own links included.
 - The link `ground` holds what stands still; it has the format's default mass of 1 kg, which
   nothing feels, as it is fixed to the world."""
+    found["What plain SDF cannot say"] += "".join(f"\n- {text}." for text in left_out(task.rig))
     return found
 
 

@@ -56,3 +56,9 @@ class Format:
     title: str
     write: Callable[[Task], tuple[str, ...]]
     takes: tuple[str, ...] = ()
+
+
+def left_out(rig: RigDescription) -> tuple[str, ...]:
+    """Return what a file of one robot, all of whose links hang together, does not have."""
+    names = ", ".join(prop.name for prop in rig.objects)
+    return (f"what can be moved is not in the file: {names} (mjcf has it)",) if names else ()

@@ -8,7 +8,7 @@ from pathlib import Path
 from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.ros_package import cmake_lists, package_xml
 from trocar.apps.exports.rviz import rviz_config, start_message
-from trocar.apps.exports.task import Task
+from trocar.apps.exports.task import Task, left_out
 from trocar.apps.exports.urdf_readme import urdf_readme
 from trocar.errors import InputError
 from trocar.modeling.mesh_files import seen_materials
@@ -58,7 +58,8 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _warnings(task: Task) -> tuple[str, ...]:
-    found = [
+    found = list(left_out(task.rig))
+    found += [
         f"{arm}: its loops are no parallelograms; the passive joints mimic straight lines, and the"
         f" worst frame stands up to {1e3 * off:.3f} mm from where it belongs"
         for arm, off in task.model.line_errors.items()

@@ -239,6 +239,8 @@ class _Comparison:
         off = np.abs(values.astype(float) - expected.values[:, :, :count])
         if off.size and not np.nanmax(off) <= self.worst[0]:
             self._note(block, off)
+        elif not self.worst[1] and block.shape.layout.objects:
+            self.worst = (0.0, "no joint: the objects alone differ", "state")
 
     def _note(self, block: Block, off: Array) -> None:
         """Keep the largest difference so far."""

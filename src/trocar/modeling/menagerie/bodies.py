@@ -9,13 +9,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.inertial import merged
 from trocar.descriptions.records import Body, RigArm, Shape
 from trocar.errors import InputError
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.mechanism import Frame
 from trocar.kinematics.tree import local_pose
 from trocar.modeling.arm_model import capsule_about
-from trocar.modeling.hinges import hinge_of, merged
+from trocar.modeling.contacts import OBJECTS
+from trocar.modeling.hinges import hinge_of
 from trocar.modeling.markup import NOISE, child, number
 from trocar.modeling.menagerie.servos import hinge_name, servo_defaults, servo_tag
 from trocar.modeling.menagerie.sheet import Sheet
@@ -27,7 +29,9 @@ Array = NDArray[np.float64]
 #: How many numbers MuJoCo wants of a shape's size.
 SIZES = {"box": 3, "capsule": 2, "cylinder": 2, "sphere": 1}
 #: What stands before what inside a body.
-ORDER = ("inertial", "joint", "geom", "site", "body")
+ORDER = ("inertial", "freejoint", "joint", "geom", "site", "body")
+#: What the name of a free joint ends in.
+FREE = "free"
 #: Damping of a joint that its brake holds. Source: simulation/drives.py, HOLDING_DAMPING.
 BRAKED_DAMPING = 1e12
 
@@ -66,9 +70,13 @@ def add_bodies(sheet: Sheet, world: Any) -> Bodies:
     for prop in sheet.rig.props:
         said = {"name": prop.name, "childclass": sheet.classes.root, **placed(prop.pose)}
         body = child(world, "body", said)
-        collision = sheet.classes.collision("prop", sheet.masks[""])
+        mask = sheet.masks[OBJECTS if prop.movable else ""]
+        collision = sheet.classes.collision(OBJECTS if prop.movable else "prop", mask)
+        if prop.movable is not None:
+            child(body, "freejoint", {"name": f"{prop.name}_{FREE}"})
+            _add_inertial(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
         for shape in prop.shapes:
-            _add_shape(sheet, body, shape, collision if sheet.masks[""].conaffinity else "")
+            _add_shape(sheet, body, shape, collision if mask.conaffinity else "")
     for place in sheet.rig.arms:
         mount = made.anchors[place.on][place.frame] if place.on else ground
         at = Anchor(mount.body, mount.pose @ place.pose)
@@ -111,9 +119,12 @@ def _add_arm(sheet: Sheet, place: RigArm, mount: Anchor, made: Bodies) -> dict[s
 def _add_mass(sheet: Sheet, place: RigArm, body: Any, bodies: list[Body]) -> None:
     if not bodies:
         return
-    mass, com, inertia = merged(bodies)
     if sheet.weightless(place):
         body.set("gravcomp", "1")
+    _add_inertial(body, *merged(bodies))
+
+
+def _add_inertial(body: Any, mass: float, com: Array, inertia: Array) -> None:
     six = [inertia[k] for k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     said = {"mass": exact(mass), "pos": row(com), "fullinertia": " ".join(map(_inertia, six))}
     child(body, "inertial", said)

@@ -16,7 +16,7 @@ from trocar.modeling.menagerie.servos import add_servos
 from trocar.modeling.menagerie.sheet import Sheet
 from trocar.modeling.menagerie.text import exact, row
 from trocar.modeling.menagerie.variants import POSITION, Variant
-from trocar.modeling.options import IMPRATIO, ISLAND_JOINTS
+from trocar.modeling.options import IMPRATIO, solved_apart
 
 #: Where the meshes are, beside the file.
 MESH_FOLDER = "assets"
@@ -84,7 +84,8 @@ def option_block(sheet: Sheet, hinges: int) -> Any:
     for key, value in said.items():
         made.set(key, value)
     if variant.integrator == "discrete":
-        spared = "warmstart" if hinges >= ISLAND_JOINTS else "island"
+        apart = solved_apart(hinges, len(sheet.rig.objects))
+        spared = "warmstart" if apart else "island"
         child(made, "flag", {spared: "disable", "autoreset": "disable"})
     return made
 

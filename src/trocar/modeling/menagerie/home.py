@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.records import RigArm
+from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.kinematics.forward import coordinates, pose
 from trocar.modeling.markup import child
 from trocar.modeling.menagerie.bodies import Bodies
@@ -31,9 +32,16 @@ def add_home(sheet: Sheet, bodies: Bodies, world: Any, to: Any) -> None:
     at = {p.name: coordinates(p.arm.mechanism, start[p.name]) for p in sheet.rig.arms}
     index = {p.name: p.arm.mechanism.frame_index for p in sheet.rig.arms}
     owners = [bodies.hinges[hinge.get("name")] for hinge in world.iter("joint")]
-    qpos = [at[arm][index[arm][frame]] for arm, frame in owners]
+    free = [_free_coordinates(prop.pose) for prop in sheet.rig.objects]  # ahead of all arms
+    hinged = [at[arm][index[arm][frame]] for arm, frame in owners]
+    qpos = np.concatenate([*free, hinged])
     ctrl = [value for place in sheet.rig.arms for value in _inputs(sheet, place)]
     child(to, "key", {"name": "home", "qpos": row(qpos), "ctrl": row(ctrl)})
+
+
+def _free_coordinates(pose: Array) -> Array:
+    """Return position and quaternion wxyz of a body that nothing holds, (7,)."""
+    return np.concatenate([pose[:3, 3], quaternion_from_matrix(pose[:3, :3])])
 
 
 def _inputs(sheet: Sheet, place: RigArm) -> list[float]:

@@ -11,6 +11,8 @@ import numpy as np
 
 from trocar.descriptions.records import RigDescription
 
+#: Fields that count only where they say something: rigs are older than these.
+YOUNGER = {"movable"}
 #: Fields that say where something was read or why, not what it is.
 REMARKS = {"file", "source", "title", "calibration", "overlay"}
 
@@ -29,6 +31,8 @@ def _pieces(value: object) -> list[bytes]:
         fields = [f.name for f in dataclasses.fields(value) if f.name not in REMARKS]
         found = [type(value).__name__.encode()]
         for name in fields:
+            if name in YOUNGER and getattr(value, name) is None:
+                continue
             found += [name.encode(), *_pieces(getattr(value, name))]
         return found
     if isinstance(value, np.ndarray):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.simulation.drives import Drives
+from trocar.simulation.objects import SceneObject
 from trocar.simulation.servos import INPUTS
 from trocar.simulation.state_view import StateView
 
@@ -19,6 +20,8 @@ Index = NDArray[np.intp]
 
 #: What a row copies of the physics state.
 STATE = ("qpos", "qvel", "act")
+#: Where x, y, z and the quaternion xyzw are behind the first coordinate of a free joint.
+POSE_ORDER = np.array([0, 1, 2, 4, 5, 6, 3])
 #: What is kept of every joint in every physics period, in this order.
 QUANTITIES = ("position", "velocity", "effort", "setpoint")
 
@@ -102,6 +105,8 @@ class Layout:
         servos, act: ids of those servos and of their integrals, (s,)
         parts: where qpos, qvel and act are in a row
         size: numbers of a row
+        objects: names of what can be moved
+        places: columns in qpos of each one's position and quaternion xyzw, (objects, 7)
     """
 
     arms: tuple[ArmColumns, ...]
@@ -114,6 +119,8 @@ class Layout:
     act: Index
     parts: Mapping[str, slice]
     size: int
+    objects: tuple[str, ...]
+    places: Index
 
     @property
     def joints(self) -> int:
@@ -126,6 +133,7 @@ def layout_of(
     rig: RigDescription,
     drives: Mapping[str, Drives],
     welded: Mapping[str, Array],
+    objects: Mapping[str, SceneObject],
 ) -> Layout:
     """Return the layout of copies of a state; `welded` has the positions of arms without hinges."""
     arms: list[ArmColumns] = []
@@ -164,6 +172,8 @@ def layout_of(
         np.array(act, np.intp),
         state.parts,
         len(state.values),
+        tuple(objects),
+        np.array([one.place for one in objects.values()], np.intp).reshape(-1, 1) + POSE_ORDER,
     )
 
 

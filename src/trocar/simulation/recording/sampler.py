@@ -191,7 +191,7 @@ class Sampler:
         bases = {name: arm.base_frame() for name, arm in world.arms.items()}
         chosen = [name for name, arm in world.arms.items() if arm._base is not None]
         state = StateView(world._data, STATE)
-        layout = layout_of(state, world.rig, world._drives, welded)
+        layout = layout_of(state, world.rig, world._drives, welded, world.objects)
         tips = tips_of(world.rig, world._drives, bases, chosen)
         self._shape, self._state = Shape(number, world._model, layout, tips), state.values
         self._stale = False

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.simulation.journal import Entry
+from trocar.simulation.objects import FRAME
 from trocar.simulation.recording.blocks import PackedBlock, digest, pack, single
 from trocar.simulation.recording.layout import QUANTITIES, quantities
 from trocar.simulation.recording.mcap_file import McapFile, Part, messages
@@ -158,7 +159,7 @@ class Scribe:
         return messages([(self._channels[LAYOUT], self._nanoseconds(first), data)])
 
     def _templates(self, shape: Shape) -> list[tuple[int, Cdr]]:
-        """Lay out an instant: numbers are those of `quantities`, then seven of each tip."""
+        """Lay out an instant: numbers of `quantities`, seven of each tip, seven of each object."""
         count, found = shape.layout.joints, list[tuple[int, Cdr]]()
         for index, arm in enumerate(shape.layout.arms):
             own = range(arm.first, arm.first + len(arm.joints) - arm.jaw)
@@ -175,6 +176,11 @@ class Scribe:
             channel = self._channel(f"/{arm.name}/measured_cp", POSE_STAMPED)
             tip = Cdr(shape.tips.frame_ids[index]).pose(range(first, first + 7))
             found.append((channel, tip))
+        first = len(QUANTITIES) * count + 7 * len(shape.layout.arms)
+        for index, name in enumerate(shape.layout.objects):
+            channel = self._channel(f"/scene/{name}/measured_cp", POSE_STAMPED)
+            seven = range(first + 7 * index, first + 7 * index + 7)
+            found.append((channel, Cdr(FRAME).pose(seven)))
         return found
 
     def _channel(self, topic: str, schema: str) -> int:
@@ -189,8 +195,10 @@ class Scribe:
             return messages([])
         qpos = block.rows[due, block.shape.layout.parts["qpos"]]
         tips = block.shape.tips.poses(block.shape.model, self._scratch, qpos)
+        objects = qpos[:, block.shape.layout.places]
+        of_joints = values[:, :, due].reshape(-1, len(due)).T
         numbers = np.concatenate(
-            [values[:, :, due].reshape(-1, len(due)).T, tips.reshape(len(due), -1)], axis=1
+            [of_joints, tips.reshape(len(due), -1), objects.reshape(len(due), -1)], axis=1
         )
         logged = (self._start + (block.first + due) * self._timestep) * NANOSECONDS
         stamps = np.round(block.times[due] * NANOSECONDS)

@@ -1,7 +1,7 @@
 """Who talks to the simulation: the real-time loop, and the interfaces that post commands to it.
 
-`loop.py` owns the only thread boundary and the wall clock. Interfaces (the browser page, later
-CRTK and gym) know the loop and the World's frozen answers; they never touch the physics itself.
+`loop.py` owns the only thread boundary and the wall clock. Interfaces (the browser page, CRTK,
+later gym) know the loop and the World's frozen answers; they never touch the physics itself.
 """
 
 from trocar.interfaces.commands import (

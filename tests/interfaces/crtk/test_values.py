@@ -89,6 +89,14 @@ def test_every_value_is_the_arms_own(rig: str, rng: np.random.Generator) -> None
                 check_motion_and_force(arm, before, served)
 
 
+def test_setup_joints_that_are_welded_have_their_values_too() -> None:
+    served = Served("full_cart", world={"setup_joints": "locked"}, rate_hz=1000.0)
+    served.run()
+    for name, arm in served.world.arms.items():
+        check_joints(arm, served.core.prefixes[name], served)
+        check_poses(arm, served.core.prefixes[name], served)
+
+
 def test_jaws_and_grippers_have_their_own_topics(rng: np.random.Generator) -> None:
     served = Served("full_cart_mtm", rate_hz=1000.0)
     scatter(served, rng)

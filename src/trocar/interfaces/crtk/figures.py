@@ -27,6 +27,12 @@ def _fixed(arm: ArmDescription) -> Array:
     return pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.reference, arm.root)
 
 
+@lru_cache(maxsize=64)
+def _joints(arm: ArmDescription) -> tuple[slice, tuple[str, ...]]:
+    """Return which joints are the arm's own, and the names of all."""
+    return slice(0, arm.own_joints), arm.mechanism.joint_names
+
+
 def _inverse(T: Array) -> Array:
     """Invert one pose, (4, 4)."""
     found = T.T.copy()
@@ -40,19 +46,22 @@ class RigFigures:
 
     def __init__(self, sample: Sample) -> None:
         self.sample = sample
-        self._arms = {arm.name: ArmFigures(arm, self) for arm in sample.rig.arms}
+        self._arms: dict[str, ArmFigures] = {}
         self._scope = next((a.name for a in sample.rig.arms if a.arm.type == "ECM"), None)
 
     def arm(self, name: str) -> ArmFigures:
         """Return an arm's figures."""
-        return self._arms[name]
+        found = self._arms.get(name)
+        if found is None:
+            found = self._arms[name] = ArmFigures(self.sample.rig.arm(name), self)
+        return found
 
     @cached_property
     def scope_in_world(self) -> Array | None:
         """The tip of the endoscope's arm in the world, (4, 4); None without one."""
         if self._scope is None:
             return None
-        scope = self._arms[self._scope]
+        scope = self.arm(self._scope)
         return scope.reference_in_world @ scope.local_measured
 
     @property
@@ -68,8 +77,7 @@ class ArmFigures:
         self.rig_arm, self.arm, self._rig = rig_arm, rig_arm.arm, rig
         self.name = rig_arm.name
         self.sample = rig.sample.arms[rig_arm.name]
-        self.own = slice(0, rig_arm.arm.own_joints)
-        self.names = rig_arm.arm.mechanism.joint_names
+        self.own, self.names = _joints(rig_arm.arm)
 
     @property
     def own_frame(self) -> str:

@@ -1,0 +1,87 @@
+"""Who looks on at a loop, and complaints that are told seldom."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trocar.interfaces import Command, Loop, Pause, SetMode, Verb
+from trocar.interfaces.seldom import KINDS, Seldom, more
+from trocar.interfaces.state import Elapsed
+from trocar.simulation import World
+
+
+class Onlooker:
+    def __init__(self) -> None:
+        self.seen: list[Elapsed] = []
+        self.refusals: list[tuple[Command, str]] = []
+
+    def ticked(self, elapsed: Elapsed) -> None:
+        self.seen.append(elapsed)
+
+    def refused(self, command: Command, reason: str) -> None:
+        self.refusals.append((command, reason))
+
+
+@pytest.fixture
+def loop() -> Loop:
+    return Loop(World("psm"), tick_s=0.001)
+
+
+def test_a_watcher_sees_every_tick_and_pauses_too(loop: Loop) -> None:
+    onlooker = Onlooker()
+    stop = loop.watch(onlooker)
+    loop.tick()
+    loop.tick()
+    loop.post(Pause())
+    loop.tick()
+    assert [(e.simulated_s, e.paused) for e in onlooker.seen] == [
+        (0.001, False),
+        (0.002, False),
+        (0.002, True),
+    ]
+    stop()
+    loop.tick()
+    assert len(onlooker.seen) == 3
+
+
+def test_a_watcher_learns_of_commands_that_raise(
+    loop: Loop, caplog: pytest.LogCaptureFixture
+) -> None:
+    onlooker = Onlooker()
+    loop.watch(onlooker)
+    command = Verb("PSM1", "dance")
+    for _ in range(3):
+        loop.post(command)
+    loop.post(SetMode("PSM1", "effort"))
+    loop.tick()
+    assert [c for c, _ in onlooker.refusals] == [command] * 3
+    assert "dance" in onlooker.refusals[0][1]
+    assert caplog.text.count("refused: ") == 1  # the same complaint, once
+
+
+def test_the_same_complaint_is_due_once_in_two_seconds_with_how_many_were_left_out() -> None:
+    seldom = Seldom()
+    assert [seldom.due("a", t) for t in (0.0, 0.5, 1.9)] == [0, None, None]
+    assert seldom.due("b", 1.9) == 0
+    assert seldom.due("a", 2.0) == 2
+    assert more(2) == " (2 more such since)"
+    assert more(0) == ""
+    seldom.forget()
+    assert seldom.due("a", 2.0) == 0
+
+
+@given(times=st.lists(st.floats(0.0, 20.0), max_size=50).map(sorted))
+def test_every_complaint_is_told_or_counted(times: list[float]) -> None:
+    seldom = Seldom()
+    told = [seldom.due("kind", t) for t in times]
+    end = seldom.due("kind", 100.0)
+    assert sum(1 + unsaid for unsaid in (*told, end) if unsaid is not None) == len(times) + 1
+
+
+def test_kinds_of_complaints_are_bounded() -> None:
+    seldom = Seldom()
+    for kind in range(10 * KINDS):
+        seldom.due(kind, 0.0)
+    assert len(seldom._said) <= KINDS

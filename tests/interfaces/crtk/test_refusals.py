@@ -55,7 +55,7 @@ BAD = [
     ("body/servo_cf", wrench(xyz(0.0, 0.0, NAN)), "wrench.force.z nan"),
     ("spatial/servo_cf", {}, "is missing"),
     ("move_jp", joints(*FAR, 0.0), "got 7 numbers"),
-    ("move_cp", {"pose": pose(xyz(0.0, 0.0, 0.0))}, "pose.orientation.x is missing"),
+    ("move_cp", {"pose": pose(xyz(0.0, 0.0, 0.0))}, "pose.orientation is missing"),
     ("state_command", state("fly"), "allowed: enable, disable, home, unhome, pause, resume"),
     ("state_command", {"string": 3}, "allowed: text"),
     ("trajectory_j/set_ratio", {"data": 0.0}, "allowed: above 0 to 1"),

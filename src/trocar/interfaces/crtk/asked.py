@@ -96,6 +96,10 @@ class Turns:
         """How many commands wait, of arms for which some do."""
         return {arm: len(queue) for arm, queue in self._waiting.items()}
 
+    def waits(self, arm: str) -> bool:
+        """Tell whether commands wait for an arm."""
+        return arm in self._waiting
+
     def take(self, world: World, asked: Asked) -> None:
         """Apply a command, or keep it until the arm is home."""
         queue = self._waiting.get(asked.arm)
@@ -130,7 +134,7 @@ class Turns:
         try:
             self._before(world, asked)
             asked.do(world)
-        except TrocarError as problem:
+        except (TrocarError, ArithmeticError, ValueError) as problem:  # the loop goes on
             self._warn(asked.arm, asked.topic, str(problem))
 
     def _drop(self) -> None:

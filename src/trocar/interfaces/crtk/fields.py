@@ -47,19 +47,25 @@ def field(message: object, path: str) -> Any:
     """
     value = message
     for name in path.split("."):
-        if not isinstance(value, Mapping) or name not in value:
+        if (type(value) is not dict and not isinstance(value, Mapping)) or name not in value:
             raise RefusedError("field", f"{path} is missing")
         value = cast(Mapping[str, Any], value)[name]
     return value
 
 
-def number(message: object, path: str) -> float:
-    """Return a finite number.
+def number(message: object, name: str, path: str = "") -> float:
+    """Return a finite number; `path` leads to the message it is in, for the reason.
 
     Raises:
         RefusedError: it is none
     """
-    return _finite(field(message, path), path)
+    where = f"{path}.{name}" if path else name
+    if not isinstance(message, Mapping) or name not in message:
+        raise RefusedError("field", f"{where} is missing")
+    value = cast(Mapping[str, Any], message)[name]
+    if type(value) is float and -LARGEST <= value <= LARGEST:  # the usual case, quickly
+        return value
+    return _finite(value, where)
 
 
 def flag(message: object, path: str) -> bool:
@@ -106,7 +112,10 @@ def vector(message: object, path: str) -> Array:
         raise RefusedError(
             "shape", f"got {len(items)} numbers in {path}; allowed: at most {LONGEST}"
         )
-    return np.array([_finite(v, f"{path}[{i}]") for i, v in enumerate(items)], dtype=np.float64)
+    for i, value in enumerate(items):
+        if type(value) is not float or not -LARGEST <= value <= LARGEST:  # the usual case, quickly
+            _finite(value, f"{path}[{i}]")
+    return np.array(items, dtype=np.float64)
 
 
 def joints(message: object, path: str, names: Sequence[str]) -> Array:

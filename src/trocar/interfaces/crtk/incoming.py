@@ -98,7 +98,7 @@ class Incoming:
 
     def waits(self, arm: str) -> bool:
         """Tell whether commands wait until an arm is home; in the loop's thread."""
-        return arm in self._turns.waiting
+        return self._turns.waits(arm)
 
     # ------------------------------------------------------------------ in the loop's thread
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.geometry.se3 import transform
-from trocar.interfaces.crtk.fields import RefusedError, number
+from trocar.interfaces.crtk.fields import RefusedError, field, number
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,8 @@ def point(message: object, path: str) -> Array:
     Raises:
         RefusedError: one of them is no number
     """
-    return np.array([number(message, f"{path}.{axis}") for axis in "xyz"])
+    inner = field(message, path)
+    return np.array([number(inner, axis, path) for axis in "xyz"])
 
 
 def rotation(message: object, path: str) -> Array:
@@ -33,15 +34,8 @@ def rotation(message: object, path: str) -> Array:
     Raises:
         RefusedError: its length is not 1
     """
-    before = f"{path}." if path else ""
-    x, y, z, w = (number(message, before + axis) for axis in "xyzw")
-    length = float(np.sqrt(x * x + y * y + z * z + w * w))
-    if abs(length - 1.0) > UNIT_TOLERANCE:
-        raise RefusedError(
-            "quaternion",
-            f"got {path or 'a quaternion'} of length {length:.4g}; allowed: 1",
-        )
-    return matrix_from_quaternion(np.array([w, x, y, z]) / length)
+    turn = field(message, path) if path else message
+    return np.array(_rows(turn, path))
 
 
 def pose(message: object, path: str) -> Array:
@@ -50,7 +44,11 @@ def pose(message: object, path: str) -> Array:
     Raises:
         RefusedError: it is none
     """
-    return transform(rotation(message, f"{path}.orientation"), point(message, f"{path}.position"))
+    turned, moved = f"{path}.orientation", f"{path}.position"
+    turn, move = field(message, turned), field(message, moved)
+    rows = _rows(turn, turned)
+    T = [[*row, number(move, axis, moved)] for row, axis in zip(rows, "xyz", strict=True)]
+    return np.array([*T, [0.0, 0.0, 0.0, 1.0]])
 
 
 def wrench(message: object, path: str) -> Array:
@@ -60,3 +58,22 @@ def wrench(message: object, path: str) -> Array:
         RefusedError: one of them is no number
     """
     return np.concatenate([point(message, f"{path}.force"), point(message, f"{path}.torque")])
+
+
+def _rows(turn: object, path: str) -> list[list[float]]:
+    """Return the rows of a quaternion's matrix.
+
+    In plain numbers: this is done for every message of a stream, and arrays of four are slow.
+    """
+    x, y, z, w = (number(turn, axis, path) for axis in "xyzw")
+    length = sqrt(x * x + y * y + z * z + w * w)
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise RefusedError(
+            "quaternion", f"got {path or 'a quaternion'} of length {length:.4g}; allowed: 1"
+        )
+    x, y, z, w = x / length, y / length, z / length, w / length
+    return [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]

@@ -120,16 +120,38 @@ def test_a_lane_delivers_the_newest_of_each_name() -> None:
     assert lane.overtaken == 2
 
 
+class Box:
+    """A reader in which messages wait."""
+
+    def __init__(self, entity: int, *taken: Taken) -> None:
+        self.entity = entity
+        self._taken = list(taken)
+
+    def take(self) -> list[Taken]:
+        return self._taken
+
+
+def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
+    orders = Topic("PSM1/state_command", "crtk_msgs/StringStamped", "sub")
+    moves = Topic("PSM1/move_jp", "sensor_msgs/JointState", "sub")
+    seen: list[str] = []
+    transport = Ros2Transport(private_network())
+    transport._core = SimpleNamespace(receive=lambda name, *_: seen.append(name))  # type: ignore[assignment]
+    transport._heard = {1: moves, 2: orders}
+    order = cdr_encode(orders.type, {"header": joints(1)["header"], "string": "home"})
+    boxes = [Box(1, Taken(cdr_encode(moves.type, joints(1)), 7, 30))]
+    boxes.append(Box(2, Taken(order, 8, 10), Taken(order, 8, 20)))
+    for readers in (boxes, boxes[::-1]):
+        seen.clear()
+        transport._take(dict.fromkeys(readers).keys())  # type: ignore[arg-type]
+        assert seen == [orders.name, orders.name, moves.name]
+
+
 class Replies:
     """Both ends of a service, without a network."""
 
     def __init__(self) -> None:
-        self.waiting: list[Taken] = []
         self.written: list[bytes] = []
-
-    def take(self) -> list[Taken]:
-        found, self.waiting = self.waiting, []
-        return found
 
     def readers(self) -> list[int]:
         return [1]
@@ -145,10 +167,9 @@ class Replies:
 def answered(call, *requests: bytes) -> list[bytes]:
     kind = service_type("crtk_msgs/QueryForwardKinematics")
     ends = Replies()
-    ends.waiting = [Taken(request, 1) for request in requests]
     served = Served("PSM1/forward_kinematics", kind, ends, ends)  # type: ignore[arg-type]
     calls = Calls(SimpleNamespace(call=call))  # type: ignore[arg-type]
-    calls.taker(served)(ends)  # type: ignore[arg-type]
+    calls.answer(served, [Taken(request, 1, 0) for request in requests])
     calls._pool.shutdown(wait=True)
     return ends.written
 

@@ -26,10 +26,11 @@ NOTHING = library.Metadata(None, 0)
 
 @dataclass(frozen=True)
 class Taken:
-    """What arrived: CDR bytes with their header, and the handle of who wrote them."""
+    """What arrived: CDR bytes with their header, the handle of who wrote them, and when [ns]."""
 
     payload: bytes
     writer: int
+    written_ns: int
 
 
 class Writer:
@@ -91,7 +92,7 @@ class Reader:
             if info.valid_data:
                 payload = ct.create_string_buffer(quick.ddsi_serdata_size(sample))
                 quick.ddsi_serdata_to_ser(sample, 0, len(payload), payload)
-                found.append(Taken(payload.raw, info.publication_handle))
+                found.append(Taken(payload.raw, info.publication_handle, info.source_timestamp))
             quick.ddsi_serdata_unref(sample)
         return found
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import blank
-from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Reader, Taken
+from trocar.interfaces.crtk.transports.ros2.bus import Taken
 from trocar.interfaces.crtk.transports.ros2.service import HEADER, Served, read_request, reply
 
 if TYPE_CHECKING:
@@ -34,16 +34,10 @@ class Calls:
         self._pool = ThreadPoolExecutor(AT_ONCE, "trocar-ros2-call")
         self._room = threading.BoundedSemaphore(AT_ONCE + WAITING)
 
-    def taker(self, served: Served) -> Callable[[Reader], bool]:
-        """Return what to do when requests of a service arrived; it tells whether more may wait."""
-
-        def take(reader: Reader) -> bool:
-            found = reader.take()
-            for request in found:
-                self._submit(served, request)
-            return len(found) == TAKEN
-
-        return take
+    def answer(self, served: Served, calls: Sequence[Taken]) -> None:
+        """Answer calls of a service, without waiting for it."""
+        for call in calls:
+            self._submit(served, call)
 
     def close(self) -> None:
         """End after the calls that are being answered."""

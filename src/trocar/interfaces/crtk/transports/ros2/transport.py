@@ -5,19 +5,19 @@ from __future__ import annotations
 import logging
 import os
 import threading
-from collections.abc import Callable
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.transports.ros2 import graph, library, names
-from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Reader, Writer
+from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Reader, Taken, Writer
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
 from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
 from trocar.interfaces.crtk.transports.ros2.lane import Lane
 from trocar.interfaces.crtk.transports.ros2.network import Network, network
 from trocar.interfaces.crtk.transports.ros2.quality import Quality
-from trocar.interfaces.crtk.transports.ros2.service import open_service
+from trocar.interfaces.crtk.transports.ros2.service import Served, open_service
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
@@ -60,7 +60,8 @@ class Ros2Transport:
         self.lost = 0
         self._wanted: frozenset[str] = frozenset()
         self._writers: dict[str, Writer] = {}
-        self._reading: dict[int, Callable[[Reader], bool]] = {}
+        self._heard: dict[int, Topic] = {}
+        self._served: dict[int, Served] = {}
         self._topic_of: dict[int, str] = {}
         self._bus: Bus | None = None
         self._ends = threading.Event()
@@ -86,7 +87,7 @@ class Ros2Transport:
                 self._listen(bus, topic)
         for number, row in enumerate(core.services.values(), start=1):
             service = open_service(bus, row.name, service_type(row.type), number)
-            self._reading[service.requests.entity] = self._calls.taker(service)
+            self._served[service.requests.entity] = service
         self._introduce(bus)
         self._thread = threading.Thread(target=self._read, name="trocar-ros2", daemon=True)
         self._thread.start()
@@ -161,14 +162,7 @@ class Ros2Transport:
         depth = topic.depth if topic.depth == 1 else COMMANDS
         quality = Quality(depth, user_data=names.user_data(typehash=type_hash(kind)))
         reader = bus.reader(names.topic_name(topic.name), kind.dds_name, quality)
-
-        def take(reader: Reader) -> bool:
-            found = reader.take()
-            for taken in found:
-                self._receive(topic, taken.payload, f"ROS 2 {taken.writer:x}")
-            return len(found) == TAKEN
-
-        self._reading[reader.entity] = take
+        self._heard[reader.entity] = topic
 
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
         try:
@@ -185,11 +179,27 @@ class Ros2Transport:
         more: list[Reader] = []
         while bus is not None and not self._ends.is_set():
             woken = bus.wait(0.0 if more else WAIT_S)
-            readers = {end.entity: end for end in (*more, *woken) if isinstance(end, Reader)}
             for end in woken:
                 if isinstance(end, Writer):
                     self._match(end)
-            more = [reader for entity, reader in readers.items() if self._reading[entity](reader)]
+            more = self._take({*more, *(end for end in woken if isinstance(end, Reader))})
+
+    def _take(self, readers: set[Reader]) -> list[Reader]:
+        """Take what waits, and obey it as it was written, whatever the topic."""
+        arrived: list[tuple[int, Topic, Taken]] = []
+        more: list[Reader] = []
+        for reader in readers:
+            found = reader.take()
+            if len(found) == TAKEN:
+                more.append(reader)
+            if reader.entity in self._served:
+                self._calls.answer(self._served[reader.entity], found)
+            else:
+                topic = self._heard[reader.entity]
+                arrived += [(taken.written_ns, topic, taken) for taken in found]
+        for _, topic, taken in sorted(arrived, key=itemgetter(0)):
+            self._receive(topic, taken.payload, f"ROS 2 {taken.writer:x}")
+        return more
 
     # ------------------------------------------------------------------ inside
 

@@ -23,6 +23,7 @@ from websockets.typing import Origin, Subprotocol
 
 import trocar
 from trocar.errors import DivergedError, InputError
+from trocar.interfaces import Loop
 from trocar.interfaces.viewer import serve
 from trocar.interfaces.viewer.server import LocalServer, address, serving
 
@@ -180,3 +181,13 @@ def test_the_page_itself_and_programs_are_welcome() -> None:
         for origin in (address(server), "http://localhost:3000", None):
             with connect(server, origin) as page:
                 assert page.recv(timeout=10)
+
+
+def test_a_loop_that_others_talk_to_is_run_and_ended() -> None:
+    world = fake()
+    loop = Loop(world, speed="max")
+    running: list[bool] = []
+    serve(world, port=0, duration_s=0.5, loop=loop, on_ready=lambda _: running.append(loop.running))
+    assert running == [True]
+    assert not loop.running
+    assert world.time == pytest.approx(0.5)

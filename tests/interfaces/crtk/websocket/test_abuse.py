@@ -15,13 +15,13 @@ from collections.abc import Callable, Iterator
 from contextlib import closing
 
 import pytest
-from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
 
 from trocar.interfaces.crtk.transports.websocket import client as clients
 from trocar.interfaces.crtk.transports.websocket import server
 
-from .conftest import Served, Talk, until
+from .conftest import PATIENCE_S, Served, Talk, until
 
 JS = "/PSM1/measured_js"
 TOKEN = "a token of the tests"
@@ -175,6 +175,27 @@ def test_no_more_than_so_many_clients_come_in(
     first.socket.close()
     assert until(lambda: len(served.transport._server._clients) == 1)  # type: ignore[union-attr]
     meet()
+
+
+def test_connections_that_say_nothing_are_bounded(
+    served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "MOST_CLIENTS", 1)
+    monkeypatch.setattr(server, "MOST_STRANGERS", 3)
+    address = ("127.0.0.1", served.transport.port)
+    with contextlib.ExitStack() as stack:
+        silent = [stack.enter_context(socket.create_connection(address)) for _ in range(6)]
+        silent[-1].settimeout(PATIENCE_S)
+        with contextlib.suppress(ConnectionResetError):
+            assert silent[-1].recv(1) == b""
+
+    def gets_in() -> bool:
+        with contextlib.suppress(OSError, InvalidMessage, ConnectionClosed):
+            meet().wait_for_server()
+            return True
+        return False
+
+    assert until(gets_in)
 
 
 VANISHING = """

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 from websockets.frames import Frame, Opcode
 
 from trocar.interfaces.crtk.transports.websocket.flow import Bucket, Outbox, Throttle
-from trocar.interfaces.crtk.transports.websocket.replies import BINARY, frame
+from trocar.interfaces.crtk.transports.websocket.replies import BINARY, as_json, frame
 
 
 def test_a_burst_passes_and_then_the_rate() -> None:
@@ -60,3 +62,7 @@ def test_frames_are_those_of_the_library(size: int) -> None:
     payload = b"x" * size
     assert frame(payload) == Frame(Opcode.TEXT, payload).serialize(mask=False)
     assert frame(payload, BINARY) == Frame(Opcode.BINARY, payload).serialize(mask=False)
+
+
+def test_half_a_character_is_written_as_it_came() -> None:
+    assert json.loads(as_json({"data": "\ud800"})) == {"data": "\ud800"}

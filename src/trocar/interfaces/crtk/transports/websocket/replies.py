@@ -6,6 +6,7 @@ same bytes go to everybody who wants it.
 
 from __future__ import annotations
 
+import json as standard_json
 import struct
 from collections.abc import Mapping
 from typing import Any
@@ -30,7 +31,10 @@ def frame(payload: bytes, kind: int = TEXT) -> bytes:
 
 def as_json(document: object) -> bytes:
     """Write a document; what is no number becomes null."""
-    return json.encode(document)
+    try:
+        return json.encode(document)
+    except UnicodeEncodeError:  # half a character, as JSON may bring: only escaped can it leave
+        return standard_json.dumps(document).encode()
 
 
 def publication(topic: str, message: bytes) -> bytes:

@@ -9,7 +9,7 @@ import json
 import reprlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeGuard, get_args
 
 from trocar.errors import InputError
 
@@ -19,6 +19,8 @@ Id = str | None
 
 LONGEST_NAME = 256
 """Characters of a name of a topic, service or request. Source: our own choice."""
+
+A_NAME = f"up to {LONGEST_NAME} printable characters"
 
 LONGEST_THROTTLE_MS = 3_600_000.0
 """Longest time between two messages of a throttled topic: an hour. Source: our own choice."""
@@ -126,13 +128,18 @@ def read_request(text: str | bytes) -> Request:
     if not isinstance(document, dict):
         raise RequestError(f"got {reprlib.repr(document)}; allowed: an object with an 'op'")
     id = document.get("id")  # noqa: A001  the protocol's word
-    if id is not None and not (isinstance(id, str) and len(id) <= LONGEST_NAME):
-        raise RequestError(f"id: got {reprlib.repr(id)}; allowed: up to {LONGEST_NAME} characters")
+    if id is not None and not _is_name(id):
+        raise RequestError(f"id: got {reprlib.repr(id)}; allowed: {A_NAME}")
     op = document.get("op")
     reader = READERS.get(op) if isinstance(op, str) else None
     if reader is None:
         raise RequestError(f"op: got {reprlib.repr(op)}; allowed: {', '.join(READERS)}", id)
     return reader(_Fields(document, id))
+
+
+def _is_name(value: object) -> TypeGuard[str]:
+    """Whether a value is short text; halves of characters are none, though JSON has them."""
+    return isinstance(value, str) and len(value) <= LONGEST_NAME and value.isprintable()
 
 
 class _Fields:
@@ -143,9 +150,9 @@ class _Fields:
 
     def name(self, key: str) -> str:
         value = self._document.get(key)
-        if isinstance(value, str) and value and len(value) <= LONGEST_NAME:
+        if value and _is_name(value):
             return value
-        raise self._wrong(key, f"a name of up to {LONGEST_NAME} characters")
+        raise self._wrong(key, A_NAME)
 
     def name_or_none(self, key: str) -> str | None:
         return None if self._document.get(key) is None else self.name(key)

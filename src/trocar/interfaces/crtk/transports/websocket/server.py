@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 MOST_CLIENTS = 64
 """Source: our own choice."""
 
+MOST_STRANGERS = 64
+"""Connections, beyond the clients', that have said nothing yet. Source: our own choice."""
+
 LARGEST_MESSAGE = 1_000_000
 """Bytes of a message; a client that sends a larger one is disconnected. Source: our own choice."""
 
@@ -46,6 +49,16 @@ BREATH_S, BREATH_EVERY = 0.001, 16
 """Pause after so many messages beyond a client's rate, so that a flood costs little [s]."""
 
 _log = logging.getLogger("trocar")
+
+
+class Guarded(ServerConnection):
+    """A connection that ends at once when too many others have said nothing yet."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin, or end."""
+        super().connection_made(transport)
+        if len(self.server.handlers) > MOST_CLIENTS + MOST_STRANGERS:
+            self.transport.abort()
 
 
 class Server:
@@ -77,6 +90,7 @@ class Server:
             self._listen,
             self._door.host,
             port,
+            create_connection=Guarded,
             process_request=self._admit,
             compression=None,
             max_size=LARGEST_MESSAGE,

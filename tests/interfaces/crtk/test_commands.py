@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trocar.simulation.journal import Entry
+
 from .asking import HOME, NEAR, joints, setpoints, state
 from .served import Served, stamp_ns
 
@@ -195,3 +197,28 @@ def test_the_whole_system_is_switched_and_homed_at_once():
     assert served.core.receive("system/power_off", {})
     served.run(0.01)
     assert {a.operating_state().state for a in served.world.arms.values()} == {"DISABLED"}
+
+
+def test_a_flood_that_can_be_obeyed_is_obeyed_in_its_order_and_holds_up_no_tick():
+    served = Served("two_psm_ecm", wanted=())
+    done: list[tuple[str, float]] = []
+
+    def slow(entry: Entry) -> None:
+        if entry.kind == "command":
+            served.clock.time += 0.002  # as long as the kinematics of a pose may take
+            done.append((entry.source, entry.values.get("q", [0.0])[0]))
+
+    served.world.listen(slow)
+    for k in range(20):
+        served.core.receive("PSM1/move_jp", joints(1e-3 * k, *HOME[1:]))
+        served.core.receive("PSM2/move_jp", joints(1e-3 * k, *HOME[1:]))
+    for ticks in range(1, 11):
+        served.run()
+        assert len(done) <= 2 * ticks  # what the tick had left, and the first that waits
+    served.run(0.1)
+    for arm in ("PSM1", "PSM2"):
+        assert [q for name, q in done if name == arm] == [1e-3 * k for k in range(20)]
+    served.core.receive("PSM1/move_jp", joints(*NEAR))
+    served.core.receive("PSM1/state_command", state("disable"))
+    served.run()
+    assert served.world.arm("PSM1").operating_state().state == "DISABLED"

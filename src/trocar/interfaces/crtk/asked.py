@@ -4,6 +4,8 @@ A client that sends `enable, home, move_jp` in one burst means the move to follo
 takes seconds. So while an arm homes, whatever is ordered waits for it, each arm's in a queue of its
 own; `disable` and `pause` never wait. Set-points that are streamed do not wait either: when the arm
 is home they are worthless, so they meet the arm as it is, which refuses them.
+
+The same queues hold what comes faster than it can be obeyed.
 """
 
 from __future__ import annotations
@@ -23,6 +25,10 @@ if TYPE_CHECKING:
 
 Warn = Callable[[str, str, str], None]
 
+#: When obeying took longer than this since the last tick, what is ordered waits for the next: a
+#: flood of commands that all can be obeyed does not hold up time. Source: our own choice, half a
+#: tick. [s]
+BUDGET_S = 0.0005
 #: What an arm obeys at once, whatever waits.
 AT_ONCE = ("disable", "pause")
 
@@ -70,12 +76,13 @@ class Call(Asked):
 
 
 class Turns:
-    """The commands that wait until their arm has come home; used in the loop's thread only.
+    """The commands that wait for their turn; used in the loop's thread only.
 
     Args:
         warn: called with (arm, topic, reason) for each command that could not be obeyed
         before: called with (world, command) right before a command is applied
         free: called with an arm for which nothing waits any longer
+        now: wall time [s]
         capacity: how many may wait for an arm
     """
 
@@ -84,10 +91,12 @@ class Turns:
         warn: Warn,
         before: Callable[[World, Asked], None],
         free: Callable[[str], None],
+        now: Callable[[], float],
         capacity: int = CAPACITY,
     ) -> None:
         self._warn, self._before, self._free = warn, before, free
-        self._capacity = capacity
+        self._now, self._capacity = now, capacity
+        self._used_s = 0.0
         self._waiting: dict[str, deque[Asked]] = {}
         self._periods = 0
 
@@ -101,41 +110,52 @@ class Turns:
         return arm in self._waiting
 
     def take(self, world: World, asked: Asked) -> None:
-        """Apply a command, or keep it until the arm is home."""
-        queue = self._waiting.get(asked.arm)
-        wait = bool(queue) or homing(world.arm(asked.arm))
-        if not wait or asked.streamed or asked.name in AT_ONCE:
+        """Apply a command, or keep it until its turn comes."""
+        queue, home = self._waiting.get(asked.arm), homing(world.arm(asked.arm))
+        if asked.name in AT_ONCE:
             self._do(world, asked)
-            if asked.name in AT_ONCE:
-                self._go_on(world, asked.arm)
-        elif queue is not None and len(queue) >= self._capacity:
+            self._go_on(world, asked.arm)
+        elif asked.streamed and (home or not queue):
+            self._do(world, asked)
+        elif queue and asked.streamed and queue[-1].name == asked.name:
+            queue[-1] = asked
+        elif queue and len(queue) >= self._capacity:
             self._warn(asked.arm, asked.topic, f"{self._capacity} commands wait already: refused")
-        else:
+        elif queue or home or self._used_s > BUDGET_S:
             self._waiting.setdefault(asked.arm, deque()).append(asked)
+        else:
+            self._do(world, asked)
 
     def tick(self, world: World) -> None:
         """Apply what no longer has to wait; to be called every tick."""
-        if self._waiting:
-            if world.periods < self._periods:  # a reset came between
-                self._drop()
-            for arm in tuple(self._waiting):
-                self._go_on(world, arm)
+        self._used_s = 0.0
+        if self._waiting and world.periods < self._periods:  # a reset came between
+            self._drop()
+        for arm in tuple(self._waiting):
+            self._go_on(world, arm)
         self._periods = world.periods
 
     def _go_on(self, world: World, arm: str) -> None:
         queue = self._waiting.get(arm)
-        while queue and not homing(world.arm(arm)):
+        before = 0 if queue is None else len(queue)
+        while queue and self._used_s <= BUDGET_S and not homing(world.arm(arm)):
             self._do(world, queue.popleft())
-        if queue is not None and not queue:
-            del self._waiting[arm]
+        if queue is None or len(queue) == before:
+            return
+        del self._waiting[arm]
+        if queue:  # the other arms' turn comes first
+            self._waiting[arm] = queue
+        else:
             self._free(arm)
 
     def _do(self, world: World, asked: Asked) -> None:
+        began = self._now()
         try:
             self._before(world, asked)
             asked.do(world)
         except (TrocarError, ArithmeticError, ValueError) as problem:  # the loop goes on
             self._warn(asked.arm, asked.topic, str(problem))
+        self._used_s += self._now() - began
 
     def _drop(self) -> None:
         for arm, queue in tuple(self._waiting.items()):

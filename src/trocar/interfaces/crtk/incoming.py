@@ -52,7 +52,9 @@ class Incoming:
         self._newest: OrderedDict[tuple[str, str], tuple[tuple[int, int], float]] = OrderedDict()
         self._tools = Tools(core.emit)
         self._setup = SetupJoints()
-        self._turns = Turns(self._warn, self._before, core.tell_state)
+        self._turns = Turns(self._warn, self._before, core.tell_state, lambda: core.loop.now)
+        #: Held by the one question that the loop is asked at a time, so that many take no tick.
+        self.asking = threading.Lock()
         self.handlers: dict[str, Handler] = {
             **dict.fromkeys(console.EVERY_ARM, self._every_arm),
             **dict.fromkeys(console.DEEDS, self._console),

@@ -55,10 +55,15 @@ def answer(core: Core, service: Service, request: Message, timeout_s: float = 5.
 
     if not core.loop.running:
         return ask(core.loop.world)
+    late = InputError(f"{service.name}: no answer within {timeout_s:g} s")
+    if not core.incoming.asking.acquire(timeout=timeout_s):
+        raise late
     try:
         return core.loop.ask(ask).result(timeout_s)
     except (FutureTimeoutError, CancelledError):
-        raise InputError(f"{service.name}: no answer within {timeout_s:g} s") from None
+        raise late from None
+    finally:
+        core.incoming.asking.release()
 
 
 def _forward(local: bool) -> Callable[[Arm, Message], Answer]:

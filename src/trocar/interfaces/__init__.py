@@ -23,6 +23,7 @@ from trocar.interfaces.commands import (
     SetGains,
     SetGravityCompensation,
     SetMode,
+    Step,
     Verb,
 )
 from trocar.interfaces.loop import Loop
@@ -49,5 +50,6 @@ __all__ = [
     "SetGains",
     "SetGravityCompensation",
     "SetMode",
+    "Step",
     "Verb",
 ]

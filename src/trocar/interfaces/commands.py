@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -287,6 +287,25 @@ class Resume:
 
     def apply(self, world: World) -> None:
         """Nothing: a world has no flow of time of its own."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """Advance some physics periods while time stands still. The loop allows it while paused only.
+
+    Args:
+        periods: 1 to `MOST`
+    """
+
+    periods: int
+    #: Source: our own choice: 10 s at 1 ms, for which nobody else is listened to.
+    MOST: ClassVar[int] = 10_000
+
+    def apply(self, world: World) -> None:
+        """Call the world's `step`."""
+        if not 1 <= self.periods <= self.MOST:
+            raise InputError(f"step: got {self.periods} periods; allowed: 1 to {self.MOST}")
+        world.step(self.periods)
 
 
 def _jaw(arm: Arm) -> Jaw:

@@ -17,7 +17,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import InputError, UnknownNameError
-from trocar.interfaces.commands import Command, Pause, Reset, Resume
+from trocar.interfaces.commands import Command, Pause, Reset, Resume, Step
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
 from trocar.interfaces.publisher import Publisher
@@ -91,7 +91,7 @@ class Loop:
         self._outcome: Future[None] | None = None
         self._paused = False
         self._refused = 0
-        self._ticks = 0
+        self._ticks = self._stepped = 0
         self._publisher = Publisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
         self._seldom = Seldom()
@@ -259,6 +259,8 @@ class Loop:
         if self._on_apply is not None and not isinstance(command, Question):
             self._on_apply(self._ticks, command)
         try:
+            if isinstance(command, Step) and not self._paused:
+                raise InputError("step: time flows; allowed: while it is paused")
             command.apply(self._world)
         except InputError as error:
             self._refused += 1
@@ -267,13 +269,17 @@ class Loop:
                 _log.warning("refused: %s%s", error, more(unsaid))
             for watcher in self._watchers:
                 watcher.refused(command, str(error))
+        else:
+            if isinstance(command, Step):
+                self._stepped += command.periods
         if isinstance(command, Pause | Resume):
             self._paused = isinstance(command, Pause)
         if isinstance(command, Pause | Resume | Reset):
             self._restart()
 
     def _elapsed(self) -> Elapsed:
-        return Elapsed(self._ticks * self._tick_s, self._pace.let_go_s, self._paused)
+        simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
+        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped)
 
     def _restart(self) -> None:
         self._pace.restart()

@@ -42,11 +42,13 @@ class Elapsed:
         simulated_s: simulated time, which a reset does not set back [s]
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
+        stepped: physics periods that were stepped while it did not
     """
 
     simulated_s: float
     let_go_s: float
     paused: bool
+    stepped: int = 0
 
 
 class Watcher(Protocol):

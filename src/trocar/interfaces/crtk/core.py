@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any
 
 from trocar.errors import InputError, UnknownNameError
-from trocar.interfaces.crtk import rig_messages, services
+from trocar.interfaces.crtk import rig_messages, scene, scene_messages, services
 from trocar.interfaces.crtk.clock import Mode, Stamper
 from trocar.interfaces.crtk.compat import compatible
 from trocar.interfaces.crtk.incoming import Incoming
@@ -81,6 +81,8 @@ class Core:
         self.stamper = Stamper(clock)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
         self.incoming = Incoming(self)
+        for topic, ask in scene.commands(rig).items():
+            self.incoming.handlers[topic] = partial(self.incoming.obey, ask)
         for topic, act in older.handlers.items():
             self.incoming.handlers[topic] = partial(act, self)
         self._watch = Watch(
@@ -89,7 +91,7 @@ class Core:
         self._publishing = Publishing(
             self.topics,
             self.prefixes,
-            {**rig_messages.makers(clock == "sim"), **older.makers},
+            {**rig_messages.makers(clock == "sim"), **scene_messages.makers(rig), **older.makers},
         )
         self._transports: list[Transport] = []
         self._started: list[Transport] = []
@@ -238,7 +240,7 @@ class Core:
 
     def _publish(self, sample: Sample) -> None:
         wanted = [(transport, transport.wanted()) for transport in self._transports]
-        asked = frozenset[str]().union(*(names for _, names in wanted))
+        asked = self._watch.asked = frozenset[str]().union(*(names for _, names in wanted))
         events = self._publishing.events(sample)
         states = self._publishing.states(sample, asked)
         for transport, names in wanted:

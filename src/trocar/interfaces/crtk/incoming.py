@@ -98,6 +98,16 @@ class Incoming:
         if not self._core.loop.post(command):
             raise RefusedError("full", "too many commands wait already")
 
+    def obey(
+        self, ask: Callable[[Topic, Message], Command], topic: Topic, message: Message
+    ) -> None:
+        """Post the command that a message is.
+
+        Raises:
+            InputError: it is none
+        """
+        self.post(ask(topic, message))
+
     def waits(self, arm: str) -> bool:
         """Tell whether commands wait until an arm is home; in the loop's thread."""
         return self._turns.waits(arm)

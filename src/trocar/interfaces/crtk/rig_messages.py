@@ -11,13 +11,14 @@ from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.publishing import Figure
 from trocar.interfaces.crtk.robot_model import WORLD, fixed_frames, hinge_states
+from trocar.interfaces.crtk.scene import object_poses
 from trocar.interfaces.crtk.transport import Message
 
 Array = NDArray[np.float64]
 
 
 def tf(rig: RigFigures, stamp: Stamp) -> Message:
-    """Return every arm's base and tip in the frame of its poses, but for what stands still."""
+    """Return arms' bases and tips in the frames of their poses, and objects; nothing still."""
     found: dict[str, Message] = {}
     fixed = fixed_frames(rig.sample.rig)
 
@@ -32,6 +33,8 @@ def tf(rig: RigFigures, stamp: Stamp) -> Message:
             add(WORLD, frame, arm.reference_in_world)
         add(frame, arm.own_frame, base)
         add(frame, rig_arm.name, arm.measured)
+    for name, at in object_poses(rig.sample.scene).items():
+        add(WORLD, name, at)
     return {"transforms": list(found.values())}
 
 

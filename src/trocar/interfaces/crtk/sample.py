@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk.clock import Stamp
+from trocar.interfaces.crtk.scene import Scene
 from trocar.simulation.records import ArmSample
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class Sample:
         rig: the rig, as its tools are now
         arms: {name: what its readings are computed from}
         events: what happened since the sample before, oldest first
-        scene: what else the rig has that moves, for whoever publishes it
+        scene: objects, and those contacts and sensors that somebody asked for
     """
 
     stamp: Stamp
@@ -49,17 +50,18 @@ class Sample:
     rig: RigDescription
     arms: Mapping[str, ArmSample]
     events: tuple[Event, ...] = ()
-    scene: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    scene: Scene | None = None
 
 
 def take(
     world: World,
     stamp: Stamp,
     elapsed: float,
-    events: tuple[Event, ...],
+    beside: tuple[tuple[Event, ...], Scene],
     waits: Callable[[str], bool],
 ) -> Sample:
     """Copy a world, in the thread that steps it; arms for which commands wait are busy."""
+    events, scene = beside
     arms = world.samples()
     arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
-    return Sample(stamp, elapsed, world.time, world.rig, arms, events)
+    return Sample(stamp, elapsed, world.time, world.rig, arms, events, scene)

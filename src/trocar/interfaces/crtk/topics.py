@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from trocar.descriptions.records import ArmDescription, RigDescription
-from trocar.interfaces.crtk import arm_rows, other_rows
+from trocar.interfaces.crtk import arm_rows, other_rows, scene_rows
 
 Direction = Literal["pub", "sub"]
 Rate = Literal["state", "event", "tf", "camera", "clock"]
@@ -81,7 +81,8 @@ def topic_table(rig: RigDescription) -> tuple[Topic, ...]:
     for arm in rig.arms:
         rows = arm_rows.topics_of(arm.arm)
         found += [_owned(_topic(row), prefix(arm.name, arm.arm), arm.name) for row in rows]
-    found += [_topic(row) for row in other_rows.topics_of(rig)]
+    rows = (*other_rows.topics_of(rig), *scene_rows.topics_of(rig))
+    found += [_topic(row) for row in rows]
     return _unique(found)
 
 

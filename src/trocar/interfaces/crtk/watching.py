@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from trocar.interfaces.commands import Command
-from trocar.interfaces.crtk import happenings, sample
+from trocar.interfaces.crtk import happenings, sample, scene
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.crtk.sample import Event, Sample
 from trocar.interfaces.loop import Loop
@@ -55,7 +55,11 @@ class Watch:
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
         self._seldom = Seldom()
+        self._paused: bool | None = None
+        self._stepped = 0
         self.skipped = 0
+        #: Topics that somebody wants, as of the sample before: what costs is only then looked at.
+        self.asked: frozenset[str] = frozenset()
 
     def start(self) -> None:
         """Watch from now on."""
@@ -73,7 +77,11 @@ class Watch:
     def ticked(self, elapsed: Elapsed) -> None:
         """Take a sample when one is due."""
         self._stamper.advance(elapsed, self._loop.now)
-        if not self._beat.due(self._stamper.elapsed_s):
+        if elapsed.paused != self._paused:
+            self._paused = elapsed.paused
+            self.put("scene/paused", {"data": elapsed.paused})
+        stepped, self._stepped = elapsed.stepped != self._stepped, elapsed.stepped
+        if not self._beat.due(self._stamper.elapsed_s) and not stepped:
             return
         if self._samples.qsize() >= self._room:
             self.skipped += 1
@@ -81,7 +89,8 @@ class Watch:
         self._repeat_states()
         events = tuple(self._drained())
         stamp, passed = self._stamper.stamp(), self._stamper.elapsed_s
-        self._samples.put(sample.take(self._loop.world, stamp, passed, events, self._waits))
+        world, seen = self._loop.world, scene.look(self._loop.world, self.asked)
+        self._samples.put(sample.take(world, stamp, passed, (events, seen), self._waits))
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.crtk.transports.ros1 import library as ros
 from trocar.interfaces.crtk.transports.ros1.intake import greet_in_threads, serve, subscribe
-from trocar.interfaces.crtk.transports.ros1.master import Master, find_master, settle_address
+from trocar.interfaces.crtk.transports.ros1.master import MasterError, find_master, settle_address
 from trocar.interfaces.crtk.transports.ros1.outlets import Outlet
 from trocar.interfaces.crtk.transports.ros1.parameters import Parameters
 from trocar.interfaces.crtk.transports.ros1.sender import Sender
@@ -29,6 +29,11 @@ LOOK_S = 0.05
 
 WATCH_S = 2.0
 """How often the master is asked whether it knows us [s]. Source: our own choice."""
+
+GONE = (
+    "the master at {uri} does not answer any more; the simulation goes on, and so do those who"
+    " are connected"
+)
 
 FAREWELL_S = 3.0
 """How long unregistering may take [s]. Source: our own choice; it takes tenths of a second."""
@@ -140,42 +145,45 @@ class Ros1Transport:
                 outlet.send(last)
 
     def _watch(self) -> None:
-        """Set parameters, then see to it that the master knows us."""
-        known = self._announce()
-        while not self._over.wait(WATCH_S):
+        """Set parameters, and see to it that the master knows us; what changes is said once."""
+        answers, announced = True, False
+        while True:
+            if answers and not announced:
+                announced = self._announce()
+            if self._over.wait(WATCH_S):
+                return
             if self._ros.rospy.is_shutdown():
                 _log.warning("ROS 1 has ended: another node is called /%s now", self.node)
                 self._over.set()
                 return
-            known = self._look_after(self._master, known)
+            known = self._known()
+            if known is None:
+                if answers:
+                    _log.warning("ROS 1: %s", GONE.format(uri=self._master.uri))
+            elif not known:
+                self._register_again()
+                announced = False
+                _log.warning("ROS 1: all is registered with the new master at %s", self._master.uri)
+            elif not answers:
+                _log.warning("ROS 1: the master at %s answers again", self._master.uri)
+            answers = known is not None
 
     def _announce(self) -> bool:
+        """Set parameters; return whether that is done with."""
         try:
             self._parameters.start()
+        except MasterError:
+            return False
         except TrocarError as error:
             _log.warning("ROS 1: parameters are not set: %s", error)
-            return False
         return True
 
-    def _look_after(self, master: Master, known: bool) -> bool:
-        """Ask the master for us, register again with one that is new; return whether it answers."""
+    def _known(self) -> bool | None:
+        """Tell whether the master knows us; None when it does not answer."""
         try:
-            code, _, _ = master.ask("lookupNode", f"/{self.node}")
-        except TrocarError:
-            if known:
-                _log.warning(
-                    "ROS 1: the master at %s does not answer any more; the simulation goes on, and"
-                    " so do those who are connected",
-                    master.uri,
-                )
-            return False
-        if code != 1:
-            self._register_again()
-            _log.warning("ROS 1: all is registered with the new master at %s", master.uri)
-            return self._announce()
-        if not known:
-            _log.warning("ROS 1: the master at %s answers again", master.uri)
-        return True
+            return self._master.ask("lookupNode", f"/{self.node}")[0] == 1
+        except MasterError:
+            return None
 
     def _register_again(self) -> None:
         registration: Any = ros.inner(self._ros, "impl.registration")

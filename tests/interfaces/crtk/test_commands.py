@@ -199,7 +199,7 @@ def test_the_whole_system_is_switched_and_homed_at_once():
     assert {a.operating_state().state for a in served.world.arms.values()} == {"DISABLED"}
 
 
-def test_a_flood_that_can_be_obeyed_is_obeyed_in_its_order_and_holds_up_no_tick():
+def test_a_flood_that_can_be_obeyed_is_obeyed_in_its_order_and_does_not_stop_time():
     served = Served("two_psm_ecm", wanted=())
     done: list[tuple[str, float]] = []
 
@@ -214,8 +214,8 @@ def test_a_flood_that_can_be_obeyed_is_obeyed_in_its_order_and_holds_up_no_tick(
         served.core.receive("PSM2/move_jp", joints(1e-3 * k, *HOME[1:]))
     for ticks in range(1, 11):
         served.run()
-        assert len(done) <= 2 * ticks  # what the tick had left, and the first that waits
-    served.run(0.1)
+        assert len(done) <= 1 + ticks / 3  # each takes four ticks' time
+    served.run(0.25)
     for arm in ("PSM1", "PSM2"):
         assert [q for name, q in done if name == arm] == [1e-3 * k for k in range(20)]
     served.core.receive("PSM1/move_jp", joints(*NEAR))

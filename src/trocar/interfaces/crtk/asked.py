@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 Warn = Callable[[str, str, str], None]
 
-#: When obeying took longer than this since the last tick, what is ordered waits for the next: a
-#: flood of commands that all can be obeyed does not hold up time. Source: our own choice, half a
-#: tick. [s]
+#: So much of each tick is for obeying what is ordered; what took longer is paid back by the next
+#: ticks, so that a flood of commands that all can be obeyed does not stop time. Source: our own
+#: choice, half a tick. [s]
 BUDGET_S = 0.0005
 #: What an arm obeys at once, whatever waits.
 AT_ONCE = ("disable", "pause")
@@ -128,7 +128,7 @@ class Turns:
 
     def tick(self, world: World) -> None:
         """Apply what no longer has to wait; to be called every tick."""
-        self._used_s = 0.0
+        self._used_s = max(0.0, self._used_s - BUDGET_S)
         if self._waiting and world.periods < self._periods:  # a reset came between
             self._drop()
         for arm in tuple(self._waiting):
@@ -155,7 +155,8 @@ class Turns:
             asked.do(world)
         except (TrocarError, ArithmeticError, ValueError) as problem:  # the loop goes on
             self._warn(asked.arm, asked.topic, str(problem))
-        self._used_s += self._now() - began
+        if not asked.streamed:
+            self._used_s += self._now() - began
 
     def _drop(self) -> None:
         for arm, queue in tuple(self._waiting.items()):

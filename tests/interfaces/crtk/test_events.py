@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
-from trocar.errors import InputError
+from trocar.errors import InputError, MissingExtraError
 from trocar.interfaces import Loop, Pause
 from trocar.interfaces.commands import Verb
 from trocar.interfaces.crtk import Core
@@ -211,8 +213,9 @@ def test_the_core_publishes_in_a_thread_of_its_own_until_it_is_closed() -> None:
     assert transport.closed
 
 
+@pytest.mark.parametrize("part", ["send", "wanted"])
 def test_a_transport_that_breaks_does_not_silence_the_others(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    part: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     served, _ = settle()
     broken = type(served.transport)()
@@ -220,11 +223,38 @@ def test_a_transport_that_breaks_does_not_silence_the_others(
     served.core.attach(broken)
     broken.want("PSM1/measured_js")
 
-    def send(batch) -> None:  # noqa: ARG001
+    def fail(*given) -> None:  # noqa: ARG001
         raise OSError("no such wire")
 
-    monkeypatch.setattr(broken, "send", send)
+    monkeypatch.setattr(broken, part, fail)
     before = served.transport.batches
     served.run(0.1)
     assert served.transport.batches > before
     assert "broken: messages are lost" in caplog.text
+
+
+def test_the_rig_as_urdf_comes_to_whoever_asks_for_it() -> None:
+    pytest.importorskip("lxml")
+    loop = Loop(World("psm"), speed="realtime", tick_s=0.001)
+    core, transport = Core(loop), MemoryTransport(["robot_description"])
+    core.attach(transport)
+    core.start()
+    loop.start()
+    end = time.monotonic() + 30.0
+    while core.latched("robot_description") is None and time.monotonic() < end:
+        time.sleep(0.01)
+    loop.close()
+    core.close()
+    (message,) = transport.received["robot_description"]
+    assert "<robot name=" in message["data"]
+
+
+def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing(rig) -> None:  # noqa: ARG001
+        raise MissingExtraError("lxml", "export", "URDF")
+
+    monkeypatch.setattr("trocar.interfaces.crtk.core.robot_model", missing)
+    served, _ = settle()
+    served.core._describe()
+    served.run(0.01)
+    assert "robot_description" in served.messages("system/warning")[0]["data"]

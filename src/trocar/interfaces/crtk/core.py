@@ -10,20 +10,21 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
-from trocar.errors import InputError, UnknownNameError
+from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.interfaces.crtk import rig_messages, scene, scene_messages, services
+from trocar.interfaces.crtk.carriers import Carriers
 from trocar.interfaces.crtk.clock import Mode, Stamper
 from trocar.interfaces.crtk.compat import compatible
 from trocar.interfaces.crtk.incoming import Incoming
 from trocar.interfaces.crtk.publishing import Publishing
+from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table, topic_table
-from trocar.interfaces.crtk.transport import Batch, Message, Transport
+from trocar.interfaces.crtk.transport import Message, Transport
 from trocar.interfaces.crtk.watching import Watch
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.seldom import Seldom, more
@@ -36,6 +37,8 @@ RATE_HZ = 220.0
 CAMERA_RATE_HZ = 60.0
 #: Source: our own choice, the control rate that clients of the dVRK reach. [Hz]
 RATE_MAX_HZ = 1000.0
+#: Made when somebody asks for it first: it writes meshes, too.
+DESCRIPTION = "robot_description"
 
 
 class Core:
@@ -93,23 +96,18 @@ class Core:
             self.prefixes,
             {**rig_messages.makers(clock == "sim"), **scene_messages.makers(rig), **older.makers},
         )
-        self._transports: list[Transport] = []
-        self._started: list[Transport] = []
+        self._carriers = Carriers()
         self._thread: threading.Thread | None = None
         self._lock, self._seldom = threading.Lock(), Seldom()
         self._stop_taking: Callable[[], None] = lambda: None
-        self._broken: set[str] = set()
         self.refused = 0
-        self._begun = False
+        self._described = False
 
     # ------------------------------------------------------------------ life
 
     def attach(self, transport: Transport) -> None:
         """Serve a transport as well; started with the core, or at once when it runs."""
-        if self._begun:
-            transport.start(self)
-            self._started.append(transport)
-        self._transports.append(transport)
+        self._carriers.add(transport, self)
 
     def start(self) -> None:
         """Start transports, and publish in a thread of its own.
@@ -123,17 +121,11 @@ class Core:
 
     def begin(self) -> None:
         """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
-        with ExitStack() as started:
-            for transport in self._transports:
-                transport.start(self)
-                started.callback(transport.close)
-            started.pop_all()
-        self._started = list(self._transports)
+        self._carriers.start(self)
         self._stop_taking = self.incoming.begin()
         rig, stamp = self.loop.world.rig, self.stamper.stamp()
         self.emit("tf_static", rig_messages.tf_static(rig, stamp))
         self._watch.start()
-        self._begun = True
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
@@ -143,8 +135,7 @@ class Core:
             self._samples.put(None)
             self._thread.join()
             self._thread = None
-        while self._started:
-            self._started.pop().close()
+        self._carriers.close()
 
     # ------------------------------------------------------------------ in
 
@@ -239,20 +230,24 @@ class Core:
             self._publish(sample)
 
     def _publish(self, sample: Sample) -> None:
-        wanted = [(transport, transport.wanted()) for transport in self._transports]
+        wanted = self._carriers.wanted()
         asked = self._watch.asked = frozenset[str]().union(*(names for _, names in wanted))
+        if DESCRIPTION in asked and self._thread is not None and not self._described:
+            self._described = True  # it takes seconds: others are not to wait for it
+            threading.Thread(target=self._describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
         states = self._publishing.states(sample, asked)
         for transport, names in wanted:
             batch = events + [states[name] for name in names if name in states]
             if batch:
-                self._send(transport, batch)
+                self._carriers.send(transport, batch)
 
-    def _send(self, transport: Transport, batch: Batch) -> None:
-        """Hand a batch over; a transport that breaks does not end the others' messages."""
+    def _describe(self) -> None:
+        """Publish the rig as URDF."""
         try:
-            transport.send(batch)
-        except Exception:  # noqa: BLE001  logged whole, once for each transport
-            if transport.name not in self._broken:
-                self._broken.add(transport.name)
-                _log.exception("%s: messages are lost", transport.name)
+            text = robot_model(self.loop.world.rig).urdf
+        except TrocarError as problem:
+            _log.warning("%s cannot be published: %s", DESCRIPTION, problem)
+            self.emit("system/warning", {"data": f"{DESCRIPTION}: {problem}"})
+        else:
+            self.emit(DESCRIPTION, {"data": text})

@@ -71,11 +71,11 @@ def program(action: str, where: Network) -> Iterator[Program]:
 
 
 @contextmanager
-def served(rig: str = "psm") -> Iterator[tuple[Core, Ros2Transport]]:
+def served(rig: str = "psm", where: Network | None = None) -> Iterator[tuple[Core, Ros2Transport]]:
     """Run a rig on ROS 2 for as long as the block."""
     loop = Loop(World(rig), tick_s=SERVER_TICK_S)
     core = Core(loop)
-    transport = Ros2Transport(private_network())
+    transport = Ros2Transport(where or private_network())
     core.attach(transport)
     core.start()
     loop.start()

@@ -70,6 +70,8 @@ def test_user_data_is_read_back() -> None:
 def test_it_stays_on_the_loopback_unless_told_otherwise() -> None:
     assert '"127.0.0.1"' in str(network({}).config)
     assert '"127.0.0.1"' in str(network({"ROS_LOCALHOST_ONLY": "1"}).config)
+    both = {"ROS_LOCALHOST_ONLY": "1", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}
+    assert '"127.0.0.1"' in str(network(both).config)
     assert "Interfaces" not in str(network({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}).config)
     assert network({"CYCLONEDDS_URI": "file:x"}).config is None
 

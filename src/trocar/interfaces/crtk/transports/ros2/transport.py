@@ -114,7 +114,7 @@ class Ros2Transport:
             f"ROS 2: domain {where.domain}, {where.reach}; DDS opens UDP ports on all interfaces\n"
             f"  other terminals: export RMW_IMPLEMENTATION=rmw_cyclonedds_cpp "
             f"ROS_DOMAIN_ID={where.domain} {where.set}\n"
-            "  services work with rmw_cyclonedds_cpp only; topics are proven with it only"
+            "  services work with rmw_cyclonedds_cpp only, topics with rmw_fastrtps_cpp too"
         )
 
     # ------------------------------------------------------------------ out

@@ -24,6 +24,7 @@ from trocar.interfaces.crtk.messages import (
 )
 from trocar.interfaces.crtk.transports.ros1.classes import message_class, service_class
 from trocar.interfaces.crtk.transports.ros1.library import inner
+from trocar.interfaces.crtk.transports.ros1.sorter import Sent, Sorter
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
@@ -48,16 +49,25 @@ ANSWER_S = 5.0
 """How long a service may take [s]. Source: our own choice; one takes milliseconds."""
 
 
-def subscribe(library: Library, core: Core, topic: Topic) -> Any:
-    """Hand what is published to a topic to the core."""
+def subscribe(library: Library, core: Core, topic: Topic, sorter: Sorter) -> Any:
+    """Hand what is published to a topic to the core: set-points at once, the rest in order."""
     kind = message_type(topic.type)
 
     def take(message: Any) -> None:
         peer = str(getattr(message, "_connection_header", {}).get("callerid", ""))
         try:
-            core.receive(topic.name, ros1_decode(kind, message.data), peer)
+            fields = ros1_decode(kind, message.data)
         except MessageError as error:
             core.refuse(topic, topic.name, str(error), peer)
+            return
+        if topic.depth == 1:
+            core.receive(topic.name, fields, peer)
+            return
+        stamp = fields["header"]["stamp"] if "header" in fields else None
+        state = topic.key == "state_command"
+        sent = Sent(peer, stamp, state, lambda: core.receive(topic.name, fields, peer))
+        if not sorter.put(sent):
+            core.refuse(topic, topic.name, "too many commands wait already", peer)
 
     subscriber = library.rospy.Subscriber(
         f"/{topic.name}",

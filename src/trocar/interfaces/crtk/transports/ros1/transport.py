@@ -15,6 +15,7 @@ from trocar.interfaces.crtk.transports.ros1.master import MasterError, find_mast
 from trocar.interfaces.crtk.transports.ros1.outlets import Outlet
 from trocar.interfaces.crtk.transports.ros1.parameters import Parameters
 from trocar.interfaces.crtk.transports.ros1.sender import Sender
+from trocar.interfaces.crtk.transports.ros1.sorter import Sorter
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
@@ -58,6 +59,7 @@ class Ros1Transport:
         self._heard: frozenset[str] = frozenset()
         self._looked = 0.0
         self._over = threading.Event()
+        self._sorter = Sorter()
         self._started = False
 
     # ------------------------------------------------------------------ what the core calls
@@ -75,6 +77,7 @@ class Ros1Transport:
         self._master = find_master()
         address = settle_address(self._master)
         self._join()
+        self._sorter.start()
         self._register()
         self._parameters = Parameters(core, self._master, self._ros)
         self._sender = Sender(self._outlets)
@@ -102,6 +105,7 @@ class Ros1Transport:
         if not self._started:
             return
         self._over.set()
+        self._sorter.close()
         self._sender.close()
         farewell = threading.Thread(target=self._part, name="trocar-ros1-farewell", daemon=True)
         farewell.start()
@@ -136,7 +140,7 @@ class Ros1Transport:
             if topic.direction == "pub":
                 self._outlets[topic.name] = Outlet(self._ros, topic)
             else:
-                subscribe(self._ros, core, topic)
+                subscribe(self._ros, core, topic, self._sorter)
         for service in core.services.values():
             serve(self._ros, core, service)
         for name, outlet in self._outlets.items():

@@ -1,0 +1,92 @@
+"""Commands that come over several topics, in the order in which they were sent.
+
+ROS 1 has a connection for each topic, so `enable`, `home` and a move that are sent in one go arrive
+in any order. Commands that all count are therefore kept for a moment: those with stamps are then
+obeyed by their stamps; of the others, those of the operating state come first.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+MOMENT_S = 0.002
+"""How long a command is kept [s]. Source: our own choice, some times what a connection is ahead of
+another on one machine; set-points (servo_*) are not kept at all."""
+
+WAITING = 512
+"""How many may wait. Source: our own choice; the loop itself takes 64."""
+
+
+@dataclass(frozen=True)
+class Sent:
+    """A command.
+
+    Attributes:
+        peer: who sent it
+        stamp: (s, ns); (0, 0) or None without one
+        state: whether it is of the operating state
+        obey: does what it says
+    """
+
+    peer: str
+    stamp: tuple[int, int] | None
+    state: bool
+    obey: Callable[[], Any]
+
+
+def in_order(commands: Sequence[Sent]) -> list[Sent]:
+    """Return commands that came at about the same time in the order in which to obey them."""
+    unstamped = {c.peer for c in commands if not c.stamp or c.stamp == (0, 0)}
+    peers = list(dict.fromkeys(command.peer for command in commands))
+    found: list[Sent] = []
+    for peer in peers:
+        own = [command for command in commands if command.peer == peer]
+        if peer in unstamped:
+            found += sorted(own, key=lambda command: not command.state)
+        else:
+            found += sorted(own, key=lambda command: command.stamp or (0, 0))
+    return found
+
+
+class Sorter:
+    """Keep commands for a moment, then obey them in order, in a thread of its own."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.Queue[Sent | None] = queue.Queue(WAITING)
+        self._thread = threading.Thread(target=self._run, name="trocar-ros1-order", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def put(self, command: Sent) -> bool:
+        """Let a command be obeyed soon; return False when too many wait."""
+        try:
+            self._waiting.put_nowait(command)
+        except queue.Full:
+            return False
+        return True
+
+    def close(self) -> None:
+        """End after what waits."""
+        if self._thread.is_alive():
+            self._waiting.put(None)
+            self._thread.join()
+
+    def _run(self) -> None:
+        while (first := self._waiting.get()) is not None:
+            time.sleep(MOMENT_S)
+            commands, over = [first], False
+            while not self._waiting.empty():
+                command = self._waiting.get()
+                over = over or command is None
+                commands += [command] if command is not None else []
+            for command in in_order(commands):
+                command.obey()
+            if over:
+                return

@@ -180,8 +180,9 @@ def test_what_the_dvrk_does_not_have_is_ours_and_named_here(table: dict[str, Top
     }
     old = {f"console/{verb}" for verb in ("power_on", "power_off", "home")}
     told = {f"system/{what}" for what in ("error", "warning", "status")}
+    hands = {"MTML/gripper/servo_jp", "MTMR/gripper/servo_jp"}
     viewers = {"tf", "tf_static", "joint_states", "robot_description", "clock"}
-    assert extra == suj | old | told | viewers
+    assert extra == suj | old | told | hands | viewers
 
 
 def test_services_are_those_of_the_dvrk() -> None:

@@ -147,8 +147,23 @@ def test_a_masters_orientation_is_a_verb_too():
     assert heard(served, "MTMR", "unlock_orientation", {}).name == "unlock_orientation"
 
 
+def test_fingers_hold_a_masters_gripper_and_let_it_go():
+    served = Served("mtm", wanted=())
+    wide = float(served.world.arm("MTML").upper[-1])
+    entry = heard(served, "MTML", "gripper/servo_jp", joints(0.3))
+    assert (entry.name, entry.values["angle"]) == ("gripper.squeeze_to", 0.3)
+    served.run(0.5)
+    gripper = served.world.arm("MTML").gripper
+    assert gripper is not None
+    assert gripper.measured_js().position[0] == pytest.approx(0.3, abs=0.02)
+    assert heard(served, "MTML", "gripper/servo_jp", joints(wide)).name == "gripper.release"
+    for wrong in (-0.1, wide + 0.1):
+        assert not served.core.receive("MTML/gripper/servo_jp", joints(wrong))
+
+
 def test_every_topic_of_an_arm_is_in_a_test_of_these():
-    told = {topic for topic, *_ in VERBS} | {"servo_ci", "lock_orientation", "unlock_orientation"}
+    told = {topic for topic, *_ in VERBS} | {"servo_ci", "gripper/servo_jp"}
+    told |= {"lock_orientation", "unlock_orientation"}
     elsewhere = {  # test_console_and_tools.py
         "set_tool_type",
         "emulate_tool_present",

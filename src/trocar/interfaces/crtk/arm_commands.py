@@ -166,6 +166,19 @@ def _lock(message: Message, arm: ArmDescription) -> Wish:  # noqa: ARG001
     return "lock_orientation", {"R": rotation(message, "")}
 
 
+def _gripper(message: Message, arm: ArmDescription) -> Wish:
+    """Be the fingers of a hand, which the simulated master lacks."""
+    last = arm.joints[-1]
+    opening = float(joints(message, "position", (last.name,))[0])
+    if not last.lower <= opening <= last.upper:
+        raise RefusedError(
+            "opening", f"got an opening of {opening:g}; allowed: {last.lower:g} to {last.upper:g}"
+        )
+    if opening == last.upper:
+        return "gripper.release", {}
+    return "gripper.squeeze_to", {"angle": opening}
+
+
 def _tool(message: Message, arm: ArmDescription) -> Wish:
     """Mount one of the built-in tools; a message names no file."""
     name = text(message, "data")
@@ -210,6 +223,7 @@ READERS: Mapping[str, Reader] = {
     "jaw/servo_jp": _jaw_verb("servo_jp", "position", "q"),
     "jaw/move_jp": _jaw_verb("move_jp", "position", "q"),
     "jaw/servo_jf": _jaw_verb("servo_jf", "effort", "effort"),
+    "gripper/servo_jp": _gripper,
     "set_tool_type": _tool,
     "emulate_adapter_present": _switch("emulate_adapter_present"),
     "emulate_tool_present": _switch("emulate_tool_present"),

@@ -125,6 +125,7 @@ ECM: tuple[Row, ...] = (
 
 MTM: tuple[Row, ...] = (
     ("pub state", "gripper/measured_js", JOINTS, "rad, N m", "the measured opening"),
+    ("sub 1", "gripper/servo_jp", JOINTS, "rad", "fingers that hold an opening; wide open: none"),
     ("pub", "gripper/pinch", EMPTY, "", "the gripper was shut"),
     ("pub latched", "gripper/closed", BOOL, "", "whether it is shut"),
     ("sub", "lock_orientation", "geometry_msgs/Quaternion", "xyzw", "let the gimbal hold one"),

@@ -176,6 +176,26 @@ def test_a_page_of_another_site_hears_nothing_and_is_not_heard(
     assert not heard
 
 
+def test_what_a_stranger_says_with_its_first_breath_is_not_heard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    heard: list[bytes] = []
+    monkeypatch.setattr(Message, "deserialize", heard.append)
+    greeting = (
+        "GET / HTTP/1.1\r\nHost: localhost\r\nOrigin: https://example.org\r\n"
+        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n"
+    ).encode()
+    with serving("127.0.0.1", 0, "test") as server:
+        where = ("127.0.0.1", server.get_port())
+        with socket.create_connection(where, timeout=30) as stranger:
+            stranger.sendall(greeting + b"\x82\x83\0\0\0\0any" + b"\x88\x80\0\0\0\0")
+            while stranger.recv(4096):
+                pass
+    assert not heard
+
+
 def test_the_page_itself_and_programs_are_welcome() -> None:
     with serving("127.0.0.1", 0, "test") as server:
         for origin in (address(server), "http://localhost:3000", None):

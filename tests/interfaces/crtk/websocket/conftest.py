@@ -48,7 +48,7 @@ class Talk:
 
     def __init__(self, url: str, **options: Any) -> None:
         self.socket: ClientConnection = connect(url, compression=None, **options)
-        self.port = int(url.rpartition(":")[2])
+        self.url = url
 
     def send(self, **document: Any) -> None:
         self.socket.send(json.dumps(document))

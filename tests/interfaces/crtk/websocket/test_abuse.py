@@ -84,6 +84,7 @@ def test_a_header_that_announces_an_exabyte_costs_nothing(served: Served, talk: 
     talk.socket.socket.sendall(b"\x81\xff" + (1 << 60).to_bytes(8, "big") + b"mask" + b"x" * 100)
     with pytest.raises(ConnectionClosed):
         talk.hear()
+    assert talk.socket.close_code == 1009
     assert moves_on(served)
 
 
@@ -177,25 +178,27 @@ def test_no_more_than_so_many_clients_come_in(
     meet()
 
 
-def test_connections_that_say_nothing_are_bounded(
-    served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_connections_that_say_nothing_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "OPEN_S", 1000.0)
     monkeypatch.setattr(server, "MOST_CLIENTS", 1)
     monkeypatch.setattr(server, "MOST_STRANGERS", 3)
-    address = ("127.0.0.1", served.transport.port)
-    with contextlib.ExitStack() as stack:
+    with closing(Served()) as served, contextlib.ExitStack() as stack:
+        address = ("127.0.0.1", served.transport.port)
         silent = [stack.enter_context(socket.create_connection(address)) for _ in range(6)]
         silent[-1].settimeout(PATIENCE_S)
         with contextlib.suppress(ConnectionResetError):
             assert silent[-1].recv(1) == b""
+        for it in silent:
+            it.close()
+        assert until(lambda: _gets_in(served))
 
-    def gets_in() -> bool:
-        with contextlib.suppress(OSError, InvalidMessage, ConnectionClosed):
-            meet().wait_for_server()
-            return True
+
+def _gets_in(served: Served) -> bool:
+    try:
+        Talk(served.url).socket.close()
+    except (OSError, InvalidMessage, ConnectionClosed):
         return False
-
-    assert until(gets_in)
+    return True
 
 
 VANISHING = """

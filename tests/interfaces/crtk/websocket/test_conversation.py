@@ -16,7 +16,7 @@ from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.websocket.client import Client
 from trocar.interfaces.crtk.transports.websocket.conversation import Conversation
 from trocar.interfaces.crtk.transports.websocket.parcel import Parcel
-from trocar.interfaces.crtk.transports.websocket.requests import READERS
+from trocar.interfaces.crtk.transports.websocket.requests import READERS, Subscribe
 from trocar.interfaces.crtk.transports.websocket.rosapi import ANSWERS
 from trocar.simulation import World
 
@@ -121,3 +121,20 @@ def test_a_message_is_encoded_once_for_everybody(core: Core) -> None:
     parcel = Parcel(core.topics["PSM1/status"], {"data": "hello"})
     assert parcel.frame("/PSM1/status") is parcel.frame("/PSM1/status")
     assert b'"msg":{"data":"hello"}' in parcel.frame("PSM1/status")
+
+
+def test_the_last_of_a_throttled_topic_comes_in_the_end(core: Core) -> None:
+    wire = Wire()
+    client = Client(cast("Any", wire))
+    topic = core.topics["PSM1/status"]
+    client.subscribe(topic.name, Subscribe(None, "/PSM1/status", throttle_s=1.0))
+    for moment, text in ((10.0, "one"), (10.1, "two"), (10.2, "three")):
+        client.deliver([Parcel(topic, {"data": text})], moment)
+    client.tend(10.9)
+    assert [text for text in (b"one", b"two", b"three") if text in b"".join(wire.written)] == [
+        b"one"
+    ]
+    client.tend(11.1)
+    client.tend(12.5)
+    assert len(wire.written) == 2
+    assert b"three" in wire.written[1]

@@ -47,8 +47,12 @@ def test_a_name_without_a_slash_is_the_same_topic_and_comes_back_as_it_was_spell
 
 
 def test_a_late_subscriber_gets_the_last_of_a_latched_topic(talk: Talk) -> None:
-    talk.send(op="subscribe", topic="/PSM1/operating_state")
-    assert talk.hear_on("/PSM1/operating_state")["state"] == "ENABLED"
+    other = Talk(talk.url)
+    other.send(op="subscribe", topic="/PSM1/tool_type")
+    assert other.hear_on("/PSM1/tool_type")["data"].startswith("LARGE_NEEDLE_DRIVER")
+    talk.send(op="subscribe", topic="/PSM1/tool_type")  # it was told already, and will not change
+    assert talk.hear_on("/PSM1/tool_type")["data"].startswith("LARGE_NEEDLE_DRIVER")
+    other.socket.close()
 
 
 def test_a_throttled_topic_comes_less_often(talk: Talk) -> None:

@@ -28,7 +28,7 @@ def test_objects_touch_arms_props_and_each_other_and_nothing_else_changes() -> N
     assert OBJECTS not in still
 
 
-def test_the_solver_takes_many_objects_apart() -> None:
+def test_the_solver_takes_objects_apart() -> None:
     off = mujoco.mjtDisableBit.mjDSBL_ISLAND
     assert not rig_spec(load_rig("pegs")).compile().opt.disableflags & off
     assert rig_spec(load_rig("two_psm_ecm")).compile().opt.disableflags & off

@@ -12,7 +12,7 @@ from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
 from trocar.modeling.arm_model import Anchor, Place, add_arm, add_shape, set_mass
 from trocar.modeling.contacts import OBJECTS, ContactMask, contact_masks
-from trocar.modeling.options import IMPRATIO, ModelOptions, solved_apart
+from trocar.modeling.options import IMPRATIO, STILL_M_S, ModelOptions, solved_apart
 
 
 def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco.MjSpec:
@@ -42,6 +42,9 @@ def rig_spec(rig: RigDescription, options: ModelOptions | None = None) -> mujoco
     cast(Any, spec.option).disableflags |= (
         mujoco.mjtDisableBit.mjDSBL_WARMSTART if apart else mujoco.mjtDisableBit.mjDSBL_ISLAND
     )
+    if objects:
+        cast(Any, spec.option).enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
+        cast(Any, spec.option).sleep_tolerance = STILL_M_S
     return spec
 
 

@@ -70,11 +70,11 @@ class Probes:
 
     def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
         """Return where some bodies touch others or each other."""
-        return tuple(contact for contact, _, _ in self._touching(self._acted(), mine))
+        return tuple(contact for contact, _, _ in self._touching(self._touched(mine), mine))
 
     def contact_table(self) -> ContactTable:
         """Return where any two bodies touch, as `contacts` of all bodies does, at once."""
-        data = self._acted()
+        data = self._touched(np.ones(self._model.nbody, dtype=np.bool_))
         here = np.flatnonzero(data.contact.efc_address >= 0)
         found = data.contact
         axes = found.frame[here].reshape(-1, 3, 3)  # rows; the normal leads from the first shape
@@ -156,6 +156,15 @@ class Probes:
         if np.isfinite(self._data.qacc).all():
             return self._data
         scratch = self._copied()
+        mujoco.mj_forward(self._model, scratch)
+        return scratch
+
+    def _touched(self, mine: Bodies) -> mujoco.MjData:
+        """Return where the contacts of some bodies stand; those of what sleeps are worked out."""
+        trees = self._model.body_treeid[mine]
+        if not (self._data.tree_asleep[trees[trees >= 0]] >= 0).any():
+            return self._acted()
+        scratch = self._copied()  # is never stepped, so nothing in it falls asleep
         mujoco.mj_forward(self._model, scratch)
         return scratch
 

@@ -3,6 +3,7 @@
 from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.figures import figures
 from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
+from trocar.apps.benchmarks.interface import interface
 from trocar.apps.benchmarks.recording import recording
 from trocar.apps.benchmarks.soak import soak
 from trocar.apps.benchmarks.startup import startup
@@ -13,6 +14,7 @@ __all__ = [
     "HeadlessReport",
     "Table9Row",
     "figures",
+    "interface",
     "recording",
     "run_headless",
     "soak",

@@ -1,0 +1,258 @@
+"""What other programs see of a running simulator: rates, lateness, latency, processor time.
+
+A simulator and a subscriber run in processes of their own; figures are medians of several runs.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from trocar.apps.benchmarks.arrivals import Arrivals, arrivals, together
+from trocar.apps.benchmarks.figure import Figure
+from trocar.apps.benchmarks.served import Served, served
+from trocar.descriptions.catalogue import DATA
+from trocar.errors import InputError, TrocarError, UnknownNameError
+
+#: How long streams are listened to. Source: our own choice. [s]
+DURATION_S = 10.0
+#: How often each is. Source: the project's own goal: medians of three runs.
+RUNS = 3
+RATE_HZ, FAST_HZ = 220.0, 1000.0
+ARMS = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
+STATES = ("measured_js", "setpoint_js", "measured_cp", "local/measured_cp")
+#: Blocks of 20 mm that lie on the table beside each other, four in a row. Source: the project's
+#: own goal; the table is the rig's.
+OBJECTS = 20
+BLOCK = """
+[[prop]]
+name = "block{k}"
+movable = true
+mass_g = 10.0
+xyz_mm = [{x}, {y}, 810.0]
+source = "our own choice"
+shape = [{{ kind = "box", center_mm = [0, 0, 0], size_mm = [20, 20, 20] }}]
+"""
+#: Commands whose answer is timed in a run. Source: our own choice.
+COMMANDS = 40
+#: Subscribers that come and are killed. Source: the project's own goal.
+PASSERS_BY = 24
+#: Source: the project's own goals.
+MOST_LATE_PERCENT, MOST_LATENCY_MS, MOST_CORES, LEAST_FACTOR = 1.0, 3.0, 1.0, 0.995
+MODULE = "trocar.apps.benchmarks.listening"
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a transport is switched on.
+
+    Attributes:
+        words: options of `trocar sim`
+        address: a regular expression of what the simulator prints when it is there
+        module: what has to be importable, and what to do where it is not
+        environment: of both processes
+    """
+
+    words: tuple[str, ...]
+    address: str
+    module: tuple[str, str] = ("", "")
+    environment: Mapping[str, str] = field(default_factory=dict[str, str])
+
+
+WAYS = {
+    "websocket": Way(("--websocket-port", "0"), r"ws://\S+"),
+    "ros1": Way(
+        ("--no-websocket", "--ros1"),
+        r"https?://\S+",
+        ("rospy", "start a rosmaster and use the Python of `make ros1-venv` (docs/ros.md)"),
+    ),
+    "ros2": Way(
+        ("--no-websocket", "--ros2"),
+        r"ROS 2.*",
+        ("cyclonedds", "install the extra: pip install 'trocar[ros2]'"),
+        {
+            "CYCLONEDDS_URI": "<General><Interfaces><NetworkInterface address='127.0.0.1'"
+            " multicast='true'/></Interfaces></General>"
+        },
+    ),
+}
+
+
+def interface(
+    transports: Sequence[str] = ("websocket",),
+    duration_s: float = DURATION_S,
+    watch: Callable[[str], None] | None = None,
+) -> list[Figure]:
+    """Measure what a subscriber in a second process sees.
+
+    Args:
+        transports: "websocket", "ros1", "ros2"; for ROS 1 a master has to run at
+            ROS_MASTER_URI
+        duration_s: how long streams are listened to [s]
+        watch: told what is measured next
+
+    Raises:
+        UnknownNameError: no such transport
+        TrocarError: the simulator or the subscriber failed
+    """
+    for name in transports:
+        if name not in WAYS:
+            raise UnknownNameError("transport", name, WAYS)
+        module, cure = WAYS[name].module
+        if module and importlib.util.find_spec(module) is None:
+            raise InputError(f"--transport {name}: no module {module!r} here; {cure}")
+    parts = {
+        "six arms and 20 objects at 220 Hz": _streams,
+        "one arm at 1 kHz": _fast,
+        "commands": _answers,
+        "subscribers that vanish": _vanishing,
+    }
+    found: list[Figure] = []
+    for name in transports:
+        for what, measure in parts.items():
+            if watch is not None:
+                watch(f"{name}: {what}")
+            found += measure(name, duration_s)
+    return found
+
+
+def _streams(transport: str, duration_s: float) -> list[Figure]:
+    seen: list[Arrivals] = []
+    cores: list[float] = []
+    topics = [f"{arm}/{state}" for arm in ARMS for state in STATES]
+    topics += [f"scene/block{k}/measured_cp" for k in range(OBJECTS)]
+    with (
+        TemporaryDirectory() as folder,
+        _serving(transport, "--rig", busy_rig(folder), "--rate", f"{RATE_HZ:g}") as server,
+    ):
+        for _ in range(RUNS):
+            before, began = server.processor_s(), time.monotonic()
+            seen.append(_listened(transport, server, RATE_HZ, topics, duration_s))
+            cores.append((server.processor_s() - before) / (time.monotonic() - began))
+    name = f"{transport}: "
+    return [
+        *_judged(f"{name}6 arms, {OBJECTS} objects at 220 Hz", seen),
+        Figure(f"{name}real-time factor", _median(s.factor for s in seen), "", LEAST_FACTOR, True),
+        Figure(f"{name}processor of the server", statistics.median(cores), "cores", MOST_CORES),
+    ]
+
+
+def busy_rig(folder: str) -> str:
+    """Write a rig of six arms, setup joints and twenty objects, and return its path."""
+    text = (DATA / "rigs" / "full_cart_mtm.toml").read_text(encoding="utf-8")
+    for k in range(OBJECTS):
+        text += BLOCK.format(k=k, x=-80.0 + 40.0 * (k % 4), y=1800.0 + 40.0 * (k // 4))
+    path = Path(folder) / "busy.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def _fast(transport: str, duration_s: float) -> list[Figure]:
+    topics = [f"PSM1/{state}" for state in STATES]
+    with _serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
+        seen = [_listened(transport, server, FAST_HZ, topics, duration_s) for _ in range(RUNS)]
+    return _judged(f"{transport}: one arm at 1 kHz", seen)
+
+
+def _answers(transport: str, _: float) -> list[Figure]:
+    with _serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
+        took = [_told("answers", transport, server.address, str(COMMANDS)) for _ in range(RUNS)]
+    median = statistics.median(statistics.median(run) for run in took)
+    name = f"{transport}: command to first measured motion, median"
+    return [Figure(name, 1e3 * median, "ms", MOST_LATENCY_MS)]
+
+
+def _vanishing(transport: str, duration_s: float) -> list[Figure]:
+    """Listen while others subscribe to the same and are killed."""
+    topics = [f"PSM1/{state}" for state in STATES]
+    with _serving(transport, "--rig", "full_cart", "--rate", f"{RATE_HZ:g}") as server:
+        others: list[subprocess.Popen[str]] = []
+        try:
+            watcher = _started("listen", transport, server.address, f"{duration_s:g}", *topics)
+            pause = duration_s / PASSERS_BY
+            for _ in range(PASSERS_BY):
+                others.append(_started("listen", transport, server.address, "60", *topics))
+                time.sleep(pause)
+                if len(others) > 2:
+                    others.pop(0).kill()
+            heard = _read(watcher)
+        finally:
+            for other in others:
+                other.kill()
+    seen = _arrivals(heard, RATE_HZ)
+    name = f"{transport}: {PASSERS_BY} subscribers come and are killed: lost by another one"
+    return [Figure(name, seen.lost, "messages", 0.0)]
+
+
+def _serving(transport: str, *words: str) -> AbstractContextManager[Served]:
+    way = WAYS[transport]
+    return served(["--no-page", *way.words, *words], way.address, way.environment)
+
+
+def observed(
+    transport: str, rig: str, rate_hz: float, topics: Sequence[str], duration_s: float
+) -> Arrivals:
+    """Run a simulator and a subscriber, and return what the latter saw.
+
+    Raises:
+        TrocarError: either failed
+    """
+    with _serving(transport, "--rig", rig, "--rate", f"{rate_hz:g}") as server:
+        return _listened(transport, server, rate_hz, topics, duration_s)
+
+
+def _listened(
+    transport: str, server: Served, rate_hz: float, topics: Sequence[str], duration_s: float
+) -> Arrivals:
+    heard = _told("listen", transport, server.address, f"{duration_s:g}", *topics)
+    return _arrivals(heard, rate_hz)
+
+
+def _arrivals(heard: dict[str, list[list[int]]], rate_hz: float) -> Arrivals:
+    streams = [np.array(pair, dtype=np.int64).reshape(2, -1) for pair in heard.values()]
+    return together([arrivals(stamps, came, rate_hz) for stamps, came in streams])
+
+
+def _told(what: str, transport: str, *words: str) -> Any:
+    return _read(_started(what, transport, *words))
+
+
+def _started(what: str, transport: str, *words: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", MODULE, what, transport, *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **WAYS[transport].environment},
+    )
+
+
+def _read(process: subprocess.Popen[str]) -> Any:
+    out, _ = process.communicate()
+    if process.returncode != 0:
+        raise TrocarError(f"the subscriber ended with exit code {process.returncode}")
+    return json.loads(out)
+
+
+def _judged(name: str, runs: list[Arrivals]) -> list[Figure]:
+    late = _median(run.late_percent for run in runs)
+    return [
+        Figure(f"{name}: lost", max(run.lost for run in runs), "messages", 0.0),
+        Figure(f"{name}: late by more than 2 ms", late, "%", MOST_LATE_PERCENT),
+    ]
+
+
+def _median(values: Iterable[float]) -> float:
+    return float(statistics.median(values))

@@ -1,0 +1,100 @@
+"""The subscriber of `trocar bench interface`: a process of its own, which only notes arrivals.
+
+    python -m trocar.apps.benchmarks.listening listen websocket ws://127.0.0.1:9090 10 TOPIC...
+    python -m trocar.apps.benchmarks.listening answers websocket ws://127.0.0.1:9090 50
+
+print one JSON document: {"TOPIC": [[stamps in ns], [arrivals in ns]]}, or seconds. It uses
+nothing of the simulator's, so that what is measured is what another program would see.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
+
+from trocar.apps.benchmarks.peers import JOINTS, STATE, Peer
+
+#: After subscribing, until what comes counts: connections are made meanwhile. [s]
+SETTLE_S = 2.0
+#: A command's step, the rest before it, and the motion that counts: a hundred times what an arm at
+#: rest creeps. Source: our own choice. [rad, s, rad]
+STEP_RAD, REST_S, SEEN_RAD = 0.05, 0.2, 1e-6
+#: Nothing takes longer; a simulator that does not answer is an error. [s]
+PATIENCE_S = 30.0
+
+Heard = dict[str, tuple[list[int], list[int]]]
+
+
+def listen(peer: Peer, topics: Sequence[str], seconds: float) -> Heard:
+    """Note stamps and arrivals of topics."""
+    heard: Heard = {topic: ([], []) for topic in topics}
+    begin = time.monotonic_ns() + round((SETTLE_S) * 1e9)
+
+    def noting(stamps: list[int], arrivals: list[int]) -> Callable[[Any, int], None]:
+        def told(message: Any, arrived: int) -> None:
+            if arrived > begin:
+                stamps.append(peer.stamp(message))
+                arrivals.append(arrived)
+
+        return told
+
+    for topic in topics:
+        peer.hear(f"/{topic}", noting(*heard[topic]))
+    time.sleep(SETTLE_S + seconds)
+    return {topic: (list(a), list(b)) for topic, (a, b) in heard.items()}
+
+
+def answers(peer: Peer, count: int) -> list[float]:
+    """Command one joint of PSM1 and time how long it takes until it is seen to move [s]."""
+    newest: list[Sequence[float]] = []
+    homed, moved = threading.Event(), threading.Event()
+    rest = 0.0
+
+    def joints(message: Any, _: int) -> None:
+        position = peer.joints(message)
+        newest[:] = [position]
+        if abs(position[0] - rest) > SEEN_RAD:
+            moved.set()
+
+    peer.hear(STATE, lambda message, _: homed.set() if peer.homed(message) else None)
+    peer.hear(JOINTS, joints)
+    time.sleep(SETTLE_S)
+    for verb in ("enable", "home"):
+        peer.order(verb)
+    if not homed.wait(PATIENCE_S):
+        raise TimeoutError("PSM1 did not come home")
+    time.sleep(SETTLE_S)
+    took: list[float] = []
+    for k in range(count):
+        time.sleep(REST_S)
+        goal = [*newest[0]]
+        rest = goal[0]
+        goal[0] += STEP_RAD if k % 2 else -STEP_RAD
+        moved.clear()
+        asked = time.monotonic()
+        peer.servo(goal)
+        if not moved.wait(PATIENCE_S):
+            raise TimeoutError("PSM1 did not move")
+        took.append(time.monotonic() - asked)
+    return took
+
+
+def main(words: Sequence[str]) -> None:
+    """Do what the command line says, and print what was heard or how long answers took."""
+    what, transport, address, much, *topics = words
+    peer: Peer = import_module(f"trocar.apps.benchmarks.{transport}_peer").Program(address)
+    if what == "listen":
+        said = json.dumps(listen(peer, topics, float(much)))
+    else:
+        said = json.dumps(answers(peer, int(much)))
+    sys.stdout.write(said)
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

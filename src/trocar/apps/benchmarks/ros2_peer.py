@@ -1,0 +1,57 @@
+"""A participant of Cyclone DDS."""
+
+# pyright: reportArgumentType=false
+# The wheel's `sequence` says nothing of being a list, which its values are.
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from cyclonedds.domain import DomainParticipant
+
+from trocar.apps.benchmarks import ros2_types as types
+from trocar.apps.benchmarks.peers import ORDER, SERVO
+
+
+class Program:
+    """A participant of Cyclone DDS that takes messages through the wheel's typed classes."""
+
+    def __init__(self, address: str) -> None:  # noqa: ARG002  the domain is in the environment
+        domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+        self._participant = DomainParticipant(domain)
+        self._servo = types.writer(self._participant, SERVO, types.JointState)
+        self._order = types.writer(self._participant, ORDER, types.StringStamped)
+
+    def hear(self, topic: str, told: Callable[[Any, int], None]) -> None:
+        """As `Peer`; messages are the typed classes."""
+        reader = types.reader(self._participant, topic)
+
+        def listen() -> None:
+            for message in reader.take_iter():
+                told(message, time.monotonic_ns())
+
+        threading.Thread(target=listen, daemon=True).start()
+
+    def stamp(self, message: Any) -> int:
+        """As `Peer`."""
+        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+    def joints(self, message: Any) -> Sequence[float]:
+        """As `Peer`."""
+        return message.position
+
+    def homed(self, message: Any) -> bool:
+        """As `Peer`."""
+        return message.is_homed
+
+    def order(self, verb: str) -> None:
+        """As `Peer`."""
+        self._order.write(types.StringStamped(types.header(), verb))
+
+    def servo(self, position: Sequence[float]) -> None:
+        """As `Peer`."""
+        self._servo.write(types.JointState(types.header(), [], list(position), [], []))

@@ -1,0 +1,83 @@
+"""Lost and late are judged against a schedule that nothing shifts, by what a subscriber saw."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.apps.benchmarks.arrivals import arrivals, together
+from trocar.apps.benchmarks.interface import busy_rig, interface, observed
+from trocar.errors import UnknownNameError
+from trocar.simulation import World
+
+RATE = 200.0
+PERIOD = 5_000_000
+RNG = np.random.default_rng(6)
+
+
+def schedule(count: int = 1000) -> np.ndarray:
+    return 1_700_000_000_000_000_000 + PERIOD * np.arange(count, dtype=np.int64)
+
+
+def test_a_constant_delay_is_no_lateness() -> None:
+    stamps = schedule()
+    seen = arrivals(stamps, stamps + 40_000_000, RATE)
+    assert (seen.received, seen.lost, seen.late) == (1000, 0, 0)
+    assert seen.factor == pytest.approx(1.0) and seen.worst_s == pytest.approx(0.0)
+
+
+def test_what_comes_more_than_two_milliseconds_behind_is_late() -> None:
+    stamps = schedule()
+    behind = np.zeros(1000, dtype=np.int64)
+    behind[100:110], behind[200] = 2_100_000, 1_900_000
+    seen = arrivals(stamps, stamps + behind, RATE)
+    assert seen.late == 10 and seen.worst_s == pytest.approx(2.1e-3)
+    assert seen.late_percent == pytest.approx(1.0)
+
+
+def test_a_delay_that_grows_is_lateness_and_a_factor_below_one() -> None:
+    stamps = schedule()
+    seen = arrivals(stamps, stamps + np.arange(1000) * 50_000, RATE)
+    assert seen.late > 900 and seen.factor == pytest.approx(1 / 1.01)
+
+
+def test_what_never_came_is_counted_wherever_it_is_missing() -> None:
+    stamps = schedule()
+    keep = np.ones(1000, dtype=bool)
+    keep[RNG.choice(np.arange(1, 999), 37, replace=False)] = False
+    assert arrivals(stamps[keep], stamps[keep], RATE).lost == 37
+
+
+def test_stamps_of_whole_ticks_are_told_apart_at_220_hertz() -> None:
+    due = np.arange(2200) / 220.0
+    stamps = (np.ceil(due * 1000 - 1e-6) * 1_000_000).astype(np.int64)
+    seen = arrivals(stamps, stamps, 220.0)
+    assert (seen.lost, seen.late) == (0, 0)
+
+
+def test_streams_add_up_and_a_silent_one_is_seen() -> None:
+    stamps = schedule()
+    some = arrivals(stamps, stamps, RATE)
+    none = arrivals(stamps[:0], stamps[:0], RATE)
+    both = together([some, none])
+    assert both.received == 1000 and both.factor == 0.0
+
+
+def test_a_subscriber_in_another_process_sees_a_running_simulator() -> None:
+    seen = observed("websocket", "psm", 50.0, ["PSM1/measured_js", "PSM1/measured_cp"], 1.0)
+    assert seen.received > 20 and seen.factor > 0.0
+
+
+def test_a_transport_that_is_none_is_refused() -> None:
+    with pytest.raises(UnknownNameError, match="websocket, ros1"):
+        interface(["pigeon"])
+
+
+def test_the_rig_has_six_arms_to_listen_to_and_twenty_objects_at_rest(tmp_path) -> None:
+    world = World(busy_rig(str(tmp_path)))
+    assert {"PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR"} <= set(world.arms)
+    before = [world.object(name).measured_cp().T[:3, 3] for name in world.objects]
+    world.step(300)
+    after = [world.object(name).measured_cp().T[:3, 3] for name in world.objects]
+    assert len(before) == 20
+    np.testing.assert_allclose(after, before, atol=1e-4)

@@ -177,8 +177,8 @@ def drive(participant: DomainParticipant) -> None:
         participant, Topic(participant, "rt/PSM1/measured_js", JointState), VOLATILE
     )
     say(ready=True)
-    ends = (state.get_matched_publications, orders.get_matched_subscriptions)
-    until(lambda: all(end() for end in (*ends, moves.get_matched_subscriptions)))
+    until(lambda: bool(orders.get_matched_subscriptions() and moves.get_matched_subscriptions()))
+    until(lambda: bool(state.take(100)))  # it comes each second; the simulator knows us by then
     goal = [0.2, -0.1, 0.11, 0.3, 0.0, 0.0]
     for order in ("disable", "unhome", "enable", "home"):
         orders.write(StringStamped(header(), order))

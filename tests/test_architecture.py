@@ -54,6 +54,7 @@ HOMES = {
     "rosgraph": ("interfaces/crtk/transports/ros1",),
     "genpy": ("interfaces/crtk/transports/ros1",),
     "cyclonedds": ("interfaces/crtk/transports/ros2", "apps/benchmarks"),
+    "foxglove": ("interfaces/crtk/transports/foxglove",),
     "moderngl": ("rendering",),
     "mcap": ("simulation/recording",),
     "zstandard": ("simulation/recording",),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 PORT = 8080
 WEBSOCKET_PORT = 9090
+FOXGLOVE_PORT = 8765
 TOKEN_VARIABLE = "TROCAR_TOKEN"
 SWITCH_S = 0.0005
 """How long one thread may keep the others waiting [s]. Source: our own choice, half a tick."""
@@ -63,7 +64,26 @@ def add_serving(parser: ArgumentParser) -> None:
     sockets.add_argument(
         "--ros2", action="store_true", help="speak ROS 2, without it (extra ros2; DDS has no token)"
     )
+    _add_foxglove(sockets)
     _add_rates(sockets)
+
+
+def _add_foxglove(sockets: Adds) -> None:
+    sockets.add_argument(
+        "--foxglove", action="store_true", help="a live view in Foxglove (extra foxglove)"
+    )
+    sockets.add_argument(
+        "--foxglove-port",
+        type=int,
+        default=FOXGLOVE_PORT,
+        metavar="N",
+        help=f"default: {FOXGLOVE_PORT}; 0: any",
+    )
+    sockets.add_argument(
+        "--foxglove-record",
+        metavar="FILE",
+        help="--foxglove, and every topic written to a new MCAP file",
+    )
 
 
 def _add_rates(sockets: Adds) -> None:
@@ -125,6 +145,10 @@ def _transports(args: Namespace) -> list[Transport]:
         from trocar.interfaces.crtk.transports.ros1 import Ros1Transport
 
         found.append(Ros1Transport())
+    if args.foxglove or args.foxglove_record is not None:
+        from trocar.interfaces.crtk.transports.foxglove import FoxgloveTransport
+
+        found.append(FoxgloveTransport(args.foxglove_port, args.foxglove_record))
     return found
 
 

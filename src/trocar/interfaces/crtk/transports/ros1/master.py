@@ -15,7 +15,7 @@ from trocar.errors import InputError, TrocarError
 DEFAULT_URI = "http://localhost:11311"
 """Where a master is when nothing says so. Source: rosgraph.rosenv, DEFAULT_MASTER_URI."""
 
-PATIENCE_S = 2.0
+PATIENCE_S = 5.0
 """How long a master may take to answer [s]. Source: our own choice; it takes milliseconds."""
 
 LOOPBACK = ("localhost", "127.", "::1")

@@ -36,7 +36,7 @@ GONE = (
     " are connected"
 )
 
-FAREWELL_S = 3.0
+FAREWELL_S = 10.0
 """How long unregistering may take [s]. Source: our own choice; it takes tenths of a second."""
 
 
@@ -204,6 +204,7 @@ class Ros1Transport:
                 listeners.notify_added(name, described, kind)
 
     def _part(self) -> None:
+        self._watcher.join()  # it may be setting parameters
         with suppress(TrocarError):
             self._parameters.forget()
         self._ros.rospy.signal_shutdown("the simulation has ended")

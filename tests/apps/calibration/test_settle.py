@@ -55,6 +55,16 @@ def test_closed_lengths_of_worn_robots_are_as_near_as_measured_ones(name: str, s
         assert abs(error) < 3.2 * found.axis_distances[label].sigma, label
 
 
+@pytest.mark.parametrize(("name", "seed"), [("psm", 1), ("ecm", 1)])
+def test_measured_lengths_to_pins_that_slide_are_within_their_deviations(
+    name: str, seed: int
+) -> None:
+    found, truth = found_of(name, seed), made(name, seed, WHITE).truth["axis_distances_m"]
+    for label, wanted in truth.items():
+        value = found.axis_distances[label]
+        assert abs(value.value - wanted) < 3.2 * value.sigma < 1.5e-4, label
+
+
 @pytest.mark.parametrize(("name", "seed"), WORN)
 def test_the_calibrated_twin_moves_as_the_worn_robot_does(name: str, seed: int) -> None:
     exact, robot = made(name, seed, Noise()), found_of(name, seed).refined.robot

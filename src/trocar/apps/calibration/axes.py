@@ -92,9 +92,19 @@ def _noise(fits: Mapping[str, HingeFit]) -> tuple[float, float]:
 
 
 def measure_axes(
-    tracks: Tracks, linkage: Linkage, watch: Callable[[str], None] = lambda _: None
+    tracks: Tracks,
+    linkage: Linkage,
+    watch: Callable[[str], None] = lambda _: None,
+    *,
+    sliding: bool = False,
 ) -> Axes:
     """Find every axis whose two bodies are in the tracks.
+
+    Args:
+        tracks: a sweep of the joints that move the loops
+        linkage: the loops
+        watch: is told what is being done
+        sliding: whether the pins that close the loops may slide, as axes that lean make them
 
     Raises:
         InputError: bodies that are never seen together, a sweep too small to fix an axis, or
@@ -104,7 +114,7 @@ def measure_axes(
     for hinge in linkage.hinges:
         if hinge.body_a in tracks.poses and hinge.body_b in tracks.poses:
             watch(f"axis {hinge.label}")
-            fits[hinge.name] = _fit(tracks, hinge)
+            fits[hinge.name] = _fit(tracks, hinge, sliding and hinge.closure)
     if not fits:
         raise InputError(
             f"{tracks.file}: no two bodies that share a hinge; found: "
@@ -123,10 +133,10 @@ def measure_axes(
     return Axes(linkage, fits, _signs(linkage, fits), warnings)
 
 
-def _fit(tracks: Tracks, hinge: Hinge) -> HingeFit:
+def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
     check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
-    fit = fit_hinge(poses)
+    fit = fit_hinge(poses, slides=slides)
     if fit.span < LEAST_SPAN:
         raise InputError(
             f"{tracks.file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"

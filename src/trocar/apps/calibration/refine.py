@@ -33,7 +33,7 @@ from trocar.geometry import inverse
 
 Array = NDArray[np.float64]
 
-#: Source: our own choice; four or five do under noise, tracks without it take up to twelve.
+#: Source: our own choice; four or five do under noise, tracks without it up to eighteen.
 ROUNDS = 20
 #: A step that does not make chi-squared less is halved so many times. Source: our own choice; what
 #: is left of it then is less than a hundredth of a standard deviation.

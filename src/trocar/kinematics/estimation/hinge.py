@@ -64,6 +64,7 @@ class HingeFit:
             over the samples of (grad f . influence)^2
         outliers: samples that were tracked but far off, and not used
         before, after: T_ab(angle) = before @ Rz(angle) @ after, (4, 4) each
+        slides: whether b shifted along the axis besides, by as much as each sample says
     """
 
     point_a: Array
@@ -83,6 +84,7 @@ class HingeFit:
     outliers: int
     before: Array
     after: Array
+    slides: bool = False
 
     @property
     def in_a(self) -> Axis:
@@ -100,6 +102,7 @@ def fit_hinge(
     *,
     position_sigma: float | None = None,
     rotation_sigma: float | None = None,
+    slides: bool = False,
 ) -> HingeFit:
     """Find the axis about which one body turns in another.
 
@@ -110,6 +113,8 @@ def fit_hinge(
         T_ab: poses of b in a, (n, 4, 4); NaN where either was not tracked
         position_sigma: noise of each body's position, per axis [m]; estimated when omitted
         rotation_sigma: noise of each body's rotation, per axis [rad]; estimated when omitted
+        slides: whether b may shift along the axis as it turns, as a pin does that closes a loop
+            of axes that lean. Positions along the axis then say nothing of its direction
 
     Returns:
         the axis in both frames; its `span` and `condition` tell whether it can be trusted
@@ -120,8 +125,8 @@ def fit_hinge(
     T, tracked = check_poses(T_ab)
     model, used = _start(T[tracked])
     given = (position_sigma, rotation_sigma)
-    model, used, sigmas, linear = _maximum_likelihood(model, T[tracked], used, given)
-    return _result(model, T[tracked], linear, used, tracked, sigmas[1])
+    model, used, sigmas, linear = _maximum_likelihood(model, T[tracked], used, given, slides)
+    return _result(model, T[tracked], linear, used, tracked, sigmas[1], slides)
 
 
 def check_poses(T_ab: ArrayLike) -> tuple[Array, Mask]:
@@ -176,38 +181,45 @@ def _frame(point: Array, z: Array) -> Array:
 
 
 def _maximum_likelihood(
-    model: HingeModel, T: Array, used: Mask, given: tuple[float | None, float | None]
+    model: HingeModel,
+    T: Array,
+    used: Mask,
+    given: tuple[float | None, float | None],
+    slides: bool,
 ) -> tuple[HingeModel, Mask, tuple[float, float], Normal]:
     """Iterate model, noise and choice of samples until they agree."""
-    sigmas = _sigmas(residuals(model, T), used, given)
+    sigmas = _sigmas(residuals(model, T), used, given, slides)
     for _ in range(_ROUNDS):
-        model = _descend(model, T, used, sigmas)
+        model = _descend(model, T, used, sigmas, slides)
         found = residuals(model, T, sigmas[1])
-        sigmas = _sigmas(found, used, given)
-        estimated = noise(found, used)
-        far = normal(model, found, estimated).r
+        sigmas = _sigmas(found, used, given, slides)
+        estimated = noise(found, used, slides)
+        far = normal(model, found, estimated, slides).r
         chosen = np.einsum("ki,ki->k", far, far) < _FAR_SQUARED
         if (chosen == used).all():
             break
         used = chosen
-    model = _centred(_descend(model, T, used, sigmas))
-    return model, used, sigmas, normal(model, residuals(model, T, sigmas[1]), sigmas)
+    model = _centred(_descend(model, T, used, sigmas, slides))
+    found = residuals(model, T, sigmas[1])
+    return model, used, sigmas, normal(model, found, sigmas, slides)
 
 
 def _sigmas(
-    found: Residuals, used: Mask, given: tuple[float | None, float | None]
+    found: Residuals, used: Mask, given: tuple[float | None, float | None], slides: bool
 ) -> tuple[float, float]:
-    estimated = noise(found, used)
+    estimated = noise(found, used, slides)
     position, rotation = (
         e if g is None else max(g, LEAST_SIGMA) for e, g in zip(estimated, given, strict=True)
     )
     return position, rotation
 
 
-def _descend(model: HingeModel, T: Array, used: Mask, sigmas: tuple[float, float]) -> HingeModel:
+def _descend(
+    model: HingeModel, T: Array, used: Mask, sigmas: tuple[float, float], slides: bool
+) -> HingeModel:
     """Take Gauss-Newton steps until they are rounding."""
     for _ in range(_STEPS):
-        linear = normal(model, residuals(model, T, sigmas[1]), sigmas)
+        linear = normal(model, residuals(model, T, sigmas[1]), sigmas, slides)
         step, _ = linear.step(used)
         model = model.moved(step, linear.turn + linear.turn_by @ step)
         if np.abs(step).max() < 1e-13:
@@ -223,11 +235,17 @@ def _centred(model: HingeModel) -> HingeModel:
 
 
 def _result(
-    model: HingeModel, T: Array, linear: Normal, used: Mask, tracked: Mask, sigma: float
+    model: HingeModel,
+    T: Array,
+    linear: Normal,
+    used: Mask,
+    tracked: Mask,
+    sigma: float,
+    slides: bool,
 ) -> HingeFit:
     """Gather what a fit of the tracked samples has found."""
     found = residuals(model, T, sigma)
-    position, rotation = noise(found, used)
+    position, rotation = noise(found, used, slides)
     _, inverse_matrix = linear.step(used)
     effect: Array = -np.einsum("kij,ki->kj", linear.C, linear.r) @ inverse_matrix * used[:, None]
     influence_a, influence_b = _influences(model, effect)
@@ -250,6 +268,7 @@ def _result(
         outliers=int((~used).sum()),
         before=model.before,
         after=model.after,
+        slides=slides,
     )
 
 
@@ -286,7 +305,8 @@ def moved_fit(
     """
     angles = fit.angles[fit.used]
     model = HingeModel(fit.before, fit.after, angles).moved(influence.sum(axis=0), 0.0 * angles)
-    turn = normal(model, residuals(model, T_ab[fit.used], sigmas[1]), sigmas).turn
+    found = residuals(model, T_ab[fit.used], sigmas[1])
+    turn = normal(model, found, sigmas, fit.slides).turn
     influence_a, influence_b = _influences(model, influence)
     return replace(
         fit,

@@ -124,17 +124,22 @@ class Normal:
     def step(self, used: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return the Gauss-Newton step, (9,), and the matrix that made it, (9, 9)."""
         C = self.C[used].reshape(-1, FREE)
-        inverse = np.asarray(np.linalg.inv(C.T @ C), dtype=np.float64)
+        square = C.T @ C
+        square[np.diag_indices(FREE)] += np.diag(square) == 0.0  # what counts for nothing stays
+        inverse = np.asarray(np.linalg.inv(square), dtype=np.float64)
         return -inverse @ (C.T @ self.r[used].reshape(-1)), inverse
 
 
-def normal(model: HingeModel, found: Residuals, sigmas: tuple[float, float]) -> Normal:
+def normal(
+    model: HingeModel, found: Residuals, sigmas: tuple[float, float], slides: bool = False
+) -> Normal:
     """Linearise the likelihood about a model.
 
     Args:
         model: where
         found: its residuals
         sigmas: noise of each body's position [m] and rotation [rad]
+        slides: whether each sample has a slide along the axis of its own, besides its angle
     """
     n = len(model.theta)
     x, y, z = np.eye(3)
@@ -151,12 +156,22 @@ def normal(model: HingeModel, found: Residuals, sigmas: tuple[float, float]) -> 
     full[:, :3, FREE + 1], full[:, 3:, FREE + 1] = found.y, found.eps
     full = _whitened(full, found.p, sigmas)
 
-    own = full[..., FREE]
-    square = np.einsum("ki,ki->k", own, own)
-    others = np.delete(full, FREE, axis=2)
-    along = np.einsum("ki,kij->kj", own, others) / square[:, None]
-    others -= own[..., None] * along[:, None, :]
+    if slides:
+        full, _ = _without(full, full[..., 2].copy())
+        full[..., 2] = 0.0
+    others, along = _without(np.delete(full, FREE, axis=2), full[..., FREE])
     return Normal(others[..., FREE], others[..., :FREE], -along[:, FREE], -along[:, :FREE])
+
+
+def _without(columns: Array, own: Array) -> tuple[Array, Array]:
+    """Return columns, (n, 6, m), less what lies along one of a sample's own, (n, 6); and how much.
+
+    Returns:
+        what is left, (n, 6, m), and the shares of `own` that were taken, (n, m)
+    """
+    square = np.einsum("ki,ki->k", own, own)
+    along = np.einsum("ki,kij->kj", own, columns) / square[:, None]
+    return columns - own[..., None] * along[:, None, :], along
 
 
 def _whitened(columns: Array, p: Array, sigmas: tuple[float, float]) -> Array:
@@ -178,12 +193,13 @@ def _deviations(p: Array, sigmas: tuple[float, float]) -> tuple[Array, Array, fl
     return np.full(len(p), np.sqrt(square)), np.sqrt(square + lever), np.sqrt(2.0) * sigmas[1]
 
 
-def noise(found: Residuals, used: NDArray[np.bool_]) -> tuple[float, float]:
+def noise(found: Residuals, used: NDArray[np.bool_], slides: bool = False) -> tuple[float, float]:
     """Estimate the noise of each body's pose from what its own angle cannot explain.
 
     Args:
         found: residuals at the solution
         used: which samples count, (n,)
+        slides: whether each sample has a slide along the axis of its own
 
     Returns:
         standard deviations of position [m] and rotation [rad], per axis and per body
@@ -193,10 +209,11 @@ def noise(found: Residuals, used: NDArray[np.bool_]) -> tuple[float, float]:
     # Two directions that the sample's own angle does not move: along the axis and along the lever.
     radial = lever * [1.0, 1.0, 0.0]
     radial /= np.maximum(np.linalg.norm(radial, axis=1), np.finfo(float).tiny)[:, None]
-    along = np.concatenate([y[:, 2], np.einsum("ki,ki->k", y, radial)])
-    part = np.concatenate([p[:, 2], np.einsum("ki,ki->k", p, radial)])
+    first = 1 if slides else 0  # the slide is along the first
+    along = np.concatenate([y[:, 2], np.einsum("ki,ki->k", y, radial)][first:])
+    part = np.concatenate([p[:, 2], np.einsum("ki,ki->k", p, radial)][first:])
     square = np.einsum("ki,ki->k", p, p)
-    turned = 0.5 * rotation**2 * (np.concatenate([square, square]) - part**2)
+    turned = 0.5 * rotation**2 * (np.concatenate([square, square][first:]) - part**2)
     least = max(1e-3 * float(np.mean(turned)), 2.0 * LEAST_SIGMA**2)
     position = max(float(np.mean(along**2)), least)
     for _ in range(20):

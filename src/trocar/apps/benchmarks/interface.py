@@ -221,8 +221,8 @@ def _listened(
     return _arrivals(heard, rate_hz)
 
 
-def _arrivals(heard: dict[str, list[list[int]]], rate_hz: float) -> Arrivals:
-    streams = [np.array(pair, dtype=np.int64).reshape(2, -1) for pair in heard.values()]
+def _arrivals(heard: dict[str, list[tuple[int, int]]], rate_hz: float) -> Arrivals:
+    streams = [np.array(pairs, dtype=np.int64).reshape(-1, 2).T for pairs in heard.values()]
     return together([arrivals(stamps, came, rate_hz) for stamps, came in streams])
 
 

@@ -3,7 +3,7 @@
     python -m trocar.apps.benchmarks.listening listen websocket ws://127.0.0.1:9090 10 TOPIC...
     python -m trocar.apps.benchmarks.listening answers websocket ws://127.0.0.1:9090 50
 
-print one JSON document: {"TOPIC": [[stamps in ns], [arrivals in ns]]}, or seconds. It uses
+print one JSON document: {"TOPIC": [[stamp in ns, arrival in ns], ...]}, or seconds. It uses
 nothing of the simulator's, so that what is measured is what another program would see.
 """
 
@@ -13,7 +13,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
@@ -27,26 +27,24 @@ STEP_RAD, REST_S, SEEN_RAD = 0.05, 0.2, 1e-6
 #: Nothing takes longer; a simulator that does not answer is an error. [s]
 PATIENCE_S = 30.0
 
-Heard = dict[str, tuple[list[int], list[int]]]
+Heard = dict[str, list[tuple[int, int]]]
 
 
 def listen(peer: Peer, topics: Sequence[str], seconds: float) -> Heard:
     """Note stamps and arrivals of topics."""
-    heard: Heard = {topic: ([], []) for topic in topics}
-    begin = time.monotonic_ns() + round((SETTLE_S) * 1e9)
+    noted: list[tuple[str, Any, int]] = []
+    begin = time.monotonic_ns() + round(SETTLE_S * 1e9)
 
-    def noting(stamps: list[int], arrivals: list[int]) -> Callable[[Any, int], None]:
-        def told(message: Any, arrived: int) -> None:
-            if arrived > begin:
-                stamps.append(peer.stamp(message))
-                arrivals.append(arrived)
+    def told(topic: str, message: Any, arrived: int) -> None:
+        if arrived > begin:
+            noted.append((topic, message, arrived))
 
-        return told
-
-    for topic in topics:
-        peer.hear(f"/{topic}", noting(*heard[topic]))
+    peer.hear([f"/{topic}" for topic in topics], told)
     time.sleep(SETTLE_S + seconds)
-    return {topic: (list(a), list(b)) for topic, (a, b) in heard.items()}
+    heard: Heard = {topic: [] for topic in topics}
+    for topic, message, arrived in list(noted):
+        heard[topic.removeprefix("/")].append((peer.stamp(message), arrived))
+    return heard
 
 
 def answers(peer: Peer, count: int) -> list[float]:
@@ -55,14 +53,17 @@ def answers(peer: Peer, count: int) -> list[float]:
     homed, moved = threading.Event(), threading.Event()
     rest = 0.0
 
-    def joints(message: Any, _: int) -> None:
+    def told(topic: str, message: Any, _: int) -> None:
+        if topic == STATE:
+            if peer.homed(message):
+                homed.set()
+            return
         position = peer.joints(message)
         newest[:] = [position]
         if abs(position[0] - rest) > SEEN_RAD:
             moved.set()
 
-    peer.hear(STATE, lambda message, _: homed.set() if peer.homed(message) else None)
-    peer.hear(JOINTS, joints)
+    peer.hear([STATE, JOINTS], told)
     time.sleep(SETTLE_S)
     for verb in ("enable", "home"):
         peer.order(verb)

@@ -10,11 +10,15 @@ STATE, JOINTS, ORDER, SERVO = (
 )
 
 
+#: Takes a topic, a message and when it arrived [ns].
+Told = Callable[[str, Any, int], None]
+
+
 class Peer(Protocol):
     """A program on the other side of a transport."""
 
-    def hear(self, topic: str, told: Callable[[Any, int], None]) -> None:
-        """Call `told` with each message, in whatever form, and when it arrived [ns]."""
+    def hear(self, topics: Sequence[str], told: Told) -> None:
+        """Call `told` with each topic's messages, in whatever form, and when they arrived [ns]."""
         ...
 
     def stamp(self, message: Any) -> int:

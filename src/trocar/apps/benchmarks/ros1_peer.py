@@ -12,7 +12,7 @@ from typing import Any
 import rospy
 from sensor_msgs.msg import JointState
 
-from trocar.apps.benchmarks.peers import SERVO
+from trocar.apps.benchmarks.peers import SERVO, Told
 
 
 class Program:
@@ -27,14 +27,14 @@ class Program:
         self._rospy.init_node("listener", anonymous=True, disable_signals=True)
         self._servo: Any = self._rospy.Publisher(SERVO, JointState, queue_size=1, tcp_nodelay=True)
 
-    def hear(self, topic: str, told: Callable[[Any, int], None]) -> None:
-        """As `Peer`; messages are rospy's AnyMsg."""
-        self._rospy.Subscriber(
-            topic,
-            self._rospy.AnyMsg,
-            lambda message: told(message._buff, time.monotonic_ns()),
-            tcp_nodelay=True,
-        )
+    def hear(self, topics: Sequence[str], told: Told) -> None:
+        """As `Peer`; messages are bytes: only what is asked for is read."""
+
+        def hearing(topic: str) -> Callable[[Any], None]:
+            return lambda message: told(topic, message._buff, time.monotonic_ns())
+
+        for topic in topics:
+            rospy.Subscriber(topic, rospy.AnyMsg, hearing(topic), tcp_nodelay=True)
 
     def stamp(self, message: Any) -> int:
         """As `Peer`."""

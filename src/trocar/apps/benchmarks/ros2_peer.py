@@ -8,13 +8,18 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
+from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import DomainParticipant
+from cyclonedds.util import duration
 
 from trocar.apps.benchmarks import ros2_types as types
-from trocar.apps.benchmarks.peers import ORDER, SERVO
+from trocar.apps.benchmarks.peers import ORDER, SERVO, Told
+
+ANY = SampleState.Any | ViewState.Any | InstanceState.Any
+FOREVER = duration(infinite=True)
 
 
 class Program:
@@ -26,13 +31,18 @@ class Program:
         self._servo = types.writer(self._participant, SERVO, types.JointState)
         self._order = types.writer(self._participant, ORDER, types.StringStamped)
 
-    def hear(self, topic: str, told: Callable[[Any, int], None]) -> None:
+    def hear(self, topics: Sequence[str], told: Told) -> None:
         """As `Peer`; messages are the typed classes."""
-        reader = types.reader(self._participant, topic)
+        readers = {topic: types.reader(self._participant, topic) for topic in topics}
+        waiting = WaitSet(self._participant)
+        for reader in readers.values():
+            waiting.attach(ReadCondition(reader, ANY))
 
         def listen() -> None:
-            for message in reader.take_iter():
-                told(message, time.monotonic_ns())
+            while waiting.wait(FOREVER):
+                for topic, reader in readers.items():
+                    for message in reader.take(N=64):
+                        told(topic, message, time.monotonic_ns())
 
         threading.Thread(target=listen, daemon=True).start()
 

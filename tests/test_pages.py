@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import re
+import socket
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from trocar.apps.benchmarks.served import served
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
 from trocar.descriptions.sensors import KINDS
@@ -23,17 +27,36 @@ def text(page: str) -> str:
 
 @pytest.mark.parametrize(
     "page",
-    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8")],
+    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8") and p.stem != "ros"],
     ids=lambda p: p.stem,
 )
 def test_the_python_of_a_page_runs_from_top_to_bottom(
     page: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    blocks = re.findall(r"^```python\n(.*?)^```$", text(page.name), re.DOTALL | re.MULTILINE)
+    blocks = python(page.name)
     names: dict[str, object] = {}
     for number, block in enumerate(blocks):
         exec(compile(block, f"{page.name}, block {number}", "exec"), names)
     capsys.readouterr()
+
+
+def python(page: str) -> list[str]:
+    return re.findall(r"^```python\n(.*?)^```$", text(page), re.DOTALL | re.MULTILINE)
+
+
+def test_the_client_on_the_page_about_ros_talks_to_a_simulator() -> None:
+    pytest.importorskip("roslibpy", reason="the extra `clients` is not there")
+    with socket.socket() as probe:
+        if probe.connect_ex(("127.0.0.1", 9090)) == 0:
+            pytest.skip("something else listens on port 9090, which the page names")
+    with served(["--no-page", "--rig", "psm"], r"ws://\S+"):
+        done = subprocess.run(
+            [sys.executable, "-c", "\n".join(python("ros.md"))],
+            capture_output=True,
+            text=True,
+            timeout=60,
+        )
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_index_names_every_page() -> None:

@@ -127,7 +127,9 @@ def test_commands_are_not_written_to_and_not_kept():
 
 
 def test_unknown_names_list_the_known():
-    with pytest.raises(UnknownNameError, match="known: ecm, full_cart, full_cart_mtm, mtm, psm,"):
+    with pytest.raises(
+        UnknownNameError, match="known: ecm, full_cart, full_cart_mtm, mtm, pegs, psm,"
+    ):
         World("robot")
     world = World("psm")
     with pytest.raises(UnknownNameError, match=r"unknown arm 'PSM2'.*known: PSM1"):

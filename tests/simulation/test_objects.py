@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.replay.repeat import repeat
-from trocar.descriptions import load_rig, rig_with_blocks
+from trocar.descriptions import load_rig
 from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform
@@ -288,17 +288,3 @@ def test_an_exchange_of_a_tool_leaves_objects_where_they_are(world: World) -> No
     assert (world.object_states().positions[:, 2] < before.positions[:, 2]).all()
     world.object("one").set_cp(np.eye(4))
     assert np.array_equal(world.object("one").measured_cp().T, np.eye(4))
-
-
-def test_a_rig_has_as_many_blocks_beside_it_as_are_wanted() -> None:
-    world = World(rig_with_blocks(load_rig("psm"), 20))
-    assert len(world.objects) == 20
-    world.step(300)
-    before = world.object_states().positions
-    world.step(300)
-    assert np.abs(world.object_states().positions - before).max() < 1e-9
-    for count in (0, 401):
-        with pytest.raises(InputError, match=r"blocks: got .*allowed: a whole number from 1"):
-            rig_with_blocks(load_rig("psm"), count)
-    with pytest.raises(InputError, match="rig pegs has block1, block2, block3 already"):
-        rig_with_blocks(load_rig("pegs"), 3)

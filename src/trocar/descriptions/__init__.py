@@ -1,6 +1,5 @@
 """Which mechanism: arms, tools and rigs as frozen records read from TOML."""
 
-from trocar.descriptions.blocks import rig_with_blocks
 from trocar.descriptions.catalogue import load_arm, load_rig, load_tool, names
 from trocar.descriptions.mounting import fitting_tools, rig_with_tool
 from trocar.descriptions.records import ArmDescription, RigDescription
@@ -13,6 +12,5 @@ __all__ = [
     "load_rig",
     "load_tool",
     "names",
-    "rig_with_blocks",
     "rig_with_tool",
 ]

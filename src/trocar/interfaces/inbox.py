@@ -20,7 +20,7 @@ from trocar.interfaces.state import Question
 _log = logging.getLogger("trocar")
 
 CAPACITY = 64
-"""How many moves and states of an arm may wait. Source: our own choice; a tick lasts 5 ms."""
+"""How many moves and states of an arm may wait. Source: our own choice, many ticks of orders."""
 
 SUPERSEDING = {"servo_jp", "servo_jf", "servo_cp", "servo_cf", "servo_ci", "squeeze_to"}
 """Set-points of which only the newest counts; servo_jr and servo_cr add up, so each counts."""

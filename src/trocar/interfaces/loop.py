@@ -150,7 +150,7 @@ class Loop:
         """
         arm = getattr(command, "arm", None)
         if arm is not None and arm not in self._known:
-            raise UnknownNameError("arm", arm, self._world.arms)
+            raise UnknownNameError("arm", arm, sorted(self._known - {WORLD}))
         return self._inbox.post(command)
 
     def ask(self, question: Callable[[World], T]) -> Future[T]:

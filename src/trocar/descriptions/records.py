@@ -13,6 +13,7 @@ from trocar.descriptions.calibration_plan import CalibrationPlan
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.sensor_records import SensorDescription
+from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
@@ -261,6 +262,19 @@ class ArmDescription:
 
 
 @dataclass(frozen=True, eq=False)
+class BaseFrame:
+    """The frame that an arm's poses are told in, where the rig says so.
+
+    Attributes:
+        name: what messages call it
+        pose: the arm's own reference frame in it, (4, 4)
+    """
+
+    name: str
+    pose: Array
+
+
+@dataclass(frozen=True, eq=False)
 class RigArm:
     """An arm in a rig.
 
@@ -270,6 +284,7 @@ class RigArm:
         on: the arm that carries it, "" for the world
         frame: the frame of that arm that it is mounted on, "" for the world
         pose: T_mount_root, the arm's root in that frame (4, 4)
+        base_frame: what `measured_cp` is told in, None where that follows from the rig
     """
 
     name: str
@@ -277,6 +292,7 @@ class RigArm:
     on: str
     frame: str
     pose: Array
+    base_frame: BaseFrame | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,6 +342,7 @@ class RigDescription:
             then swing about the pose "test"
         display: the stereo display's pose in the world, (4, 4), None without a console
         sensors: what `World.sensor` reads, in the order of the file
+        teleops: which master moves which arm, in the order of the file
     """
 
     name: str
@@ -338,6 +355,7 @@ class RigDescription:
     test_share: float = 1.0
     display: Array | None = None
     sensors: tuple[SensorDescription, ...] = ()
+    teleops: tuple[TeleopDescription, ...] = ()
 
     @property
     def objects(self) -> tuple[Prop, ...]:

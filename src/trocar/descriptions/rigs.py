@@ -15,11 +15,13 @@ from trocar.descriptions.props import check_object_name, read_prop
 from trocar.descriptions.records import (
     DISPLAY,
     ArmDescription,
+    BaseFrame,
     RigArm,
     RigDescription,
 )
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.teleop import read_teleops
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 
@@ -56,13 +58,13 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     sensors = read_sensors(table.tables("sensor"), arms)
+    teleops = read_teleops(table.tables("teleop"), arms)
     share = _read_test_share(table)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
-    return RigDescription(
-        name, title, source, str(path), tuple(arms), props, poses, share, display, sensors
-    )
+    parts = (tuple(arms), props, poses, share, display, sensors, teleops)
+    return RigDescription(name, title, source, str(path), *parts)
 
 
 def _read_display(table: Table) -> Array | None:
@@ -105,9 +107,23 @@ def _read_arm(
     at = read_pose(row) @ inverse(root_place)
     if on == DISPLAY and display is not None:
         at = display @ at
+    base_frame = _read_base_frame(row)
     row.text("source", "")
     row.done()
-    return RigArm(name, arm, "" if carrier is None else on, frame, at)
+    return RigArm(name, arm, "" if carrier is None else on, frame, at, base_frame)
+
+
+def _read_base_frame(row: Table) -> BaseFrame | None:
+    """Return the frame that the arm's poses are told in, None where the rig says it."""
+    if "base_frame" not in row:
+        return None
+    table = row.table("base_frame")
+    name = table.text("name")
+    if not name:
+        raise table.fail("name", "got an empty text; allowed: a name")
+    found = BaseFrame(name, read_pose(table))
+    table.done()
+    return found
 
 
 def _names(table: Table, key: str) -> list[str]:

@@ -50,11 +50,13 @@ class Places:
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name.
 
-        A PSM's is the ECM's tip where the rig has an ECM, an ECM's the cart where setup joints
-        carry it, a master's the stereo display where the rig has one; else the arm's own, which is
-        the cart for setup joints.
+        It is what the rig says, else: a PSM's is the ECM's tip where the rig has an ECM, an ECM's
+        the cart where setup joints carry it, a master's the stereo display where the rig has one;
+        else the arm's own, which is the cart for setup joints.
         """
         arm = self._rig.arm(name)
+        if arm.base_frame is not None:
+            return arm.base_frame.pose.copy(), arm.base_frame.name
         scope = next((a.name for a in self._rig.arms if a.arm.type == "ECM"), None)
         if arm.arm.type == "PSM" and scope is not None:
             tip = self.reference_pose(scope) @ self._arms[scope].local_measured_cp().T

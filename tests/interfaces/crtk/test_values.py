@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from trocar.descriptions import names
+from trocar.descriptions.catalogue import DATA
 from trocar.geometry import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 
@@ -134,6 +137,20 @@ def test_a_base_frame_that_was_set_is_that_of_the_messages() -> None:
     message = served.last("PSM1/measured_cp")
     assert message["header"]["frame_id"] == "table"
     close(pose_of(message), T @ pose_of(served.last("PSM1/local/measured_cp")))
+
+
+def test_the_base_frame_of_a_rig_is_that_of_messages_and_verbs(tmp_path: Path) -> None:
+    text = (DATA / "rigs" / "two_psm_ecm.toml").read_text(encoding="utf-8")
+    told = 'base_frame = { name = "table", xyz_m = [1, 2, 3], rpy_deg = [0, 0, 90] }'
+    (tmp_path / "rig.toml").write_text(text.replace('"PSM1"\n', f'"PSM1"\n{told}\n', 1))
+    served = Served(str(tmp_path / "rig.toml"))
+    T = transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2.0, 3.0]))
+    served.run(0.05)
+    message, arm = served.last("PSM1/measured_cp"), served.world.arm("PSM1")
+    assert message["header"]["frame_id"] == arm.measured_cp().frame_id == "table"
+    close(pose_of(message), T @ pose_of(served.last("PSM1/local/measured_cp")))
+    close(arm.measured_cp().T, T @ arm.local_measured_cp().T)
+    assert served.last("PSM2/measured_cp")["header"]["frame_id"] == "ECM"
 
 
 def test_poses_of_a_calibrated_robot_are_its_own(skew_overlay, rng) -> None:

@@ -161,6 +161,8 @@ class ArmFigures:
     def _placed(self) -> tuple[Array, str]:
         """As `Places.base_pose` says."""
         kind, rig = self.arm.type, self._rig
+        if (told := self.rig_arm.base_frame) is not None:
+            return told.pose, told.name
         if kind == "PSM" and rig.scope is not None and rig.scope_in_world is not None:
             return _inverse(rig.scope_in_world) @ self.reference_in_world, rig.scope
         if kind == "ECM" and self.rig_arm.on:

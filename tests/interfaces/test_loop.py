@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from typing import Any
 
 import numpy as np
@@ -44,7 +45,7 @@ class FakeClock:
     def now(self) -> float:
         return self.time
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:  # noqa: ARG002
         self.sleeps.append(seconds)
         self.time += seconds
 
@@ -318,13 +319,59 @@ def test_nobody_waits_for_an_answer_from_a_loop_that_has_ended():
     assert loop.ask(lambda world: world.time).cancelled()
 
 
-def test_snapshots_are_published_at_a_monitors_rate_at_most():
+@pytest.mark.parametrize("read", [True, False])
+def test_snapshots_are_made_at_a_monitors_rate_at_most_and_only_for_readers(read: bool):
     clock = FakeClock()
     world = FakeWorld()
     looks: list[float] = []
     world.snapshot = lambda take=world.snapshot: (looks.append(clock.time), take())[1]
-    loop_of(world, clock).run(duration_s=1.0)
-    assert 40 <= len(looks) <= 63
+    loop = loop_of(world, clock)
+    step = world.step
+
+    def look(n: int = 1) -> None:
+        step(n)
+        _ = read and loop.state
+
+    world.step = look
+    loop.run(duration_s=1.0)
+    low, high = (40, 63) if read else (1, 20)  # a reader's interest lasts a quarter of a second
+    assert low <= len(looks) <= high
+
+
+def test_who_looks_again_after_a_while_sees_what_is_new():
+    loop = Loop(FakeWorld())  # pyright: ignore[reportArgumentType]
+    loop.start(duration_s=1.2)
+    time.sleep(0.6)
+    first = loop.latest.time
+    time.sleep(0.5)
+    assert loop.latest.time - first > 0.4
+    loop.close()
+
+
+def test_a_command_that_arrives_while_ticks_wait_meets_the_last_of_them():
+    met: list[int] = []
+    loop = loop_of(FakeWorld(), tick_s=0.001, on_apply=lambda tick, _: met.append(tick))
+    loop.tick(3)
+    loop.post(MoveJp("PSM1", GOAL))
+    loop.tick(4)
+    assert met == [6]
+
+
+def test_a_pace_waits_for_several_ticks_and_ends_the_wait_when_it_is_told():
+    clock, told = FakeClock(), threading.Event()
+    pace = Pace(clock, 0.001)
+    assert pace.wait() == 1
+    assert pace.wait(5) == 5
+    assert clock.time == pytest.approx(100.005)
+
+    def interrupted(seconds: float, until: threading.Event | None = None) -> None:
+        clock.time += seconds if until is None else 0.0022
+
+    clock.sleep = interrupted
+    assert pace.wait(5, told) == 2
+    assert pace.wait(5, told) == 2  # the next are due a tick after those
+    clock.time += 0.003
+    assert pace.wait(2, told) == 2  # late: at once, but no more than asked for
 
 
 def test_the_state_shows_the_real_time_factor():

@@ -127,3 +127,16 @@ def test_readers_and_the_wall_clock_leave_the_motion_bit_identical() -> None:
     assert np.array_equal(alone.positions, watched.positions)
     assert np.array_equal(alone.quaternions, watched.quaternions)
     assert np.array_equal(alone.arms["PSM1"].effort, watched.arms["PSM1"].effort)
+
+
+def test_ticks_that_are_due_together_make_the_motion_of_single_ones():
+    reached = []
+    for dues in ([1] * 300, [7, 5, 3] * 20):
+        world = World("psm")
+        loop = Loop(world, tick_s=0.001)
+        loop.post(MoveJp("PSM1", (0.2, -0.1, 0.1, 0.0, 0.0, 0.0)))
+        for due in (1, *dues):
+            loop.tick(due)
+        reached.append(world.arm("PSM1").measured_js().position)
+    assert np.array_equal(*reached)
+    assert reached[0][0] > 0.05

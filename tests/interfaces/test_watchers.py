@@ -20,6 +20,9 @@ class Onlooker:
     def ticked(self, elapsed: Elapsed) -> None:
         self.seen.append(elapsed)
 
+    def patience(self) -> int:
+        return 1
+
     def refused(self, command: Command, reason: str) -> None:
         self.refusals.append((command, reason))
 

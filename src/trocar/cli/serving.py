@@ -6,6 +6,7 @@ A transport is added in three places here: its option, `_transports`, and nothin
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from argparse import ArgumentParser, Namespace
@@ -28,7 +29,7 @@ PORT = 8080
 WEBSOCKET_PORT = 9090
 FOXGLOVE_PORT = 8765
 TOKEN_VARIABLE = "TROCAR_TOKEN"
-SWITCH_S = 0.0005
+SWITCH_S = 0.0001
 """How long one thread may keep the others waiting [s]. Source: our own choice, half a tick."""
 
 
@@ -126,6 +127,8 @@ def serve(world: World, args: Namespace) -> None:
             for transport in transports:
                 core.attach(transport)
             core.start()
+        gc.collect()
+        gc.freeze()  # going through all that was set up takes as long as thirty ticks
         _run(world, loop, args, transports)
 
 

@@ -41,6 +41,11 @@ SERVER_TICK_S = 0.001
 the period of the dVRK's own control loop, half of which it takes on average."""
 
 
+PATIENCE_S = 0.005
+"""Simulated time between two looks at commands and at the clock where nobody waits [s]: ticks in
+between follow each other at once. Source: our own choice, as TICK_S."""
+
+
 class WallClock:
     """The machine's monotonic clock."""
 
@@ -48,9 +53,14 @@ class WallClock:
         """Return seconds since some fixed moment."""
         return time.perf_counter()
 
-    def sleep(self, seconds: float) -> None:
-        """Return after about this many seconds."""
-        time.sleep(seconds)
+    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:
+        """Return after about this many seconds, or as soon as an event is set."""
+        if seconds <= 0.0:
+            return
+        if until is None:
+            time.sleep(seconds)
+        else:
+            until.wait(seconds)
 
 
 class Loop:
@@ -87,6 +97,8 @@ class Loop:
         self._on_apply = on_apply
         self._inbox = Inbox()
         self._pace = Pace(self._clock, tick_s)
+        self._longest = max(1, round(PATIENCE_S / tick_s))
+        self._posted = threading.Event()
         self._stopping = threading.Event()
         self._outcome: Future[None] | None = None
         self._paused = False
@@ -116,7 +128,7 @@ class Loop:
     @property
     def state(self) -> LoopState:
         """The newest state; a frozen record that never changes afterwards."""
-        return self._publisher.state
+        return self._publisher.read()
 
     @property
     def latest(self) -> Snapshot:
@@ -126,7 +138,7 @@ class Loop:
     @property
     def real_time_factor(self) -> float:
         """Simulated seconds per second over the last two seconds."""
-        return self.state.real_time_factor
+        return self._publisher.real_time_factor
 
     @property
     def running(self) -> bool:
@@ -151,7 +163,9 @@ class Loop:
         arm = getattr(command, "arm", None)
         if arm is not None and arm not in self._known:
             raise UnknownNameError("arm", arm, sorted(self._known - {WORLD}))
-        return self._inbox.post(command)
+        accepted = self._inbox.post(command)
+        self._posted.set()
+        return accepted
 
     def ask(self, question: Callable[[World], T]) -> Future[T]:
         """Let the loop answer a question about the world at the next tick boundary.
@@ -167,6 +181,7 @@ class Loop:
             answer.cancel()
         elif not self._inbox.post(Question(question, answer)):
             answer.set_exception(InputError("too many commands wait already: ask again"))
+        self._posted.set()
         return answer
 
     def start(self, duration_s: float | None = None) -> None:
@@ -206,8 +221,8 @@ class Loop:
             motion: the move
             timeout_s: simulated time after which to give up [s]; None: never
         """
-        end = float("inf") if timeout_s is None else self.latest.time + timeout_s
-        while not motion.done and self.running and self.latest.time < end:
+        end = float("inf") if timeout_s is None else self._ticks + timeout_s / self._tick_s
+        while not motion.done and self.running and self._ticks < end:
             self._clock.sleep(self._tick_s)
         return motion.goal_reached
 
@@ -223,29 +238,44 @@ class Loop:
         """Run in the calling thread, for a simulated time or until stopped [s]."""
         last = None if duration_s is None else self._ticks + round(duration_s / self._tick_s)
         self._restart()
+        self._publisher.begin()
         self._world.waiter = self.wait_for
         try:
             while not self._stopping.is_set() and (last is None or self._ticks < last):
+                due = 1
                 if self._realtime or self._paused:
-                    self._pace.wait()
-                self.tick()
+                    due = self._pace.wait(self._patience(last), self._posted)
+                self.tick(due)
                 self._publisher.publish_if_due(
                     self._ticks, self._ticks * self._tick_s, self._paused, self._all_refused()
                 )
         finally:
             self._world.waiter = None
             self._inbox.dismiss()
+            self._publisher.end()
         self._publisher.publish(self._ticks, self._paused, self._all_refused())
 
-    def tick(self) -> None:
-        """Apply what waits, then step once unless paused."""
+    def tick(self, due: int = 1) -> None:
+        """Step as many ticks as are due unless paused, and apply what waits before the last."""
+        self._step(due - 1)
+        self._posted.clear()
         for command in self._inbox.drain():
             self._apply(command)
-        if not self._paused:
-            self._world.step(self._substeps)
-            self._ticks += 1
+        self._step(1)
         for watcher in self._watchers:
             watcher.ticked(self._elapsed())
+
+    def _step(self, ticks: int) -> None:
+        if ticks and not self._paused:
+            self._world.step(ticks * self._substeps)
+            self._ticks += ticks
+
+    def _patience(self, last: int | None) -> int:
+        """Return how many ticks may follow each other without a look at the inbox."""
+        if self._posted.is_set():
+            return 1
+        ends = self._longest if last is None else last - self._ticks
+        return max(1, min(self._longest, ends, *(w.patience() for w in self._watchers)))
 
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:

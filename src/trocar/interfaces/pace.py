@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections import deque
 from typing import Protocol
 
@@ -13,6 +14,9 @@ _log = logging.getLogger("trocar")
 GIVE_UP_S = 1.0
 """Lag beyond which lost time is let go [s]. Source: our own choice: longer than any hiccup of a
 busy machine, shorter than what a person would like to see replayed in fast motion."""
+
+EARLY_S = 1e-6
+"""A tick that is this much early is due [s]. Source: our own choice, for rounding."""
 
 RATE_WINDOW_S = 2.0
 """Span over which the real-time factor is measured [s]. Source: our own choice."""
@@ -25,8 +29,8 @@ class Clock(Protocol):
         """Return seconds since some fixed moment."""
         ...
 
-    def sleep(self, seconds: float) -> None:
-        """Return after about this many seconds."""
+    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:
+        """Return after about this many seconds, or as soon as an event is set."""
         ...
 
 
@@ -51,16 +55,34 @@ class Pace:
         self._start = self._clock.now()
         self._ticks = 0
 
-    def wait(self) -> None:
-        """Return when the next tick is due; at once when it is late."""
+    def wait(self, most: int = 1, until: threading.Event | None = None) -> int:
+        """Return how many ticks are due: once `most` are, and at once when one is late.
+
+        Args:
+            most: how many to wait for, and the most that are returned
+            until: an event that ends the wait as soon as one tick is due
+        """
+        due = self._due()
+        if due < 1:
+            last = self._start + (self._ticks + most - 1) * self._period
+            self._clock.sleep(last - self._clock.now(), until)
+            due = self._due()
+            if due < 1:  # called before even one was due
+                self._clock.sleep(self._start + self._ticks * self._period - self._clock.now())
+                due = 1
+        due = min(due, most)
+        self._ticks += due
+        return due
+
+    def _due(self) -> int:
+        """Return how many ticks are due now; let go of time that is too far behind."""
         lag = self._clock.now() - (self._start + self._ticks * self._period)
-        if lag < 0:
-            self._clock.sleep(-lag)
-        elif lag > GIVE_UP_S:
+        if lag > GIVE_UP_S:
             self.let_go_s += lag
             self._start += lag
             _log.warning("%.1f s behind real time: going on from here", lag)
-        self._ticks += 1
+            lag = 0.0
+        return int((lag + EARLY_S) // self._period) + 1
 
 
 class Speedometer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import TYPE_CHECKING
 
 from trocar.interfaces.pace import Clock, Speedometer
@@ -14,12 +15,22 @@ if TYPE_CHECKING:
 SNAPSHOT_PERIOD_S = 1 / 60
 """Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
 
+LOOKED_AT_S = 0.25
+"""Somebody looks while the last look was no longer ago [s]. Source: our own choice, several times
+the period at which a page looks."""
+
+FRESH_S = 0.1
+"""Who looks again after a while waits no longer for a new state than this [s]. Source: our own
+choice, longer than what a loop does in a tick."""
+
 HEALTH_PERIOD_S = 0.2
 """Wall time between two looks at the loops' health [s]. Source: our own choice."""
 
 
 class Publisher:
     """Replace the loop's state for its readers, at a monitor's rate however fast the ticks come.
+
+    What nobody reads is not made: to look everywhere takes as long as several ticks.
 
     Args:
         world: what is looked at, in the loop's thread only
@@ -30,7 +41,33 @@ class Publisher:
         self._world, self._clock = world, clock
         self._speedometer = Speedometer()
         self._state_due = self._health_due = clock.now()
-        self.state = self._look(world.health(), 0, False, 0)
+        self._read_s = self._made_s = clock.now()
+        self._fresh = threading.Event()
+        self._thread: int | None = None
+        self._state = self._look(world.health(), 0, False, 0)
+
+    def begin(self) -> None:
+        """Publish from the calling thread from now on."""
+        self._thread = threading.get_ident()
+
+    def end(self) -> None:
+        """Publish no longer: readers get what there is."""
+        self._thread = None
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second over the last two seconds."""
+        return self._speedometer.factor
+
+    def read(self) -> LoopState:
+        """Return the newest state, from any thread; one that nobody read is made anew first."""
+        now = self._clock.now()
+        self._read_s = now
+        old = now - self._made_s > 2.0 * SNAPSHOT_PERIOD_S
+        if old and self._thread not in (None, threading.get_ident()):
+            self._fresh.clear()
+            self._fresh.wait(FRESH_S)
+        return self._state
 
     def restart(self) -> None:
         """Measure the speed anew, after a pause or a reset."""
@@ -43,15 +80,21 @@ class Publisher:
             return
         self._state_due = now + SNAPSHOT_PERIOD_S
         self._speedometer.mark(now, run_s)
-        health = self.state.health
+        if now - self._read_s > LOOKED_AT_S:
+            return
+        health = self._state.health
         if now >= self._health_due:
             self._health_due = now + HEALTH_PERIOD_S
             health = self._world.health()
-        self.state = self._look(health, ticks, paused, refused)
+        self._show(self._look(health, ticks, paused, refused))
 
     def publish(self, ticks: int, paused: bool, refused: int) -> None:
         """Show the newest state now."""
-        self.state = self._look(self._world.health(), ticks, paused, refused)
+        self._show(self._look(self._world.health(), ticks, paused, refused))
+
+    def _show(self, state: LoopState) -> None:
+        self._state, self._made_s = state, self._clock.now()
+        self._fresh.set()
 
     def _look(self, health: Health, ticks: int, paused: bool, refused: int) -> LoopState:
         return LoopState(

@@ -55,7 +55,11 @@ class Watcher(Protocol):
     """Looks on in the loop's thread; what it does there takes time from the physics."""
 
     def ticked(self, elapsed: Elapsed) -> None:
-        """Look at the world after a tick; while paused, after every period without one."""
+        """Look at the world after a tick or a few; while paused, after as long without one."""
+        ...
+
+    def patience(self) -> int:
+        """Return after how many ticks, at least 1, to be called again; sooner does no harm."""
         ...
 
     def refused(self, command: Command, reason: str) -> None:

@@ -18,7 +18,7 @@ class HandClock:
     def now(self) -> float:
         return self.time
 
-    def sleep(self, seconds: float) -> None:
+    def sleep(self, seconds: float, until: object = None) -> None:  # noqa: ARG002
         self.time += seconds
 
 

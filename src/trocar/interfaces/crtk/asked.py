@@ -109,6 +109,11 @@ class Turns:
         """Tell whether commands wait for an arm."""
         return arm in self._waiting
 
+    @property
+    def restless(self) -> bool:
+        """Whether the next tick matters."""
+        return bool(self._waiting) or self._used_s > 0.0
+
     def take(self, world: World, asked: Asked) -> None:
         """Apply a command, or keep it until its turn comes."""
         queue, home = self._waiting.get(asked.arm), homing(world.arm(asked.arm))

@@ -92,3 +92,7 @@ class Beat:
             return False
         self._count = count
         return True
+
+    def left(self, elapsed_s: float) -> float:
+        """Return the time until the next one is due [s]."""
+        return (self._count + 1) / self._rate - elapsed_s - self.SLACK_S

@@ -32,6 +32,8 @@ SILENCE_S = 5.0
 STREAMS = 1024
 #: The arm whose frame those of the instruments are told in. Source: the dVRK's setup joints.
 REFERENCE_ARM = "ECM"
+#: Ticks until a look at what waits, where nothing does. Source: our own choice.
+PATIENT = 1000
 
 Handler = Callable[["Topic", Message], None]
 
@@ -118,6 +120,10 @@ class Incoming:
         """Obey what has waited long enough."""
         self._turns.tick(self._core.loop.world)
         self._setup.tick(self._core.loop.world)
+
+    def patience(self) -> int:
+        """Return 1 while something waits for its turn, or brakes for an arm to arrive."""
+        return 1 if self._turns.restless or self._setup.restless else PATIENT
 
     def refused(self, command: Command, reason: str) -> None:
         """Do nothing: the core tells of it."""

@@ -51,6 +51,11 @@ class SetupJoints:
             arm.release_brakes(locked)
             self._loose[arm.name] = _Loose(locked, now)
 
+    @property
+    def restless(self) -> bool:
+        """Whether the next tick matters."""
+        return bool(self._loose)
+
     def tick(self, world: World) -> None:
         """Lock the brakes of arms that have arrived; to be called every tick."""
         for name, loose in tuple(self._loose.items()):

@@ -6,6 +6,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 from trocar.interfaces.commands import Command
@@ -91,6 +92,11 @@ class Watch:
         stamp, passed = self._stamper.stamp(), self._stamper.elapsed_s
         world, seen = self._loop.world, scene.look(self._loop.world, self.asked)
         self._samples.put(sample.take(world, stamp, passed, (events, seen), self._waits))
+
+    def patience(self) -> int:
+        """Return in how many ticks the next sample is due."""
+        ticks = ceil(self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
+        return max(1, ticks - 1)  # all but one before it is due: it is the sooner there
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

@@ -12,6 +12,7 @@ import pytest
 
 from trocar.apps.benchmarks.served import served
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
+from trocar.descriptions.cameras import load_camera
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
 from trocar.descriptions.sensors import KINDS
 from trocar.descriptions.solids import INDEX
@@ -31,8 +32,12 @@ def text(page: str) -> str:
     ids=lambda p: p.stem,
 )
 def test_the_python_of_a_page_runs_from_top_to_bottom(
-    page: Path, capsys: pytest.CaptureFixture[str]
+    page: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
+    monkeypatch.chdir(tmp_path)  # some pages write files
     blocks = python(page.name)
     names: dict[str, object] = {}
     for number, block in enumerate(blocks):
@@ -191,7 +196,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
         for pattern, name in SECTIONS:
             section = name if re.fullmatch(pattern, path) else section
         folder = Path(self.file).parent.name
-        chapter = "rigs" if folder == "rigs" else "arms"
+        chapter = folder if folder in ("rigs", "cameras") else "arms"
         if section == "coupling" or (folder == "tools" and section == "file"):
             chapter = "tools"
         if section == "shape":
@@ -218,6 +223,8 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
     for rig in names("rigs"):
         load_rig(rig)
     load_rig(rig_of_the_page_on_sensors(folder))
+    for camera in names("cameras"):
+        load_camera(camera)
     for printed in printed_tables():
         load_printed(printed)
         errata(printed)

@@ -13,8 +13,10 @@ from trocar.descriptions import load_arm, names
 from trocar.geometry import modified_dh, standard_dh
 from trocar.kinematics.loops import flattenings
 
+SHELVES = ("arms", "tools", "rigs", "cameras")
 
-@pytest.mark.parametrize("shelf", ["arms", "tools", "rigs"])
+
+@pytest.mark.parametrize("shelf", SHELVES)
 def test_everything_on_a_shelf_is_listed(shelf, trocar):
     document = trocar("list", shelf, "--json").document
     assert [row["name"] for row in document[shelf]] == list(names(shelf))
@@ -22,10 +24,10 @@ def test_everything_on_a_shelf_is_listed(shelf, trocar):
     assert [line.split()[0] for line in lines] == [shelf[:-1], *names(shelf)]
 
 
-def test_without_a_shelf_all_three_are_listed(trocar):
-    assert set(trocar("list", "--json").document) == {"arms", "tools", "rigs"}
+def test_without_a_shelf_all_are_listed(trocar):
+    assert set(trocar("list", "--json").document) == set(SHELVES)
     out = trocar("list").out
-    assert all(name in out for shelf in ("arms", "tools", "rigs") for name in names(shelf))
+    assert all(name in out for shelf in SHELVES for name in names(shelf))
 
 
 def test_a_list_says_what_each_is(trocar):
@@ -34,6 +36,9 @@ def test_a_list_says_what_each_is(trocar):
     assert arms["psm"]["tool"] == "LARGE_NEEDLE_DRIVER:400006" and arms["ecm"]["tool"] is None
     rigs = {row["name"]: row for row in trocar("list", "rigs", "--json").document["rigs"]}
     assert rigs["two_psm_ecm"]["arms"] == ["PSM1", "PSM2", "ECM"]
+    cameras = {row["name"]: row for row in trocar("list", "cameras", "--json").document["cameras"]}
+    assert cameras["hd_1280x720"]["size"] == [1280, 720]
+    assert cameras["hd_1280x720"]["fov_deg"][0] == 60.0
 
 
 @pytest.mark.parametrize("name", names("arms"))

@@ -1,20 +1,21 @@
-"""The arms, tools and rigs that come with trocar."""
+"""The arms, tools, rigs and cameras that come with trocar."""
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_json, table
 
-SHELVES = ("arms", "tools", "rigs")
+SHELVES = ("arms", "tools", "rigs", "cameras")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "shelf", metavar="arms|tools|rigs", nargs="?", choices=SHELVES, help="default: all three"
+        "shelf", metavar="|".join(SHELVES), nargs="?", choices=SHELVES, help="default: all of them"
     )
     add_json(parser)
 
@@ -64,7 +65,22 @@ def _rigs() -> list[dict[str, Any]]:
     ]
 
 
-_SHELVES = {"arms": _arms, "tools": _tools, "rigs": _rigs}
+def _cameras() -> list[dict[str, Any]]:
+    from trocar.descriptions.cameras import load_camera, presets
+
+    return [
+        {
+            "name": name,
+            "size": list(camera.eyes[0].size),
+            "fov_deg": [round(math.degrees(angle), 1) for angle in camera.eyes[0].fov],
+            "baseline_mm": 1e3 * camera.baseline if camera.baseline else None,
+            "title": camera.title,
+        }
+        for name, camera in ((name, load_camera(name)) for name in presets())
+    ]
+
+
+_SHELVES = {"arms": _arms, "tools": _tools, "rigs": _rigs, "cameras": _cameras}
 
 
 def _report(shelf: str, rows: list[dict[str, Any]]) -> str:
@@ -73,4 +89,8 @@ def _report(shelf: str, rows: list[dict[str, Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return " ".join(value) if isinstance(value, list) else str(value if value is not None else "-")
+    return (
+        " ".join(map(str, value))
+        if isinstance(value, list)
+        else str(value if value is not None else "-")
+    )

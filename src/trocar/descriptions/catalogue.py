@@ -18,13 +18,13 @@ from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.table import read_table
 from trocar.errors import DescriptionError, UnknownNameError
 
-Shelf = Literal["arms", "tools", "rigs"]
+Shelf = Literal["arms", "tools", "rigs", "cameras"]
 
 DATA = Path(__file__).parent / "data"
 
 
 def names(shelf: Shelf) -> tuple[str, ...]:
-    """Return the names of the built-in arms, tools or rigs, sorted."""
+    """Return the names of the built-in arms, tools, rigs or cameras, sorted."""
     found = sorted(path.stem for path in (DATA / shelf).glob("*.toml"))
     return tuple(_tool_name(stem) if shelf == "tools" else stem for stem in found)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import CalibrationPlan
+from trocar.descriptions.cameras.records import CameraDescription
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.sensor_records import SensorDescription
@@ -343,6 +344,7 @@ class RigDescription:
         display: the stereo display's pose in the world, (4, 4), None without a console
         sensors: what `World.sensor` reads, in the order of the file
         teleops: which master moves which arm, in the order of the file
+        cameras: what `World.cameras` tells of, in the order of the file
     """
 
     name: str
@@ -356,6 +358,7 @@ class RigDescription:
     display: Array | None = None
     sensors: tuple[SensorDescription, ...] = ()
     teleops: tuple[TeleopDescription, ...] = ()
+    cameras: tuple[CameraDescription, ...] = ()
 
     @property
     def objects(self) -> tuple[Prop, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.arms import SCHEMA
+from trocar.descriptions.cameras.mounts import read_cameras
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.props import check_object_name, read_prop
@@ -59,11 +60,12 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
     sensors = read_sensors(table.tables("sensor"), arms)
     teleops = read_teleops(table.tables("teleop"), arms)
+    cameras = read_cameras(table.tables("camera"), arms)
     share = _read_test_share(table)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
-    parts = (tuple(arms), props, poses, share, display, sensors, teleops)
+    parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
     return RigDescription(name, title, source, str(path), *parts)
 
 

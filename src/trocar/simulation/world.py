@@ -18,6 +18,7 @@ from trocar.modeling import naming
 from trocar.modeling.mjcf import rig_spec
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm
+from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.drives import Drives
 from trocar.simulation.exchange import exchange
 from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
@@ -385,6 +386,21 @@ class World:
         """Return {arm: copies of what its readings are computed from}, quickly."""
         return self._sampling.take(self.arms)
 
+    def cameras(self) -> dict[str, CameraRecord]:
+        """Return every camera of the rig, by name, with where it is now; nothing is drawn."""
+        return self._cameras.records(self.time, self._build)
+
+    def camera(self, name: str) -> CameraRecord:
+        """Return one camera of the rig with where it is now.
+
+        Raises:
+            UnknownNameError: no such camera; the known ones are listed
+        """
+        found = self.cameras()
+        if name not in found:
+            raise UnknownNameError("camera", name, found, f"rig {self.rig.name}")
+        return found[name]
+
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
         return self._places.remote_centres()
@@ -459,6 +475,7 @@ class World:
         self._probes = Probes(self._model, self._data, self._shown, self._load)
         self._sampling = Sampling(self._data, self._servos, self._drives)
         self._sensors = Sensors(self.rig, self._model, self._data, self._drives, self._probes)
+        self._cameras = Cameras(self.rig, self._model, self._data, self._shown, self._drives)
         self._objects.attach(self._model, self._data)
 
     def _advance(self, count: int) -> None:

@@ -13,8 +13,8 @@ from trocar.descriptions.records import RigDescription
 
 #: Fields that count only where they say something: rigs are older than these.
 YOUNGER = {"movable"}
-#: Fields that say where something was read or why, not what it is.
-REMARKS = {"file", "source", "title", "calibration", "overlay"}
+#: Fields that say where something was read or why, not what it is, and what only looks.
+REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras"}
 
 
 def rig_fingerprint(rig: RigDescription) -> str:

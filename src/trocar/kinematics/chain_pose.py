@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -25,6 +26,11 @@ class ChainPose:
         mechanism: the tree with its loops
         frame: whose pose, the tip's when omitted
         relative_to: frame to express it in; the mechanism's reference when omitted
+
+    Attributes:
+        ratios: of its hinges to joints, (k, n_joints)
+        slides: which hinges slide, (k,)
+        parts: matrices of hinges and of what follows the last, then identities, (2^m, 4, 16)
     """
 
     def __init__(
@@ -38,9 +44,9 @@ class ChainPose:
         self._general = any(mechanism.frames[k].motion != "fixed" for k in up)
         moving = [k for k in down if mechanism.frames[k].motion != "fixed"]
         self._rows = np.array(moving, dtype=np.intp)
-        self._ratios = mechanism.ratios[moving]
-        self._slides = np.array([mechanism.frames[k].motion == "prismatic" for k in moving], bool)
-        self._parts = self._prepared(up, down)
+        self.ratios = mechanism.ratios[moving]
+        self.slides = np.array([mechanism.frames[k].motion == "prismatic" for k in moving], bool)
+        self.parts = self._prepared(up, down)
 
     def __call__(self, q: Array) -> Array:
         """Return the frame's pose, (..., 4, 4).
@@ -54,21 +60,15 @@ class ChainPose:
         if self._general:
             return pose(self._mechanism, q, self._frame, self._base)
         if self._closed:
-            where = q @ self._ratios.T
+            where = q @ self.ratios.T
         else:
             where = closed_coordinates(self._mechanism, q)[..., self._rows]
-        turn = np.where(self._slides, 0.0, where)
-        factors = np.empty((*where.shape[:-1], len(self._parts), 1, 4))
-        factors[..., 0] = 1.0
-        hinges = factors[..., : len(self._rows), 0, :]
-        np.cos(turn, hinges[..., 1])
-        np.sin(turn, hinges[..., 2])
-        np.subtract(where, turn, hinges[..., 3])
-        factors[..., len(self._rows) :, 0, 1:] = 0.0
-        links = (factors @ self._parts).reshape(*where.shape[:-1], -1, 4, 4)
-        while links.shape[-3] > 1:
-            links = links[..., ::2, :, :] @ links[..., 1::2, :, :]
-        return links[..., 0, :, :]
+        return _product(where, self.slides, self.parts)
+
+    @property
+    def linear(self) -> bool:
+        """Whether hinges follow the joints by ratios alone."""
+        return self._closed and not self._general
 
     def _ways(self) -> tuple[list[int], list[int]]:
         """Return the frames from the common ancestor to the base, and from there to the frame."""
@@ -81,7 +81,7 @@ class ChainPose:
         return base, end
 
     def _prepared(self, up: list[int], down: list[int]) -> Array:
-        """Return the constant matrices of each hinge, (2^k, 4, 16); unused ones are identity."""
+        """Return the constant matrices of each hinge, (2^m, 4, 16); unused ones are identity."""
         frames = self._mechanism.frames
         at = np.eye(4)
         if not self._general:
@@ -96,9 +96,68 @@ class ChainPose:
             else:
                 at = at @ frame.before @ frame.after
         parts.append(np.stack([at.ravel(), *np.zeros((3, 16))]))
-        while len(parts) & (len(parts) - 1):
-            parts.append(np.stack([np.eye(4).ravel(), *np.zeros((3, 16))]))
-        return np.stack(parts)
+        return _padded(np.stack(parts), 1 << (len(parts) - 1).bit_length())
+
+
+class ChainPoses:
+    """Compute the poses of many chains together, which takes little longer than one.
+
+    Args:
+        chains: each with loops of parallelograms only (`ChainPose.linear`)
+
+    Raises:
+        ValueError: one of them has others
+    """
+
+    def __init__(self, chains: Sequence[ChainPose]) -> None:
+        if not all(chain.linear for chain in chains):
+            raise ValueError("a chain whose hinges do not follow its joints by ratios alone")
+        length = max((len(chain.parts) for chain in chains), default=1)
+        joints = sum(chain.ratios.shape[1] for chain in chains)
+        self._parts = np.zeros((len(chains), length, 4, 16))
+        self._slides = np.zeros((len(chains), length - 1), dtype=bool)
+        ratios = np.zeros((len(chains), length - 1, joints))
+        first = 0
+        for index, chain in enumerate(chains):
+            hinges, count = chain.ratios.shape
+            self._parts[index] = _padded(chain.parts, length)
+            self._slides[index, :hinges] = chain.slides
+            ratios[index, :hinges, first : first + count] = chain.ratios
+            first += count
+        self._ratios = ratios.reshape(-1 if joints else 0, joints)
+
+    def __call__(self, q: Array) -> Array:
+        """Return every chain's pose, (n_chains, 4, 4).
+
+        Args:
+            q: joint positions of all chains, one after the other [rad or m]
+        """
+        return _product((self._ratios @ q).reshape(self._slides.shape), self._slides, self._parts)
+
+
+def _product(where: Array, slides: NDArray[np.bool_], parts: Array) -> Array:
+    """Multiply the links of chains, (..., 4, 4), for coordinates of their hinges, (..., k)."""
+    turn = np.where(slides, 0.0, where)
+    hinges = where.shape[-1]
+    factors = np.empty((*where.shape[:-1], parts.shape[-3], 1, 4))
+    factors[..., 0] = 1.0
+    moving = factors[..., :hinges, 0, :]
+    np.cos(turn, moving[..., 1])
+    np.sin(turn, moving[..., 2])
+    np.subtract(where, turn, moving[..., 3])
+    factors[..., hinges:, 0, 1:] = 0.0
+    links = (factors @ parts).reshape(*where.shape[:-1], -1, 4, 4)
+    while links.shape[-3] > 1:
+        links = links[..., ::2, :, :] @ links[..., 1::2, :, :]
+    return links[..., 0, :, :]
+
+
+def _padded(parts: Array, length: int) -> Array:
+    """Add identities to a chain until it is so long, (length, 4, 16)."""
+    padded = np.zeros((length, 4, 16))
+    padded[:, 0] = np.eye(4).ravel()
+    padded[: len(parts)] = parts
+    return padded
 
 
 def _hinge(before: Array, frame: Frame) -> Array:

@@ -19,6 +19,7 @@ from trocar.interfaces.crtk.messages import (
     from_json,
     to_json,
 )
+from trocar.interfaces.crtk.transports.websocket.replies import as_json
 
 from .content import each_type, plain, random_message
 
@@ -43,6 +44,15 @@ def test_a_message_comes_back_from_strict_json(kind: MessageType) -> None:
         again = from_json(kind, json.loads(text))
         check(kind, again)
         assert finite(plain(again)) == finite(plain(message))
+
+
+@each_type()
+def test_a_writer_that_takes_arrays_writes_the_same_text(kind: MessageType) -> None:
+    rng = random.Random(kind.name)
+    for _ in range(20):
+        message = random_message(kind, rng)
+        text = as_json(to_json(kind, message, arrays=True))
+        assert json.loads(text) == to_json(kind, message)
 
 
 def test_a_time_has_both_editions_names_and_may_have_either() -> None:

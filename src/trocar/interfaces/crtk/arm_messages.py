@@ -46,19 +46,19 @@ def _gravity(arm: ArmFigures, stamp: Stamp) -> Message:
 
 
 def _measured_cp(arm: ArmFigures, stamp: Stamp) -> Message:
-    return say.pose_stamped(stamp, arm.base[1], arm.measured)
+    return say.row_stamped(stamp, arm.base[1], arm.tip_row(setpoint=False, local=False))
 
 
 def _setpoint_cp(arm: ArmFigures, stamp: Stamp) -> Message:
-    return say.pose_stamped(stamp, arm.base[1], arm.setpoint)
+    return say.row_stamped(stamp, arm.base[1], arm.tip_row(setpoint=True, local=False))
 
 
 def _local_measured_cp(arm: ArmFigures, stamp: Stamp) -> Message:
-    return say.pose_stamped(stamp, arm.own_frame, arm.local_measured)
+    return say.row_stamped(stamp, arm.own_frame, arm.tip_row(setpoint=False, local=True))
 
 
 def _local_setpoint_cp(arm: ArmFigures, stamp: Stamp) -> Message:
-    return say.pose_stamped(stamp, arm.own_frame, arm.local_setpoint)
+    return say.row_stamped(stamp, arm.own_frame, arm.tip_row(setpoint=True, local=True))
 
 
 def _measured_cv(arm: ArmFigures, stamp: Stamp) -> Message:

@@ -12,19 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import DISPLAY, ArmDescription, RigArm
+from trocar.geometry.rotations import quaternion_from_matrix
+from trocar.interfaces.crtk.plan import Plan, own_base
 from trocar.interfaces.crtk.sample import Sample
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.forward import pose
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 
 Array = NDArray[np.float64]
-
-
-@lru_cache(maxsize=64)
-def _fixed(arm: ArmDescription) -> Array:
-    """Return the pose of an arm's reference frame in its root, (4, 4)."""
-    mechanism = arm.mechanism
-    return pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.reference, arm.root)
+#: A position x, y, z [m] and a unit quaternion w, x, y, z.
+Row = tuple[list[float], list[float]]
+Rows = tuple[list[Row], list[Row]]
 
 
 @lru_cache(maxsize=64)
@@ -42,10 +39,15 @@ def _inverse(T: Array) -> Array:
 
 
 class RigFigures:
-    """Figures of every arm of a sample."""
+    """Figures of every arm of a sample.
 
-    def __init__(self, sample: Sample) -> None:
-        self.sample = sample
+    Args:
+        sample: a world at one moment
+        plan: of the sample's rig; made anew when omitted
+    """
+
+    def __init__(self, sample: Sample, plan: Plan | None = None) -> None:
+        self.sample, self.plan = sample, plan or Plan(sample.rig)
         self._arms: dict[str, ArmFigures] = {}
         self._scope = next((a.name for a in sample.rig.arms if a.arm.type == "ECM"), None)
 
@@ -55,6 +57,35 @@ class RigFigures:
         if found is None:
             found = self._arms[name] = ArmFigures(self.sample.rig.arm(name), self)
         return found
+
+    @cached_property
+    def poses(self) -> tuple[Array, Array]:
+        """Tips and bases that the plan names, (k, 4, 4) each."""
+        return self.plan.poses(self.sample.arms)
+
+    @cached_property
+    def tip_rows(self) -> Rows:
+        """Where the plan's tips are in their own bases and in the frames of their poses."""
+        tips = self.poses[0]
+        at = np.repeat(np.array([self.arm(name).base[0] for name in self.plan.tips]), 2, axis=0)
+        every = np.concatenate([tips, at @ tips])
+        turns = quaternion_from_matrix(every[:, :3, :3]).tolist()
+        rows = list(zip(every[:, :3, 3].tolist(), turns, strict=True))
+        return rows[: len(tips)], rows[len(tips) :]
+
+    @cached_property
+    def object_rows(self) -> list[Row] | None:
+        """Where objects are in the world; None where they were not looked at."""
+        scene = self.sample.scene
+        if scene is None or scene.objects is None:
+            return None
+        told = scene.objects
+        return list(zip(told.positions.tolist(), told.quaternions.tolist(), strict=True))
+
+    @cached_property
+    def world_in_scope(self) -> Array | None:
+        """The world seen from the tip of the endoscope's arm, (4, 4); None without one."""
+        return None if self.scope_in_world is None else _inverse(self.scope_in_world)
 
     @cached_property
     def scope_in_world(self) -> Array | None:
@@ -97,6 +128,9 @@ class ArmFigures:
     @cached_property
     def _tips(self) -> Array:
         """Both, which together take little longer than one, (2, 4, 4)."""
+        index = self._rig.plan.tips.get(self.name)
+        if index is not None:
+            return self._rig.poses[0][index : index + 2]
         return chain_pose(self.arm.mechanism)(np.stack([self.sample.q, self.sample.told_q]))
 
     @cached_property
@@ -117,7 +151,18 @@ class ArmFigures:
     @cached_property
     def reference_in_world(self) -> Array:
         """The arm's own base in the world, (4, 4)."""
-        return self.root_in_world @ _fixed(self.arm)
+        index = self._rig.plan.bases.get(self.name)
+        if index is not None:
+            return self._rig.poses[1][index]
+        return self.root_in_world @ own_base(self.arm)
+
+    def tip_row(self, *, setpoint: bool, local: bool) -> Row:
+        """Where the tip is, measured or at the set-points, in its own base or as poses are told."""
+        index = self._rig.plan.tips.get(self.name)
+        if index is not None:
+            return self._rig.tip_rows[0 if local else 1][index + setpoint]
+        T = self._tips[int(setpoint)] if local else self.base[0] @ self._tips[int(setpoint)]
+        return T[:3, 3].tolist(), quaternion_from_matrix(T[:3, :3]).tolist()
 
     @property
     def measured(self) -> Array:
@@ -163,8 +208,8 @@ class ArmFigures:
         kind, rig = self.arm.type, self._rig
         if (told := self.rig_arm.base_frame) is not None:
             return told.pose, told.name
-        if kind == "PSM" and rig.scope is not None and rig.scope_in_world is not None:
-            return _inverse(rig.scope_in_world) @ self.reference_in_world, rig.scope
+        if kind == "PSM" and rig.scope is not None and rig.world_in_scope is not None:
+            return rig.world_in_scope @ self.reference_in_world, rig.scope
         if kind == "ECM" and self.rig_arm.on:
             carrier = rig.arm(self.rig_arm.on)
             seen = _inverse(carrier.reference_in_world) @ self.reference_in_world

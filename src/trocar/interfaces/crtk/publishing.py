@@ -13,6 +13,7 @@ from trocar.interfaces.crtk import happenings
 from trocar.interfaces.crtk.arm_messages import MAKERS
 from trocar.interfaces.crtk.clock import Beat, Stamp
 from trocar.interfaces.crtk.figures import RigFigures
+from trocar.interfaces.crtk.plan import Plan
 from trocar.interfaces.crtk.sample import Event, Sample
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
@@ -49,6 +50,7 @@ class Publishing:
     ) -> None:
         self._topics, self._prefixes = topics, prefixes
         self._makers = {**_arm_makers(topics.values()), **extra}
+        self._plan: Plan | None = None
         self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
         self._standing: dict[str, tuple[object, ...]] = {}
         self._states: dict[str, tuple[str, bool, bool]] = {}
@@ -58,7 +60,9 @@ class Publishing:
 
     def states(self, sample: Sample, wanted: Iterable[str]) -> dict[str, tuple[Topic, Message]]:
         """Return what is published every period, of the topics that are wanted."""
-        rig = RigFigures(sample)
+        if self._plan is None or self._plan.rig is not sample.rig:
+            self._plan = Plan(sample.rig)
+        rig = RigFigures(sample, self._plan)
         tf = self._tf.due(sample.elapsed)
         found: dict[str, tuple[Topic, Message]] = {}
         for name in wanted:

@@ -67,6 +67,20 @@ def quaternion(T: Array) -> Message:
     return {"x": sign * x, "y": sign * y, "z": sign * z, "w": sign * w}
 
 
+def row_stamped(
+    stamp: Stamp, frame_id: str, row: tuple[Sequence[float], Sequence[float]]
+) -> Message:
+    """Return a geometry_msgs/PoseStamped of a position and a quaternion wxyz."""
+    (x, y, z), (w, a, b, c) = row
+    return {
+        "header": {"stamp": stamp, "frame_id": frame_id},
+        "pose": {
+            "position": {"x": x, "y": y, "z": z},
+            "orientation": {"x": a, "y": b, "z": c, "w": w},
+        },
+    }
+
+
 def pose_stamped(stamp: Stamp, frame_id: str, T: Array) -> Message:
     """Return a geometry_msgs/PoseStamped of T (4, 4)."""
     return {"header": {"stamp": stamp, "frame_id": frame_id}, "pose": pose(T)}

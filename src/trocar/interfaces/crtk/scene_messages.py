@@ -40,15 +40,8 @@ def makers(rig: RigDescription) -> dict[str, Figure]:
 
 def _place_of(index: int) -> Figure:
     def make(rig: RigFigures, stamp: Stamp) -> dict[str, Any] | None:
-        told = _objects(rig)
-        if told is None:
-            return None
-        w, x, y, z = told.quaternions[index].tolist()
-        at = {
-            "position": say.vector(told.positions[index]),
-            "orientation": {"x": x, "y": y, "z": z, "w": w},
-        }
-        return {"header": say.header(stamp, WORLD), "pose": at}
+        rows = rig.object_rows
+        return None if rows is None else say.row_stamped(stamp, WORLD, rows[index])
 
     return make
 

@@ -21,6 +21,9 @@ from trocar.simulation.journal import Entry
 #: Samples that may wait to be published span this much time. Source: our own choice, longer than a
 #: hiccup of a busy machine. [s]
 WAITING_S = 0.5
+#: So many ticks are left for the moment when a sample is due, the others are done before: it takes
+#: as long from there to every sample. Source: our own choice.
+LAST = 2
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024
 
@@ -96,7 +99,7 @@ class Watch:
     def patience(self) -> int:
         """Return in how many ticks the next sample is due."""
         ticks = ceil(self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
-        return max(1, ticks - 1)  # all but one before it is due: it is the sooner there
+        return max(1, ticks - LAST if ticks > LAST else ticks)
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

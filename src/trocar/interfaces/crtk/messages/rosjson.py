@@ -32,19 +32,29 @@ TIME_NAMES = ("secs", "sec"), ("nsecs", "nanosec")
 ALL_TIME_NAMES = dict.fromkeys(name for names in TIME_NAMES for name in names)
 WRONG = (KeyError, TypeError, ValueError, AttributeError, OverflowError)
 
-_writers: dict[str | MessageType, Callable[[Message], dict[str, Any]]] = {}
+Writer = Callable[[Any], Any]
+
+_writers: dict[tuple[str | MessageType, bool], Writer] = {}
 
 
-def to_json(kind: str | MessageType, message: Message) -> dict[str, Any]:
+def to_json(kind: str | MessageType, message: Message, *, arrays: bool = False) -> dict[str, Any]:
     """What `json.dumps` takes for a message.
+
+    Args:
+        kind: its type
+        message: its fields
+        arrays: leave real numbers and arrays of them as they are, for a writer that takes arrays
+            and writes null for what is no number: in a quarter of the time
 
     Raises:
         MessageError: the message is none of the type
     """
-    write = _writers.get(kind)
+    write = _writers.get((kind, arrays))
     if write is None:
         known = message_type(kind)
-        write = _writers[known] = _writers[known.name] = _writers[known.ros2_name] = _writer(known)
+        write = _message_writer(known, arrays)
+        for name in (known, known.name, known.ros2_name):
+            _writers[name, arrays] = write
     try:
         return write(message)
     except WRONG as error:
@@ -63,40 +73,50 @@ def from_json(kind: str | MessageType, given: object) -> Message:
     return _message(known, known, given, "")
 
 
-def _writer(kind: MessageType) -> Callable[[Message], dict[str, Any]]:
+def _message_writer(kind: MessageType, arrays: bool) -> Writer:
     """Each field's name and how it is written, or None where it stays as it is."""
-    plan = [
-        (name, field.name, _field_writer(field))
-        for field in kind.fields
-        if not field.only_ros1
-        for name in dict.fromkeys((field.ros1_name, field.name))
-    ]
+    plan = _plan(kind, arrays)
     return lambda message: {
         name: message[own] if write is None else write(message[own]) for name, own, write in plan
     }
 
 
-def _field_writer(field: Field) -> Callable[[Any], Any] | None:
-    single = _single_writer(field)
+def _plan(kind: MessageType, arrays: bool) -> list[tuple[str, str, Writer | None]]:
+    return [
+        (name, field.name, _field_writer(field, arrays))
+        for field in kind.fields
+        if not field.only_ros1
+        for name in dict.fromkeys((field.ros1_name, field.name))
+    ]
+
+
+def _field_writer(field: Field, arrays: bool) -> Writer | None:
+    single = _single_writer(field, arrays)
     if field.length is None:
         return single
     if field.type == "uint8":
         return lambda value: base64.b64encode(bytes(value)).decode()
     if field.type in REALS:
-        return _write_reals
+        return None if arrays else _write_reals
     if single is None:
         return lambda values: values.tolist() if isinstance(values, np.ndarray) else list(values)
     return lambda values: [single(value) for value in values]
 
 
-def _single_writer(field: Field) -> Callable[[Any], Any] | None:
+def _single_writer(field: Field, arrays: bool) -> Writer | None:
     if field.is_message:
-        return _writer(message_type(field.type))
+        kind = message_type(field.type)
+        stays = arrays and all(
+            write is None and name == own for name, own, write in _plan(kind, arrays)
+        )
+        return None if stays else _message_writer(kind, arrays)
     if field.type in ("time", "duration"):
         return _write_time
     if field.type == "string":
         return None
-    return _write_real if field.type in REALS else bool if field.type == "bool" else int
+    if field.type in REALS:
+        return None if arrays else _write_real
+    return bool if field.type == "bool" else int
 
 
 def _write_time(value: tuple[int, int]) -> dict[str, int]:

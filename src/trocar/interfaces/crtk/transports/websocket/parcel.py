@@ -31,6 +31,6 @@ class Parcel:
         found = self._frames.get(name)
         if found is None:
             if self._json is None:
-                self._json = as_json(to_json(self.topic.type, self._message))
+                self._json = as_json(to_json(self.topic.type, self._message, arrays=True))
             found = self._frames[name] = publication(name, self._json)
         return found

@@ -9,14 +9,26 @@ from __future__ import annotations
 import json as standard_json
 import struct
 from collections.abc import Mapping
+from functools import lru_cache
 from typing import Any
 
+import numpy as np
 from msgspec import json
 
 from trocar.interfaces.crtk.transports.websocket.requests import Id, Level
 
 # The first byte of a frame that is whole. Source: RFC 6455, section 5.2.
 TEXT, BINARY = 0x81, 0x82
+
+
+def _plain(value: Any) -> Any:
+    """Return an array's numbers, or numpy's number as Python's."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+_encoder = json.Encoder(enc_hook=_plain)
 
 
 def frame(payload: bytes, kind: int = TEXT) -> bytes:
@@ -32,7 +44,7 @@ def frame(payload: bytes, kind: int = TEXT) -> bytes:
 def as_json(document: object) -> bytes:
     """Write a document; what is no number becomes null."""
     try:
-        return json.encode(document)
+        return _encoder.encode(document)
     except UnicodeEncodeError:  # half a character, as JSON may bring: only escaped can it leave
         return standard_json.dumps(document).encode()
 
@@ -44,7 +56,12 @@ def publication(topic: str, message: bytes) -> bytes:
         topic: the name as the subscriber spelled it
         message: the message, in JSON
     """
-    return frame(b'{"op":"publish","topic":%b,"msg":%b}' % (json.encode(topic), message))
+    return frame(b"%b%b}" % (_heading(topic), message))
+
+
+@lru_cache(maxsize=4096)
+def _heading(topic: str) -> bytes:
+    return b'{"op":"publish","topic":%b,"msg":' % json.encode(topic)
 
 
 def answer(service: str, id: Id, values: Mapping[str, Any]) -> bytes:  # noqa: A002

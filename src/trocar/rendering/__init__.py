@@ -1,6 +1,20 @@
-"""What a robot looks like: still pictures of arms and rigs."""
+"""What a robot and its cameras see: still pictures of rigs, and the stereo endoscope."""
 
+from trocar.rendering.endoscope import Endoscope
+from trocar.rendering.frames import StereoFrame
+from trocar.rendering.look import Look
 from trocar.rendering.pictures import write_pictures
 from trocar.rendering.portrait import portrait
+from trocar.rendering.renderer import Channels, Renderer
+from trocar.rendering.stream import Stream
 
-__all__ = ["portrait", "write_pictures"]
+__all__ = [
+    "Channels",
+    "Endoscope",
+    "Look",
+    "Renderer",
+    "StereoFrame",
+    "Stream",
+    "portrait",
+    "write_pictures",
+]

@@ -153,6 +153,7 @@ class World:
         #: Who records this world now, and what it was told before.
         self.recorder: Recorder | None = None
         self.past = Past(self)
+        self._watchers: list[Callable[[], None]] = []
         warn_of_flattening(self.rig)
 
     # ------------------------------------------------------------------ time
@@ -173,6 +174,14 @@ class World:
         A listener is called where the world is stepped and commanded; it must not command it.
         """
         return self._journal.listen(listener)
+
+    def watch(self, watcher: Callable[[], None]) -> Callable[[], None]:
+        """Call `watcher` each time that physics has gone on; call the result to stop.
+
+        It is called where the world is stepped, may look, and must not command.
+        """
+        self._watchers.append(watcher)
+        return lambda: self._watchers.remove(watcher) if watcher in self._watchers else None
 
     def record(self, file: str | Path | IO[bytes]) -> Recorder:
         """Record states, commands and events into an MCAP file, from now on.
@@ -496,6 +505,8 @@ class World:
             bad = self._bad
             if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
                 self._diverged()
+            for watcher in self._watchers:
+                watcher()
 
     def _diverged(self) -> None:
         """Go through the last periods again, one by one, to name what left the numbers first."""

@@ -1,0 +1,73 @@
+"""What a camera saw at one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.cameras import Calibration, StereoCalibration
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, eq=False)
+class StereoFrame:
+    """The pictures of both eyes, and what is true of them; arrays are read-only.
+
+    Frames of eyes are optical: x right, y down, z ahead; (0, 0) is the upper left pixel's middle.
+
+    Attributes:
+        camera: its name
+        left, right: (height, width, 3), red, green, blue; right is None of a camera with one eye
+        depth: along z of each eye, (eyes, height, width) float32 [m], inf where nothing is; None
+            where it was not asked for
+        ids: what each pixel shows, (eyes, height, width) int32, 0 where nothing is
+        normals: of the surface, in each eye's frame, (eyes, height, width, 3) float32
+        names: {id: "PSM1/wrist_yaw", "table", ...} of everything in the scene
+        time: of the snapshot [s]
+        build: as of a snapshot
+        calibration: of the pictures; without distortion where they have none
+        T_world_camera: each eye's pose, (eyes, 4, 4)
+    """
+
+    camera: str
+    left: Picture
+    right: Picture | None
+    depth: NDArray[np.float32] | None
+    ids: NDArray[np.int32] | None
+    normals: NDArray[np.float32] | None
+    names: Mapping[int, str]
+    time: float
+    build: int
+    calibration: Calibration
+    T_world_camera: Array
+
+    @property
+    def K(self) -> Array:
+        """Of each eye, (eyes, 3, 3) [px]."""
+        return np.stack([eye.K for eye in self.calibration.eyes])
+
+    @property
+    def distortion(self) -> tuple[Array, ...]:
+        """Of each eye: k1, k2, p1, p2, k3 and, where it has them, k4, k5, k6."""
+        return tuple(eye.distortion for eye in self.calibration.eyes)
+
+    @property
+    def baseline(self) -> float:
+        """Distance of the eyes [m], 0 of a camera with one."""
+        rig = self.calibration
+        return rig.baseline if isinstance(rig, StereoCalibration) else 0.0
+
+    @property
+    def eyes(self) -> tuple[Picture, ...]:
+        """The picture of each eye, left first."""
+        return (self.left,) if self.right is None else (self.left, self.right)
+
+    @property
+    def side_by_side(self) -> Picture:
+        """Both pictures in one, (height, 2 width, 3)."""
+        return np.concatenate(self.eyes, axis=1)

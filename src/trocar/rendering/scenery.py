@@ -1,0 +1,133 @@
+"""The shapes of a rig as arrays for the graphics card: triangles, finishes, ids, levels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.rendering.levels import CELLS, levels
+from trocar.rendering.primitives import Surface, joined, surface
+from trocar.simulation.records import ShapeRecord
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+#: A level's error where an object has no such level: too coarse to be ever chosen.
+NEVER = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Scenery:
+    """Everything that can be seen. An object is what one body has of one material.
+
+    Attributes:
+        points: (n, 3) float32 [m], in the frame of each object's body
+        normals: (n, 3) float32
+        indices: (k,) uint32
+        bodies: index of each object's body (m,)
+        centres, radii: a sphere about each object in its body's frame, (m, 3), (m,) [m]
+        first, count: each level's part of the indices, the whole surface first, (m, levels)
+        errors: by how much a level may be off, (m, levels) [m]
+        colours: linear red, green, blue and how metallic, (m, 4) float32
+        gloss: (m,), 0 to 1
+        ids: of each object, (m,), from 1; objects of one body have one id
+        names: {id: what it is}: "PSM1/wrist_yaw", "table"
+    """
+
+    points: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    indices: NDArray[np.uint32]
+    bodies: Ints
+    centres: Array
+    radii: Array
+    first: Ints
+    count: Ints
+    errors: Array
+    colours: NDArray[np.float32]
+    gloss: Array
+    ids: Ints
+    names: Mapping[int, str]
+
+
+def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
+    """Return the scenery that shapes make; those that only touch are no part of it.
+
+    Raises:
+        InputError: a kind of shape that nobody can draw
+    """
+    ordered = sorted(shapes, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
+    groups = [
+        list(group)
+        for _, group in groupby(ordered, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
+    ]
+    surfaces = [levels(joined([surface(shape) for shape in group])) for group in groups]
+    number = {body: k + 1 for k, body in enumerate(sorted({s.body for s in shapes}))}
+    spheres = [_sphere(found[0][1].points) for found in surfaces]
+    points, normals, indices, first, count, errors = _packed(surfaces)
+    return Scenery(
+        points=points,
+        normals=normals,
+        indices=indices,
+        bodies=np.array([group[0].body for group in groups], dtype=np.int64),
+        centres=np.array([centre for centre, _ in spheres]).reshape(-1, 3),
+        radii=np.array([radius for _, radius in spheres]),
+        first=first,
+        count=count,
+        errors=errors,
+        colours=np.array(
+            [[*linear(group[0].rgba[:3]), group[0].metal] for group in groups], dtype=np.float32
+        ).reshape(-1, 4),
+        gloss=np.array([group[0].gloss for group in groups], dtype=np.float64),
+        ids=np.array([number[group[0].body] for group in groups], dtype=np.int64),
+        names={number[shape.body]: owner(shape) for shape in shapes},
+    )
+
+
+def owner(shape: ShapeRecord) -> str:
+    """Return what a shape is part of: "PSM1/wrist_yaw" of an arm, else the prop's name."""
+    return f"{shape.arm}/{shape.frame}" if shape.arm else shape.name.rpartition("/")[0]
+
+
+def linear(rgb: Sequence[float]) -> Array:
+    """Return the light that a screen's colour stands for. Source: IEC 61966-2-1 (sRGB)."""
+    c = np.asarray(rgb, dtype=np.float64)
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def _sphere(points: Array) -> tuple[Array, float]:
+    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return centre, float(np.linalg.norm(points - centre, axis=1).max())
+
+
+def _packed(
+    surfaces: list[list[tuple[float, Surface]]],
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32], Ints, Ints, Array]:
+    """Put all levels of all objects behind each other."""
+    most = len(CELLS) + 1
+    first = np.zeros((len(surfaces), most), dtype=np.int64)
+    count = np.zeros((len(surfaces), most), dtype=np.int64)
+    errors = np.full((len(surfaces), most), NEVER)
+    points: list[Array] = [np.zeros((0, 3))]
+    normals: list[Array] = [np.zeros((0, 3))]
+    indices: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    vertex = place = 0
+    for row, found in enumerate(surfaces):
+        for level, (error, part) in enumerate(found):
+            points.append(part.points)
+            normals.append(part.normals)
+            indices.append(part.faces.reshape(-1) + vertex)
+            first[row, level], count[row, level] = place, part.faces.size
+            errors[row, level] = error
+            vertex, place = vertex + len(part.points), place + part.faces.size
+    return (
+        np.concatenate(points).astype(np.float32),
+        np.concatenate(normals).astype(np.float32),
+        np.concatenate(indices).astype(np.uint32),
+        first,
+        count,
+        errors,
+    )

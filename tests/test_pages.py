@@ -122,6 +122,7 @@ SECTIONS = (
     (r"control\.[^.]+", "control"),
     (r"(body|prop)\.shape", "shape"),
     (r"joint\.spring", "spring"),
+    (r"arm\.base_frame", "base_frame"),
 )
 
 
@@ -168,6 +169,17 @@ def rig_of_the_page_on_sensors(folder: Path) -> Path:
     path = folder / "rigs" / "sensors.toml"
     path.parent.mkdir()
     path.write_text(f"{Path(load_rig('psm').file).read_text(encoding='utf-8')}\n{shown}")
+    return path
+
+
+def teleoperated_rig(folder: Path) -> Path:
+    """A console whose arms tell their poses in a frame of their own; no built-in rig is like it."""
+    path = folder / "rigs" / "teleoperated.toml"
+    built_in = Path(load_rig("full_cart_mtm").file).read_text(encoding="utf-8")
+    own = built_in.replace('name = "PSM1"\n', 'name = "PSM1"\nbase_frame = { name = "ECM" }\n', 1)
+    teleop = '[[teleop]]\nkind = "psm"\nmaster = "MTMR"\nslave = "PSM1"\n'
+    both = '[[teleop]]\nkind = "ecm"\nmasters = ["MTML", "MTMR"]\nslave = "ECM"\n'
+    path.write_text(f"{own}\n{teleop}{both}", encoding="utf-8")
     return path
 
 
@@ -225,6 +237,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
     load_rig(rig_of_the_page_on_sensors(folder))
     for camera in names("cameras"):
         load_camera(camera)
+    load_rig(teleoperated_rig(folder))
     for printed in printed_tables():
         load_printed(printed)
         errata(printed)

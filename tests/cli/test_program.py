@@ -29,16 +29,20 @@ def start(*words: str) -> subprocess.Popen[bytes]:
     )
 
 
+def module(command: str) -> str:
+    return f"trocar.cli.{command.replace('-', '_')}"
+
+
 def test_help_names_every_command_that_is_there(capsys):
     with pytest.raises(SystemExit) as end:
         main(["--help"])
     told = capsys.readouterr().out
     assert not end.value.code
     for name, summary in COMMANDS.items():
-        assert (name in told.split() and summary in told) == bool(find_spec(f"trocar.cli.{name}"))
+        assert (name in told.split() and summary in told) == bool(find_spec(module(name)))
 
 
-@pytest.mark.parametrize("name", [n for n in COMMANDS if find_spec(f"trocar.cli.{n}")])
+@pytest.mark.parametrize("name", [n for n in COMMANDS if find_spec(module(n))])
 def test_every_command_explains_itself(name, capsys):
     with pytest.raises(SystemExit) as end:
         main([name, "--help"])
@@ -114,7 +118,7 @@ def test_an_interruption_says_so(trocar, monkeypatch):
         (["fk", "psm", "much"], "fk: argument Q: got 'much'; allowed: a number"),
         (["fk", "psm", "-much"], "fk: the following arguments are required: Q"),
         (["list", "arms", "--all"], "unrecognized arguments: --all"),
-        (["list", "legs"], "list: argument arms|tools|rigs: invalid choice: 'legs'"),
+        (["list", "legs"], "list: argument arms|tools|rigs|cameras: invalid choice: 'legs'"),
     ],
 )
 def test_a_command_line_that_cannot_be_read_is_refused_in_one_line(words, complaint, trocar):

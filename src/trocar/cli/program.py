@@ -18,7 +18,7 @@ from trocar import __version__
 from trocar.cli.arguments import Parser, keep_negative_numbers
 from trocar.errors import InputError, TrocarError
 
-#: Subcommand -> what `trocar --help` says of it. The module `trocar.cli.<name>` has
+#: Subcommand -> what `trocar --help` says of it. The module `trocar.cli.<name>`, hyphens as _, has
 #: `add_arguments(parser)` and `run(args) -> exit status`; it imports heavy libraries in `run` only.
 COMMANDS = {
     "sim": "simulate a rig: live in the browser, or headless",
@@ -35,6 +35,7 @@ COMMANDS = {
     "show": "what is known of an arm: frames, limits, masses, sources",
     "export": "an arm or a rig for other simulators: URDF, SDF, MJCF",
     "import": "a robot or an object of another tool, as an arm or a prop",
+    "import-dvrk": "a lab's own dVRK configuration, as a rig",
     "verify": "the paper's experiments repeated, its figures beside ours",
     "bench": "measure real-time factors beside bare MuJoCo",
 }
@@ -79,9 +80,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"trocar {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, title="commands")
     for name, summary in COMMANDS.items():
-        if find_spec(f"trocar.cli.{name}") is None:
+        place = f"trocar.cli.{name.replace('-', '_')}"
+        if find_spec(place) is None:
             continue
-        module = import_module(f"trocar.cli.{name}")
+        module = import_module(place)
         command = commands.add_parser(
             name, help=summary, description=module.__doc__, formatter_class=parser.formatter_class
         )

@@ -1,0 +1,110 @@
+"""How far an imported rig is from the file that it came from.
+
+The file's side is computed from its rows alone, the rig's side from the TOML that was written.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.labs.numbers import chain_tip
+from trocar.apps.labs.records import Chain, Lab, LabArm, SetupArm
+from trocar.apps.labs.rig_file import CART
+from trocar.apps.labs.setup_arms import setup_base
+from trocar.descriptions import RigDescription
+from trocar.descriptions.records import ArmDescription, RigArm
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import inverse, pose_difference
+from trocar.kinematics.forward import pose
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Largest differences over random joint positions.
+
+    Attributes:
+        base_m, base_rad: of the arms' bases in the frame that the file gives them in
+        chain_m, chain_rad: of the end of the arms' chains in their bases
+    """
+
+    base_m: float
+    base_rad: float
+    chain_m: float
+    chain_rad: float
+
+
+def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
+    """Compare a rig with the file, at random positions of all joints."""
+    rng = np.random.default_rng(0)
+    bases, chains = [np.zeros(2)], [np.zeros(2)]
+    placed = {arm.name: arm for arm in rig.arms}
+    for arm in (a for a in lab.arms if a.name in placed):
+        for _ in range(count):
+            bases.append(_base_gap(arm, lab, rig, rng))
+            if arm.chain is not None:
+                chains.append(_chain_gap(arm.chain, placed[arm.name].arm, rng))
+    base, chain = np.max(bases, axis=0), np.max(chains, axis=0)
+    return Agreement(*(float(v) for v in (*base, *chain)))
+
+
+def _random(arm: ArmDescription, rng: np.random.Generator) -> Array:
+    return rng.uniform(arm.mechanism.lower, arm.mechanism.upper)
+
+
+def _gap(one: Array, other: Array) -> Array:
+    moved, turned = pose_difference(one, other)
+    return np.array([float(np.max(moved)), float(np.max(turned))])
+
+
+def _reference(arm: RigArm) -> Array:
+    """Return an arm's reference frame in its root, (4, 4)."""
+    mechanism = arm.arm.mechanism
+    return pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.reference, arm.arm.root)
+
+
+def _base_gap(arm: LabArm, lab: Lab, rig: RigDescription, rng: np.random.Generator) -> Array:
+    """Return how far an arm's base is from where the file has it, (2,) [m, rad]."""
+    here = rig.arm(arm.name)
+    if arm.base.on == "setup":
+        setup = next(suj for suj in lab.setup if suj.name == arm.base.name)
+        return _setup_gap(setup, here, rig, rng)
+    if arm.base.pose is None:
+        return np.zeros(2)
+    if here.base_frame is not None:
+        return _gap(here.base_frame.pose, arm.base.pose)
+    if rig.display is None:
+        return np.zeros(2)
+    return _gap(inverse(rig.display) @ here.pose @ _reference(here), arm.base.pose)
+
+
+def _setup_gap(
+    setup: SetupArm, here: RigArm, rig: RigDescription, rng: np.random.Generator
+) -> Array:
+    if setup.fixed is not None:
+        seen = here.pose @ _reference(here)
+        seen = seen.copy()
+        seen[:3, 3] -= CART
+        return _gap(seen, setup.fixed)
+    if setup.chain is None:
+        return np.zeros(2)
+    carrier = rig.arm(here.on).arm
+    q = _random(carrier, rng)
+    seen = pose(carrier.mechanism, q, here.frame) @ here.pose @ _reference(here)
+    return _gap(seen, setup_base(setup, q))
+
+
+def _chain_gap(chain: Chain, arm: ArmDescription, rng: np.random.Generator) -> Array:
+    """Return how far the chain's end is from the file's, (2,) [m, rad]."""
+    q = _random(arm, rng)
+    count = sum(1 for row in chain.rows if row.moves)
+    end = "insertion" if arm.type == "PSM" else None
+    seen = pose(arm.mechanism, q, end)
+    if arm.type == "PSM":  # trocar's frame is turned about the shaft, as its tools expect it
+        seen = seen.copy()
+        seen[:3, :3] = seen[:3, :3] @ rotation_z(np.pi / 2.0)
+    return _gap(seen, chain_tip(chain, q[:count]))

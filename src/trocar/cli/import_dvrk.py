@@ -1,0 +1,109 @@
+"""A lab's own dVRK configuration as a rig.
+
+Reads system-*.json and the files that it names: arms, base frames, setup joints, instruments,
+gains, teleoperation. Writes a rig that `trocar sim --rig` runs, and files of arms that differ from
+the built-in ones. Everything that the rig does not have is listed. docs/your-lab.md shows it.
+"""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json
+from trocar.cli.output import print_json, table, warn
+
+if TYPE_CHECKING:
+    from trocar.apps.labs import Brought
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("system", metavar="SYSTEM.json", help="the dVRK's system-*.json")
+    parser.add_argument("-o", "--output", required=True, metavar="RIG.toml", help="what is written")
+    parser.add_argument(
+        "--share",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="where files are looked for, too: sawIntuitiveResearchKit/share; may be repeated",
+    )
+    parser.add_argument(
+        "--tool",
+        action="append",
+        default=[],
+        type=_tool,
+        metavar="PSM=TOOL",
+        help="an instrument in place of the file's; may be repeated",
+    )
+    parser.add_argument(
+        "--literal", action="store_true", help="take 1.5708 as printed, not as 90 degrees"
+    )
+    parser.add_argument("--force", action="store_true", help="write over files that are there")
+    add_json(parser)
+
+
+def _tool(text: str) -> tuple[str, str]:
+    name, equals, tool = text.partition("=")
+    if not (name and equals and tool):
+        raise ArgumentTypeError(f"got {text!r}; allowed: PSM=TOOL, as PSM1=PROGRASP_FORCEPS:400093")
+    return name, tool
+
+
+def run(args: Namespace) -> int:
+    """Read, write, print."""
+    from trocar.apps.labs import LabOrder, import_dvrk
+
+    order = LabOrder(
+        tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.force
+    )
+    found = import_dvrk(args.system, args.output, order)
+    for text in found.unknown:
+        warn(f"unknown key, not used: {text}")
+    if args.json:
+        print_json(_document(found))
+        return 0
+    rows = [
+        (arm.name, Path(arm.arm.file).stem, arm.arm.tool or "-", arm.on or "world")
+        for arm in found.rig.arms
+    ]
+    print(table(("arm", "description", "tool", "stands on"), rows))
+    for teleop in found.rig.teleops:
+        masters = " and ".join(teleop.masters)
+        print(f"  {masters} moves {teleop.slave}, scale {teleop.scale:g}")
+    for text in found.said:
+        print(f"  {text}")
+    if found.idle:
+        print("not simulated:", *found.idle, sep="\n  ")
+    gap = found.agreement
+    print(
+        f"against the file: base frames {gap.base_m:.1e} m, {gap.base_rad:.1e} rad;"
+        f" chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad"
+    )
+    print("written:", *found.files, sep="\n  ")
+    return 0
+
+
+def _document(found: Brought) -> dict[str, object]:
+    arms = [
+        {
+            "name": arm.name,
+            "type": arm.arm.type,
+            "description": arm.arm.file,
+            "tool": arm.arm.tool,
+            "on": arm.on or "world",
+        }
+        for arm in found.rig.arms
+    ]
+    return {
+        "rig": found.files[0],
+        "files": found.files,
+        "arms": arms,
+        "teleops": [asdict(teleop) for teleop in found.rig.teleops],
+        "said": found.said,
+        "not_simulated": found.idle,
+        "unknown": found.unknown,
+        "agreement": asdict(found.agreement),
+    }

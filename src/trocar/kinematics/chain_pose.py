@@ -113,18 +113,21 @@ class ChainPoses:
         if not all(chain.linear for chain in chains):
             raise ValueError("a chain whose hinges do not follow its joints by ratios alone")
         length = max((len(chain.parts) for chain in chains), default=1)
-        joints = sum(chain.ratios.shape[1] for chain in chains)
+        most = max((int((c.ratios != 0.0).sum(axis=1).max(initial=0)) for c in chains), default=0)
         self._parts = np.zeros((len(chains), length, 4, 16))
         self._slides = np.zeros((len(chains), length - 1), dtype=bool)
-        ratios = np.zeros((len(chains), length - 1, joints))
+        self._ratios = np.zeros((len(chains), length - 1, most))
+        self._joints = np.zeros((len(chains), length - 1, most), dtype=np.intp)
         first = 0
         for index, chain in enumerate(chains):
             hinges, count = chain.ratios.shape
             self._parts[index] = _padded(chain.parts, length)
             self._slides[index, :hinges] = chain.slides
-            ratios[index, :hinges, first : first + count] = chain.ratios
+            for hinge, row in enumerate(chain.ratios):
+                moved_by = np.flatnonzero(row)
+                self._ratios[index, hinge, : len(moved_by)] = row[moved_by]
+                self._joints[index, hinge, : len(moved_by)] = first + moved_by
             first += count
-        self._ratios = ratios.reshape(-1 if joints else 0, joints)
 
     def __call__(self, q: Array) -> Array:
         """Return every chain's pose, (n_chains, 4, 4).
@@ -132,7 +135,8 @@ class ChainPoses:
         Args:
             q: joint positions of all chains, one after the other [rad or m]
         """
-        return _product((self._ratios @ q).reshape(self._slides.shape), self._slides, self._parts)
+        where = (q[self._joints] * self._ratios).sum(axis=-1)
+        return _product(where, self._slides, self._parts)
 
 
 def _product(where: Array, slides: NDArray[np.bool_], parts: Array) -> Array:

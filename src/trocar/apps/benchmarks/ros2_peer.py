@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from cyclonedds._clayer import ddspy_take
 from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.util import duration
@@ -32,8 +33,12 @@ class Program:
         self._order = types.writer(self._participant, ORDER, types.StringStamped)
 
     def hear(self, topics: Sequence[str], told: Told) -> None:
-        """As `Peer`; messages are the typed classes."""
+        """As `Peer`; messages are bytes, which are read when somebody asks what they say.
+
+        So that reading one makes no other late: the wheel takes 50 us for each.
+        """
         readers = {topic: types.reader(self._participant, topic) for topic in topics}
+        kinds = {topic: types.kind_of(topic) for topic in topics}
         waiting = WaitSet(self._participant)
         for reader in readers.values():
             waiting.attach(ReadCondition(reader, ANY))
@@ -41,22 +46,24 @@ class Program:
         def listen() -> None:
             while waiting.wait(FOREVER):
                 for topic, reader in readers.items():
-                    for message in reader.take(N=64):
-                        told(topic, message, time.monotonic_ns())
+                    for data, info in ddspy_take(reader._ref, ANY, 64):
+                        if info.valid_data:
+                            told(topic, (kinds[topic], data), time.monotonic_ns())
 
         threading.Thread(target=listen, daemon=True).start()
 
     def stamp(self, message: Any) -> int:
         """As `Peer`."""
-        return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        stamp = _read(message).header.stamp
+        return stamp.sec * 1_000_000_000 + stamp.nanosec
 
     def joints(self, message: Any) -> Sequence[float]:
         """As `Peer`."""
-        return message.position
+        return _read(message).position
 
     def homed(self, message: Any) -> bool:
         """As `Peer`."""
-        return message.is_homed
+        return _read(message).is_homed
 
     def order(self, verb: str) -> None:
         """As `Peer`."""
@@ -65,3 +72,8 @@ class Program:
     def servo(self, position: Sequence[float]) -> None:
         """As `Peer`."""
         self._servo.write(types.JointState(types.header(), [], list(position), [], []))
+
+
+def _read(message: tuple[Any, bytes]) -> Any:
+    kind, data = message
+    return kind.deserialize(data)

@@ -98,8 +98,12 @@ def writer(participant: DomainParticipant, topic: str, kind: type[Any]) -> DataW
     return DataWriter(participant, Topic(participant, f"rt{topic}", kind), Qos(RELIABLE))
 
 
+def kind_of(topic: str) -> type[Any]:
+    """Return the class of a topic's messages."""
+    return {"js": JointState, "cp": PoseStamped, "te": OperatingState}[topic[-2:]]
+
+
 def reader(participant: DomainParticipant, topic: str) -> DataReader[Any]:
     """Return a reader of a topic of an arm or an object."""
-    kinds = {"js": JointState, "cp": PoseStamped, "te": OperatingState}
     qos = Qos(RELIABLE, Policy.History.KeepLast(64))
-    return DataReader(participant, Topic(participant, f"rt{topic}", kinds[topic[-2:]]), qos)
+    return DataReader(participant, Topic(participant, f"rt{topic}", kind_of(topic)), qos)

@@ -18,7 +18,7 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 ROS1_PYTHON ?= /usr/bin/python3
 
 # What is installed beside trocar itself, for each thing one may want to do.
-EXTRAS_run := [record,plot]
+EXTRAS_run := [record,plot,scope]
 EXTRAS_test := [record,bags,plot,export,convex,test,browser]
 EXTRAS_cad := [cad]
 EXTRAS_dev := [dev]

@@ -14,6 +14,7 @@ from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import number
+from trocar.cli.cameras import add_cameras, open_pictures
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from trocar.interfaces import Loop
     from trocar.interfaces.crtk import Core, Transport
+    from trocar.interfaces.pictures import Pictures
     from trocar.simulation import World
 
     Adds = _ArgumentGroup
@@ -67,6 +69,7 @@ def add_serving(parser: ArgumentParser) -> None:
     )
     _add_foxglove(sockets)
     _add_rates(sockets)
+    add_cameras(parser.add_argument_group("cameras (docs/endoscope.md)"))
 
 
 def _add_foxglove(sockets: Adds) -> None:
@@ -91,7 +94,6 @@ def _add_rates(sockets: Adds) -> None:
     sockets.add_argument(
         "--rate", type=number, metavar="HZ", help="of states; default: 220, up to 1000"
     )
-    sockets.add_argument("--camera-rate", type=number, metavar="HZ", help="of images; default: 60")
     sockets.add_argument(
         "--clock",
         choices=("wall", "sim"),
@@ -121,15 +123,19 @@ def serve(world: World, args: Namespace) -> None:
         )
     loop = _loop(world, args, shared=bool(transports))
     with ExitStack() as stack:
+        pictures = open_pictures(loop, args)
+        if pictures is not None:
+            stack.enter_context(closing(pictures))
+            pictures.start()
         if transports:
             sys.setswitchinterval(SWITCH_S)
-            core = stack.enter_context(closing(_core(loop, args)))
+            core = stack.enter_context(closing(_core(loop, args, pictures)))
             for transport in transports:
                 core.attach(transport)
             core.start()
         gc.collect()
         gc.freeze()  # going through all that was set up takes as long as thirty ticks
-        _run(world, loop, args, transports)
+        _run(world, loop, args, (transports, pictures))
 
 
 def _transports(args: Namespace) -> list[Transport]:
@@ -165,15 +171,18 @@ def _loop(world: World, args: Namespace, *, shared: bool) -> Loop:
     return Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
 
 
-def _core(loop: Loop, args: Namespace) -> Core:
+def _core(loop: Loop, args: Namespace, pictures: Pictures | None) -> Core:
     from trocar.interfaces.crtk import Core
 
     rates = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
     given = {name: rate for name, rate in rates.items() if rate is not None}
-    return Core(loop, clock=args.clock, compat=args.compat, **given)
+    return Core(loop, clock=args.clock, compat=args.compat, pictures=pictures, **given)
 
 
-def _run(world: World, loop: Loop, args: Namespace, transports: list[Transport]) -> None:
+def _run(
+    world: World, loop: Loop, args: Namespace, served: tuple[list[Transport], Pictures | None]
+) -> None:
+    transports, pictures = served
     told = [str(getattr(transport, "greeting", transport.name)) for transport in transports]
 
     def tell(*addresses: str) -> None:
@@ -194,4 +203,5 @@ def _run(world: World, loop: Loop, args: Namespace, transports: list[Transport])
         duration_s=args.duration,
         on_ready=lambda url: tell(url, *told),
         loop=loop,
+        pictures=pictures,
     )

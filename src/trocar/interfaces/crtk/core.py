@@ -15,10 +15,11 @@ from types import MappingProxyType
 from typing import Any
 
 from trocar.errors import InputError, TrocarError, UnknownNameError
-from trocar.interfaces.crtk import rig_messages, scene, scene_messages, services
+from trocar.interfaces.crtk import image_rows, rig_messages, scene, scene_messages, services
 from trocar.interfaces.crtk.carriers import Carriers
 from trocar.interfaces.crtk.clock import Mode, Stamper
 from trocar.interfaces.crtk.compat import compatible
+from trocar.interfaces.crtk.images import Images
 from trocar.interfaces.crtk.incoming import Incoming
 from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.robot_model import robot_model
@@ -27,6 +28,7 @@ from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table,
 from trocar.interfaces.crtk.transport import Message, Transport
 from trocar.interfaces.crtk.watching import Watch
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.seldom import Seldom, more
 
 _log = logging.getLogger("trocar")
@@ -50,6 +52,7 @@ class Core:
         camera_rate_hz: of images
         clock: "wall" or "sim": what header stamps tell
         compat: names of older interfaces to serve as well
+        pictures: what draws for the cameras; None: there are no topics of cameras
 
     Attributes:
         loop, rate_hz, camera_rate_hz: as given
@@ -66,6 +69,7 @@ class Core:
         camera_rate_hz: float = CAMERA_RATE_HZ,
         clock: Mode = "wall",
         compat: Sequence[str] = (),
+        pictures: Pictures | None = None,
     ) -> None:
         for name, got in (("rate", rate_hz), ("camera rate", camera_rate_hz)):
             if not 0.0 < got <= RATE_MAX_HZ:
@@ -74,8 +78,10 @@ class Core:
         self.compat = tuple(compat)
         rig = loop.world.rig
         older = compatible(rig, compat)
+        rows = () if pictures is None else (*image_rows.topics_of(rig), *older.cameras)
+        seen = [(topic.name, topic) for topic, _ in rows]
         self.topics: Mapping[str, Topic] = MappingProxyType(
-            {**{t.name: t for t in topic_table(rig)}, **older.topics}
+            {**{t.name: t for t in topic_table(rig)}, **older.topics, **dict(seen)}
         )
         self.services: Mapping[str, Service] = MappingProxyType(
             {s.name: s for s in service_table(rig)}
@@ -97,6 +103,9 @@ class Core:
             {**rig_messages.makers(clock == "sim"), **scene_messages.makers(rig), **older.makers},
         )
         self._carriers = Carriers()
+        self._images = pictures and Images(
+            pictures, loop.world, rows, camera_rate_hz, self._carriers
+        )
         self._thread: threading.Thread | None = None
         self._lock, self._seldom = threading.Lock(), Seldom()
         self._stop_taking: Callable[[], None] = lambda: None
@@ -124,12 +133,17 @@ class Core:
         self._carriers.start(self)
         self._stop_taking = self.incoming.begin()
         rig, stamp = self.loop.world.rig, self.stamper.stamp()
-        self.emit("tf_static", rig_messages.tf_static(rig, stamp))
+        cameras = {} if self._images is None else self._images.cameras()
+        self.emit("tf_static", rig_messages.tf_static(rig, stamp, cameras))
         self._watch.start()
+        if self._images is not None:
+            self._images.start(self._watch)
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
         self._stop_taking()
+        if self._images is not None:
+            self._images.stop()
         self._watch.stop()
         if self._thread is not None:
             self._samples.put(None)

@@ -63,7 +63,7 @@ class Publishing:
         if self._plan is None or self._plan.rig is not sample.rig:
             self._plan = Plan(sample.rig)
         rig = RigFigures(sample, self._plan)
-        tf = self._tf.due(sample.elapsed)
+        tf = self._tf.due(sample.elapsed) or bool(sample.cameras)
         found: dict[str, tuple[Topic, Message]] = {}
         for name in wanted:
             make, topic = self._makers.get(name), self._topics.get(name)

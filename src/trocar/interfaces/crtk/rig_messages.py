@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk import say
+from trocar.interfaces.crtk.camera_frames import moving_frames, still_frames
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.publishing import Figure
 from trocar.interfaces.crtk.robot_model import WORLD, fixed_frames, hinge_states
 from trocar.interfaces.crtk.scene import object_poses
 from trocar.interfaces.crtk.transport import Message
+from trocar.simulation.cameras import CameraRecord
 
 Array = NDArray[np.float64]
 
@@ -35,13 +39,18 @@ def tf(rig: RigFigures, stamp: Stamp) -> Message:
         add(frame, rig_arm.name, arm.measured)
     for name, at in object_poses(rig.sample.scene).items():
         add(WORLD, name, at)
+    for parent, name, at in moving_frames(rig.sample.rig, rig.sample.cameras):
+        add(parent, name, at)
     return {"transforms": list(found.values())}
 
 
-def tf_static(rig: RigDescription, stamp: Stamp) -> Message:
-    """Return the frames that stand still in the world: the roots of what `tf` tells."""
-    found = fixed_frames(rig).items()
-    return {"transforms": [say.transform_stamped(stamp, WORLD, name, at) for name, at in found]}
+def tf_static(
+    rig: RigDescription, stamp: Stamp, cameras: Mapping[str, CameraRecord] | None = None
+) -> Message:
+    """Return the frames that stand still: the roots of what `tf` tells, and eyes."""
+    found = [(WORLD, name, at) for name, at in fixed_frames(rig).items()]
+    found += still_frames(rig, cameras or {})
+    return {"transforms": [say.transform_stamped(stamp, *frame) for frame in found]}
 
 
 def joint_states(rig: RigFigures, stamp: Stamp) -> Message:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from trocar.descriptions.records import RigDescription
@@ -42,6 +42,7 @@ class Sample:
         arms: {name: what its readings are computed from}
         events: what happened since the sample before, oldest first
         scene: objects, and those contacts and sensors that somebody asked for
+        cameras: {name: where it is}, when pictures of this moment are to come; tf is told then
     """
 
     stamp: Stamp
@@ -51,6 +52,7 @@ class Sample:
     arms: Mapping[str, ArmSample]
     events: tuple[Event, ...] = ()
     scene: Scene | None = None
+    cameras: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 def take(

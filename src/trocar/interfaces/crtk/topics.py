@@ -18,6 +18,8 @@ Rate = Literal["state", "event", "tf", "camera", "clock"]
 
 #: How many commands that all count may wait at a subscriber. Source: as the loop's inbox.
 ORDERED = 64
+#: Images are few and large: who lags gets the newest. Source: our own choice.
+IMAGES = 2
 #: Messages without a header, of those that rows name; std_msgs have none either.
 BARE = {"geometry_msgs/Quaternion", "tf2_msgs/TFMessage", "rosgraph_msgs/Clock"}
 

@@ -64,6 +64,8 @@ class Watch:
         self.skipped = 0
         #: Topics that somebody wants, as of the sample before: what costs is only then looked at.
         self.asked: frozenset[str] = frozenset()
+        #: Looks at every sample as it is taken, and may return one with more in it.
+        self.look: Callable[[Sample], Sample] = lambda taken: taken
 
     def start(self) -> None:
         """Watch from now on."""
@@ -94,7 +96,8 @@ class Watch:
         events = tuple(self._drained())
         stamp, passed = self._stamper.stamp(), self._stamper.elapsed_s
         world, seen = self._loop.world, scene.look(self._loop.world, self.asked)
-        self._samples.put(sample.take(world, stamp, passed, (events, seen), self._waits))
+        taken = sample.take(world, stamp, passed, (events, seen), self._waits)
+        self._samples.put(self.look(taken))
 
     def patience(self) -> int:
         """Return in how many ticks the next sample is due."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import closing, suppress
@@ -14,6 +15,8 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.viewer.endoscope import EndoscopeWindow
 from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
 from trocar.interfaces.viewer.own_thread import run_there
@@ -49,7 +52,13 @@ PANEL_WIDTH = 370
 class Page:
     """Everything that a browser sees; made, in viser's thread, while the world stands still."""
 
-    def __init__(self, server: viser.ViserServer, world: World, loop: Loop) -> None:
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        world: World,
+        loop: Loop,
+        pictures: Pictures | None = None,
+    ) -> None:
         self._server, self._loop = server, loop
         self._looks = 0
         self.notices = Notices()
@@ -76,6 +85,10 @@ class Page:
             self._plots = JointPlots(server.gui, self._panel.sheet)
         window.dock_left()
         window.set_width(PANEL_WIDTH)
+        self._scope = None
+        if pictures is not None:
+            eyes = {name: len(c.calibration.eyes) for name, c in pictures.cameras(world).items()}
+            self._scope = EndoscopeWindow(server.gui, pictures, eyes)
 
     def refresh(self) -> None:
         """Send what changed, if anybody looks; to be called there every PERIOD_S."""
@@ -87,12 +100,16 @@ class Page:
             self._show_bodies(state.snapshot)
             self._centres.show(state.snapshot)
             self._show_tools()
+            if self._scope is not None:
+                self._scope.show(time.perf_counter())
         if self._looks % PLOTS_EVERY == 0:
             self._panel.follow(state.snapshot)
             if self._panel.knows(state.snapshot):
                 self._plots.show(self._history, self._panel.sheet)
         if self._looks % NUMBERS_EVERY == 0 and self._panel.knows(state.snapshot):
             self._tables.show(state, self._panel.sheet)
+        if self._looks % NUMBERS_EVERY == 0 and self._scope is not None:
+            self._scope.tell()
         self._looks += 1
 
     def _show_bodies(self, now: Snapshot) -> None:
@@ -130,6 +147,7 @@ def serve(
     duration_s: float | None = None,
     on_ready: Callable[[str], None] | None = None,
     loop: Loop | None = None,
+    pictures: Pictures | None = None,
 ) -> None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
@@ -141,6 +159,7 @@ def serve(
         duration_s: simulated time to run [s]; None means until Ctrl-C
         on_ready: called with the page's address once it is served and time flows
         loop: the world's loop, when others talk to it, too; not running yet, and ended here
+        pictures: draws what the cameras of the loop's world see; None: the page shows none
 
     Raises:
         InputError: the host or the port cannot be used
@@ -148,7 +167,7 @@ def serve(
     """
     with serving(host, port, label=f"trocar: {world.rig.name}") as server:
         loop = loop or Loop(world, speed=speed)
-        page = run_there(server, lambda: Page(server, world, loop))
+        page = run_there(server, lambda: Page(server, world, loop, pictures))
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)
             if on_ready is not None:

@@ -20,6 +20,7 @@ from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.compat.joint_commands import JointEffort, JointPosition
 from trocar.interfaces.crtk.figures import ArmFigures, RigFigures
+from trocar.interfaces.crtk.image_rows import Origin, endoscope_eyes, rows_at
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
 
@@ -93,6 +94,15 @@ def rows(rig: RigDescription) -> Rows:
                         _handler(joint, verb),
                     )  # fmt: skip
     yield Topic(STATES, JOINTS, "pub", "state", help="every joint of every arm", key=STATES), states
+
+
+def cameras(rig: RigDescription) -> Iterator[tuple[Topic, Origin]]:
+    """Return the topics of the endoscope; there `camera_info` has another baseline than the eyes.
+
+    Source: dvrk_description ecm.sdf, the sensor "camera".
+    """
+    for camera, eye in endoscope_eyes(rig):
+        yield from rows_at(f"dvrk/ecm/camera/{eye}", camera, eye, ("image", "info"))
 
 
 def joints_of(arm: ArmDescription) -> tuple[Joint, ...]:

@@ -18,6 +18,7 @@ from trocar.interfaces.commands import Command, JawServo, ServoJp, Verb
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.figures import RigFigures
+from trocar.interfaces.crtk.image_rows import Origin, endoscope_eyes, rows_at
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
 
@@ -62,6 +63,12 @@ def rows(rig: RigDescription) -> Rows:
             )  # fmt: skip
     if all(arm in names for _, arm in SIDES):
         yield _pub(SETUP, "", "the setup joints, left at 0 where the arm has no such joint"), _setup
+
+
+def cameras(rig: RigDescription) -> Iterator[tuple[Topic, Origin]]:
+    """Return the topics of the endoscope; the scene's `P` lacks the baseline, which is here."""
+    for camera, eye in endoscope_eyes(rig):
+        yield from rows_at(f"stereo/{eye}", camera, eye, ("image", "info"))
 
 
 def _pub(name: str, arm: str, text: str) -> Topic:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from trocar.descriptions.records import RigDescription
 from trocar.errors import UnknownNameError
 from trocar.interfaces.crtk.compat import dvrk_env, dvrk_vrep
+from trocar.interfaces.crtk.image_rows import Origin
 from trocar.interfaces.crtk.publishing import Figure
 from trocar.interfaces.crtk.topics import Topic
 
@@ -32,11 +33,13 @@ class Compatible:
         topics: by name
         makers: {topic that is published: how to make its message}
         handlers: {topic that is listened to: what a message does}
+        cameras: topics of cameras and what each is of
     """
 
     topics: Mapping[str, Topic]
     makers: Mapping[str, Figure]
     handlers: Mapping[str, Handler]
+    cameras: tuple[tuple[Topic, Origin], ...] = ()
 
 
 def compatible(rig: RigDescription, names: Sequence[str]) -> Compatible:
@@ -48,13 +51,15 @@ def compatible(rig: RigDescription, names: Sequence[str]) -> Compatible:
     topics: dict[str, Topic] = {}
     makers: dict[str, Figure] = {}
     handlers: dict[str, Handler] = {}
+    cameras: list[tuple[Topic, Origin]] = []
     for name in names:
         if name not in MODULES:
             raise UnknownNameError("compat", name, MODULES)
+        cameras += MODULES[name].cameras(rig)
         for topic, act in MODULES[name].rows(rig):
             topics[topic.name] = topic
             if topic.direction == "pub":
                 makers[topic.name] = act
             else:
                 handlers[topic.name] = act
-    return Compatible(topics, makers, handlers)
+    return Compatible(topics, makers, handlers, tuple(cameras))

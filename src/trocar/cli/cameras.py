@@ -1,0 +1,105 @@
+"""The options of cameras, and what draws for them."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import number
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from argparse import _ArgumentGroup
+
+    from trocar.interfaces import Loop
+    from trocar.interfaces.pictures import Pictures, Renderer
+    from trocar.rendering import Look
+
+
+def add_look(group: _ArgumentGroup) -> None:
+    """Add what the pictures are to look like."""
+    group.add_argument(
+        "--preset",
+        metavar="CAMERA",
+        help="other eyes for the endoscope: a built-in camera, a TOML file, or its calibration of"
+        " ROS or OpenCV",
+    )
+    group.add_argument(
+        "--distortion", action="store_true", help="what the lens distorts; needs a calibration"
+    )
+    group.add_argument(
+        "--exposure", type=number, default=0.0, metavar="STOPS", help="brighter; default: 0"
+    )
+    group.add_argument(
+        "--vignette", type=number, default=0.0, metavar="0..1", help="darker corners; default: 0"
+    )
+    group.add_argument(
+        "--noise", type=number, default=0.0, metavar="SHARE", help="of the sensor; default: 0"
+    )
+    group.add_argument("--no-shadows", action="store_true", help="faster")
+
+
+def add_cameras(group: _ArgumentGroup) -> None:
+    """Add the options of a simulator that serves pictures."""
+    group.add_argument("--no-cameras", action="store_true", help="draw nothing")
+    group.add_argument("--camera-rate", type=number, metavar="HZ", help="of images; default: 60")
+    group.add_argument(
+        "--image-format", choices=("jpeg", "png"), default="jpeg", help="of compressed images"
+    )
+    add_look(group)
+
+
+def look_of(args: Namespace) -> Look:
+    """Return what the options ask pictures to look like.
+
+    Raises:
+        InputError: a value that is not allowed
+    """
+    from trocar.rendering import Look
+
+    return Look(
+        shadows=not args.no_shadows,
+        exposure=args.exposure,
+        vignette=args.vignette,
+        noise=args.noise,
+        distortion=args.distortion,
+    )
+
+
+def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
+    """Return what draws for a loop's cameras, None where there are none to draw for.
+
+    Raises:
+        UnknownNameError: no such preset; the known ones are listed
+        InputError: an option that is not allowed
+    """
+    if args.no_cameras or not loop.world.rig.cameras:
+        if args.preset is not None:
+            raise InputError(f"--preset: no camera to use it: {loop.world.rig.name} has none drawn")
+        return None
+    from trocar.descriptions.cameras import load_camera
+    from trocar.interfaces.pictures import RATE_HZ, Pictures
+
+    eyes = {}
+    if args.preset is not None:
+        scopes = [c.name for c in loop.world.rig.cameras if c.kind == "endoscope"]
+        if not scopes:
+            raise InputError(f"--preset: {loop.world.rig.name} has no endoscope")
+        eyes = {scopes[0]: load_camera(_files(args.preset))}
+    rate = RATE_HZ if args.camera_rate is None else args.camera_rate
+    look = look_of(args)
+
+    def renderer() -> Renderer:
+        from trocar.rendering import Renderer
+
+        ask = loop.ask
+        return Renderer(
+            lambda: ask(lambda w: (w.snapshot().build, w.shapes())).result(), None, look
+        )
+
+    return Pictures(loop, renderer, rate, args.image_format, eyes)
+
+
+def _files(preset: str) -> str | list[str]:
+    """Return a preset's name or file, or the files of both eyes."""
+    return preset.split(",") if "," in preset else preset

@@ -1,0 +1,291 @@
+"""What the cameras see, for all who look: drawn in a thread of its own, of the newest snapshot.
+
+loop's thread --snapshot, if somebody looks and a picture is due--> newest only --drawn--> takers
+
+Neither the physics nor a taker ever waits for a picture: a snapshot that is not drawn yet when the
+next one comes is dropped, and counted.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from trocar.errors import InputError, TrocarError
+from trocar.interfaces.packing import Packer, Picture
+from trocar.interfaces.seldom import Seldom, more
+
+if TYPE_CHECKING:
+    from trocar.descriptions.cameras.records import Calibration
+    from trocar.interfaces.loop import Loop
+    from trocar.interfaces.state import Elapsed
+    from trocar.simulation import World
+    from trocar.simulation.cameras import CameraRecord
+    from trocar.simulation.records import Snapshot
+
+_log = logging.getLogger("trocar")
+
+#: Source: the cameras of the da Vinci; paper, section 3.4. [Hz]
+RATE_HZ = 60.0
+#: A picture that is this much early is in time. Source: as the core's beat. [s]
+SLACK_S = 1e-6
+#: Ticks until a look at the clock, where somebody else says when. Source: our own choice.
+PATIENT = 1000
+#: How long ending may take: a picture that is being drawn is drawn to its end [s].
+FAREWELL_S = 5.0
+
+
+class Renderer(Protocol):
+    """Draws; made, used and closed in one thread."""
+
+    def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> Any:
+        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None."""
+        ...
+
+    def close(self) -> None:
+        """Let go of the graphics library."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What is to be drawn: a world at one moment.
+
+    Attributes:
+        stamp: what headers say of it, None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
+        snapshot, cameras: where bodies and cameras are, of one moment
+        wanted: names of the cameras that somebody looks through
+    """
+
+    stamp: tuple[int, int] | None
+    asked_s: float
+    snapshot: Snapshot
+    cameras: Mapping[str, CameraRecord]
+    wanted: frozenset[str]
+
+
+class Shot:
+    """What one camera saw at one moment.
+
+    Attributes:
+        camera: its name
+        record: where it was and what its lenses are like, as `World.cameras` tells
+        frame: the picture or two, as the renderer made them
+        stamp: what headers say; None where nobody gives stamps
+    """
+
+    def __init__(self, camera: str, order: Order, frame: Any, packer: Packer) -> None:
+        self.camera, self.record, self.frame = camera, order.cameras[camera], frame
+        self.stamp, self._packer = order.stamp, packer
+        self._packed: dict[str, bytes] = {}
+
+    @property
+    def format(self) -> str:
+        """What `packed` gives: "jpeg" or "png"."""
+        return self._packer.format
+
+    def eye(self, eye: str) -> Picture:
+        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left."""
+        return self.frame.right if eye == "right" else self.frame.left
+
+    @property
+    def calibration(self) -> Calibration:
+        """What the eyes are like that saw it; without distortion where it was not asked for."""
+        return self.frame.calibration
+
+    def packed(self, eye: str) -> bytes:
+        """Return the picture of an eye as a file's bytes, packed once for all who ask."""
+        found = self._packed.get(eye)
+        if found is None:
+            found = self._packed[eye] = self._packer.pack(self.eye(eye))
+        return found
+
+
+class Taker(Protocol):
+    """Somebody who looks."""
+
+    def wanted(self) -> Collection[str]:
+        """Return the cameras to look through now; asked in the loop's thread: be quick."""
+        ...
+
+    def take(self, shot: Shot) -> None:
+        """Take a picture, of a camera that somebody wanted; called in the drawing thread."""
+        ...
+
+
+class Pictures:
+    """Draws for all takers.
+
+    Args:
+        loop: whose world is drawn
+        open_renderer: makes what draws, called in the drawing thread when somebody first looks
+        rate_hz: how often, above 0
+        format: of packed pictures, "jpeg" or "png"
+        calibrations: {camera: what its eyes are like, other than the rig says}
+
+    Attributes:
+        led: whether somebody else says when, by `shoot`; otherwise it is every 1 / rate_hz
+        made, dropped, late: pictures drawn; snapshots that were overtaken before; pictures that
+            were older than 1 / rate_hz when they had been handed on
+        failure: why nothing is drawn any more, "" while all is well
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        open_renderer: Callable[[], Renderer],
+        rate_hz: float = RATE_HZ,
+        format: str = "jpeg",  # noqa: A002  the word of sensor_msgs
+        calibrations: Mapping[str, Calibration] | None = None,
+    ) -> None:
+        if not 0.0 < rate_hz < float("inf"):
+            raise InputError(f"camera rate: got {rate_hz:g} Hz; allowed: above 0")
+        self._loop, self._open, self.rate_hz = loop, open_renderer, rate_hz
+        self._packer = Packer(format)
+        self._calibrations = dict(calibrations or {})
+        self._takers: tuple[Taker, ...] = ()
+        self._order: Order | None = None
+        self._changed = threading.Condition()
+        self._stopping = self._drawing = False
+        self._thread: threading.Thread | None = None
+        self._unwatch: Callable[[], None] = lambda: None
+        self._count = -1
+        self._seldom = Seldom()
+        self.led = False
+        self.made = self.dropped = self.late = 0
+        self.failure = ""
+
+    # ------------------------------------------------------------------ life
+
+    def start(self) -> None:
+        """Begin: draw when somebody looks."""
+        self._thread = threading.Thread(target=self._run, name="trocar-pictures", daemon=True)
+        self._thread.start()
+        self._unwatch = self._loop.watch(self)
+
+    def close(self) -> None:
+        """End, once the picture in hand is drawn."""
+        self._unwatch()
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join(FAREWELL_S)
+            self._thread = None
+
+    def add(self, taker: Taker) -> Callable[[], None]:
+        """Hand pictures to somebody as well, until the function that is returned is called."""
+        self._takers += (taker,)
+
+        def leave() -> None:
+            self._takers = tuple(t for t in self._takers if t is not taker)
+
+        return leave
+
+    # ------------------------------------------------------------------ the loop's thread
+
+    def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  as every watcher
+        """Let a picture be drawn when one is due and nobody else says when."""
+        count = int((self._loop.now + SLACK_S) * self.rate_hz)  # of the wall, also in a pause
+        if not self.led and count != self._count:
+            self._count = count
+            self.shoot(self._loop.world)
+
+    def refused(self, command: object, reason: str) -> None:
+        """Commands are none of the cameras' business."""
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is drawn now, and nothing waits for it."""
+        with self._changed:
+            return self._order is None and not self._drawing
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Names of the cameras that somebody looks through now."""
+        if self.failure:
+            return frozenset()
+        return frozenset[str]().union(*(taker.wanted() for taker in self._takers))
+
+    def patience(self) -> int:
+        """Return in how many ticks a picture may be due."""
+        return PATIENT if self.led else 1
+
+    def cameras(self, world: World) -> dict[str, CameraRecord]:
+        """Return the cameras of a world with the eyes that they are given here."""
+        found = world.cameras()
+        for name, calibration in self._calibrations.items():
+            if name in found:
+                found[name] = found[name].seeing(calibration)
+        return found
+
+    def shoot(
+        self, world: World, stamp: tuple[int, int] | None = None
+    ) -> Mapping[str, CameraRecord]:
+        """Let the world be drawn as it is now; return its cameras, none when nobody looks."""
+        wanted = self.wanted
+        if not wanted:
+            return {}
+        now = time.perf_counter()
+        order = Order(stamp, now, world.snapshot(), self.cameras(world), wanted)
+        with self._changed:
+            overtaken, self._order = self._order is not None, order
+            self.dropped += overtaken
+            self._changed.notify()
+        if overtaken:
+            self._complain(now)
+        return order.cameras
+
+    # ------------------------------------------------------------------ the drawing thread
+
+    def _run(self) -> None:
+        renderer: Renderer | None = None
+        try:
+            while (order := self._next()) is not None:
+                if renderer is None:
+                    renderer = self._open()
+                self._draw(renderer, order)
+        except TrocarError as problem:
+            self._fail(str(problem))
+        except Exception as problem:  # noqa: BLE001  logged whole; the simulation goes on
+            _log.exception("nothing is drawn any more")
+            self._fail(repr(problem))
+        finally:
+            if renderer is not None:
+                renderer.close()
+
+    def _next(self) -> Order | None:
+        """Wait for the newest order; None when all is over."""
+        with self._changed:
+            self._drawing = False
+            self._changed.wait_for(lambda: self._order is not None or self._stopping)
+            order, self._order = self._order, None
+            self._drawing = not self._stopping
+            return None if self._stopping else order
+
+    def _draw(self, renderer: Renderer, order: Order) -> None:
+        for camera in sorted(order.wanted & order.cameras.keys()):
+            frame = renderer.render(order.snapshot, order.cameras, camera)
+            shot = Shot(camera, order, frame, self._packer)
+            for taker in self._takers:
+                taker.take(shot)
+            self.made += 1
+            self.late += time.perf_counter() - order.asked_s > 1.0 / self.rate_hz
+
+    def _complain(self, now: float) -> None:
+        unsaid = self._seldom.due("slow", now)
+        if unsaid is not None and self.made:  # the first takes long: everything is made then
+            _log.warning(
+                "a picture was dropped: drawing is slower than %g Hz%s", self.rate_hz, more(unsaid)
+            )
+
+    def _fail(self, reason: str) -> None:
+        self.failure = reason
+        with self._changed:
+            self._drawing, self._order = False, None
+        _log.warning("no pictures: %s", reason)

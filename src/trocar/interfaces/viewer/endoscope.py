@@ -1,0 +1,131 @@
+"""The window that shows what the cameras see: one eye, both, or both for coloured glasses."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from html import escape
+
+import numpy as np
+import viser
+
+from trocar.interfaces.packing import Packer
+from trocar.interfaces.pairs import Picture, anaglyph, side_by_side
+from trocar.interfaces.pictures import Pictures, Shot
+from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
+
+RATE_HZ = 30.0
+"""How often a picture is shown, at most. Source: our own choice, as often as the cart is."""
+
+SPAN = 30
+"""Pictures over which their rate is measured."""
+
+ANSWERED_S = 0.2
+"""A page that nobody has refreshed for so long looks at no camera [s]."""
+
+WIDTH, GAP = 430, 12
+"""Of the window, and its distance from the edges, in CSS pixels. Source: chosen by eye."""
+
+LEFT, RIGHT, BOTH, GLASSES, OFF = "left", "right", "side by side", "anaglyph", "off"
+
+#: The button finds the picture beside it; the browser does the rest, and Escape ends it.
+FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
+<button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
+border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer" onclick="let e=this,i;
+while(!(i=e.querySelector('img')))e=e.parentElement; i.requestFullscreen()">Full screen</button>
+<span style="opacity:.62" data-trocar="scope">{said}</span></div>"""
+
+
+class EndoscopeWindow:
+    """The window; made and refreshed in viser's thread, given pictures in theirs.
+
+    Args:
+        gui: of the page
+        pictures: draws
+        cameras: {name: how many eyes it has}, the first one shown
+    """
+
+    def __init__(self, gui: viser.GuiApi, pictures: Pictures, cameras: Mapping[str, int]) -> None:
+        self._pictures, self._cameras = pictures, dict(cameras)
+        self._packer = Packer()
+        self._camera, self._view = next(iter(cameras)), LEFT
+        self._fresh: bytes | None = None
+        self._came: deque[float] = deque(maxlen=SPAN)
+        self._due = self._seen = 0.0
+        self._said = ""
+        window = gui.add_panel()
+        with window.add_tab("Cameras"):
+            if len(cameras) > 1:
+                choice = gui.add_dropdown("Camera", list(cameras))
+                when_touched(choice, self._look_through)
+            self._buttons = gui.add_button_group("View", self._views())
+            when_pressed(self._buttons, self._choose)
+            self._image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
+            self._line = gui.add_html(FULL_SCREEN.format(said=""))
+        window.float(x=GAP, y=GAP, width=WIDTH)
+        self.leave = pictures.add(self)
+
+    # ------------------------------------------------------------------ viser's thread
+
+    def show(self, now_s: float) -> None:
+        """Show the newest picture; to be called while somebody looks at the page."""
+        self._seen = now_s
+        fresh, self._fresh = self._fresh, None
+        if fresh is not None:
+            self._image._data = fresh  # the handle would pack a picture anew, in this thread
+
+    def tell(self) -> None:
+        """Write how many pictures come, and what went wrong."""
+        said = self._pictures.failure or self._figures()
+        if said != self._said:
+            self._said = said
+            self._line.content = FULL_SCREEN.format(said=escape(said))
+
+    def _figures(self) -> str:
+        if self._view == OFF:
+            return "off"
+        if len(self._came) < 2:
+            return "no picture yet"
+        rate = (len(self._came) - 1) / max(self._came[-1] - self._came[0], 1e-9)
+        dropped = self._pictures.dropped
+        return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
+
+    def _look_through(self, camera: str) -> None:
+        self._camera = camera
+        self._came.clear()
+        if self._cameras[camera] == 1 and self._view != OFF:
+            self._view = LEFT
+
+    def _choose(self, view: str) -> None:
+        self._view = view
+        self._came.clear()
+
+    def _views(self) -> tuple[str, ...]:
+        both = max(self._cameras.values()) > 1
+        return (LEFT, RIGHT, BOTH, GLASSES, OFF) if both else (LEFT, OFF)
+
+    # ------------------------------------------------------------------ other threads
+
+    def wanted(self) -> Collection[str]:
+        """Return the chosen camera, when somebody looks and a picture is due."""
+        now = time.perf_counter()
+        if self._view == OFF or now - self._seen > ANSWERED_S or now < self._due:
+            return ()
+        self._due = max(self._due + 1.0 / RATE_HZ, now)
+        return (self._camera,)
+
+    def take(self, shot: Shot) -> None:
+        """Keep a picture for the page."""
+        if shot.camera != self._camera or self._view == OFF:
+            return
+        self._fresh = self._composed(shot, self._view)
+        self._came.append(time.perf_counter())
+
+    def _composed(self, shot: Shot, view: str) -> bytes:
+        if self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT):
+            eye = RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT
+            jpeg = shot.format == self._packer.format
+            return shot.packed(eye) if jpeg else self._packer.pack(shot.eye(eye))
+        compose: Callable[[Picture, Picture], Picture] = side_by_side if view == BOTH else anaglyph
+        return self._packer.pack(compose(shot.eye(LEFT), shot.eye(RIGHT)))

@@ -182,3 +182,11 @@ def chain_pose(
 ) -> ChainPose:
     """Return the function that computes the pose of a frame, prepared once."""
     return ChainPose(mechanism, frame, relative_to)
+
+
+@lru_cache(maxsize=256)
+def standing_pose(mechanism: Mechanism, frame: str, relative_to: str) -> Array:
+    """Return the pose of a frame in another that no joint moves against it, (4, 4), read-only."""
+    found = pose(mechanism, np.zeros(len(mechanism.joints)), frame, relative_to)
+    found.setflags(write=False)
+    return found

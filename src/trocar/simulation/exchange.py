@@ -50,7 +50,7 @@ def exchange(world: World, name: str, tool: str) -> None:
     model = world._compile(rig)
     arm.come_off()
     old, new = arm.description, rig.arm(name).arm
-    q = _engaged(arm.readings()[0], old, new)
+    q = _engaged(arm.positions(), old, new)
     told = _engaged(arm.setpoints(), old, new)
     _warn_of_clipped(name, arm.setpoints(), old, told, new)
     before = world._model, world._data, world._servos

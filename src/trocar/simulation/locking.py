@@ -102,7 +102,7 @@ class Locking(Readings):
         self._laws["lock"] = OrientationLock(
             fit_chain(self.description.mechanism, STRUCTURE),
             self.base_frame()[0][:3, :3].T @ self._lock,
-            self.readings()[0][self._own],
+            self.positions()[self._own],
             limits,
             lambda: self._clock.time,
         )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import DISPLAY, RigDescription
 from trocar.geometry.se3 import inverse
-from trocar.kinematics.forward import pose
+from trocar.kinematics.chain_pose import chain_pose, standing_pose
 from trocar.simulation.arm import Arm
 
 Array = NDArray[np.float64]
@@ -32,10 +32,9 @@ class Places:
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
-        mechanism = self._rig.arm(name).arm.mechanism
-        rest = np.zeros(len(mechanism.joints))
-        fixed = pose(mechanism, rest, mechanism.reference, self._rig.arm(name).arm.root)
-        return self.root_pose(name) @ fixed
+        arm = self._rig.arm(name).arm
+        own = standing_pose(arm.mechanism, arm.mechanism.reference, arm.root)
+        return self.root_pose(name) @ own
 
     def root_pose(self, name: str) -> Array:
         """Return the pose of an arm's root in the world, by its carrier's measured joints."""
@@ -43,8 +42,8 @@ class Places:
         if not rig_arm.on:
             return rig_arm.pose
         carrier = self._rig.arm(rig_arm.on).arm
-        q = self._arms[rig_arm.on].readings()[0]
-        mount = pose(carrier.mechanism, q, rig_arm.frame, carrier.root)
+        q = self._arms[rig_arm.on].positions()
+        mount = chain_pose(carrier.mechanism, rig_arm.frame, carrier.root)(q)
         return self.root_pose(rig_arm.on) @ mount @ rig_arm.pose
 
     def base_pose(self, name: str) -> tuple[Array, str]:

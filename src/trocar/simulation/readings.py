@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.se3 import adjoint, check_transform, inverse
-from trocar.kinematics.forward import pose
+from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.simulation.controllers import TipState, WrenchFrame
@@ -101,6 +101,10 @@ class Readings:
         """Return the set-points that the servos follow, the jaw not included."""
         return self._verbs.state(self._own, setpoint=True)
 
+    def positions(self) -> Array:
+        """Return measured positions of every joint, the jaw included, (n,) [rad or m]."""
+        return self._verbs.positions()
+
     def readings(self) -> tuple[Array, Array, Array]:
         """Return (positions, velocities, efforts) of every joint, the jaw included, (n,) each."""
         return self._verbs.readings()
@@ -157,7 +161,7 @@ class Readings:
 
     def local_measured_cp(self) -> Pose:
         """Return the tip's pose in the arm's own reference frame (the remote centre's)."""
-        return self._local_pose(self.readings()[0])
+        return self._local_pose(self.positions())
 
     def local_setpoint_cp(self) -> Pose:
         """Return the pose of the tip at the set-points in the arm's own reference frame."""
@@ -175,7 +179,7 @@ class Readings:
         q, qd, _ = self.readings()
         mechanism = self.description.mechanism
         twist = jacobian_body(mechanism, q) @ qd
-        R = pose(mechanism, q)[:3, :3]
+        R = chain_pose(mechanism)(q)[:3, :3]
         return Twist(R @ twist[:3], R @ twist[3:], mechanism.reference, self._clock.time)
 
     def measured_cf(self, frame: WrenchFrame = "body") -> Wrench:
@@ -205,7 +209,7 @@ class Readings:
         if frame not in FRAMES:
             raise InputError(f"{self.name}: got frame {frame!r}; allowed: {', '.join(FRAMES)}")
         of = jacobian_body if frame == "body" else jacobian_spatial
-        return of(self.description.mechanism, self.readings()[0])[:, self._own]
+        return of(self.description.mechanism, self.positions())[:, self._own]
 
     # ------------------------------------------------------------------ kinematics
 
@@ -257,7 +261,7 @@ class Readings:
         """Return where the arm is, for periodic laws."""
         q, qd, _ = self.readings()
         mechanism = self.description.mechanism
-        base, tip = self.base_frame()[0], pose(mechanism, q)
+        base, tip = self.base_frame()[0], chain_pose(mechanism)(q)
         spatial = jacobian_spatial(mechanism, q)[:, self._own]
         return TipState(
             q[self._own],
@@ -270,7 +274,7 @@ class Readings:
 
     def _local_pose(self, q: Array) -> Pose:
         mechanism = self.description.mechanism
-        return Pose(pose(mechanism, q), mechanism.reference, self._clock.time)
+        return Pose(chain_pose(mechanism)(q), mechanism.reference, self._clock.time)
 
     def _whole(self, q: ArrayLike) -> Array:
         """Return joint positions with the jaw's set-point behind them, (n,)."""

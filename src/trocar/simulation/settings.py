@@ -202,7 +202,7 @@ class Settings:
         Raises:
             InputError: noise that is no number from 0 on or has no generator, a wrong offset
         """
-        clean = self._verbs.readings()[0]
+        clean = self._verbs.positions()
         shift = np.asarray(offset, dtype=np.float64)
         if shift.shape not in ((), clean.shape):
             raise InputError(

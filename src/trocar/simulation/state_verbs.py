@@ -175,7 +175,7 @@ class StateVerbs(Readings):
             self._verbs.tell("goal_reached", reached=False)
 
     def _watch(self, homing: Homing) -> None:
-        measured = self.readings()[0][self._own]
+        measured = self.positions()[self._own]
         outcome = homing.look(measured, self._clock.time)
         if outcome == "home":
             self._homing = None

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.geometry.se3 import transform
-from trocar.kinematics.forward import pose
+from trocar.kinematics.chain_pose import chain_pose
 from trocar.simulation.controllers import CartesianForce, CartesianImpedance, Law, WrenchFrame
 from trocar.simulation.journal import command
 from trocar.simulation.motion import Motion
@@ -110,9 +110,9 @@ class TipVerbs(Readings):
         mechanism = self.description.mechanism
         if self.type != "PSM" or "wrist_pitch" not in mechanism.frame_index:
             return True
-        q = self.readings()[0]
-        wrist = pose(mechanism, q, "wrist_pitch")[:3, 3]
-        depth = float(pose(mechanism, q, "roll")[:3, 2] @ wrist)
+        q = self.positions()
+        wrist = chain_pose(mechanism, "wrist_pitch")(q)[:3, 3]
+        depth = float(chain_pose(mechanism, "roll")(q)[:3, 2] @ wrist)
         if depth >= SAFE_DEPTH_M:
             return True
         self._verbs.refusals.warn(

@@ -90,6 +90,10 @@ class Verbs:
 
     # ------------------------------------------------------------------ readings
 
+    def positions(self) -> Array:
+        """Return measured positions of every joint, the jaw included, (n,) [rad or m]."""
+        return self.setpoints.position.copy() if self._drives.welded else self._drives.positions()
+
     def readings(self) -> tuple[Array, Array, Array]:
         """Return (positions, velocities, efforts) of every joint, the jaw included, (n,) each."""
         if self._drives.welded:
@@ -200,7 +204,7 @@ class Verbs:
 
     def stay(self, which: Sequence[int]) -> None:
         """End every move; the given joints' set-points are where they are measured."""
-        here = np.clip(self.readings()[0], self._lower, self._upper)
+        here = np.clip(self.positions(), self._lower, self._upper)
         self.setpoints.end(slice(0, len(self._names)))
         self.setpoints.position[which] = here[which]
         self.setpoints.velocity[:] = 0.0
@@ -235,7 +239,7 @@ class Verbs:
         told = self.setpoints.position.copy()
         if self._lent:
             lent = sorted(self._lent)
-            told[lent] = self.readings()[0][lent]
+            told[lent] = self.positions()[lent]
         return told[part]
 
     def take(self, which: Sequence[int], part: slice) -> None:
@@ -265,7 +269,7 @@ class Verbs:
 
     def _rest_here(self, which: Sequence[int], part: slice) -> None:
         """End the moves of a part; some joints' set-points are where they are, without effort."""
-        here = np.clip(self.readings()[0], self._lower, self._upper)
+        here = np.clip(self.positions(), self._lower, self._upper)
         self.setpoints.end(part)
         self.setpoints.position[which] = here[which]
         self.setpoints.velocity[which] = 0.0

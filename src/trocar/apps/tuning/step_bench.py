@@ -118,7 +118,7 @@ class StepBench:
         arm = self._world.arm(self._name)
         count = round(ANSWER_S / self._world.timestep)
         position, effort = np.zeros(count + 1), np.zeros(count + 1)
-        position[0] = arm.readings()[0][index]
+        position[0] = arm.positions()[index]
         self._command(joint, target)
         effort[0] = arm.readings()[2][index]
         for row in range(1, count + 1):

@@ -109,7 +109,7 @@ def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:
     for place, speed in zip(q[:, :own], v[:, :own], strict=True):
         arm.servo_jp(place, speed)
         world.step(every)
-        actual.append(arm.readings()[0])
+        actual.append(arm.positions())
         coordinates.append(arm.frame_coordinates())
     return np.array(actual), np.array(coordinates)
 

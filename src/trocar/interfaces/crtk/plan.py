@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
-from trocar.kinematics.chain_pose import ChainPose, ChainPoses, chain_pose
-from trocar.kinematics.forward import pose
+from trocar.kinematics.chain_pose import ChainPose, ChainPoses, chain_pose, standing_pose
 from trocar.simulation.records import ArmSample
 
 Array = NDArray[np.float64]
 
 
-@lru_cache(maxsize=64)
 def own_base(arm: ArmDescription) -> Array:
     """Return the pose of an arm's reference frame in its root, (4, 4)."""
-    mechanism = arm.mechanism
-    return pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.reference, arm.root)
+    return standing_pose(arm.mechanism, arm.mechanism.reference, arm.root)
 
 
 class Plan:

@@ -186,7 +186,7 @@ class Sampler:
         world = self._world
         number = 0 if self._shape is None else self._shape.number + 1
         welded = {
-            name: world.arms[name].readings()[0] for name, d in world._drives.items() if d.welded
+            name: world.arms[name].positions() for name, d in world._drives.items() if d.welded
         }
         bases = {name: arm.base_frame() for name, arm in world.arms.items()}
         chosen = [name for name, arm in world.arms.items() if arm._base is not None]

@@ -60,6 +60,7 @@ HOMES = {
     "zstandard": ("simulation/recording",),
     "rosbags": ("apps/replay",),
     "matplotlib": ("apps",),
+    "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/foreign"),
     "build123d": ("apps/cad",),
     "OCP": ("apps/cad",),

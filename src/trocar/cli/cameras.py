@@ -49,8 +49,13 @@ def add_cameras(group: _ArgumentGroup) -> None:
     add_look(group)
 
 
-def look_of(args: Namespace) -> Look:
-    """Return what the options ask pictures to look like.
+def eyes_of(preset: str) -> str | list[str]:
+    """Return a preset's name or file, or the files of both eyes."""
+    return preset.split(",") if "," in preset else preset
+
+
+def look_of(args: Namespace, samples: int = 0) -> Look:
+    """Return what the options ask pictures to look like, with so many samples per pixel.
 
     Raises:
         InputError: a value that is not allowed
@@ -63,6 +68,7 @@ def look_of(args: Namespace) -> Look:
         vignette=args.vignette,
         noise=args.noise,
         distortion=args.distortion,
+        samples=samples,
     )
 
 
@@ -85,7 +91,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
         scopes = [c.name for c in loop.world.rig.cameras if c.kind == "endoscope"]
         if not scopes:
             raise InputError(f"--preset: {loop.world.rig.name} has no endoscope")
-        eyes = {scopes[0]: load_camera(_files(args.preset))}
+        eyes = {scopes[0]: load_camera(eyes_of(args.preset))}
     rate = RATE_HZ if args.camera_rate is None else args.camera_rate
     look = look_of(args)
 
@@ -98,8 +104,3 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
         )
 
     return Pictures(loop, renderer, rate, args.image_format, eyes)
-
-
-def _files(preset: str) -> str | list[str]:
-    """Return a preset's name or file, or the files of both eyes."""
-    return preset.split(",") if "," in preset else preset

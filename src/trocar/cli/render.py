@@ -1,0 +1,139 @@
+"""Draw what a camera of a rig sees: a picture of one moment, or a video of a motion.
+
+The ending says which: .png or .jpg, or .mp4 (extra video). Nothing has to be on a screen, and no
+graphics card has to be there. A video's time is simulated time, however long drawing takes.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_calibrations, add_json, number
+from trocar.cli.cameras import add_look, eyes_of, look_of
+from trocar.cli.output import print_json
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.rendering import Endoscope
+    from trocar.simulation import World
+
+DURATION_S, RATE_HZ = 10.0, 30.0
+#: As `trocar.apps.filming` has them; that is not imported for a list of words.
+EYES = ("both", "left", "right", "anaglyph")
+SHOWN = ("colour", "depth", "ids", "normals")
+MOTIONS = ("instruments", "sine", "still")
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+    )
+    parser.add_argument(
+        "-o", "--out", required=True, metavar="FILE", help=".png, .jpg or .mp4; written over"
+    )
+    parser.add_argument("--camera", metavar="NAME", help="of the rig; default: its first")
+    parser.add_argument(
+        "--pose", metavar="NAME", help='of the rig, to begin with; default: "work", where it is one'
+    )
+    parser.add_argument(
+        "--after", type=number, default=0.0, metavar="S", help="simulated time before the picture"
+    )
+    video = parser.add_argument_group("videos")
+    video.add_argument(
+        "--duration", type=number, metavar="S", help=f"simulated time; default: {DURATION_S:g}"
+    )
+    video.add_argument(
+        "--rate", type=number, metavar="HZ", help=f"pictures a second; default: {RATE_HZ:g}"
+    )
+    video.add_argument(
+        "--motion",
+        choices=MOTIONS,
+        default="instruments",
+        help="what moves: instruments a little (default), all arms along the paper's sine, nothing",
+    )
+    picture = parser.add_argument_group("the picture")
+    picture.add_argument("--eye", choices=EYES, default="both", help="default: both, side by side")
+    picture.add_argument("--show", choices=SHOWN, default="colour", help="default: colour")
+    picture.add_argument(
+        "--angle", type=number, metavar="DEG", help="of the scope's end: 0, 30 (down) or -30"
+    )
+    picture.add_argument(
+        "--samples", type=int, default=4, metavar="N", help="per pixel: smooth edges; default: 4"
+    )
+    add_look(picture)
+    add_calibrations(parser)
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Draw, and say what was written."""
+    from trocar.apps.filming import film, kind_of, take_picture
+
+    path = Path(args.out).expanduser()
+    kind = kind_of(path)
+    if kind == "picture" and (args.duration is not None or args.rate is not None):
+        raise InputError(f"{path}: --duration and --rate are for videos (.mp4)")
+    if not 0.0 <= args.after < float("inf"):
+        raise InputError(f"--after: got {args.after:g}; allowed: 0 s or more")
+    world, scope = _opened(args)
+    shown = {"eye": args.eye, "show": args.show}
+    if kind == "picture":
+        width, height = take_picture(scope.capture, path, **shown)
+        count = 1
+    else:
+        width, height, count = film(
+            world,
+            scope.capture,
+            path,
+            duration_s=DURATION_S if args.duration is None else args.duration,
+            rate_hz=RATE_HZ if args.rate is None else args.rate,
+            motion=args.motion,
+            progress=_progress if sys.stderr.isatty() else None,
+            **shown,
+        )
+    scope.close()
+    _tell(args, {"file": str(path), "width": width, "height": height, "pictures": count})
+    return 0
+
+
+def _opened(args: Namespace) -> tuple[World, Endoscope]:
+    """Return the world as it is to be drawn, and what draws it."""
+    from trocar.descriptions.cameras import load_camera
+    from trocar.rendering import Endoscope
+    from trocar.simulation import World
+
+    world = World(args.rig, calibration=args.calibration)
+    names = [camera.name for camera in world.rig.cameras]
+    if not names:
+        raise InputError(f"rig {world.rig.name} has no camera: add a [[camera]] to its file")
+    pose = args.pose or ("work" if "work" in world.rig.poses else "start")
+    if pose != "start":
+        world.reset(pose=pose)
+    scope = Endoscope(
+        world,
+        args.camera or names[0],
+        calibration=None if args.preset is None else load_camera(eyes_of(args.preset)),
+        angle_deg=args.angle,
+        look=look_of(args, samples=args.samples),
+        **{name: name == args.show for name in ("depth", "ids", "normals")},
+    )
+    if periods := round(args.after / world.timestep):
+        world.step(periods)
+    return world, scope
+
+
+def _progress(done: int, count: int) -> None:
+    print(f"\r{done} of {count} pictures", end="" if done < count else "\n", file=sys.stderr)
+
+
+def _tell(args: Namespace, written: dict[str, object]) -> None:
+    if args.json:
+        print_json(written)
+        return
+    count = written["pictures"]
+    many = "" if count == 1 else f", {count} pictures"
+    print(f"{written['file']}: {written['width']} x {written['height']}{many}")

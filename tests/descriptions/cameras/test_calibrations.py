@@ -114,6 +114,10 @@ def test_a_lens_has_the_model_that_it_needs() -> None:
     eye = replace(EYE, distortion=np.array([0.5, -0.3, 0.0, 0.0, 0.02, 0.7, -0.1, 0.03]))
     assert eye.model == "rational_polynomial" and eye.distortion.shape == (8,)
     assert not EYE.undistorted().distortion.any()
+    assert not MonoCalibration(EYE).undistorted().eye.distortion.any()
+    assert not any(eye.distortion.any() for eye in crooked().undistorted().eyes)
+    plain = load_camera("hd_1280x720")
+    assert plain.undistorted() is plain
 
 
 def test_the_camera_lies_midway_between_its_eyes() -> None:

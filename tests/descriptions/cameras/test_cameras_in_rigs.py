@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -148,3 +149,14 @@ def test_a_rig_without_an_ecm_has_no_scope(tmp_path: Path) -> None:
 def test_names_are_told_apart(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"camera\[1\].name: got 'wall' a second time"):
         rig(tmp_path, VIEW + VIEW)
+
+
+def test_the_cameras_that_the_page_shows_can_be_read(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "descriptions.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```toml\n(\[\[camera\]\]\n.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    assert len(blocks) == 2
+    camera = load_stereo_camera("hd_1280x720")
+    write_camera(camera, [tmp_path / "left.yaml", tmp_path / "right.yaml"])
+    wrist, scope = rig(tmp_path, "".join(blocks)).cameras
+    assert (wrist.name, wrist.frame) == ("wrist", "insertion")
+    assert scope.calibration.baseline == camera.baseline

@@ -67,7 +67,9 @@ class Intrinsics:
         return self.width, self.height
 
     def undistorted(self) -> Intrinsics:
-        """Return the same eye behind a lens that does not distort."""
+        """Return the same eye behind a lens that does not distort, itself where it does not."""
+        if not self.distortion.any():
+            return self
         return Intrinsics(self.width, self.height, self.K)
 
     def resized(self, width: int, height: int) -> Intrinsics:
@@ -129,7 +131,8 @@ class MonoCalibration:
 
     def undistorted(self) -> MonoCalibration:
         """Return the same camera behind a lens that does not distort."""
-        return replace(self, eye=self.eye.undistorted())
+        eye = self.eye.undistorted()
+        return self if eye is self.eye else replace(self, eye=eye)
 
     def resized(self, width: int, height: int) -> MonoCalibration:
         """Return the same camera with more or fewer pixels."""
@@ -189,6 +192,8 @@ class StereoCalibration:
     def undistorted(self) -> StereoCalibration:
         """Return the same camera behind lenses that do not distort."""
         left, right = self.left.undistorted(), self.right.undistorted()
+        if left is self.left and right is self.right:
+            return self
         return replace(self, left=left, right=right)
 
     def resized(self, width: int, height: int) -> StereoCalibration:

@@ -51,6 +51,7 @@ HOMES = {
         "apps/benchmarks",
     ),
     "rospy": ("interfaces/crtk/transports/ros1", "apps/benchmarks"),
+    "PyKDL": ("interfaces/crtk/scripts",),
     "rosgraph": ("interfaces/crtk/transports/ros1",),
     "genpy": ("interfaces/crtk/transports/ros1",),
     "cyclonedds": ("interfaces/crtk/transports/ros2", "apps/benchmarks"),

@@ -23,6 +23,7 @@ from trocar.errors import InputError, TrocarError
 COMMANDS = {
     "sim": "simulate a rig: live in the browser, or headless",
     "render": "what a rig's camera sees, as a picture or a video",
+    "run": "a script of the dVRK without ROS, as fast as it goes",
     "tune": "step response of an arm's joints, and gains tuned from it",
     "replay": "repeat a recording, or drive an arm along one of a real arm",
     "mocap": "tracks of a simulated arm, as cameras would tell them",

@@ -15,32 +15,21 @@ from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, number
+from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, table
 from trocar.cli.serving import add_serving, serve
+from trocar.cli.worlds import add_world, make_world
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.apps.benchmarks import HeadlessReport
-    from trocar.simulation import World
 
 HEADLESS_DURATION_S = 10.0
-DEFAULT_TOOL = "LARGE_NEEDLE_DRIVER:400006"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
-    )
-    parser.add_argument(
-        "--tool",
-        action="append",
-        default=[],
-        metavar="ARM=TOOL",
-        help="mount another tool (trocar list tools, or a TOML file); may be repeated",
-    )
-    add_calibrations(parser)
+    add_world(parser)
     parser.add_argument("--headless", action="store_true", help="no page: measure and report")
     parser.add_argument(
         "--duration", type=number, metavar="S", help="stop after this much simulated time"
@@ -52,19 +41,6 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--speed",
         choices=("realtime", "max"),
         help="default: realtime in the browser, max headless",
-    )
-    parser.add_argument("--control", choices=("dvrk", "paper"), default="dvrk", help="gains")
-    parser.add_argument(
-        "--friction", choices=("identified", "paper"), default="identified", help="joint model"
-    )
-    parser.add_argument(
-        "--setup-joints",
-        choices=("braked", "locked"),
-        default="braked",
-        help="simulated and held by brakes, or welded (faster)",
-    )
-    parser.add_argument(
-        "--timestep", type=number, default=0.001, metavar="S", help="physics period"
     )
     parser.add_argument(
         "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
@@ -85,7 +61,7 @@ def run(args: Namespace) -> int:
         return _live(args)
     from trocar.apps.benchmarks import run_headless
 
-    world = _world(args)
+    world = make_world(args, args.tip_load)
     report = run_headless(
         world,
         HEADLESS_DURATION_S if args.duration is None else args.duration,
@@ -100,41 +76,11 @@ def run(args: Namespace) -> int:
 
 
 def _live(args: Namespace) -> int:
-    world = _world(args)
+    world = make_world(args, args.tip_load)
     print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
     with world.record(args.record) if args.record else nullcontext():
         serve(world, args)
     return 0
-
-
-def _world(args: Namespace) -> World:
-    from trocar.simulation import World
-
-    world = World(
-        args.rig,
-        timestep_s=args.timestep,
-        control=args.control,
-        friction=args.friction,
-        setup_joints=args.setup_joints,
-        tip_load_n=args.tip_load,
-        calibration=args.calibration,
-    )
-    for arm, tool in _tools(args):
-        world.exchange_tool(arm, tool)
-    if args.tool:
-        world.reset()
-    return world
-
-
-def _tools(args: Namespace) -> list[tuple[str, str]]:
-    """Return (arm, tool) of every --tool."""
-    pairs = [wanted.partition("=") for wanted in args.tool]
-    for arm, given, tool in pairs:
-        if not (arm and given and tool):
-            raise InputError(
-                f"--tool: got {arm + given + tool!r}; allowed: ARM=TOOL, as PSM1={DEFAULT_TOOL}"
-            )
-    return [(arm, tool) for arm, _, tool in pairs]
 
 
 def _report(report: HeadlessReport) -> str:

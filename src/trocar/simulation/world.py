@@ -377,13 +377,9 @@ class World:
         """
         return self._sensors.read(name, self.rng)
 
-    def snapshot(self, *, arms: bool = True) -> Snapshot:
-        """Return a frozen copy of where everything is.
-
-        Args:
-            arms: tell every arm's joints, too, which takes ten times as long as all bodies
-        """
-        centres = self.remote_centres() if arms else {}
+    def snapshot(self) -> Snapshot:
+        """Return a frozen copy of where everything is."""
+        centres = self.remote_centres()
         shown = self._shown  # a step leaves bodies where it began, and looking changes nothing
         shown.qpos[:] = self._data.qpos
         mujoco.mj_kinematics(self._model, shown)
@@ -391,7 +387,7 @@ class World:
             self.time,
             shown.xpos.copy(),
             shown.xquat.copy(),
-            {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items() if arms},
+            {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items()},
             self._build,
         )
 

@@ -1,0 +1,116 @@
+"""Run a script that was written for the dVRK (import crtk, dvrk), without ROS.
+
+What follows the script's name and is no option of this command is the script's own; all that
+follows `--` is. With --speed max, sleeps, rates and waits last as long as the simulation needs for
+them, and each run is the same to the last bit. The exit status is the script's: 1 when it raises.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from trocar.cli.arguments import Parser, number
+from trocar.cli.worlds import add_world, make_world
+from trocar.errors import InputError
+
+#: Source: dVRK 2.4, system_ROS publishes every 10 ms. [Hz]
+RATE_HZ = 100.0
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    _add_options(parser)
+    parser.add_argument("script", metavar="SCRIPT.py", help="the script")
+    parser.add_argument(
+        "arguments", metavar="...", nargs="*", help="options of this command, or the script's"
+    )
+    whole = parser.parse_known_args
+
+    def parse(words: Sequence[str], namespace: Any = None) -> Any:
+        """Parse what is this command's own, and leave the script's words as they are."""
+        own, rest = _sorted_out(words)
+        found, unknown = whole(own, namespace)
+        found.arguments = rest
+        return found, unknown
+
+    parser.parse_known_args = parse  # type: ignore[method-assign]
+
+
+def _add_options(parser: ArgumentParser) -> None:
+    add_world(parser, None)
+    parser.add_argument(
+        "--speed",
+        choices=("realtime", "max"),
+        default="realtime",
+        help="at the wall clock's pace (default), or on simulated time as fast as it goes",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=number,
+        metavar="S",
+        help="end a script that is not over by then: in its own time, and in real time when that"
+        " stands still",
+    )
+    parser.add_argument(
+        "--rate",
+        type=number,
+        default=RATE_HZ,
+        metavar="HZ",
+        help=f"of states; default: {RATE_HZ:g}, as the dVRK's, up to 1000",
+    )
+
+
+def run(args: Namespace) -> int:
+    """Run the script."""
+    from trocar.interfaces.crtk.scripts import Live, Stepped, rig_for, run_script
+
+    if args.timeout is not None and not 0.0 < args.timeout < float("inf"):
+        raise InputError(f"--timeout: got {args.timeout:g}; allowed: above 0 s")
+    script = Path(args.script)
+    if not script.is_file():
+        raise InputError(f"{script}: no such file")
+    stepped = args.speed == "max"
+    if args.rig is None:
+        args.rig = rig_for(script.read_bytes(), args.arguments)
+    world, rates = make_world(args), {"rate_hz": args.rate}
+    flow = Stepped(world, args.timeout, **rates) if stepped else Live(world, **rates)
+    outcome = run_script(script.absolute(), args.arguments, flow, args.timeout)
+    sys.stdout.flush()
+    print(
+        f"trocar: {script.name}: rig {args.rig}, {outcome.simulated_s:.1f} s simulated in"
+        f" {outcome.wall_s:.1f} s",
+        file=sys.stderr,
+    )
+    return outcome.status
+
+
+def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return this command's words, those after the script's name too, and the script's own."""
+    before = _leading(words)
+    script = words[before : before + 1]
+    after = words[before + 1 :]
+    count = _leading(after)
+    rest = list(after[count:])
+    if rest[:1] == ["--"]:
+        rest = rest[1:]
+    own = [*words[:before], *after[:count], *script]
+    return own, [word[1:] if word.startswith(" -") else word for word in rest]
+
+
+def _leading(words: Sequence[str]) -> int:
+    """Count the words at the beginning that are options of this command, and their values."""
+    options = Parser(allow_abbrev=False)
+    _add_options(options)
+    names = set(re.findall(r"--[\w-]+|-h", options.format_usage()))
+    count = 0
+    while count < len(words):
+        name, given, _ = words[count].partition("=")
+        if name not in names:
+            break
+        count += 1 if given or name in ("-h", "--help") else 2
+    return min(count, len(words))

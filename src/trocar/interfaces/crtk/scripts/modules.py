@@ -1,0 +1,132 @@
+"""The modules that a script finds while it runs: crtk, dvrk, messages, and what they need."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib.machinery import PathFinder
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from trocar.interfaces.crtk.messages import message_names, service_names
+from trocar.interfaces.crtk.scripts import frames
+from trocar.interfaces.crtk.scripts.client import arms, button, console, conversions, state, utils
+from trocar.interfaces.crtk.scripts.message_classes import message_class, service_class
+from trocar.interfaces.crtk.scripts.missing import RosFinder
+from trocar.interfaces.crtk.scripts.node import Node
+from trocar.interfaces.crtk.scripts.ral import ral
+
+#: Modules that a script imports anew, so that what waits in them waits for simulated time.
+ANEW = ("queue",)
+#: What is taken from elsewhere where it is installed.
+ROBOT = ("crtk", "dvrk", "PyKDL")
+CONVERSIONS = (
+    "FrameFromPoseMsg", "FrameToPoseMsg", "FrameFromTransformMsg", "FrameToTransformMsg",
+    "ArrayFromTwistMsg", "ArrayToTwistMsg", "ArrayFromWrenchMsg", "ArrayToWrenchMsg",
+)  # fmt: skip
+
+
+def script_modules(node: Node, folder: Path) -> dict[str, ModuleType]:
+    """Return {name: module} of all that stands in for ROS.
+
+    An installed crtk, dvrk or PyKDL is kept, and one that lies beside the script.
+    """
+    found = message_modules()
+    own = client_modules(type("ral", (ral,), {"_node_of_run": node}))
+    for package in ROBOT:
+        if PathFinder.find_spec(package, [str(folder), *sys.path]) is None:
+            found |= {name: own[name] for name in own if name.split(".")[0] == package}
+    return found
+
+
+def client_modules(layer: type) -> dict[str, ModuleType]:
+    """Return our own crtk and dvrk over a layer, and our own PyKDL."""
+    crtk_names: dict[str, Any] = {
+        "ral": layer,
+        "utils": utils.utils,
+        "wait_move_handle": state.wait_move_handle,
+        "joystick_button": button.joystick_button,
+        "measured_cp": button.measured_cp,
+        **{name: getattr(conversions, name) for name in CONVERSIONS},
+    }
+    dvrk_names = {
+        **{name: getattr(arms, name) for name in ("arm", "ecm", "mtm", "psm", "suj")},
+        **{name: getattr(console, name) for name in ("system", "console", "teleop_psm")},
+    }
+    made = _module("crtk", crtk_names, "CRTK's client.")
+    conv = _module("crtk.msg_conversions", {n: crtk_names[n] for n in CONVERSIONS}, "Conversions.")
+    made.__dict__["msg_conversions"] = conv
+    found = {"crtk": made, "crtk.msg_conversions": conv}
+    found["dvrk"] = _module("dvrk", dvrk_names, "The dVRK's arms and console.")
+    for name, value in dvrk_names.items():
+        # `from dvrk.psm import psm` finds it, `dvrk.psm` stays the class
+        found[f"dvrk.{name}"] = _module(f"dvrk.{name}", {name: value}, f"dvrk.{name}.")
+    names = {name: getattr(frames, name) for name in frames.__all__}
+    found["PyKDL"] = _module("PyKDL", names, "Frames, as PyKDL's.")
+    return found
+
+
+def message_modules() -> dict[str, ModuleType]:
+    """Return {package and its .msg and .srv: module} of every message that trocar speaks."""
+    kinds: dict[str, dict[str, Any]] = {}
+    for name in message_names():
+        package, own = name.split("/")
+        kinds.setdefault(f"{package}.msg", {})[own] = message_class(name)
+    for name in service_names():
+        package, own = name.split("/")
+        made: Any = service_class(name)
+        part = kinds.setdefault(f"{package}.srv", {})
+        part[own], part[f"{own}Request"] = made, made._request_class
+        part[f"{own}Response"] = made._response_class
+    found: dict[str, ModuleType] = {}
+    for name, names in kinds.items():
+        package, part = name.split(".")
+        if package not in found:
+            found[package] = _module(package, {}, f"The package {package}.")
+        found[name] = _module(name, names, f"What {package} has.")
+        found[package].__dict__[part] = found[name]
+    return found
+
+
+def _module(name: str, names: Mapping[str, Any], text: str) -> ModuleType:
+    made = ModuleType(name, text)
+    made.__dict__.update(names)
+    made.__dict__["__all__"] = list(names)
+    if "." not in name:
+        made.__dict__["__path__"] = []
+    made.__spec__ = importlib.util.spec_from_loader(name, None)
+    return made
+
+
+@contextmanager
+def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Iterator[None]:
+    """Let modules be found by their names, and a folder searched first, until the block ends.
+
+    What the script imports meanwhile is forgotten afterwards, where it may hold on to them.
+    """
+    before, places, argv = dict(sys.modules), list(sys.path), list(sys.argv)
+    finder = RosFinder(sorted({name.split(".")[0] for name in modules}))
+    for name in ANEW if "threading" in modules else ():
+        sys.modules.pop(name, None)
+    sys.modules.update(modules)
+    sys.path.insert(0, str(folder))
+    sys.meta_path.append(finder)
+    try:
+        yield
+    finally:
+        sys.meta_path.remove(finder)
+        sys.path[:], sys.argv[:] = places, argv
+        own = [name for name in sys.modules.keys() - before.keys() if _is_of(name, folder)]
+        for name in [*modules, *ANEW, *own, "__main__"]:
+            sys.modules.pop(name, None)
+            if name in before:
+                sys.modules[name] = before[name]
+
+
+def _is_of(name: str, folder: Path) -> bool:
+    """Tell whether a module that a script imported belongs to it or to its robot."""
+    file = getattr(sys.modules[name], "__file__", None) or ""
+    return Path(file).is_relative_to(folder) or name.split(".")[0] in ROBOT

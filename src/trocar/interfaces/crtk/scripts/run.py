@@ -1,0 +1,233 @@
+"""Run a script over a simulation: its modules, its arguments, its end."""
+
+from __future__ import annotations
+
+import _thread
+import gc
+import linecache
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import CodeType, ModuleType, TracebackType
+
+from trocar.errors import InputError, TrocarError
+from trocar.interfaces.crtk.scripts.flow import Flow
+from trocar.interfaces.crtk.scripts.missing import MissingPackageError
+from trocar.interfaces.crtk.scripts.modules import on_import, script_modules
+from trocar.interfaces.crtk.scripts.node import Node
+from trocar.interfaces.crtk.scripts.stepped import Stepped
+from trocar.interfaces.crtk.scripts.virtual import virtual_modules
+
+FAILED = 1
+#: How often a watchdog looks [s]. Source: our own choice.
+LOOK_S = 0.1
+
+
+class OverdueError(BaseException):
+    """A script that took too long; no `except Exception` of its own holds it back."""
+
+
+class ScriptError(TrocarError):
+    """A script that could not be run to its end; `script` is its path."""
+
+    def __init__(self, script: Path, problem: str) -> None:
+        self.script = script
+        super().__init__(f"{script.name}: {problem}")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        status: exit status that the script asked for, 1 after an error of its own
+        simulated_s: how long the simulation ran [s]
+        wall_s: how long that took [s]
+    """
+
+    status: int
+    simulated_s: float
+    wall_s: float
+
+
+def run_script(
+    script: Path, arguments: Sequence[str], flow: Flow, timeout_s: float | None = None
+) -> Outcome:
+    """Run a script as `python SCRIPT ...` does, with the simulation in the place of ROS.
+
+    Args:
+        script: its path
+        arguments: what follows its name on the command line
+        flow: the simulation, not started yet; it is closed in the end
+        timeout_s: how long the script may take, in simulated time where it is stepped [s]
+
+    Raises:
+        InputError: the script cannot be read, or needs a package that is not there
+        ScriptError: it took too long
+        DivergedError: the simulation left the finite numbers
+    """
+    code = _compiled(script)
+    began = time.perf_counter()
+    node = Node(flow)
+    modules = script_modules(node, script.parent)
+    if isinstance(flow, Stepped):
+        flow.over = OverdueError
+        modules |= virtual_modules(flow)
+    watchdog = Watchdog(script, flow, timeout_s)
+    try:
+        flow.start()
+        gc.freeze()  # what is there by now stays
+        with watchdog, on_import(modules, script.parent):
+            status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
+    finally:
+        gc.unfreeze()
+        flow.close()
+    return Outcome(status, flow.simulated_s, time.perf_counter() - began)
+
+
+def _compiled(script: Path) -> CodeType:
+    try:
+        return compile(script.read_bytes(), str(script), "exec")
+    except (OSError, ValueError) as problem:
+        raise InputError(f"{script}: cannot be read: {problem}") from problem
+    except SyntaxError as problem:
+        raise InputError(f"{script}: line {problem.lineno}: {problem.msg}") from problem
+
+
+def _execute(
+    script: Path, code: CodeType, arguments: Sequence[str], flow: Flow, node: Node
+) -> None:  # fmt: skip
+    main = ModuleType("__main__")
+    main.__file__ = str(script)
+    sys.modules["__main__"] = main
+    sys.argv[:] = [str(script), *arguments]
+    try:
+        exec(code, main.__dict__)
+        _join(flow)
+    finally:
+        with suppress(OverdueError):
+            node.shutdown()
+
+
+def _join(flow: Flow) -> None:
+    """Wait for the script's threads, as Python does at its end."""
+    made = getattr(sys.modules.get("threading"), "Thread", None)
+    for thread in getattr(made, "started", ()) if flow.virtual else ():
+        if not thread.daemon:
+            thread.join()
+
+
+def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
+    """Do something that a script asks for; return its exit status."""
+    status, script = 0, watchdog.script
+    try:
+        work()
+    except OverdueError as problem:
+        raise watchdog.error(problem.__traceback__) from None
+    except KeyboardInterrupt as problem:
+        if watchdog.overdue:
+            raise watchdog.error(problem.__traceback__) from None
+        raise
+    except SystemExit as end:
+        status = _status(end)
+    except MissingPackageError as problem:
+        number = script_line(script, problem.__traceback__)
+        raise InputError(f"{script.name}: line {number}: {problem}") from problem
+    except TrocarError:
+        raise
+    except BaseException as problem:  # noqa: BLE001  told whole, as Python does
+        _tell(script, problem)
+        status = FAILED
+    if watchdog.overdue:
+        raise watchdog.error(None)
+    return status
+
+
+def _status(end: SystemExit) -> int:
+    if end.code is None or isinstance(end.code, int):
+        return end.code or 0
+    sys.stderr.write(f"{end.code}\n")
+    return FAILED
+
+
+def _tell(script: Path, problem: BaseException) -> None:
+    """Print a traceback as Python does, from the script's own lines on."""
+    tb = problem.__traceback__
+    while tb is not None and tb.tb_frame.f_code.co_filename != str(script):
+        tb = tb.tb_next
+    traceback.print_exception(type(problem), problem, tb or problem.__traceback__)
+    source = sys.modules.get(str(getattr(problem, "name", None)))
+    if isinstance(problem, ImportError) and getattr(source, "__all__", None) and tb is not None:
+        sys.stderr.write(f"{problem.name} has: {', '.join(source.__all__)}\n")  # type: ignore[union-attr]
+
+
+def script_line(script: Path, tb: TracebackType | None) -> int:
+    """Return the number of the script's own line that a traceback is of, 0 without one."""
+    found = 0
+    while tb is not None:
+        if tb.tb_frame.f_code.co_filename == str(script):
+            found = tb.tb_lineno
+        tb = tb.tb_next
+    return found
+
+
+class Watchdog:
+    """Ends a script that takes too long.
+
+    Simulated time is bounded by the simulation itself, where it is stepped; this one sees when
+    nothing goes on any more, or when the wall clock's time is over.
+
+    Args:
+        script: its path
+        flow: the simulation
+        timeout_s: how long the script may take [s]; None: for ever
+    """
+
+    def __init__(self, script: Path, flow: Flow, timeout_s: float | None) -> None:
+        self.script, self._flow, self._timeout = script, flow, timeout_s
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="trocar-watchdog", daemon=True)
+        self.overdue = False
+
+    def __enter__(self) -> Watchdog:
+        if self._timeout is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def error(self, tb: TracebackType | None) -> ScriptError:
+        """Return what to raise, with the script's line where it was."""
+        number = script_line(self.script, tb)
+        line = linecache.getline(str(self.script), number).strip() if number else ""
+        where = f"; it was at line {number}: {line}" if number else ""
+        return ScriptError(self.script, f"not over after {self._timeout:g} s{where}")
+
+    def _watch(self) -> None:
+        limit = self._timeout or 0.0
+        steps, since = self._flow.steps, time.monotonic()
+        while not self._over.wait(LOOK_S):
+            if self._flow.steps != steps:
+                steps, since = self._flow.steps, time.monotonic()
+            elif time.monotonic() - since > limit:
+                self.overdue = True
+                self._flow.fail(OverdueError())
+                interrupt(threading.main_thread())
+                return
+
+
+def interrupt(thread: threading.Thread) -> None:
+    """Interrupt the program as Ctrl-C does."""
+    if hasattr(signal, "pthread_kill") and thread.ident is not None:
+        signal.pthread_kill(thread.ident, signal.SIGINT)
+    else:
+        _thread.interrupt_main()

@@ -1,0 +1,52 @@
+"""Each row of the table in docs/scripts.md does what it says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from .api_rows import PARTS
+from .playing import play
+
+ROOT = Path(__file__).parents[4]
+ROWS = [(part, row) for part, (_, _, rows) in PARTS.items() for row in rows]
+RUN = """
+import json, traceback
+results = {}
+for row, check in json.loads(ROWS).items():
+    try:
+        exec(check, globals())
+        results[row] = ""
+    except Exception:
+        results[row] = traceback.format_exc()
+with open(RESULTS, "w") as file:
+    json.dump(results, file)
+"""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """What went wrong with each row, "" where nothing did."""
+    found: dict[str, str] = {}
+    for part, (rig, first, rows) in PARTS.items():
+        folder = tmp_path_factory.mktemp(part)
+        told = folder / "results.json"
+        head = f"ROWS = {json.dumps(rows)!r}\nRESULTS = {str(told)!r}\n"
+        outcome = play(folder, first + head + RUN, rig)
+        assert outcome.status == 0, part
+        found |= json.loads(told.read_text(encoding="utf-8"))
+    return found
+
+
+@pytest.mark.parametrize("row", [row for _, row in ROWS])
+def test_a_row_of_the_table_is_true(row: str, results: dict[str, str]) -> None:
+    assert not results[row], results[row]
+
+
+def test_the_page_lists_these_rows_and_no_other() -> None:
+    page = (ROOT / "docs" / "scripts.md").read_text(encoding="utf-8").split("## The calls")[1]
+    listed = re.findall(r"^\| `([^`]+)` \|", page, re.MULTILINE)
+    assert sorted(listed) == sorted(row for _, row in ROWS)

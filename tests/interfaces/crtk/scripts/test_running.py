@@ -1,0 +1,311 @@
+"""How a script runs and ends: time, threads, errors, what it imports, and what stays behind."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from trocar.errors import InputError
+from trocar.interfaces.crtk.scripts import Live, ScriptError, rig_for, run_script
+from trocar.simulation import World
+
+from .playing import play
+
+MOVE = """
+    import crtk, dvrk, numpy as np, hashlib
+    from sensor_msgs.msg import JointState
+    ral = crtk.ral("mover")
+    arm = dvrk.psm(ral, "PSM1")
+    ral.check_connections()
+    heard = []
+    ral.subscriber("PSM1/measured_js", JointState, lambda m: heard.append(m.position))
+    goal = np.array([0.2, -0.1, 0.14, 0.3, 0.1, -0.1])
+    assert arm.move_jp(goal).wait()
+    rate = ral.create_rate(200)
+    for k in range(200):
+        arm.servo_jp(goal + 0.0005 * k)
+        heard.append(arm.measured_jp()[0])
+        rate.sleep()
+    arm.jaw.open().wait()
+    print(len(heard), hashlib.sha256(np.concatenate(heard).tobytes()).hexdigest())
+"""
+
+
+def test_two_runs_are_the_same_to_the_last_bit(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    outcomes = [play(tmp_path, MOVE) for _ in range(2)]
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == second
+    assert outcomes[0].simulated_s == outcomes[1].simulated_s
+
+
+def test_time_is_simulated_and_stands_still_while_the_script_computes(tmp_path: Path):
+    began = time.monotonic()
+    play(
+        tmp_path,
+        """
+        import time
+        from time import sleep, monotonic
+        start = time.time()
+        sum(range(2_000_000))
+        assert time.time() == start == monotonic() == time.perf_counter()
+        sleep(30)
+        time.sleep(0.0005)
+        assert abs(time.time() - start - 30.001) < 1e-9, time.time()
+        assert time.time_ns() == round(1e9 * time.time())
+        try:
+            sleep(-1)
+        except ValueError as told:
+            assert "non-negative" in str(told)
+        """,
+    )
+    assert time.monotonic() - began < 30.0
+
+
+def test_a_loop_that_only_looks_comes_to_an_end(tmp_path: Path):
+    play(
+        tmp_path,
+        """
+        import time, threading
+        start = time.time()
+        while time.time() < start + 1.0:
+            pass
+        flag = threading.Event()
+        threading.Timer(0.5, flag.set).start()
+        while not flag.is_set():
+            pass
+        assert 1.5 <= time.time() - start < 1.51
+        """,
+    )
+
+
+def test_threads_take_turns_in_simulated_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    text = """
+    import queue, threading, time
+    boxes, lock, full = queue.Queue(2), threading.Lock(), threading.Condition()
+    def work(k):
+        for i in range(3):
+            time.sleep(0.1 * k)
+            with lock:
+                time.sleep(0.01)
+                boxes.put((k, i))
+        with full:
+            full.notify_all()
+    threads = [threading.Thread(target=work, args=(k,)) for k in (1, 2)]
+    for thread in threads:
+        thread.start()
+    order = []
+    for _ in range(6):
+        order.append((*boxes.get(timeout=5), round(time.time(), 3)))
+    for thread in threads:
+        thread.join()
+    print(order)
+    try:
+        boxes.get(timeout=2.0)
+    except queue.Empty:
+        print(round(time.time() - order[-1][2], 3))
+    places = threading.Semaphore(1)
+    with places:
+        print(places.acquire(timeout=0.5), lock.acquire(timeout=1), lock.acquire(timeout=1))
+    with full:
+        print(full.wait(0.1), full.wait_for(lambda: True))
+    def broken():
+        raise KeyError("inside")
+    thread = threading.Thread(target=broken)
+    thread.start(); thread.join(); print(thread.is_alive(), time.time())
+    """
+    for _ in range(2):
+        play(tmp_path, text)
+    said = capsys.readouterr()
+    lines = said.out.splitlines()
+    half = len(lines) // 2
+    assert lines[:half] == lines[half:]
+    assert float(lines[1]) == pytest.approx(2.0, abs=2e-3)
+    assert lines[2:4] == ["False True False", "False True"]
+    assert lines[4].startswith("False")
+    assert "KeyError: 'inside'" in said.err
+
+
+def test_a_script_that_raises_shows_its_own_traceback(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    outcome = play(tmp_path, "def deep():\n    raise ValueError('mine')\ndeep()\n")
+    said = capsys.readouterr().err
+    assert outcome.status == 1
+    assert said.splitlines()[0] == "Traceback (most recent call last):"
+    assert f'File "{tmp_path}/script.py", line 3, in <module>' in said.splitlines()[1]
+    assert "trocar" not in said.replace(str(tmp_path), "")
+    assert said.endswith("ValueError: mine\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "status"), [("0", 0), ("", 0), ("3", 3), ("None", 0), ("'no arm'", 1)]
+)
+def test_the_exit_status_is_what_the_script_asks_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, status: int
+):
+    assert play(tmp_path, f"import sys; sys.exit({text})").status == status
+    assert ("no arm" in capsys.readouterr().err) == ("arm" in text)
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("import threading\nthreading.Event().wait()\n", "line 2: threading.Event().wait()"),
+        (
+            "import time\ntry:\n    time.sleep(1e6)\nexcept Exception:\n    pass\n",
+            "line 3: time.sle",
+        ),
+        ("import threading as t\nx = t.Thread(target=t.Event().wait)\nx.start()\n", "not over"),
+    ],
+)
+def test_a_script_that_waits_for_ever_is_ended(tmp_path: Path, text: str, where: str):
+    with pytest.raises(ScriptError, match=r"script\.py: not over after 5 s") as told:
+        play(tmp_path, text, timeout_s=5.0)
+    assert where in str(told.value)
+
+
+@pytest.mark.skipif(not hasattr(__import__("signal"), "pthread_kill"), reason="no such signals")
+def test_a_script_that_does_nothing_for_ever_is_ended(tmp_path: Path):
+    with pytest.raises(ScriptError, match=r"not over after 0\.3 s; it was at line 1: while True"):
+        play(tmp_path, "while True: pass", timeout_s=0.3)
+
+
+@pytest.mark.parametrize("module", ["tf2_ros", "rclpy", "moveit_commander", "nav_msgs.msg"])
+def test_a_part_of_ros_that_is_missing_is_named(tmp_path: Path, module: str):
+    with pytest.raises(InputError, match=r"script\.py: line 2: needs the ROS package") as told:
+        play(tmp_path, f"import sys\nimport {module}\n")
+    assert repr(module.split(".")[0]) in str(told.value)
+    assert "crtk, crtk_msgs, dvrk" in str(told.value)
+
+
+def test_a_script_may_do_without_a_part_of_ros(tmp_path: Path):
+    text = "try:\n    import tf2_ros\nexcept ImportError:\n    found = False\nassert not found\n"
+    assert play(tmp_path, text).status == 0
+
+
+def test_a_message_that_is_missing_is_told_with_those_that_are_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    assert play(tmp_path, "from geometry_msgs.msg import Polygon").status == 1
+    assert "geometry_msgs.msg has: Point, " in capsys.readouterr().err
+
+
+def test_a_module_beside_the_script_is_taken_before_ours(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    (tmp_path / "dvrk.py").write_text("own = 'mine'\n", encoding="utf-8")
+    play(tmp_path, "import dvrk, crtk; print(dvrk.own, crtk.ral)")
+    assert capsys.readouterr().out.startswith("mine <class")
+    assert "dvrk" not in sys.modules
+
+
+def test_nothing_stays_behind(tmp_path: Path):
+    before = dict(sys.modules), list(sys.path), list(sys.argv), list(sys.meta_path)
+    threads = threading.active_count()
+    play(tmp_path, MOVE)
+    left = [name for name in sys.modules if name not in before[0]]
+    assert not [name for name in left if name.split(".")[0] in ("crtk", "dvrk", "std_msgs")]
+    assert all(sys.modules[name] is module for name, module in before[0].items())
+    assert (sys.path, sys.argv, sys.meta_path) == before[1:]
+    assert threading.active_count() == threads
+
+
+def test_a_script_is_run_as_python_runs_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / "beside.py").write_text("value = 7\n", encoding="utf-8")
+    text = """
+    import sys, beside
+    if __name__ == "__main__":
+        print(sys.argv[1:], __file__ == sys.argv[0], beside.value)
+    """
+    play(tmp_path, text, arguments=("-a", "PSM1", "-0.5"))
+    assert capsys.readouterr().out == "['-a', 'PSM1', '-0.5'] True 7\n"
+
+
+def test_what_cannot_be_obeyed_is_told_and_the_script_goes_on(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+):  # fmt: skip
+    text = """
+    import crtk, dvrk, time
+    from std_msgs.msg import String
+    ral = crtk.ral("wrong"); arm = dvrk.psm(ral, "PSM1"); told = []
+    ral.subscriber("PSM1/warning", String, told.append)
+    arm.move_jp([0.0, 0.1]); time.sleep(0.1)
+    assert "got 2 numbers in position" in told[-1].data, told
+    """
+    assert play(tmp_path, text).status == 0
+    assert "got 2 numbers in position; allowed: 6" in caplog.text
+
+
+def test_a_callback_that_raises_is_told_and_the_script_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    text = """
+    import crtk, time
+    from crtk_msgs.msg import OperatingState
+    def heard(message):
+        raise RuntimeError("in the callback")
+    crtk.ral("bad").subscriber("PSM1/operating_state", OperatingState, heard)
+    time.sleep(0.1)
+    """
+    assert play(tmp_path, text).status == 0
+    assert "RuntimeError: in the callback" in capsys.readouterr().err
+
+
+def test_what_is_sent_after_the_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    text = """
+    import crtk, dvrk
+    ral = crtk.ral("late"); arm = dvrk.arm(ral, "PSM1")
+    handle = arm.move_jp([0.0] * 6)
+    ral.shutdown()
+    assert handle.wait() is False
+    arm.hold()
+    """
+    assert play(tmp_path, text).status == 1
+    assert "RuntimeError: ROS was shut down" in capsys.readouterr().err
+
+
+def test_beside_the_wall_clock_the_same_script_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import crtk, dvrk, time\nral = crtk.ral('live'); arm = dvrk.psm(ral, 'PSM1')\n"
+        "ral.check_connections(); start = time.time()\n"
+        "assert arm.enable(5) and arm.home(10)\n"
+        "assert arm.insert_jp(0.13).wait() and arm.jaw.open(0.5).wait()\n"
+        "position, when = arm.measured_jp()\n"
+        "assert abs(position[2] - 0.13) < 2e-3 and abs(when - time.time()) < 5.0\n"
+        "print(time.time() - start)\n",
+        encoding="utf-8",
+    )
+    outcome = run_script(script, [], Live(World("psm"), rate_hz=100.0), 60.0)
+    assert outcome.status == 0
+    assert float(capsys.readouterr().out) > 0.3  # the insertion alone takes longer
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "rig"),
+    [
+        ("dvrk.psm(ral, 'PSM1')", (), "psm"),
+        ('"PSM2 is no text"\ndvrk.psm(ral, name)  # PSM3', ("-a", "ECM"), "ecm"),
+        ("dvrk.psm(ral, 'PSM2')", (), "three_psm"),
+        ("dvrk.psm(ral, 'PSM2')", ("PSM1",), "psm"),
+        ("('PSM1', 'ECM')", (), "two_psm_ecm"),
+        ("dvrk.teleop_psm(ral, 'MTMR_PSM1')", (), "full_cart_mtm"),
+        ("dvrk.suj(ral)", (), "full_cart"),
+        ("print(1)", (), "full_cart"),
+    ],
+)
+def test_the_rig_is_the_fastest_that_has_the_arms(text: str, arguments: tuple[str, ...], rig: str):
+    assert rig_for(text.encode(), arguments) == rig
+
+
+def test_a_script_that_cannot_be_read_is_named(tmp_path: Path):
+    with pytest.raises(InputError, match=r"script\.py: line 2: "):
+        play(tmp_path, "x = 1\ny = = 2\n")

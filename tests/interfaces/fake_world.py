@@ -208,7 +208,7 @@ class FakeWorld:
             ]
         return tuple(found)
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self, *, arms: bool = True) -> Snapshot:
         positions, quaternions = [np.zeros(3)], [np.array([1.0, 0, 0, 0])]
         for name in ("PSM1", "PSM2"):
             yaw, pitch, insertion = self.arms[name].q[:3]
@@ -216,8 +216,8 @@ class FakeWorld:
             for depth in (0.0, 0.1 - 0.2 * insertion, 0.15 - insertion):
                 positions.append(self.arms[name].remote_centre + _matrix(turn) @ [0, 0, depth])
                 quaternions.append(turn)
-        arms = {name: self._arm_snapshot(arm) for name, arm in self.arms.items()}
-        return Snapshot(self.time, np.array(positions), np.array(quaternions), arms)
+        told = {name: self._arm_snapshot(arm) for name, arm in self.arms.items() if arms}
+        return Snapshot(self.time, np.array(positions), np.array(quaternions), told)
 
     def _arm_snapshot(self, arm: FakeArm) -> ArmSnapshot:
         return ArmSnapshot(

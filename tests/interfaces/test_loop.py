@@ -29,6 +29,7 @@ from trocar.interfaces import (
 )
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.pace import GIVE_UP_S, Pace, Speedometer
+from trocar.simulation.records import Snapshot
 
 from .fake_world import FakeWorld
 
@@ -324,7 +325,13 @@ def test_snapshots_are_made_at_a_monitors_rate_at_most_and_only_for_readers(read
     clock = FakeClock()
     world = FakeWorld()
     looks: list[float] = []
-    world.snapshot = lambda take=world.snapshot: (looks.append(clock.time), take())[1]
+    take = world.snapshot
+
+    def seen(*, arms: bool = True) -> Snapshot:
+        looks.append(clock.time)
+        return take(arms=arms)
+
+    world.snapshot = seen
     loop = loop_of(world, clock)
     step = world.step
 

@@ -232,7 +232,7 @@ class Pictures:
         if not wanted:
             return {}
         now = time.perf_counter()
-        order = Order(stamp, now, world.snapshot(), self.cameras(world), wanted)
+        order = Order(stamp, now, world.snapshot(arms=False), self.cameras(world), wanted)
         with self._changed:
             overtaken, self._order = self._order is not None, order
             self.dropped += overtaken

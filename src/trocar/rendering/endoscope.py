@@ -61,7 +61,9 @@ class Endoscope:
         self._angle = None if angle_deg is None else float(np.deg2rad(angle_deg))
         self._mounted(world.cameras())
         self.renderer = Renderer(
-            lambda: (world.snapshot().build, world.shapes()), Channels(depth, ids, normals), look
+            lambda: (world.snapshot(arms=False).build, world.shapes()),
+            Channels(depth, ids, normals),
+            look,
         )
 
     def capture(self) -> StereoFrame:
@@ -71,7 +73,7 @@ class Endoscope:
             InputError: a picture larger than the driver allows
             TrocarError: the graphics library was lost and cannot be opened again
         """
-        return self.render(self.world.snapshot(), self.world.cameras())
+        return self.render(self.world.snapshot(arms=False), self.world.cameras())
 
     def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord]) -> StereoFrame:
         """Return what the camera sees where a snapshot has everything.

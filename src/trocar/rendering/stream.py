@@ -118,7 +118,7 @@ class Stream:
         if self._due - self._period <= time + SLACK_S < self._due:  # else it was reset
             return
         self._due = time + self._period - (time - self._due) % self._period
-        order = self._world.snapshot(), self._world.cameras()
+        order = self._world.snapshot(arms=False), self._world.cameras()
         with self._changed:
             self.dropped += self._order is not None
             self._order = order

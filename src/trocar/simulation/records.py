@@ -115,7 +115,7 @@ class Snapshot:
     """A world at a time: where every body is, and every arm.
 
     `build` counts how often the rig was compiled: bodies of another build are others, as after an
-    exchange of a tool.
+    exchange of a tool. `arms` is empty where nobody asked for them.
     """
 
     time: float

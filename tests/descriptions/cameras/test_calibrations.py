@@ -250,6 +250,11 @@ def test_eyes_that_no_scope_has_are_refused(shift: list[float], message: str) ->
         StereoCalibration(EYE, EYE, translation(shift))
 
 
+def test_eyes_with_pictures_of_two_sizes_are_refused() -> None:
+    with pytest.raises(InputError, match="is 640x480, the right one's 320x240; allowed: the same"):
+        StereoCalibration(EYE, EYE.resized(320, 240), translation([5e-3, 0.0, 0.0]))
+
+
 def test_eyes_that_look_apart_are_refused() -> None:
     turn = matrix_from_rotation_vector(np.array([0.0, 1.0, 0.0]))
     with pytest.raises(InputError, match="the eyes look 57 deg apart; allowed: up to 45 deg"):

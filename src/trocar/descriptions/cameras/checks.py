@@ -91,6 +91,19 @@ def check_baseline(T_left_right: Array) -> None:
         )
 
 
+def check_alike(left: tuple[int, int], right: tuple[int, int]) -> None:
+    """Refuse eyes whose pictures differ in size.
+
+    Raises:
+        InputError: both sizes are named
+    """
+    if left != right:
+        one, other = (f"{width}x{height}" for width, height in (left, right))
+        raise InputError(
+            f"size: the left eye's picture is {one}, the right one's {other}; allowed: the same"
+        )
+
+
 def _check_matrix(K: ArrayLike) -> Array:
     try:
         k = np.array(K, dtype=np.float64)

@@ -60,8 +60,6 @@ def calibration_from_opencv(entries: Entries) -> Calibration:
 def opencv_text(calibration: Calibration) -> str:
     """Return the text of a file that OpenCV reads; numbers come back to the last bit."""
     eyes = calibration.eyes
-    if len({eye.size for eye in eyes}) != 1:
-        raise InputError("OpenCV's file has one picture size; these eyes have two")
     lines = ["%YAML:1.0", "---"]
     lines += [f"image_width: {eyes[0].width}", f"image_height: {eyes[0].height}"]
     if isinstance(calibration, MonoCalibration):

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras.checks import check_baseline, check_intrinsics
+from trocar.descriptions.cameras.checks import check_alike, check_baseline, check_intrinsics
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import check_transform, inverse, transform
 
@@ -153,7 +153,8 @@ class StereoCalibration:
         title: for people
 
     Raises:
-        InputError: eyes in one place, one metre apart, exchanged, or looking apart
+        InputError: eyes in one place, one metre apart, exchanged, looking apart, or with pictures
+            of two sizes
     """
 
     left: Intrinsics
@@ -167,6 +168,7 @@ class StereoCalibration:
     def __post_init__(self) -> None:
         T = check_transform(self.T_left_right, "T_left_right")
         check_baseline(T)
+        check_alike(self.left.size, self.right.size)
         object.__setattr__(self, "T_left_right", _frozen(T))
 
     @property

@@ -70,7 +70,7 @@ def rectified(calibration: Calibration) -> tuple[Rectification, ...]:
     b, alike = calibration.baseline, (calibration.left.K == calibration.right.K).all()
     turns = _turns(calibration.T_left_right)
     still = max(float(angle_between(np.eye(3), R)) for R in turns) < PARALLEL
-    if still and alike and calibration.left.size == calibration.right.size:
+    if still and alike:
         turns, common = (np.eye(3), np.eye(3)), calibration.left.K
     else:
         common = _common_matrix(calibration, turns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -140,3 +141,20 @@ def test_ticks_that_are_due_together_make_the_motion_of_single_ones():
         reached.append(world.arm("PSM1").measured_js().position)
     assert np.array_equal(*reached)
     assert reached[0][0] > 0.05
+
+
+def test_every_arms_health_is_looked_at_in_turn():
+    world = World("two_psm_ecm")
+    loop = Loop(world, speed="max")
+    loop.start()
+    looked: set[str] = set()
+    for name, arm in world.arms.items():
+        arm.health = lambda name=name, look=arm.health: (looked.add(name), look())[1]  # pyright: ignore
+    end = time.monotonic() + 20.0
+    while looked != set(world.arms) and time.monotonic() < end:
+        _ = loop.state
+        time.sleep(0.01)
+    health = loop.state.health
+    loop.close()
+    assert looked == set(world.arms)
+    assert health.loop_gap_m == max(h.loop_gap_m for h in health.per_arm.values())

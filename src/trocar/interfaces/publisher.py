@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
+from math import ceil
 from typing import TYPE_CHECKING
 
 from trocar.interfaces.pace import Clock, Speedometer
 from trocar.interfaces.state import LoopState
+from trocar.simulation.records import Health
 
 if TYPE_CHECKING:
     from trocar.simulation import World
-    from trocar.simulation.records import Health
 
 SNAPSHOT_PERIOD_S = 1 / 60
 """Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
@@ -24,7 +25,8 @@ FRESH_S = 0.1
 choice, longer than what a loop does in a tick."""
 
 HEALTH_PERIOD_S = 0.2
-"""Wall time between two looks at the loops' health [s]. Source: our own choice."""
+"""Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
+long as a tick. Source: our own choice."""
 
 
 class Publisher:
@@ -40,8 +42,9 @@ class Publisher:
     def __init__(self, world: World, clock: Clock) -> None:
         self._world, self._clock = world, clock
         self._speedometer = Speedometer()
-        self._state_due = self._health_due = clock.now()
+        self._state_due = clock.now()
         self._read_s = self._made_s = clock.now()
+        self._turn = 0
         self._fresh = threading.Event()
         self._thread: int | None = None
         self._state = self._look(world.health(), 0, False, 0)
@@ -82,15 +85,23 @@ class Publisher:
         self._speedometer.mark(now, run_s)
         if now - self._read_s > LOOKED_AT_S:
             return
-        health = self._state.health
-        if now >= self._health_due:
-            self._health_due = now + HEALTH_PERIOD_S
-            health = self._world.health()
-        self._show(self._look(health, ticks, paused, refused))
+        self._show(self._look(self._next_health(), ticks, paused, refused))
 
     def publish(self, ticks: int, paused: bool, refused: int) -> None:
         """Show the newest state now."""
         self._show(self._look(self._world.health(), ticks, paused, refused))
+
+    def _next_health(self) -> Health:
+        """Look at the arms whose turn it is."""
+        each = dict(self._state.health.per_arm)
+        names = tuple(each)
+        if not names:
+            return self._state.health
+        for _ in range(ceil(len(names) * SNAPSHOT_PERIOD_S / HEALTH_PERIOD_S)):
+            name = names[self._turn % len(names)]
+            each[name] = self._world.arm(name).health()
+            self._turn += 1
+        return Health.of(each)
 
     def _show(self, state: LoopState) -> None:
         self._state, self._made_s = state, self._clock.now()

@@ -156,6 +156,20 @@ class Health:
     per_arm: Mapping[str, ArmHealth]
     rcm_wander_m: float = 0.0
 
+    @classmethod
+    def of(cls, per_arm: Mapping[str, ArmHealth]) -> Health:
+        """Return the worst of arms' health, {arm: its own}."""
+        each = per_arm.values()
+        rcm = [h.rcm_error_m for h in each if np.isfinite(h.rcm_error_m)]
+        return cls(
+            max((h.loop_gap_m for h in each), default=0.0),
+            max(rcm, default=0.0),
+            all(h.branch_ok for h in each),
+            min((h.flattening_margin_rad for h in each), default=np.inf),
+            per_arm,
+            max((h.rcm_wander_m for h in each), default=0.0),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class ShapeRecord:

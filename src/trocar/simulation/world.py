@@ -431,15 +431,7 @@ class World:
         each = {
             name: arm.health() for name, arm in self.arms.items() if not self._drives[name].welded
         }
-        rcm = [h.rcm_error_m for h in each.values() if np.isfinite(h.rcm_error_m)]
-        return Health(
-            max((h.loop_gap_m for h in each.values()), default=0.0),
-            max(rcm, default=0.0),
-            all(h.branch_ok for h in each.values()),
-            min((h.flattening_margin_rad for h in each.values()), default=np.inf),
-            each,
-            max((h.rcm_wander_m for h in each.values()), default=0.0),
-        )
+        return Health.of(each)
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
         """Return every shape of the rig and the body that carries it, for drawing."""

@@ -205,6 +205,106 @@ def test_a_module_beside_the_script_is_taken_before_ours(
     assert "dvrk" not in sys.modules
 
 
+INSTALLED = """
+import os, threading, rospy
+assert os.environ["ROS_VERSION"] == "1"
+class ral:
+    def __init__(self, name, namespace=""):
+        rospy.init_node(name, anonymous=True)
+        self.namespace = namespace
+    def subscriber(self, topic, kind, callback):
+        return rospy.Subscriber(f"{self.namespace}/{topic}", kind, callback=callback, queue_size=10)
+class utils:
+    def __init__(self, instance, ral, *_):
+        from crtk_msgs.msg import OperatingState
+        self.state, self.told = OperatingState(), threading.Event()
+        ral.subscriber("operating_state", OperatingState, self.heard)
+        instance.wait_for_state = self.told.wait
+        instance.operating_state = lambda: self.state.state
+    def heard(self, message):
+        self.state = message
+        self.told.set()
+"""
+
+
+def test_an_installed_client_stands_on_our_rospy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):  # fmt: skip
+    place = tmp_path / "site"
+    for name, text in {
+        "crtk": INSTALLED,
+        "dvrk": "import crtk\nclass arm:\n    def __init__(self, ral): crtk.utils(self, ral)\n",
+    }.items():
+        (place / name).mkdir(parents=True)
+        (place / name / "__init__.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(place))
+    text = """
+    import crtk, dvrk
+    arm = dvrk.arm(crtk.ral("client", "PSM1"))
+    print(arm.wait_for_state(5.0), arm.operating_state(), crtk.__file__)
+    """
+    assert play(tmp_path, text).status == 0
+    assert capsys.readouterr().out.startswith(f"True ENABLED {place}")
+    assert "crtk" not in sys.modules
+
+
+ROSPY = """
+    import rospy
+    from sensor_msgs.msg import JointState
+    from crtk_msgs.srv import QueryForwardKinematics
+    rospy.init_node("plain", anonymous=True)
+    assert rospy.get_name() == "/plain" and rospy.get_node_uri()
+    first = rospy.wait_for_message("/PSM1/measured_js", JointState, timeout=2)
+    assert first.header.stamp > rospy.Time(0)
+    assert first.header.stamp - rospy.Time() > rospy.Duration(1)
+    told = []
+    rospy.Subscriber("PSM1/setpoint_js", JointState, lambda m, more: told.append(more), "more")
+    publisher = rospy.Publisher("/PSM1/servo_jp", JointState, queue_size=1)
+    assert publisher.get_num_connections() == 1
+    rate, start = rospy.Rate(100), rospy.get_time()
+    while rospy.get_time() - start < 1.0 and not rospy.is_shutdown():
+        publisher.publish(JointState(position=[0.05, 0.0, 0.12, 0.0, 0.0, 0.0]))
+        rate.sleep()
+    assert told == ["more"] * len(told) and 99 <= len(told) <= 101, len(told)
+    rospy.wait_for_service("PSM1/forward_kinematics", 1.0)
+    proxy = rospy.ServiceProxy("PSM1/forward_kinematics", QueryForwardKinematics)
+    assert proxy(jp=[0.0, 0.0, 0.12, 0.0, 0.0, 0.0]).result
+    try:
+        rospy.ServiceProxy("PSM9/forward_kinematics", QueryForwardKinematics)()
+    except rospy.ServiceException as told:
+        assert "unavailable" in str(told)
+    try:
+        rospy.wait_for_message("/nothing", JointState, 0.5)
+    except rospy.ROSException as told:
+        assert "timeout exceeded" in str(told)
+    rospy.set_param("~gain", 3)
+    assert rospy.get_param("~gain") == 3 and rospy.get_param("other", 4) == 4
+    rospy.loginfo("said %d", 1)
+    rospy.logwarn_throttle(10, "twice"); rospy.logwarn_throttle(10, "twice")
+    rospy.on_shutdown(lambda: print("bye"))
+    rospy.signal_shutdown("enough")
+    try:
+        rospy.sleep(1.0)
+    except rospy.ROSInterruptException:
+        print("interrupted")
+"""
+
+
+def test_a_script_may_use_rospy_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert play(tmp_path, ROSPY).status == 0
+    said = capsys.readouterr()
+    assert said.out.splitlines()[1:] == ["bye", "interrupted"]
+    assert said.out.startswith("[INFO] [") and said.err.count("twice") == 1
+
+
+def test_the_client_that_is_tested_with_ros_1_runs_without(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    client = Path(__file__).parents[3] / "clients" / "rospy" / "move.py"
+    assert play(tmp_path, client.read_text(encoding="utf-8"), arguments=("PSM1",)).status == 0
+    assert "at the goal" in capsys.readouterr().out
+
+
 def test_nothing_stays_behind(tmp_path: Path):
     before = dict(sys.modules), list(sys.path), list(sys.argv), list(sys.meta_path)
     threads = threading.active_count()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from trocar.interfaces.crtk.scripts.message_classes import message_class, servic
 from trocar.interfaces.crtk.scripts.missing import RosFinder
 from trocar.interfaces.crtk.scripts.node import Node
 from trocar.interfaces.crtk.scripts.ral import ral
+from trocar.interfaces.crtk.scripts.rospy_names import rospy_names
 
 #: Modules that a script imports anew, so that what waits in them waits for simulated time.
 ANEW = ("queue",)
@@ -32,13 +34,15 @@ CONVERSIONS = (
 def script_modules(node: Node, folder: Path) -> dict[str, ModuleType]:
     """Return {name: module} of all that stands in for ROS.
 
-    An installed crtk, dvrk or PyKDL is kept, and one that lies beside the script.
+    An installed dvrk, crtk with it, or PyKDL is taken instead, and one that lies beside the script.
     """
     found = message_modules()
+    found["rospy"] = _module("rospy", rospy_names(node), "What scripts use of rospy.")
     own = client_modules(type("ral", (ral,), {"_node_of_run": node}))
-    for package in ROBOT:
-        if PathFinder.find_spec(package, [str(folder), *sys.path]) is None:
-            found |= {name: own[name] for name in own if name.split(".")[0] == package}
+    installed = {name for name in ROBOT if PathFinder.find_spec(name, [str(folder), *sys.path])}
+    if "dvrk" not in installed:
+        installed -= {"crtk"}  # our dvrk stands on our crtk
+    found |= {name: made for name, made in own.items() if name.split(".")[0] not in installed}
     return found
 
 
@@ -108,6 +112,8 @@ def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Iterator[None]
     What the script imports meanwhile is forgotten afterwards, where it may hold on to them.
     """
     before, places, argv = dict(sys.modules), list(sys.path), list(sys.argv)
+    version = os.environ.get("ROS_VERSION")
+    os.environ["ROS_VERSION"] = "1"  # an installed crtk chooses by it, and finds our rospy
     finder = RosFinder(sorted({name.split(".")[0] for name in modules}))
     for name in ANEW if "threading" in modules else ():
         sys.modules.pop(name, None)
@@ -118,6 +124,9 @@ def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Iterator[None]
         yield
     finally:
         sys.meta_path.remove(finder)
+        os.environ.pop("ROS_VERSION")
+        if version is not None:
+            os.environ["ROS_VERSION"] = version
         sys.path[:], sys.argv[:] = places, argv
         own = [name for name in sys.modules.keys() - before.keys() if _is_of(name, folder)]
         for name in [*modules, *ANEW, *own, "__main__"]:

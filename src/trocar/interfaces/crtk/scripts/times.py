@@ -74,19 +74,23 @@ class Ticks:
         """Tell whether it is zero, which as a stamp means "invalid"."""
         return self.nanoseconds == 0
 
+    def _kind(self) -> type[Ticks]:
+        """Return what it can be compared with."""
+        return Duration if isinstance(self, Duration) else Time
+
     def __bool__(self) -> bool:
         return self.nanoseconds != 0
 
     def __eq__(self, other: object) -> bool:
-        return type(other) is type(self) and other.nanoseconds == self.nanoseconds
+        return isinstance(other, self._kind()) and other.nanoseconds == self.nanoseconds
 
     def __lt__(self, other: Any) -> bool:
-        if type(other) is not type(self):
+        if not isinstance(other, self._kind()):
             return NotImplemented
         return self.nanoseconds < other.nanoseconds
 
     def __hash__(self) -> int:
-        return hash((type(self).__name__, self.nanoseconds))
+        return hash((self._kind().__name__, self.nanoseconds))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}[{self.nanoseconds}]"

@@ -381,6 +381,21 @@ def test_a_pace_waits_for_several_ticks_and_ends_the_wait_when_it_is_told():
     assert pace.wait(2, told) == 2  # late: at once, but no more than asked for
 
 
+def test_a_pace_may_wake_between_two_ticks():
+    clock, told = FakeClock(), threading.Event()
+    pace = Pace(clock, 0.001)
+    pace.wait()
+    assert pace.wait(2.4) == 2
+    assert clock.time == pytest.approx(100.0024)
+    assert pace.ahead_s() == pytest.approx(0.0004)
+    assert pace.wait(0.9) == 0  # none is due yet, and nobody posted anything
+    assert pace.wait(0.9, told) == 0
+    told.set()
+    assert pace.wait(0.9, told) == 1
+    clock.time += 0.01
+    assert pace.ahead_s() == 0.0  # it is behind
+
+
 def test_the_state_shows_the_real_time_factor():
     clock = FakeClock()
     loop = loop_of(SlowWorld(clock, 0.010), clock)

@@ -257,11 +257,12 @@ class Loop:
 
     def tick(self, due: int = 1) -> None:
         """Step as many ticks as are due unless paused, and apply what waits before the last."""
-        self._step(due - 1)
-        self._posted.clear()
-        for command in self._inbox.drain():
-            self._apply(command)
-        self._step(1)
+        if due:
+            self._step(due - 1)
+            self._posted.clear()
+            for command in self._inbox.drain():
+                self._apply(command)
+            self._step(1)
         for watcher in self._watchers:
             watcher.ticked(self._elapsed())
 
@@ -270,12 +271,12 @@ class Loop:
             self._world.step(ticks * self._substeps)
             self._ticks += ticks
 
-    def _patience(self, last: int | None) -> int:
+    def _patience(self, last: int | None) -> float:
         """Return how many ticks may follow each other without a look at the inbox."""
         if self._posted.is_set():
             return 1
         ends = self._longest if last is None else last - self._ticks
-        return max(1, min(self._longest, ends, *(w.patience() for w in self._watchers)))
+        return min(self._longest, ends, *(w.patience() for w in self._watchers))
 
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:
@@ -309,7 +310,8 @@ class Loop:
 
     def _elapsed(self) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
-        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped)
+        ahead = self._pace.ahead_s() if self._realtime and not self._paused else 0.0
+        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, ahead)
 
     def _restart(self) -> None:
         self._pace.restart()

@@ -55,11 +55,12 @@ class Pace:
         self._start = self._clock.now()
         self._ticks = 0
 
-    def wait(self, most: int = 1, until: threading.Event | None = None) -> int:
+    def wait(self, most: float = 1, until: threading.Event | None = None) -> int:
         """Return how many ticks are due: once `most` are, and at once when one is late.
 
         Args:
-            most: how many to wait for, and the most that are returned
+            most: how many to wait for, and the most that are returned; with a part of one, the
+                wait ends between two ticks
             until: an event that ends the wait as soon as one tick is due
         """
         due = self._due()
@@ -67,12 +68,17 @@ class Pace:
             last = self._start + (self._ticks + most - 1) * self._period
             self._clock.sleep(last - self._clock.now(), until)
             due = self._due()
-            if due < 1:  # called before even one was due
+            if due < 1 and (most >= 1.0 or (until is not None and until.is_set())):
                 self._clock.sleep(self._start + self._ticks * self._period - self._clock.now())
                 due = 1
-        due = min(due, most)
+        due = min(due, max(1, int(most)))
         self._ticks += due
         return due
+
+    def ahead_s(self) -> float:
+        """Return for how long the last tick has been over; 0 when the next one is late [s]."""
+        over = self._clock.now() - (self._start + (self._ticks - 1) * self._period)
+        return over if 0.0 < over < self._period else 0.0
 
     def _due(self) -> int:
         """Return how many ticks are due now; let go of time that is too far behind."""

@@ -212,7 +212,7 @@ class Pictures:
             return frozenset()
         return frozenset[str]().union(*(taker.wanted() for taker in self._takers))
 
-    def patience(self) -> int:
+    def patience(self) -> float:
         """Return in how many ticks a picture may be due."""
         return PATIENT if self.led else 1
 

@@ -43,12 +43,14 @@ class Elapsed:
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
         stepped: physics periods that were stepped while it did not
+        ahead_s: by which the wall clock is ahead of simulated time, a tick at most [s]
     """
 
     simulated_s: float
     let_go_s: float
     paused: bool
     stepped: int = 0
+    ahead_s: float = 0.0
 
 
 class Watcher(Protocol):
@@ -58,8 +60,8 @@ class Watcher(Protocol):
         """Look at the world after a tick or a few; while paused, after as long without one."""
         ...
 
-    def patience(self) -> int:
-        """Return after how many ticks, at least 1, to be called again; sooner does no harm."""
+    def patience(self) -> float:
+        """Return after how many ticks to be called again, above 0; sooner does no harm."""
         ...
 
     def refused(self, command: Command, reason: str) -> None:

@@ -6,7 +6,6 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from math import ceil
 from typing import Any
 
 from trocar.interfaces.commands import Command
@@ -24,6 +23,8 @@ WAITING_S = 0.5
 #: So many ticks are left for the moment when a sample is due, the others are done before: it takes
 #: as long from there to every sample. Source: our own choice.
 LAST = 2
+#: The shortest wait between two ticks, in ticks. Source: our own choice.
+SOON = 0.01
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024
 
@@ -87,7 +88,7 @@ class Watch:
             self._paused = elapsed.paused
             self.put("scene/paused", {"data": elapsed.paused})
         stepped, self._stepped = elapsed.stepped != self._stepped, elapsed.stepped
-        if not self._beat.due(self._stamper.elapsed_s) and not stepped:
+        if not self._beat.due(self._stamper.elapsed_s + elapsed.ahead_s) and not stepped:
             return
         if self._samples.qsize() >= self._room:
             self.skipped += 1
@@ -99,10 +100,10 @@ class Watch:
         taken = sample.take(world, stamp, passed, (events, seen), self._waits)
         self._samples.put(self.look(taken))
 
-    def patience(self) -> int:
-        """Return in how many ticks the next sample is due."""
-        ticks = ceil(self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
-        return max(1, ticks - LAST if ticks > LAST else ticks)
+    def patience(self) -> float:
+        """Return in how many ticks the next sample is due, or how many to be done before it is."""
+        ticks = max(SOON, self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
+        return ticks - LAST if ticks > LAST + 1 else ticks
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

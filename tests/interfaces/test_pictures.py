@@ -110,7 +110,7 @@ def test_a_renderer_that_is_too_slow_draws_the_newest_and_what_it_missed_is_coun
         until(lambda: studio.pictures.made == 3)
     assert [shot.stamp for shot in looker.shots] == [(0, 1), (1, 0), (99, 0)]
     assert [r.message for r in caplog.records if "dropped" in r.message] == [
-        "a picture was dropped: drawing is slower than 60 Hz"
+        "drawing is slower than 60 Hz: 1 pictures were dropped so far"
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import number
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from trocar.interfaces import Loop
     from trocar.interfaces.pictures import Pictures, Renderer
     from trocar.rendering import Look
+    from trocar.simulation import World
 
 
 def add_look(group: _ArgumentGroup) -> None:
@@ -46,6 +48,11 @@ def add_cameras(group: _ArgumentGroup) -> None:
     group.add_argument(
         "--image-format", choices=("jpeg", "png"), default="jpeg", help="of compressed images"
     )
+    group.add_argument(
+        "--record-images",
+        action="store_true",
+        help="recordings carry compressed images, at the camera rate",
+    )
     add_look(group)
 
 
@@ -70,6 +77,49 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
         distortion=args.distortion,
         samples=samples,
     )
+
+
+def record_images(world: World, pictures: Pictures | None, args: Namespace) -> None:
+    """Let the recording of a live run carry images, where the options ask for them.
+
+    Raises:
+        InputError: nothing is recorded, or no camera draws
+    """
+    if not args.record_images:
+        return
+    if args.record is None and args.foxglove_record is None:
+        raise InputError("--record-images: got no recording; add --record or --foxglove-record")
+    if pictures is None:
+        raise InputError(f"--record-images: {world.rig.name} has no camera that is drawn")
+    if args.record is not None:
+        from trocar.interfaces.crtk.recorded import RecordedImages
+
+        pictures.add(RecordedImages(world))
+
+
+def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[None]:
+    """Return what lets the recording of a headless run carry images, where they are asked for.
+
+    Raises:
+        InputError: nothing is recorded, or the rig has no camera
+        TrocarError: nothing can be drawn
+    """
+    if not args.record_images:
+        return nullcontext()
+    if args.record is None:
+        raise InputError("--record-images: got no recording; add --record FILE")
+    if not world.rig.cameras:
+        raise InputError(f"--record-images: {world.rig.name} has no camera")
+    from trocar.interfaces.crtk.recorded import images_recorded
+    from trocar.interfaces.pictures import RATE_HZ
+    from trocar.rendering import Renderer
+
+    look, rate = look_of(args), RATE_HZ if args.camera_rate is None else args.camera_rate
+
+    def draws() -> Renderer:
+        return Renderer(lambda: (world.snapshot(arms=False).build, world.shapes()), None, look)
+
+    return images_recorded(world, draws, rate, args.image_format)
 
 
 def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
@@ -100,7 +150,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
 
         ask = loop.ask
         return Renderer(
-            lambda: ask(lambda w: (w.snapshot().build, w.shapes())).result(), None, look
+            lambda: ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result(), None, look
         )
 
     return Pictures(loop, renderer, rate, args.image_format, eyes)

@@ -14,7 +14,7 @@ from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import number
-from trocar.cli.cameras import add_cameras, open_pictures
+from trocar.cli.cameras import add_cameras, open_pictures, record_images
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -127,6 +127,7 @@ def serve(world: World, args: Namespace) -> None:
         if pictures is not None:
             stack.enter_context(closing(pictures))
             pictures.start()
+        record_images(world, pictures, args)
         if transports:
             sys.setswitchinterval(SWITCH_S)
             core = stack.enter_context(closing(_core(loop, args, pictures)))
@@ -157,7 +158,8 @@ def _transports(args: Namespace) -> list[Transport]:
     if args.foxglove or args.foxglove_record is not None:
         from trocar.interfaces.crtk.transports.foxglove import FoxgloveTransport
 
-        found.append(FoxgloveTransport(args.foxglove_port, args.foxglove_record))
+        record = args.foxglove_record
+        found.append(FoxgloveTransport(args.foxglove_port, record, images=args.record_images))
     return found
 
 

@@ -16,6 +16,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
+from trocar.cli.cameras import images_of_headless
 from trocar.cli.output import print_json, table
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_world, make_world
@@ -62,12 +63,13 @@ def run(args: Namespace) -> int:
     from trocar.apps.benchmarks import run_headless
 
     world = make_world(args, args.tip_load)
-    report = run_headless(
-        world,
-        HEADLESS_DURATION_S if args.duration is None else args.duration,
-        realtime=args.speed == "realtime",
-        record=args.record,
-    )
+    with images_of_headless(world, args):
+        report = run_headless(
+            world,
+            HEADLESS_DURATION_S if args.duration is None else args.duration,
+            realtime=args.speed == "realtime",
+            record=args.record,
+        )
     if args.json:
         print_json(asdict(report))
     else:

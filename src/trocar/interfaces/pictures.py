@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.packing import Packer, Picture
-from trocar.interfaces.seldom import Seldom, more
 
 if TYPE_CHECKING:
     from trocar.descriptions.cameras.records import Calibration
@@ -33,6 +32,8 @@ _log = logging.getLogger("trocar")
 RATE_HZ = 60.0
 #: A picture that is this much early is in time. Source: as the core's beat. [s]
 SLACK_S = 1e-6
+#: That drawing is slow is said so often [s]. Source: our own choice.
+COMPLAIN_S = 30.0
 #: Ticks until a look at the clock, where somebody else says when. Source: our own choice.
 PATIENT = 1000
 #: How long ending may take: a picture that is being drawn is drawn to its end [s].
@@ -155,7 +156,7 @@ class Pictures:
         self._thread: threading.Thread | None = None
         self._unwatch: Callable[[], None] = lambda: None
         self._count = -1
-        self._seldom = Seldom()
+        self._complained = -COMPLAIN_S
         self.led = False
         self.made = self.dropped = self.late = 0
         self.failure = ""
@@ -278,10 +279,14 @@ class Pictures:
             self.late += time.perf_counter() - order.asked_s > 1.0 / self.rate_hz
 
     def _complain(self, now: float) -> None:
-        unsaid = self._seldom.due("slow", now)
-        if unsaid is not None and self.made:  # the first takes long: everything is made then
+        if not self.led or not self.made:  # the page says it itself; the first takes long
+            return
+        if now - self._complained > COMPLAIN_S:
+            self._complained = now
             _log.warning(
-                "a picture was dropped: drawing is slower than %g Hz%s", self.rate_hz, more(unsaid)
+                "drawing is slower than %g Hz: %d pictures were dropped so far",
+                self.rate_hz,
+                self.dropped,
             )
 
     def _fail(self, reason: str) -> None:

@@ -112,7 +112,7 @@ class EndoscopeWindow:
         now = time.perf_counter()
         if self._view == OFF or now - self._seen > ANSWERED_S or now < self._due:
             return ()
-        self._due = max(self._due + 1.0 / RATE_HZ, now)
+        self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
         return (self._camera,)
 
     def take(self, shot: Shot) -> None:

@@ -1,5 +1,6 @@
 """Record a world, and read recordings."""
 
+from trocar.simulation.recording.extras import Extra
 from trocar.simulation.recording.reading import (
     ArmStates,
     Recorded,
@@ -12,6 +13,7 @@ from trocar.simulation.recording.recorder import Recorder
 
 __all__ = [
     "ArmStates",
+    "Extra",
     "Recorded",
     "Recorder",
     "is_mcap",

@@ -36,6 +36,8 @@ def main() -> None:
             scribe.past(content[0])
         elif kind == "shape":
             shape = content[0]
+        elif kind == "extra":
+            scribe.add(content[0])
         elif shape is not None:
             block = _block(source, shape, content)
             if block is None:

@@ -16,6 +16,7 @@ from trocar import __version__
 from trocar.descriptions.calibrated import rig_overlays
 from trocar.descriptions.overlay import overlay_text
 from trocar.errors import InputError
+from trocar.simulation.recording.extras import Extra
 from trocar.simulation.recording.fingerprint import rig_fingerprint
 from trocar.simulation.recording.library import mcap_library
 from trocar.simulation.recording.sampler import Sampler
@@ -63,6 +64,8 @@ class Recorder:
         writer.recycle = self._sampler.recycle
         self._sampler.start()
         self._stopped = False
+        #: How many messages of others were left out.
+        self.left_out = 0
         world.recorder = self
         atexit.register(self.stop)
 
@@ -80,6 +83,16 @@ class Recorder:
     def failure(self) -> str:
         """Why the file could not be written to its end; "" while all is well."""
         return self._writer.failure
+
+    def add(self, extra: Extra) -> bool:
+        """Write a message of somebody else as well; from any thread.
+
+        Returns:
+            False where the recording has ended or cannot follow: the message is left out
+        """
+        left_out = self._stopped or not self._writer.add(extra)
+        self.left_out += left_out
+        return not left_out
 
     def stop(self) -> None:
         """End the recording and close the file; a second time nothing happens."""

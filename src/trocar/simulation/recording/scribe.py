@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from trocar.simulation.journal import Entry
 from trocar.simulation.objects import FRAME
 from trocar.simulation.recording.blocks import PackedBlock, digest, pack, single
+from trocar.simulation.recording.extras import Extra
 from trocar.simulation.recording.layout import QUANTITIES, quantities
 from trocar.simulation.recording.mcap_file import McapFile, Part, messages
 from trocar.simulation.recording.ros2 import (
@@ -32,6 +33,8 @@ Array = NDArray[np.float64]
 MESSAGE_PERIOD_S = 0.02
 STATES, LAYOUT = "/trocar/states", "/trocar/layout"
 COMMANDS, EVENTS, PAST = "/trocar/commands", "/trocar/events", "/trocar/past"
+#: Messages of others that wait for the next block. Source: our own choice, a megabyte of images.
+MOST_EXTRAS = 24
 #: Schemas of the messages in JSON. Source: MCAP's registry, "jsonschema".
 ENTRY_SCHEMA = json.dumps(
     {
@@ -75,6 +78,8 @@ class Scribe:
         self._scratch: mujoco.MjData | None = None
         self._told = 0
         self._channels: dict[str, int] = {}
+        self._extras: list[tuple[int, int, bytes]] = []
+        self._newest = self._turned_back = 0
         #: Why nothing more is written, "" while all is well.
         self.failure = ""
         self._file = McapFile(stream, "ros2", f"trocar {about['trocar']}")
@@ -107,10 +112,31 @@ class Scribe:
         except OSError as error:
             self._give_up(error)
 
+    def add(self, extra: Extra) -> None:
+        """Write a message of somebody else, with the next block or soon."""
+        now = round(extra.time * NANOSECONDS)
+        if now + self._turned_back < self._newest:  # the world was reset
+            self._turned_back = self._newest - now
+        self._newest = now + self._turned_back
+        if extra.schema not in self._schemas:
+            self._schemas[extra.schema] = self._file.schema(extra.schema, "ros2msg", extra.text)
+        self._extras.append((self._channel(extra.topic, extra.schema), self._newest, extra.data))
+        if len(self._extras) >= MOST_EXTRAS:
+            try:
+                self._flush()
+            except OSError as error:
+                self._give_up(error)
+
+    def _flush(self) -> None:
+        extras, self._extras = self._extras, []
+        if extras and not self.failure:
+            self._file.chunk([messages(extras)])
+
     def finish(self) -> None:
         """Write the summary and close the file."""
         try:
             if not self.failure:
+                self._flush()
                 self._file.finish()
             self._stream.close()
         except OSError as error:
@@ -122,6 +148,7 @@ class Scribe:
             self._complain(self.failure)
 
     def _write(self, block: Block) -> None:
+        self._flush()
         parts: list[Part] = []
         if block.shape is not self._shape:
             parts.append(self._begin(block.shape, block.first))

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.simulation.journal import Entry
+from trocar.simulation.recording.extras import Extra
 from trocar.simulation.recording.sampler import Block, Buffer, Shape
 from trocar.simulation.recording.scribe import Scribe
 
@@ -37,6 +38,8 @@ _log = logging.getLogger("trocar")
 
 CHILD = "from trocar.simulation.recording.child import main; main()"
 LENGTH = struct.Struct("<Q")
+#: Blocks and other messages that may wait. Source: our own choice: two seconds of two cameras.
+MOST_WAITING = 256
 #: A block of the largest rig fits. Source: what Linux lets every user have.
 PIPE_BYTES = 1 << 20
 
@@ -54,12 +57,19 @@ class Writer:
         self.failure = ""
         self._label = label
         self._error: Exception | None = None
-        self._queue: queue.SimpleQueue[tuple[Block, Buffer] | None] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[Block, Buffer] | Extra | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._main, name="trocar-recording", daemon=True)
 
     def take(self, block: Block, buffer: Buffer) -> None:
         """Queue a block."""
         self._queue.put((block, buffer))
+
+    def add(self, extra: Extra) -> bool:
+        """Queue a message of somebody else; return False where too much waits already."""
+        if self._queue.qsize() >= MOST_WAITING:
+            return False
+        self._queue.put(extra)
+        return True
 
     def close(self) -> None:
         """Write what is queued and the summary, and close the file.
@@ -80,16 +90,24 @@ class Writer:
     def _main(self) -> None:
         while (item := self._queue.get()) is not None:
             try:
-                if not self.failure:
+                if self.failure:
+                    continue
+                if isinstance(item, Extra):
+                    self._write_extra(item)
+                else:
                     self._write(item[0])
             except Exception as error:  # noqa: BLE001  handed over whole to whoever closes
                 self._error = error
                 self._give_up(repr(error))
             finally:
-                self.recycle(item[1])
+                if not isinstance(item, Extra):
+                    self.recycle(item[1])
         self._finish()
 
     def _write(self, block: Block) -> None:
+        raise NotImplementedError
+
+    def _write_extra(self, extra: Extra) -> None:
         raise NotImplementedError
 
     def _finish(self) -> None:
@@ -128,6 +146,9 @@ class ThreadWriter(Writer):
 
     def _write(self, block: Block) -> None:
         self._scribe.write(block)
+
+    def _write_extra(self, extra: Extra) -> None:
+        self._scribe.add(extra)
 
     def _finish(self) -> None:
         self._scribe.finish()
@@ -174,6 +195,12 @@ class ProcessWriter(Writer):
         try:
             self._hand_on(block)
         except OSError:  # the disk's errors come back as answers; this is the pipe's
+            self._give_up("the process that writes it has ended")
+
+    def _write_extra(self, extra: Extra) -> None:
+        try:
+            self._send(("extra", extra))
+        except OSError:
             self._give_up("the process that writes it has ended")
 
     def _hand_on(self, block: Block) -> None:

@@ -28,6 +28,7 @@ BACKLOG = 1024
 FAREWELL_S = 1.0
 #: Written when somebody asks for it only: it takes seconds to make.
 DESCRIPTION = "robot_description"
+IMAGE = "sensor_msgs/Image"
 SECOND = 1_000_000_000
 
 
@@ -36,7 +37,8 @@ class FoxgloveTransport:
 
     Args:
         port: port to listen on; 0 takes any free one
-        record: MCAP file to write all topics to; none is written over
+        record: MCAP file to write all topics but images to; none is written over
+        images: whether compressed images are written, too
 
     Attributes:
         port: the one that is listened on, once started
@@ -48,11 +50,13 @@ class FoxgloveTransport:
 
     name = "foxglove"
 
-    def __init__(self, port: int = PORT, record: str | None = None) -> None:
+    def __init__(
+        self, port: int = PORT, record: str | None = None, *, images: bool = False
+    ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
         self._sdk = library.load()
-        self.port, self._record = port, record
+        self.port, self._record, self._images = port, record, images
         self._listener = Listener()
         self._channels: dict[str, Any] = {}
         self._always: frozenset[str] = frozenset()
@@ -137,7 +141,12 @@ class FoxgloveTransport:
                 f"--foxglove-record {self._record}: {error}; allowed: a new file in a folder that "
                 "exists"
             ) from error
-        self._always = frozenset(self._channels) - {DESCRIPTION}
+        self._always = frozenset(n for n in self._channels if self._written(n)) - {DESCRIPTION}
+
+    def _written(self, name: str) -> bool:
+        """Tell whether a topic is written unasked: images only packed, and on request."""
+        topic = self._core.topics[name]
+        return topic.rate != "camera" or (self._images and topic.type != IMAGE)
 
     def _end_file(self) -> None:
         if self._writer is not None:

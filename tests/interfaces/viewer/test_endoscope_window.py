@@ -1,0 +1,163 @@
+"""The window of the cameras, without a browser: what it asks for, what it shows, what it says."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import viser
+from PIL import Image
+
+from trocar.interfaces import Loop
+from trocar.interfaces.pictures import Order, Pictures, Shot
+from trocar.interfaces.viewer.endoscope import (
+    ANSWERED_S,
+    BOTH,
+    GLASSES,
+    LEFT,
+    OFF,
+    RIGHT,
+    EndoscopeWindow,
+)
+from trocar.interfaces.viewer.own_thread import run_there
+from trocar.interfaces.viewer.page import Page
+from trocar.interfaces.viewer.server import serving
+from trocar.simulation import World
+
+from ..fake_renderer import FakeRenderer
+
+LIGHT, DARK = 220, 40
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[viser.ViserServer]:
+    with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World("full_cart")
+
+
+@pytest.fixture
+def window(server: viser.ViserServer, world: World) -> EndoscopeWindow:
+    pictures = Pictures(Loop(world), FakeRenderer)
+    eyes = {"endoscope": 2, "room": 1}
+    return run_there(server, lambda: EndoscopeWindow(server.gui, pictures, eyes))
+
+
+def shot(window: EndoscopeWindow, camera: str = "endoscope") -> Shot:
+    """A light picture on the left, a dark one on the right."""
+    left = np.full((48, 64, 3), LIGHT, np.uint8)
+    right = np.full((48, 64, 3), DARK, np.uint8) if camera == "endoscope" else None
+    frame = SimpleNamespace(left=left, right=right, calibration=None)
+    nowhere: Any = {camera: None}
+    nothing: Any = None
+    order = Order(None, 0.0, nothing, nowhere, frozenset([camera]))
+    return Shot(camera, order, frame, window._pictures._packer)
+
+
+def shown(server: viser.ViserServer, window: EndoscopeWindow) -> np.ndarray:
+    run_there(server, lambda: window.show(time.perf_counter()))
+    data = window._image._data
+    assert data is not None
+    return np.asarray(Image.open(io.BytesIO(data))).astype(int)
+
+
+@pytest.mark.parametrize(
+    ("view", "size", "red", "blue"),
+    [
+        (LEFT, (64, 48), LIGHT, LIGHT),
+        (RIGHT, (64, 48), DARK, DARK),
+        (GLASSES, (64, 48), LIGHT, DARK),
+        (BOTH, (128, 48), (LIGHT + DARK) / 2, (LIGHT + DARK) / 2),
+    ],
+)
+def test_a_view_shows_the_eyes_that_it_says(
+    view: str,
+    size: tuple[int, int],
+    red: float,
+    blue: float,
+    server: viser.ViserServer,
+    window: EndoscopeWindow,
+) -> None:
+    window._choose(view)
+    window.take(shot(window))
+    image = shown(server, window)
+    assert image.shape[:2] == size[::-1]
+    assert image[..., 0].mean() == pytest.approx(red, abs=6)
+    assert image[..., 2].mean() == pytest.approx(blue, abs=6)
+
+
+def test_nothing_is_asked_for_unless_somebody_looks(
+    server: viser.ViserServer, window: EndoscopeWindow
+) -> None:
+    assert window.wanted() == ()
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("endoscope",)
+    assert window.wanted() == ()  # 30 a second are enough
+    run_there(server, lambda: window.show(time.perf_counter() - 2 * ANSWERED_S))
+    window._due = 0.0
+    assert window.wanted() == ()
+
+
+def test_off_is_off(server: viser.ViserServer, window: EndoscopeWindow) -> None:
+    window._choose(OFF)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ()
+    window.take(shot(window))
+    assert window._fresh is None
+    run_there(server, window.tell)
+    assert ">off<" in window._line.content
+
+
+def test_another_camera_can_be_looked_through(
+    server: viser.ViserServer, window: EndoscopeWindow
+) -> None:
+    window._choose(BOTH)
+    window._look_through("room")
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("room",)
+    window.take(shot(window))
+    assert window._fresh is None
+    window.take(shot(window, "room"))
+    assert shown(server, window).shape == (48, 64, 3)
+
+
+def test_the_line_says_how_many_come_and_what_went_wrong(
+    server: viser.ViserServer, window: EndoscopeWindow
+) -> None:
+    run_there(server, window.tell)
+    assert "no picture yet" in window._line.content
+    window._came.extend(np.arange(31) / 25.0)
+    window._pictures.dropped = 3
+    run_there(server, window.tell)
+    assert "25 a second, 3 dropped" in window._line.content
+    window._pictures.failure = "no OpenGL <b>"
+    run_there(server, window.tell)
+    assert "no OpenGL &lt;b&gt;" in window._line.content
+
+
+def test_the_page_has_the_window_and_shows_what_is_drawn(
+    server: viser.ViserServer, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = Loop(world, speed="max")
+    pictures = Pictures(loop, FakeRenderer)
+    pictures.start()
+    page = run_there(server, lambda: Page(server, world, loop, pictures))
+    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
+    assert page._scope is not None
+    before = page._scope._image._data
+    end = time.monotonic() + 20
+    while page._scope._image._data is before:
+        assert time.monotonic() < end
+        run_there(server, page.refresh)
+        loop.run(0.02)
+    pictures.close()
+    assert run_there(server, lambda: Page(server, world, loop))._scope is None

@@ -199,13 +199,13 @@ class ral:  # noqa: N801  as scripts call it
 
     def latest(self, topic: str, kind: str) -> Any:
         """Return what has the newest message of a topic; `kind` as "sensor_msgs/JointState"."""
-        made = self._node.latest(self._named(topic), message_class(kind))
+        made = self._node.latest(self._named(topic), self.message(kind))
         self._subscribers.append(made)
         return made
 
     def listen(self, topic: str, kind: str, heard: Callable[[Any], None]) -> Any:
         """Have a function called with each message, at once, also before the script waits."""
-        made = self._node.listener(self._named(topic), message_class(kind), heard)
+        made = self._node.listener(self._named(topic), self.message(kind), heard)
         self._subscribers.append(made)
         return made
 

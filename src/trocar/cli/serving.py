@@ -174,11 +174,19 @@ def _loop(world: World, args: Namespace, *, shared: bool) -> Loop:
 
 
 def _core(loop: Loop, args: Namespace, pictures: Pictures | None) -> Core:
+    from trocar.apps.teleoperation import components
     from trocar.interfaces.crtk import Core
 
     rates = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
     given = {name: rate for name, rate in rates.items() if rate is not None}
-    return Core(loop, clock=args.clock, compat=args.compat, pictures=pictures, **given)
+    return Core(
+        loop,
+        clock=args.clock,
+        compat=args.compat,
+        pictures=pictures,
+        components=components(loop),
+        **given,
+    )
 
 
 def _run(

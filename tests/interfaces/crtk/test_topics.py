@@ -182,7 +182,12 @@ def test_what_the_dvrk_does_not_have_is_ours_and_named_here(table: dict[str, Top
     told = {f"system/{what}" for what in ("error", "warning", "status")}
     hands = {"MTML/gripper/servo_jp", "MTMR/gripper/servo_jp"}
     viewers = {"tf", "tf_static", "joint_states", "robot_description", "clock"}
-    assert extra == suj | old | told | hands | viewers
+    teleops = {
+        f"{name}/{what}"
+        for name in ("MTMR_PSM1", "MTML_MTMR_ECM")
+        for what in ("error", "warning", "status")
+    }
+    assert extra == suj | old | told | hands | viewers | teleops
 
 
 def test_services_are_those_of_the_dvrk() -> None:
@@ -200,7 +205,7 @@ def test_set_points_wait_alone_and_everything_that_counts_waits_in_line(
             assert topic.depth == (1 if newest else 64), topic.name
 
 
-def test_only_components_that_come_later_are_left_out(table: dict[str, Topic]) -> None:
+def test_only_teleoperation_is_left_to_who_serves_it(table: dict[str, Topic]) -> None:
     later = {t.name.split("/")[0] for t in table.values() if t.later}
     assert later == {"console", "MTMR_PSM1", "MTML_PSM2", "MTML_MTMR_ECM"}
     assert all("teleop" in t.name for t in table.values() if t.later and t.name[:4] == "cons")

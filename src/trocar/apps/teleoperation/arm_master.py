@@ -80,15 +80,19 @@ class ArmMaster:
         return ""
 
     def let_go(self, world: World, *, locked: bool) -> None:
-        """Exert nothing but what carries the links; locked: the gimbal holds its orientation."""
+        """Exert nothing but what carries the links; locked: the gimbal holds its orientation.
+
+        The dVRK asks for a wrench of zero in both cases. `free` is that without the platform's
+        null space, which has no hand to give way to here, at a tenth of the cost.
+        """
         arm = world.arm(self.name)
         self._wanted = self._place = None
         arm.use_gravity_compensation(True)
-        arm.servo_cf(np.zeros(6))
         if locked:
+            arm.servo_cf(np.zeros(6))
             arm.lock_orientation()
         else:
-            arm.unlock_orientation()
+            arm.free()
 
     def hold(self, world: World) -> None:
         """Stay where it is."""
@@ -109,16 +113,16 @@ class ArmMaster:
             found = inverse_kinematics(mechanism, "gimbal_arm", wanted, now[:7])
         except (UnreachableError, SingularError) as problem:
             return str(problem)
-        self._wanted, self._goal = R.copy(), found[0]
-        self._extra = np.zeros(len(self._goal))
-        arm.move_jp(self._goal)
+        goal = self._goal = found[0]
+        self._wanted, self._extra = R.copy(), np.zeros(len(goal))
+        arm.move_jp(goal)
         return ""
 
     def _nudge(self, arm: Arm, here: Array, R: Array, time: float) -> None:
         self._nudged = time
         if self._goal is None or angle_between(here[:3, :3], R) < CLOSE:
             return
-        lacks = self._goal - arm.readings()[0][: len(self._goal)]
+        own = slice(0, len(self._goal))
+        lacks = self._goal - arm.readings()[0][own]
         self._extra = np.clip(self._extra + lacks, -BEYOND, BEYOND)
-        told = np.clip(self._goal + self._extra, arm.lower[:7], arm.upper[:7])
-        arm.move_jp(told)
+        arm.move_jp(np.clip(self._goal + self._extra, arm.lower[own], arm.upper[own]))

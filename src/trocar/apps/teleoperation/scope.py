@@ -41,7 +41,7 @@ class Hands:
         return Hands(middle, up / max(float(np.linalg.norm(up)), 1e-12))
 
     def moved(self, before: Hands, scale: float) -> Array:
-        """Return how the hands moved: right, up (as angles about the eyes), near, turned, (4,).
+        """Return how the hands moved: right, up (as angles at the eyes), near, clockwise, (4,).
 
         Source: SAW mtsTeleOperationECM.cpp, RunEnabled.
 
@@ -52,7 +52,7 @@ class Hands:
         was, now = before.middle, self.middle
         return np.array(
             [
-                _turn(was[[2, 0]], now[[2, 0]]),
+                _turn(now[[2, 0]], was[[2, 0]]),
                 _turn(was[[2, 1]], now[[2, 1]]),
                 scale * (np.linalg.norm(was) - np.linalg.norm(now)),
                 _turn(before.up[:2], self.up[:2]),
@@ -84,10 +84,10 @@ class ScopeTeleoperation(Component):
 
     def goal(self, arm: Arm, hands: Hands) -> Array:
         """Return the joints that keep what was seen between the hands, within limits, (4,)."""
-        right, up, near, turned = hands.moved(self._hands, self.scale)
-        roll = self._joints[ROLL] + turned
+        right, up, near, clockwise = hands.moved(self._hands, self.scale)
+        roll = self._joints[ROLL] - clockwise
         c, s = np.cos(roll), np.sin(roll)
-        change = np.array([right * c - up * s, up * c + right * s, near, turned])
+        change = np.array([right * c + up * s, right * s - up * c, near, -clockwise])
         return np.clip(self._joints + change, arm.lower, arm.upper)
 
     def _let_hands_move(self) -> None:

@@ -39,7 +39,10 @@ class ToolTeleoperation(Component):
 
     def __init__(self, world: World, says: TeleopDescription, masters: Sequence[Master]) -> None:
         super().__init__(world, says, masters)
-        self.rotation_locked, self.translation_locked = says.rotation_locked, says.translation_locked
+        self.rotation_locked, self.translation_locked = (
+            says.rotation_locked,
+            says.translation_locked,
+        )
         self.align = says.align
         self.offset = np.eye(3)
         self._hand = Hand(says.gripper_threshold, says.roll_threshold)
@@ -79,7 +82,7 @@ class ToolTeleoperation(Component):
     def _align(self, readings: Sequence[Reading]) -> None:
         reading = readings[0]
         if self._slave is None or self.world.time - self._turned >= ALIGN_S:
-            self._turn(reading)
+            self._turn()
         slave = self._slave
         if slave is None or self.desired == ALIGNING:
             return
@@ -98,7 +101,7 @@ class ToolTeleoperation(Component):
                 hint += f" ({self._stuck})"
             self.say("warning", "pinch or twist the gripper a bit" if near else hint)
 
-    def _turn(self, reading: Reading) -> None:
+    def _turn(self) -> None:
         """Turn the master after the tool."""
         self._turned = self.world.time
         self._slave = self._taken()

@@ -19,6 +19,7 @@ from trocar.interfaces.crtk import image_rows, rig_messages, scene, scene_messag
 from trocar.interfaces.crtk.carriers import Carriers
 from trocar.interfaces.crtk.clock import Mode, Stamper
 from trocar.interfaces.crtk.compat import compatible
+from trocar.interfaces.crtk.component import Component, install, merged
 from trocar.interfaces.crtk.images import Images
 from trocar.interfaces.crtk.incoming import Incoming
 from trocar.interfaces.crtk.publishing import Publishing
@@ -53,6 +54,7 @@ class Core:
         clock: "wall" or "sim": what header stamps tell
         compat: names of older interfaces to serve as well
         pictures: what draws for the cameras; None: there are no topics of cameras
+        components: what else is served
 
     Attributes:
         loop, rate_hz, camera_rate_hz: as given
@@ -69,6 +71,7 @@ class Core:
         camera_rate_hz: float = CAMERA_RATE_HZ,
         clock: Mode = "wall",
         compat: Sequence[str] = (),
+        components: Sequence[Component] = (),
         pictures: Pictures | None = None,
     ) -> None:
         for name, got in (("rate", rate_hz), ("camera rate", camera_rate_hz)):
@@ -78,10 +81,11 @@ class Core:
         self.compat = tuple(compat)
         rig = loop.world.rig
         older = compatible(rig, compat)
+        parts = merged(components)
         rows = () if pictures is None else (*image_rows.topics_of(rig), *older.cameras)
         seen = [(topic.name, topic) for topic, _ in rows]
         self.topics: Mapping[str, Topic] = MappingProxyType(
-            {**{t.name: t for t in topic_table(rig)}, **older.topics, **dict(seen)}
+            {**{t.name: t for t in topic_table(rig)}, **older.topics, **dict(seen), **parts.topics}
         )
         self.services: Mapping[str, Service] = MappingProxyType(
             {s.name: s for s in service_table(rig)}
@@ -94,21 +98,27 @@ class Core:
             self.incoming.handlers[topic] = partial(self.incoming.obey, ask)
         for topic, act in older.handlers.items():
             self.incoming.handlers[topic] = partial(act, self)
+        install(components, self.incoming.handlers)
         self._watch = Watch(
             loop, self.prefixes, self.stamper, rate_hz, self._samples, self.incoming.waits
         )
         self._publishing = Publishing(
             self.topics,
             self.prefixes,
-            {**rig_messages.makers(clock == "sim"), **scene_messages.makers(rig), **older.makers},
+            {
+                **rig_messages.makers(clock == "sim"),
+                **scene_messages.makers(rig),
+                **older.makers,
+                **parts.makers,
+            },
         )
-        self._carriers = Carriers()
+        self._carriers, self._components = Carriers(), tuple(components)
         self._images = pictures and Images(
             pictures, loop.world, rows, camera_rate_hz, self._carriers
         )
         self._thread: threading.Thread | None = None
         self._lock, self._seldom = threading.Lock(), Seldom()
-        self._stop_taking: Callable[[], None] = lambda: None
+        self._ends: list[Callable[[], None]] = []
         self.refused = 0
         self._described = False
 
@@ -131,7 +141,7 @@ class Core:
     def begin(self) -> None:
         """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
         self._carriers.start(self)
-        self._stop_taking = self.incoming.begin()
+        self._ends = [self.incoming.begin(), *(part.begin(self) for part in self._components)]
         rig, stamp = self.loop.world.rig, self.stamper.stamp()
         cameras = {} if self._images is None else self._images.cameras()
         self.emit("tf_static", rig_messages.tf_static(rig, stamp, cameras))
@@ -141,7 +151,8 @@ class Core:
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
-        self._stop_taking()
+        for end in self._ends:
+            end()
         if self._images is not None:
             self._images.stop()
         self._watch.stop()

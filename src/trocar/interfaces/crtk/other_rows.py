@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk.arm_rows import (
-    BOOL,
-    COMMAND,
     EMPTY,
     FLOAT,
     JOINTS,
@@ -47,33 +45,6 @@ CONSOLE: tuple[Row, ...] = (
         ("pub latched", f"footpedals/{what}", JOY, "", "0 released, 1 pressed, 2 quick tap")
         for what in PEDALS
     ),
-    ("sub later", "console/teleop/enable", BOOL, "", "switch teleoperation"),
-    ("pub later", "console/teleop/enabled", BOOL, "", "whether it is on"),
-    ("sub later", "console/teleop/select", STRING, "", "a component to use"),
-    ("sub later", "console/teleop/unselect", STRING, "", "a component not to use"),
-    ("pub later", "console/teleop/selected", STRING, "", "a component that was selected"),
-    ("pub later", "console/teleop/unselected", STRING, "", "a component that was unselected"),
-    ("sub later", "console/teleop/set_scale", FLOAT, "", "motion of instruments per masters'"),
-    ("pub later", "console/teleop/scale", FLOAT, "", "motion of instruments per masters'"),
-)
-
-#: Of a component that moves an instrument or the endoscope by masters.
-TELEOPERATION: tuple[Row, ...] = (
-    ("sub later", "state_command", COMMAND, "", "enable, disable, align_mtm"),
-    ("pub later", "current_state", STRING, "", "where the component is"),
-    ("pub later", "desired_state", STRING, "", "where it is to go"),
-    ("pub later", "following", BOOL, "", "whether the instrument follows"),
-    ("pub later", "scale", FLOAT, "", "motion of the instrument per master's"),
-    ("sub later", "set_scale", FLOAT, "", "motion of the instrument per master's"),
-)
-LOCKS: tuple[Row, ...] = (
-    ("sub later", "lock_rotation", BOOL, "", "keep the instrument's orientation"),
-    ("sub later", "lock_translation", BOOL, "", "keep the instrument's position"),
-    ("sub later", "set_align_MTM", BOOL, "", "whether the master is aligned first"),
-    ("pub later", "rotation_locked", JOY, "", "whether the orientation is kept"),
-    ("pub later", "translation_locked", JOY, "", "whether the position is kept"),
-    ("pub later", "align_mtm", BOOL, "", "whether the master is aligned first"),
-    ("pub later", "alignment_offset", "geometry_msgs/QuaternionStamped", "xyzw", "master to tip"),
 )
 
 #: What viewers of ROS ask for.
@@ -88,17 +59,7 @@ VIEWERS: tuple[Row, ...] = (
 
 def topics_of(rig: RigDescription) -> tuple[Row, ...]:
     """Return the rows of a rig beside those of its arms."""
-    names = {arm.name for arm in rig.arms}
     rows = VIEWERS + SYSTEM + CONSOLE
     if any(arm.arm.type == "SUJ" for arm in rig.arms):
         rows += (("sub", "SUJ/set_reference_arm", STRING, "", "whose base the others are told in"),)
-    for master, arm in (("MTMR", "PSM1"), ("MTML", "PSM2")):
-        if {master, arm} <= names:
-            rows += _of(f"{master}_{arm}", TELEOPERATION + LOCKS)
-    if {"MTML", "MTMR", "ECM"} <= names:
-        rows += _of("MTML_MTMR_ECM", TELEOPERATION)
     return rows
-
-
-def _of(component: str, rows: tuple[Row, ...]) -> tuple[Row, ...]:
-    return tuple((m, f"{component}/{name}", kind, u, text) for m, name, kind, u, text in rows)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from trocar.descriptions.records import ArmDescription, RigDescription
-from trocar.interfaces.crtk import arm_rows, other_rows, scene_rows
+from trocar.interfaces.crtk import arm_rows, other_rows, scene_rows, teleop_rows
 
 Direction = Literal["pub", "sub"]
 Rate = Literal["state", "event", "tf", "camera", "clock"]
@@ -84,8 +84,13 @@ def topic_table(rig: RigDescription) -> tuple[Topic, ...]:
         rows = arm_rows.topics_of(arm.arm)
         found += [_owned(_topic(row), prefix(arm.name, arm.arm), arm.name) for row in rows]
     rows = (*other_rows.topics_of(rig), *scene_rows.topics_of(rig))
-    found += [_topic(row) for row in rows]
+    found += topics_from((*rows, *teleop_rows.topics_of(rig.teleops)))
     return _unique(found)
+
+
+def topics_from(rows: Iterable[Sequence[str]]) -> list[Topic]:
+    """Return topics that belong to no arm, from rows as those of `arm_rows`."""
+    return [_topic(row) for row in rows]
 
 
 def service_table(rig: RigDescription) -> tuple[Service, ...]:

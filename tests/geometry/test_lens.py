@@ -91,6 +91,11 @@ def test_good_lenses_fold_nowhere_in_the_view(lens: tuple[float, ...]) -> None:
     assert fold_in_view(K, *SIZE, lens) is None
 
 
+@pytest.mark.parametrize("lens", [(1e308, 0, 0, 0), (0, 0, 0, 0, 0, -8.0, 0, 1e300)])
+def test_coefficients_without_measure_fold(lens: tuple[float, ...]) -> None:
+    assert fold_in_view(K, *SIZE, lens) is not None
+
+
 def test_a_fold_outside_the_view_is_none_of_its_business() -> None:
     assert fold_in_view(K, *SIZE, (-0.9, 0.0, 0.0, 0.0)) is not None
     narrow = np.diag([4.0, 4.0, 1.0]) @ K

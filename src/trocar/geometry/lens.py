@@ -170,6 +170,7 @@ def fold_in_view(
     return float(u), float(v)
 
 
+@np.errstate(over="ignore", divide="ignore", invalid="ignore")  # what is not finite has folded
 def _followed(target: Array, c: Array, steps: int) -> tuple[Array, Array]:
     """Follow points from the middle out to these, (n, 2).
 

@@ -306,6 +306,8 @@ EYE_FAULTS = [
     ("image_width: 640", "", "image_width: is missing .or width.; the file has image_height, "),
     ("image_width: 640", "image_width: 640.5", "image_width: got 640.5; allowed: a whole number"),
     ("image_width: 640", "image_width: 1280", "cx = 325.305 does not match a width of 1280"),
+    ("image_width: 640", "image_width: .nan", "image_width: got nan; allowed: a whole number"),
+    ("  rows: 3\n", "  rows: three\n", "camera_matrix: got 'three' x 3; allowed: whole numbers"),
     ("588.776", "-588.776", "K: focal length fx = -588.776; allowed: above 0"),
     ("588.776", "wide", "camera_matrix: got 'wide'; allowed: finite numbers"),
     ("588.776", ".nan", "camera_matrix: got nan; allowed: finite numbers"),

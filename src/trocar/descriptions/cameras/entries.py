@@ -44,7 +44,8 @@ class Entries:
     def whole(self, *keys: str) -> int:
         """Return a whole number above 0."""
         key, value = self._one(keys)
-        if isinstance(value, bool) or not isinstance(value, int | float) or value != round(value):
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or value != round(value):
             raise self.fail(key, f"got {value!r}; allowed: a whole number")
         return int(value)
 
@@ -75,6 +76,8 @@ class Entries:
             table = cast(dict[str, Any], value)
             found = self._numbers(key, table.get("data"))
             rows, columns = table.get("rows", found.size), table.get("cols", 1)
+            if not all(isinstance(n, int) for n in (rows, columns)):
+                raise self.fail(key, f"got {rows!r} x {columns!r}; allowed: whole numbers")
             if "cols" in table and (rows, columns) != (0, 0) and rows * columns != found.size:
                 raise self.fail(key, f"has {found.size} numbers, but says {rows} x {columns}")
             return found

@@ -60,6 +60,7 @@ HOMES = {
     "mcap": ("simulation/recording",),
     "zstandard": ("simulation/recording",),
     "rosbags": ("apps/replay",),
+    "lz4": ("apps/mirroring",),
     "matplotlib": ("apps",),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/foreign"),

@@ -25,6 +25,7 @@ COMMANDS = {
     "render": "what a rig's camera sees, as a picture or a video",
     "run": "a script of the dVRK without ROS, as fast as it goes",
     "tune": "step response of an arm's joints, and gains tuned from it",
+    "mirror": "the simulated arms follow a real robot, live or recorded",
     "replay": "repeat a recording, or drive an arm along one of a real arm",
     "mocap": "tracks of a simulated arm, as cameras would tell them",
     "rcm": "the remote centre of an arm from tracks of motion capture",

@@ -132,6 +132,10 @@ class Page:
         if self._tips is None or self._tips.done():
             self._tips = self._loop.ask(tips_of)
 
+    def note(self, note: Callable[[], str] | None) -> None:
+        """Show what a function says, above the table of joints."""
+        self._tables.note = note
+
     def fail(self, error: Exception) -> None:
         """Show what stopped the simulation."""
         self._tables.fail(error)
@@ -148,6 +152,7 @@ def serve(
     on_ready: Callable[[str], None] | None = None,
     loop: Loop | None = None,
     pictures: Pictures | None = None,
+    note: Callable[[], str] | None = None,
 ) -> None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
@@ -160,6 +165,7 @@ def serve(
         on_ready: called with the page's address once it is served and time flows
         loop: the world's loop, when others talk to it, too; not running yet, and ended here
         pictures: draws what the cameras of the loop's world see; None: the page shows none
+        note: HTML that is shown above the table of joints, asked for five times a second
 
     Raises:
         InputError: the host or the port cannot be used
@@ -168,6 +174,7 @@ def serve(
     with serving(host, port, label=f"trocar: {world.rig.name}") as server:
         loop = loop or Loop(world, speed=speed)
         page = run_there(server, lambda: Page(server, world, loop, pictures))
+        page.note(note)
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)
             if on_ready is not None:

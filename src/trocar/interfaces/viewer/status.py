@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from typing import TYPE_CHECKING
@@ -80,6 +80,7 @@ class StatusTables:
         self._joints = gui.add_html("")
         self._messages = gui.add_html("")
         self._failure = ""
+        self.note: Callable[[], str] | None = None
 
     def show(self, state: LoopState, sheet: ArmSheet) -> None:
         """Write the newest numbers."""
@@ -88,9 +89,8 @@ class StatusTables:
             self._worst = {"gap": 0.0, "rcm": 0.0}
         self._worst["gap"] = max(self._worst["gap"], health.loop_gap_m)
         self._worst["rcm"] = max(self._worst["rcm"], health.rcm_error_m)
-        self._simulation.content = STYLE + _box(
-            simulation_cards(state, self._worst["gap"], self._worst["rcm"])
-        )
+        cards = simulation_cards(state, self._worst["gap"], self._worst["rcm"])
+        self._simulation.content = STYLE + _box(cards + (self.note() if self.note else ""))
         self._joints.content = _box(joint_table(sheet, state.snapshot.arms[sheet.name]))
         self._messages.content = _box(self._failure + _notes(self._notices))
 

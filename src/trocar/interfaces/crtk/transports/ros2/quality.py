@@ -14,24 +14,26 @@ KEEP_LAST = 0
 
 @dataclass(frozen=True)
 class Quality:
-    """Quality of service: reliable always, which every subscriber's wish is compatible with.
+    """Quality of service: reliable, which every subscriber's wish is compatible with.
 
     Args:
         depth: how many messages are kept for a subscriber that lags, or wait at ours
         latched: whether late subscribers get the last message (TRANSIENT_LOCAL)
         user_data: of the endpoint
+        best_effort: of a reader: takes what is promised by halves, too
     """
 
     depth: int
     latched: bool = False
     user_data: bytes = b""
+    best_effort: bool = False
 
 
 def quality_of(lib: Library, quality: Quality) -> int:
     """Return a new dds_qos_t."""
     quick = lib.quick
     wish = quick.dds_create_qos()
-    quick.dds_qset_reliability(wish, 1, 0)
+    quick.dds_qset_reliability(wish, 0 if quality.best_effort else 1, 0)
     quick.dds_qset_durability(wish, int(quality.latched))
     quick.dds_qset_history(wish, KEEP_LAST, quality.depth)
     all_of_it = [library.UNLIMITED] * 3

@@ -1,0 +1,151 @@
+"""The simulated arms follow a real robot: live, or as it was recorded.
+
+Listens to /<ARM>/measured_js (and jaw, gripper, setup joints) and puts the arms of the rig there,
+or lets their servos follow. Of a recording the page shows what was done then; --no-page runs
+through it and reports how far the arms lagged behind. docs/mirror.md says more.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from contextlib import closing, nullcontext, suppress
+from dataclasses import asdict
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, number
+from trocar.cli.output import print_json, table
+from trocar.cli.serving import PORT
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from trocar.apps.mirroring import BagSource, LiveSource, Mirror, MirrorReport
+    from trocar.interfaces import Loop
+    from trocar.simulation import World
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("--ros1", action="store_true", help="a robot on ROS 1 (rospy)")
+    source.add_argument("--ros2", action="store_true", help="a robot on ROS 2 (extra ros2)")
+    source.add_argument("--websocket", metavar="URL", help="rosbridge, as ws://127.0.0.1:9090")
+    source.add_argument("--bag", metavar="FILE", help="rosbag 1, rosbag 2 or MCAP")
+    parser.add_argument(
+        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+    )
+    parser.add_argument(
+        "--arms", metavar="ARM,...", help="arms that follow; default: all that the source tells of"
+    )
+    parser.add_argument(
+        "--by",
+        choices=("set", "servo"),
+        default="set",
+        help="put where the robot is (default), or follow it by their own servos",
+    )
+    parser.add_argument("--duration", type=number, metavar="S", help="stop after this much time")
+    parser.add_argument(
+        "--speed",
+        choices=("realtime", "max"),
+        help="of a bag; default: realtime with the page, max without",
+    )
+    parser.add_argument("--record", metavar="FILE", help="write what the arms did to an MCAP file")
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
+    )
+    parser.add_argument("--no-page", action="store_true", help="serve no page: follow and report")
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Mirror."""
+    if args.duration is not None and not 0.0 < args.duration < float("inf"):
+        raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
+    if args.json and not args.no_page:
+        raise InputError("--json: only a run without the page has a report; add --no-page")
+    if args.speed == "max" and not args.bag:
+        raise InputError("--speed max: a robot that is there now moves in real time; use --bag")
+    from trocar.apps.mirroring import Mirror
+    from trocar.interfaces import Loop
+    from trocar.interfaces.loop import SERVER_TICK_S
+    from trocar.simulation import World
+
+    source = _source(args)
+    world = World(args.rig)
+    speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
+    loop = Loop(world, speed=speed, tick_s=SERVER_TICK_S)
+    arms = [name.strip() for name in args.arms.split(",") if name.strip()] if args.arms else None
+    mirror = Mirror(loop, source, arms, args.by)
+    if mirror.twins.missing and args.bag:
+        print(f"not in {args.bag}: {', '.join(mirror.twins.missing)}", file=sys.stderr)
+    recording = world.record(args.record) if args.record else nullcontext()
+    with recording, closing(mirror):
+        mirror.start()
+        if args.no_page:
+            _follow(loop, mirror, args.duration)
+        else:
+            _show(world, loop, mirror, args)
+    report = mirror.report()
+    if args.json:
+        print_json(asdict(report))
+    elif args.no_page:
+        print(_told(report))
+    return 0
+
+
+def _source(args: Namespace) -> BagSource | LiveSource:
+    from trocar.apps.mirroring import BagSource, LiveSource, open_bag
+
+    if args.bag:
+        return BagSource(open_bag(args.bag))
+    if args.websocket:
+        from trocar.interfaces.crtk.transports.websocket.listening import WebSocketListener
+
+        return LiveSource(WebSocketListener(args.websocket), args.websocket)
+    if args.ros1:
+        from trocar.interfaces.crtk.transports.ros1.listening import Ros1Listener
+
+        return LiveSource(Ros1Listener(), "ROS 1")
+    from trocar.interfaces.crtk.transports.ros2.listening import Ros2Listener
+
+    return LiveSource(Ros2Listener(), "ROS 2")
+
+
+def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
+    """Run until the bag or the time is over, or until Ctrl-C."""
+    with closing(loop), suppress(KeyboardInterrupt):
+        loop.start(duration_s)
+        while not mirror.over.wait(0.05):
+            if loop.wait(0.0):
+                break
+        loop.stop()
+
+
+def _show(world: World, loop: Loop, mirror: Mirror, args: Namespace) -> None:
+    from trocar.interfaces.viewer import serve
+
+    serve(
+        world,
+        port=args.port,
+        duration_s=args.duration,
+        on_ready=lambda url: print(f"{url}  (Ctrl-C stops)", flush=True),
+        loop=loop,
+        note=mirror.page,
+    )
+
+
+def _told(report: MirrorReport) -> str:
+    rows = [
+        [
+            name,
+            str(arm.heard),
+            f"{arm.rate_hz:.1f}",
+            f"{arm.lag_ms_median:.1f}",
+            f"{arm.lag_ms_max:.1f}",
+            str(arm.gaps),
+            str(arm.clipped),
+        ]
+        for name, arm in report.arms.items()
+    ]
+    head = ["arm", "heard", "[Hz]", "lag [ms]", "at most", "silences", "beyond limits"]
+    return f"{report.source}: {report.duration_s:.2f} s\n" + table(head, rows)

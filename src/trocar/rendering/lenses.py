@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +57,10 @@ class Pinhole:
         """A factor and an offset that carry depth z to z times -1 (near) to 1 (far)."""
         span = self.far - self.near
         return (self.far + self.near) / span, -2.0 * self.far * self.near / span
+
+    def on(self, width: int, height: int) -> Pinhole:
+        """Return the same eye with more pixels to the right and below."""
+        return replace(self, width=width, height=height)
 
     def frustum(self, T_eye_reference: Array) -> Frustum:
         """Return what the eye sees from where it is."""

@@ -17,16 +17,15 @@ Array = NDArray[np.float64]
 GUIDE = np.array([0.0, -0.0045, 0.0])
 #: Distance at which something white is as bright as a screen can show, about [m]. Source: our own
 #: choice, after working distances of 50 to 150 mm.
-WORKING = 0.1
-#: The guide's end is a disc and no point: light falls off less nearer than this [m]. Source: as the
-#: radius of the scope, doubled.
-SOFTENING = 0.012
+WORKING = 0.22
 #: Share of the light that tissue has scattered from all around. Source: chosen by eye.
 SCATTERED = 0.06
 #: Depth from which shadows of the scope's own light are looked for, and to which [m].
 SHADOW_NEAR, SHADOW_FAR = 0.004, 6.0
 #: The eyes' frusta, seen from the light, from this depth on [m].
 COVERED_FROM = 0.03
+#: ... and so much more, in the plane z = 1, so that the map's own edge is seen by nobody.
+RIM = 0.01
 #: Of a room: from the middle of everything to the lamp [m], light from all around, strength.
 #: Source: chosen by eye.
 LAMP, ROOM_LIGHT, ROOM_POWER = np.array([0.9, 1.6, 3.2]), 0.42, 1.15
@@ -39,7 +38,6 @@ class Light:
     Attributes:
         at: where it is in the reference frame (3,) [m]
         power: brightness times distance squared [m^2]
-        softening: [m^2]
         around: strength of the light from all around
         up: where that comes from, in the reference frame (3,)
         frustum: what may throw shadows
@@ -49,7 +47,6 @@ class Light:
 
     at: Array
     power: float
-    softening: float
     around: float
     up: Array
     frustum: Frustum
@@ -74,12 +71,11 @@ def scope_light(frusta: list[Frustum], far: float) -> Light:
             points = transform_points(T, depth * np.array([[x, y, 1.0] for x, y in edges]))
             corners.append(points[:, :2] / points[:, 2:])
     seen = np.concatenate(corners)
-    (left, top), (right, bottom) = seen.min(axis=0), seen.max(axis=0)
+    (left, top), (right, bottom) = seen.min(axis=0) - RIM, seen.max(axis=0) + RIM
     frustum = Frustum(T_light_reference, left, right, top, bottom, SHADOW_NEAR, 1.0)
     return Light(
         GUIDE,
         WORKING**2,
-        SOFTENING**2,
         SCATTERED,
         np.array([0.0, -1.0, 0.0]),
         frustum,
@@ -108,7 +104,6 @@ def room_light(T_reference_world: Array, middle: Array, radius: float) -> Light:
     return Light(
         transform_points(T_reference_world, lamp),
         ROOM_POWER * distance**2,
-        0.0,
         ROOM_LIGHT,
         T_reference_world[:3, 2],
         frustum,

@@ -146,7 +146,7 @@ def _draw(
 ) -> Image:
     width, height = size
     try:
-        window = _context()(width, height)
+        window = context_class()(width, height)
         window.make_current()
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
     except Exception as problem:  # each of MuJoCo's backends fails in its own way
@@ -171,7 +171,7 @@ def _draw(
     return image[::-1].copy()
 
 
-def _context() -> Any:
+def context_class() -> Any:
     """Return the class of contexts that draw without a display."""
     if sys.platform == "linux" and (os.environ.get("MUJOCO_GL") or "egl") == "egl":
         from mujoco.egl import GLContext

@@ -35,6 +35,7 @@ class Scenery:
         colours: linear red, green, blue and how metallic, (m, 4) float32
         gloss: (m,), 0 to 1
         ids: of each object, (m,), from 1; objects of one body have one id
+        of_arms: which objects are an arm's, and no prop's, (m,)
         names: {id: what it is}: "PSM1/wrist_yaw", "table"
     """
 
@@ -50,6 +51,7 @@ class Scenery:
     colours: NDArray[np.float32]
     gloss: Array
     ids: Ints
+    of_arms: NDArray[np.bool_]
     names: Mapping[int, str]
 
 
@@ -83,6 +85,7 @@ def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
         ).reshape(-1, 4),
         gloss=np.array([group[0].gloss for group in groups], dtype=np.float64),
         ids=np.array([number[group[0].body] for group in groups], dtype=np.int64),
+        of_arms=np.array([group[0].arm is not None for group in groups], dtype=np.bool_),
         names={number[shape.body]: owner(shape) for shape in shapes},
     )
 

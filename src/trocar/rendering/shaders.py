@@ -59,7 +59,7 @@ void main() {
     across = mat3(eye) * turned;
     albedo = colour;
     sheen = finish;
-#ifdef SHADOWS
+#if defined(SHADOWS) && !defined(PARALLEL)
     vec4 c = shadow * vec4(r, 1.0);
     in_light = vec4(0.5 * c.xyz + 0.5 * c.w, c.w);
 #endif
@@ -88,52 +88,88 @@ layout(location = NORMALS) out vec4 normal_out;
 #endif
 """
 
-#: A lobe 1 / (1 + a (1 - cos))^2 instead of a power of the cosine: as round, and a third of the
-#: time. Light falls off with the square of the distance; screens' colours are about its root.
+#: A scope's light stands beside the eyes: one root serves its distance, the normal's length and,
+#: with a step of Newton's, the way halfway between light and eye. What a screen shows is about the
+#: root of the light, so colours are roots, and only the amount of light goes through the curve.
+_SCOPE = """
+    vec3 t = light - at;
+    float d2 = dot(t, t);
+    float n2 = dot(across, across);
+    float root = inversesqrt(d2 * n2);
+    float per_d2 = n2 * root * root;
+    float facing = max(dot(across, t) * root, 0.0);
+    float lit = 1.0;
+#ifdef SHADOWS
+#ifdef PARALLEL
+    float per_z = 1.0 / t.z;
+    vec3 place = vec3(shade_at.xy * t.xy, shade_at.z) * per_z + vec3(shade_to.xy, shade_to.z);
+    lit = textureLod(shade, place, 0.0);
+#else
+    lit = textureProjLod(shade, in_light, 0.0);
+#endif
+#endif
+    facing *= 1.0 - sheen.z + sheen.z * facing * facing;
+    float beam = at.z * at.z * per_d2 * per_d2 * power.x;
+#ifdef VIGNETTE
+    float ahead = at.z * at.z * per_d2;
+    beam *= mix(1.0, ahead * ahead * ahead, power.z);
+#endif
+    float amount = (facing * lit + sky.w) * beam;
+    vec3 h = t - 0.5 * light;
+    float near = dot(across, h) * root * (1.5 - 0.5 * dot(h, h) * per_d2);
+"""
+
+_ROOM = """
+    vec3 t = light - at;
+    float per_distance = inversesqrt(dot(t, t));
+    float per_normal = inversesqrt(dot(across, across));
+    float facing = max(dot(across, t) * per_distance * per_normal, 0.0);
+    float lit = 1.0;
+#ifdef SHADOWS
+    lit = textureProjLod(shade, in_light, 0.0);
+#endif
+    facing *= 1.0 - sheen.z + sheen.z * facing * facing;
+    float beam = power.x * per_distance * per_distance;
+    float from_above = 0.65 + 0.35 * dot(across, sky.xyz) * per_normal;
+    float amount = facing * lit * beam + sky.w * power.w * from_above;
+    vec3 h = t * per_distance - normalize(at);
+    float near = dot(across, h) * per_normal * inversesqrt(dot(h, h));
+#ifdef VIGNETTE
+    float ahead = at.z * at.z / dot(at, at);
+    amount *= mix(1.0, ahead * ahead * ahead, power.z);
+#endif
+"""
+
 FRAGMENT = (
     _OUTPUTS
     + """
 in vec3 at;
 in vec3 across;
 in vec4 in_light;
-flat in vec4 albedo;  // red, green, blue, how metallic
-flat in vec4 sheen;   // sharpness of the lobe, its strength, share of diffuse light, id
+flat in vec4 albedo;  // roots of red, green, blue
+flat in vec4 sheen;   // sharpness of glints, their strength, how metallic, id
 uniform vec3 light;
-uniform vec4 power;   // of the light, its softening [m^2], vignette, exposure
+uniform vec4 power;   // of the light with the exposure, _, vignette, exposure
 uniform vec4 sky;     // up in the eye's frame, strength of the light from all around
+uniform vec3 shade_at;
+uniform vec3 shade_to;
 uniform sampler2DShadow shade;
 
 void main() {
 #ifdef COLOUR
-    vec3 t = light - at;
-    float d2 = dot(t, t);
-    float per_distance = inversesqrt(d2);
-    float per_normal = inversesqrt(dot(across, across));
-    float facing = max(dot(across, t) * per_distance * per_normal, 0.0);
-    float fall = power.x / (d2 + power.y);
-    float ahead = at.z * inversesqrt(dot(at, at));
 #ifdef SCOPE
-    vec3 h = 0.5 * light - at;
-    fall *= ahead * ahead;
-    float around = sky.w * fall;
-#else
-    vec3 h = t * per_distance - normalize(at);
-    float around = sky.w * (0.65 + 0.35 * dot(across, sky.xyz) * per_normal);
+"""
+    + _SCOPE
+    + "#else\n"
+    + _ROOM
+    + """
 #endif
-    float near = max(dot(across, h) * per_normal * inversesqrt(dot(h, h)), 0.0);
-#ifdef SHADOWS
-    fall *= textureProjLod(shade, in_light, 0.0);
-#endif
-    float lobe = 1.0 / (1.0 + sheen.x * (1.0 - near));
-    float glint = sheen.y * lobe * lobe;
-    vec3 c = albedo.rgb * (sheen.z * (facing * fall + around));
-    c += mix(vec3(glint), glint * albedo.rgb, albedo.a) * fall;
-#ifdef VIGNETTE
-    float dim = ahead * ahead;
-    c *= mix(1.0, dim * dim, power.z);
-#endif
-    c *= power.w;
-    colour_out = vec4(sqrt(c * (1.0 + 0.1 * c) / (1.0 + c)), 1.0);
+    float lobe = max(1.0 - sheen.x * (1.0 - near), 0.0);
+    lobe *= lobe;
+    float shown = amount / (1.0 + amount);
+    float glint = sheen.y * lobe * lobe * lit * shown;
+    vec3 c = albedo.rgb * sqrt(shown) + vec3(glint);
+    colour_out = vec4(c, 1.0);
 #endif
 #ifdef DEPTH
     depth_out = 1.0 / gl_FragCoord.w;
@@ -143,34 +179,6 @@ void main() {
 #endif
 #ifdef NORMALS
     normal_out = vec4(normalize(across), 0.0);
-#endif
-}
-"""
-)
-
-#: Behind everything: one triangle over the whole picture.
-BEHIND_VERTEX = """
-void main() {
-    gl_Position = vec4(2.0 * (gl_VertexID & 2) - 1.0, 4.0 * (gl_VertexID & 1) - 1.0, 1.0, 1.0);
-}
-"""
-
-BEHIND_FRAGMENT = (
-    _OUTPUTS
-    + """
-uniform vec3 backdrop;
-void main() {
-#ifdef COLOUR
-    colour_out = vec4(backdrop, 1.0);
-#endif
-#ifdef DEPTH
-    depth_out = uintBitsToFloat(0x7f800000u);
-#endif
-#ifdef IDS
-    id_out = 0;
-#endif
-#ifdef NORMALS
-    normal_out = vec4(0.0);
 #endif
 }
 """

@@ -47,6 +47,8 @@ Array = NDArray[np.float64]
 
 #: Set-points of moves are renewed this often, in physics periods. Source: our own choice.
 SETPOINT_PERIODS = 1
+#: Watchers look at least this often, in physics periods. Source: as what writes targets does.
+WATCHED_PERIODS = 5
 #: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
 #: overlays are kept whole.
 APART = ("self", "rig", "calibration")
@@ -494,6 +496,7 @@ class World:
                 self._gravity.renew()
                 self._supervision.check()
             run = min(left, self._renewal - since)
+            run = min(run, WATCHED_PERIODS) if self._watchers else run
             self._before[:], self._time_before = self._state.values, self._data.time
             self._mj_step(self._model, self._data, run)
             self._periods += run

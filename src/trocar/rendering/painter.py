@@ -1,0 +1,216 @@
+"""One drawing: shadows, then both eyes at one go, then what lens and sensor make of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import InputError
+from trocar.rendering import sensor, shaders
+from trocar.rendering.card import SEEN, SHADING, Card, tell
+from trocar.rendering.look import Look
+from trocar.rendering.optics import Optics
+from trocar.rendering.staging import Stage
+
+if TYPE_CHECKING:
+    import moderngl
+
+Array = NDArray[np.float64]
+
+#: What a shadow must be deeper by: slope, and units of the map's depth. Source: OpenGL's polygon
+#: offset, chosen by eye: no surface is striped by its own shadow.
+SHADOW_OFFSET = 2.0, 32.0
+#: Inputs of the lens's pass by output, in the order of texture units; the last has its places.
+INPUTS = {"COLOUR": "colour_in", "DEPTH": "depth_in", "IDS": "ids_in", "NORMALS": "normals_in"}
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Where an output is: in which framebuffer, and which of its textures."""
+
+    target: moderngl.Framebuffer
+    number: int
+
+    @property
+    def texture(self) -> Any:
+        """The texture itself."""
+        return self.target.color_attachments[self.number]
+
+
+class Painter:
+    """Draws stages of one camera after the other. Used inside `with card.context`."""
+
+    def __init__(self, card: Card, look: Look) -> None:
+        self._card, self._look = card, look
+        self._places: dict[int, tuple[Optics, moderngl.Texture]] = {}
+
+    def paint(
+        self, stage: Stage, lenses: Optics, outputs: Sequence[str], time: float
+    ) -> dict[str, Drawn]:
+        """Draw; the eyes' pictures are above each other, rows from the top.
+
+        Args:
+            stage: what is drawn
+            lenses: the camera's
+            outputs: "COLOUR", "DEPTH", "IDS", "NORMALS", in this order
+            time: noise is another at another time [s]
+        """
+        card = self._card
+        card.place(stage.rows, stage.shading, stage.seen)
+        card.context.enable_only(card.gl.DEPTH_TEST | card.gl.CULL_FACE)
+        card.context.front_face = "cw"
+        card.context.depth_func = "<"
+        if len(stage.shading):
+            self._shade(stage)
+        size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
+        found: dict[str, Drawn] = {}
+        for some, samples in self._passes(outputs):
+            target = card.target(size, some, samples)
+            target.use()
+            _clear(target, some, stage.backdrop)
+            self._eyes(stage, lenses, some)
+            if samples:
+                whole = card.target(size, some)
+                card.context.copy_framebuffer(whole, target)
+                target = whole
+            found |= {name: Drawn(target, k) for k, name in enumerate(some)}
+        if lenses.places is not None or self._look.noise > 0.0:
+            return self._sensed(found, lenses, time)
+        return found
+
+    # ------------------------------------------------------------------ inside
+
+    def _passes(self, outputs: Sequence[str]) -> list[tuple[tuple[str, ...], int]]:
+        """Return outputs that are drawn together, and samples of each pixel.
+
+        Means of ids or of depths across an edge are neither: only colours have many samples.
+        """
+        samples = self._look.samples
+        if samples > self._card.context.max_samples:
+            raise InputError(
+                f"samples: got {samples}; allowed with this graphics driver: up to"
+                f" {self._card.context.max_samples}"
+            )
+        rest = tuple(outputs[1:])
+        if not samples:
+            return [(tuple(outputs), 0)]
+        return [(("COLOUR",), samples), *([(rest, 0)] if rest else [])]
+
+    def _shade(self, stage: Stage) -> None:
+        card = self._card
+        program = card.program(shaders.SHADOW_VERTEX, shaders.SHADOW_FRAGMENT)
+        tell(program, {"shadow": _columns(stage.light.clip)})
+        card.shade_target.use()
+        card.shade_target.clear(depth=1.0)
+        card.context.polygon_offset = SHADOW_OFFSET
+        card.render(program, SHADING, len(stage.shading))
+        card.context.polygon_offset = 0.0, 0.0
+
+    def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str]) -> None:
+        card, light, look = self._card, stage.light, self._look
+        parallel = light.scope and all(
+            np.array_equal(eye.T_eye_reference[:3, :3], np.eye(3)) for eye in lenses.eyes
+        )
+        switches = {
+            "SHADOWS": bool(len(stage.shading)),
+            "SCOPE": light.scope,
+            "PARALLEL": parallel,
+            "VIGNETTE": look.vignette > 0.0,
+        }
+        defines = [f"{name} {k}" for k, name in enumerate(outputs)]
+        defines += [name for name, on in switches.items() if on]
+        program = card.program(shaders.VERTEX, shaders.FRAGMENT, defines)
+        exposure = 2.0**look.exposure
+        tell(program, {"shadow": _columns(light.clip), **_parallel_shade(light.clip)})
+        tell(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
+        card.shade.use(0)
+        for row, eye in enumerate(lenses.eyes):
+            width, height = lenses.drawn
+            cast("moderngl.Framebuffer", card.context.fbo).viewport = 0, row * height, width, height
+            T, lens = eye.T_eye_reference, eye.lens
+            tell(program, {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths})
+            tell(
+                program,
+                {
+                    "light": tuple(T[:3, :3] @ light.at + T[:3, 3]),
+                    "sky": (*(T[:3, :3] @ light.up), light.around),
+                },
+            )
+            card.render(program, SEEN, len(stage.seen))
+
+    def _sensed(self, drawn: Mapping[str, Drawn], lenses: Optics, time: float) -> dict[str, Drawn]:
+        """Return what lens and sensor make of pictures."""
+        card, outputs = self._card, list(drawn)
+        defines = [f"{name} {k}" for k, name in enumerate(outputs)]
+        defines += ["PLACES"] if lenses.places is not None else []
+        defines += ["NOISE"] if self._look.noise > 0.0 else []
+        program = card.program(sensor.LENS_VERTEX, sensor.LENS_FRAGMENT, defines)
+        target = card.target(
+            (lenses.size[0], lenses.size[1] * len(lenses.eyes)), outputs, name="sensed"
+        )
+        target.use()
+        card.context.enable_only(card.gl.NOTHING)
+        for unit, name in enumerate(outputs):
+            drawn[name].texture.use(unit)
+            tell(program, {INPUTS[name]: unit})
+        if lenses.places is not None:
+            self._where(lenses).use(len(outputs))
+        grain = (self._look.seed * 2654435761 + round(time * 1e6) * 40503) % 2**32
+        size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
+        tell(
+            program,
+            {"places": len(outputs), "size": size, "noise": self._look.noise, "seed": grain},
+        )
+        card.fill(program)
+        return {name: Drawn(target, k) for k, name in enumerate(outputs)}
+
+    def _where(self, lenses: Optics) -> moderngl.Texture:
+        """Return the places of the light of each pixel as a texture."""
+        if id(lenses) not in self._places:
+            for _, old in self._places.values():
+                old.release()
+            self._places.clear()
+            places = np.ascontiguousarray(lenses.places, dtype=np.float32)
+            size = places.shape[1], places.shape[0]
+            texture = self._card.context.texture(size, 2, places.tobytes(), dtype="f4")
+            self._places[id(lenses)] = lenses, texture
+        return self._places[id(lenses)][1]
+
+
+def _clear(
+    target: moderngl.Framebuffer, outputs: Sequence[str], backdrop: tuple[float, float, float]
+) -> None:
+    """Put what is behind everything into each output: a colour, infinitely far, no id."""
+    far = np.inf, np.inf, np.inf, np.inf
+    nothing = 0.0, 0.0, 0.0, 0.0
+    for name, value in (("COLOUR", (*backdrop, 1.0)), ("DEPTH", far), ("", nothing)):
+        own = [o == name if name else o in ("IDS", "NORMALS") for o in outputs]
+        if any(own):
+            _open_for(target, own)
+            target.clear(color=value)
+    _open_for(target, [True] * len(outputs))
+
+
+def _open_for(target: moderngl.Framebuffer, which: Sequence[bool]) -> None:
+    masks: list[tuple[bool, ...]] = [(on,) * 4 for on in which]
+    cast(Any, target).color_mask = tuple(masks) if len(masks) > 1 else masks[0]
+
+
+def _columns(T: Array) -> tuple[float, ...]:
+    return tuple(float(v) for v in T.T.ravel())
+
+
+def _parallel_shade(clip: Array) -> dict[str, tuple[float, ...]]:
+    """Return what carries (x, y, 1) / z from the light, all negative, to its map's coordinates.
+
+    Where light and eyes look the same way, that needs one division and no matrix.
+    """
+    drop = clip[2, 3] - clip[2, 2] * clip[3, 3]
+    return {
+        "shade_at": tuple(0.5 * np.array([clip[0, 0], clip[1, 1], -drop])),
+        "shade_to": tuple(0.5 + 0.5 * clip[:3, 2]),
+    }

@@ -1,0 +1,90 @@
+"""What of the scenery is drawn, from where, in which light: everything but the drawing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.rendering.lighting import Light, room_light
+from trocar.rendering.optics import Optics
+from trocar.rendering.scenery import Scenery
+from trocar.rendering.sight import chosen_levels, commands, inside, middles, placed
+from trocar.simulation.records import Snapshot
+
+Array = NDArray[np.float64]
+Commands = NDArray[np.uint32]
+
+#: Behind everything: in a patient, and in a room. Source: chosen by eye.
+DARK, WALL = (0.0, 0.0, 0.0), (0.80, 0.83, 0.86)
+#: Objects that are larger than this are floors, which throw no shadow [m]. Source: our own choice.
+FLOOR = 2.5
+#: A scope's light: of what stands still, objects larger than this throw none. What they hide from
+#: the light they hide from the eyes beside it, too, but for a rim. Source: our own choice. [m]
+LARGE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Stage:
+    """What is drawn at one go.
+
+    Attributes:
+        rows: T_reference_object of every object, (m, 3, 4)
+        seen: commands of what the eyes see, nearest first
+        shading: commands of what throws shadows; empty without shadows
+        light: in the reference frame
+        backdrop: colour behind everything, 0 to 1
+    """
+
+    rows: Array
+    seen: Commands
+    shading: Commands
+    light: Light
+    backdrop: tuple[float, float, float]
+
+
+def stage(
+    things: Scenery, snapshot: Snapshot, T_reference_world: Array, lenses: Optics, shadows: bool
+) -> Stage:
+    """Return what a camera sees of a snapshot.
+
+    Args:
+        things: everything there is
+        snapshot: where it is
+        T_reference_world: where the camera is, (4, 4)
+        lenses: the camera's
+        shadows: whether light throws them
+    """
+    rows = placed(things, snapshot, T_reference_world)
+    centres = middles(things, rows)
+    frusta = [eye.frustum for eye in lenses.eyes]
+    in_sight = np.zeros(len(things.bodies), dtype=np.bool_)
+    for frustum in frusta:
+        in_sight |= inside(frustum, centres, things.radii)
+    order = np.flatnonzero(in_sight)
+    order = order[np.argsort(centres[order, 2] + things.radii[order], kind="stable")]
+    level = chosen_levels(things, frusta[0], order, centres)
+    light = lenses.light or _room_light(things, centres, T_reference_world)
+    shading = np.zeros((0, 5), dtype=np.uint32)
+    if shadows:
+        throws = inside(light.frustum, centres, things.radii) & (things.radii < FLOOR)
+        if light.scope:
+            throws &= things.of_arms | (things.radii < LARGE)
+        who = np.flatnonzero(throws)
+        shading = commands(things, who, chosen_levels(things, frusta[0], who, centres))
+    backdrop = DARK if light.scope else WALL
+    return Stage(rows, commands(things, order, level), shading, light, backdrop)
+
+
+def _room_light(things: Scenery, centres: Array, T_reference_world: Array) -> Light:
+    """Return a lamp over everything that is no floor."""
+    small = things.radii < FLOOR
+    if not small.any():
+        return room_light(T_reference_world, np.zeros(3), 1.0)
+    world = (centres[small] - T_reference_world[:3, 3]) @ T_reference_world[:3, :3]
+    reach = things.radii[small][:, None]
+    low, high = (world - reach).min(axis=0), (world + reach).max(axis=0)
+    return room_light(
+        T_reference_world, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+    )

@@ -173,13 +173,11 @@ def rig_of_the_page_on_sensors(folder: Path) -> Path:
 
 
 def teleoperated_rig(folder: Path) -> Path:
-    """A console whose arms tell their poses in a frame of their own; no built-in rig is like it."""
+    """A console with an arm that tells its poses in a frame of its own; no built-in rig has one."""
     path = folder / "rigs" / "teleoperated.toml"
     built_in = Path(load_rig("full_cart_mtm").file).read_text(encoding="utf-8")
     own = built_in.replace('name = "PSM1"\n', 'name = "PSM1"\nbase_frame = { name = "ECM" }\n', 1)
-    teleop = '[[teleop]]\nkind = "psm"\nmaster = "MTMR"\nslave = "PSM1"\n'
-    both = '[[teleop]]\nkind = "ecm"\nmasters = ["MTML", "MTMR"]\nslave = "ECM"\n'
-    path.write_text(f"{own}\n{teleop}{both}", encoding="utf-8")
+    path.write_text(own, encoding="utf-8")
     return path
 
 

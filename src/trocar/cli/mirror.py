@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from contextlib import closing, nullcontext, suppress
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
+from trocar.cli.cameras import add_look, open_pictures
 from trocar.cli.output import print_json, table
 from trocar.cli.serving import PORT
 from trocar.errors import InputError
@@ -21,6 +22,7 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from trocar.apps.mirroring import BagSource, LiveSource, Mirror, MirrorReport
     from trocar.interfaces import Loop
+    from trocar.interfaces.pictures import Pictures
     from trocar.simulation import World
 
 
@@ -54,6 +56,19 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
     )
     parser.add_argument("--no-page", action="store_true", help="serve no page: follow and report")
+    parser.add_argument(
+        "--serve",
+        type=int,
+        metavar="N",
+        help="the twin's own topics and images over rosbridge's WebSocket at this port; 0: any",
+    )
+    cameras = parser.add_argument_group("what the twin's cameras see")
+    cameras.add_argument("--no-cameras", action="store_true", help="draw nothing")
+    cameras.add_argument("--camera-rate", type=number, metavar="HZ", help="default: 60")
+    cameras.add_argument(
+        "--image-format", choices=("jpeg", "png"), default="jpeg", help="of compressed images"
+    )
+    add_look(cameras)
     add_json(parser)
 
 
@@ -78,13 +93,19 @@ def run(args: Namespace) -> int:
     mirror = Mirror(loop, source, arms, args.by)
     if mirror.twins.missing and args.bag:
         print(f"not in {args.bag}: {', '.join(mirror.twins.missing)}", file=sys.stderr)
-    recording = world.record(args.record) if args.record else nullcontext()
-    with recording, closing(mirror):
+    with ExitStack() as stack:
+        if args.record:
+            stack.enter_context(world.record(args.record))
+        stack.enter_context(closing(mirror))
+        pictures = _pictures(loop, args, stack)
+        address = _served(loop, args, pictures, stack)
         mirror.start()
         if args.no_page:
+            if address:
+                print(address, flush=True)
             _follow(loop, mirror, args.duration)
         else:
-            _show(world, loop, mirror, args)
+            _show(world, loop, mirror, args, (pictures, address))
     report = mirror.report()
     if args.json:
         print_json(asdict(report))
@@ -121,15 +142,50 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
         loop.stop()
 
 
-def _show(world: World, loop: Loop, mirror: Mirror, args: Namespace) -> None:
+def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
+    """Start what draws for the twin's cameras, where anybody could look."""
+    if args.no_page and args.serve is None:
+        return None
+    pictures = open_pictures(loop, args)
+    if pictures is not None:
+        stack.enter_context(closing(pictures))
+        pictures.start()
+    return pictures
+
+
+def _served(loop: Loop, args: Namespace, pictures: Pictures | None, stack: ExitStack) -> str:
+    """Serve the twin's own topics, where that is asked for; return what to tell the user."""
+    if args.serve is None:
+        return ""
+    from trocar.interfaces.crtk import Core
+    from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
+
+    rate = {} if args.camera_rate is None else {"camera_rate_hz": args.camera_rate}
+    core = stack.enter_context(closing(Core(loop, pictures=pictures, **rate)))
+    transport = WebSocketTransport("127.0.0.1", args.serve, None)
+    core.attach(transport)
+    core.start()
+    return str(transport.greeting)
+
+
+def _show(
+    world: World,
+    loop: Loop,
+    mirror: Mirror,
+    args: Namespace,
+    more: tuple[Pictures | None, str],
+) -> None:
     from trocar.interfaces.viewer import serve
 
+    pictures, address = more
+    told = f"\n{address}" if address else ""
     serve(
         world,
         port=args.port,
         duration_s=args.duration,
-        on_ready=lambda url: print(f"{url}  (Ctrl-C stops)", flush=True),
+        on_ready=lambda url: print(f"{url}  (Ctrl-C stops){told}", flush=True),
         loop=loop,
+        pictures=pictures,
         note=mirror.page,
     )
 

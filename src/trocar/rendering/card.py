@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.rendering import shaders
+from trocar.rendering import shaders, unlocked
 from trocar.rendering.finish import finishes, shades
 from trocar.rendering.library import limit, load, open_context
 from trocar.rendering.look import Look
@@ -91,7 +91,7 @@ class Card:
             self._arrays[key] = self.context.vertex_array(
                 program, used, self._indices, index_element_size=4
             )
-        self._arrays[key].render_indirect(self._orders[which], self.gl.TRIANGLES, count)
+        unlocked.draw(program, self._arrays[key], self._orders[which], count)
 
     def fill(self, program: moderngl.Program) -> None:
         """Draw one triangle that covers everything."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError
-from trocar.rendering import sensor, shaders
+from trocar.rendering import sensor, shaders, unlocked
 from trocar.rendering.card import SEEN, SHADING, Card, tell
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
@@ -66,6 +66,7 @@ class Painter:
         card.context.depth_func = "<"
         if len(stage.shading):
             self._shade(stage)
+            unlocked.flush()
         size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
         found: dict[str, Drawn] = {}
         for some, samples in self._passes(outputs):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import inverse
+from trocar.rendering import unlocked
 from trocar.rendering.card import Card
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.library import load
@@ -30,12 +31,12 @@ _log = logging.getLogger("trocar")
 
 #: How many cameras' lenses are kept at hand. Source: our own choice.
 KEPT = 16
-#: What is read of each output: components, the library's name of the type, numpy's.
+#: What is read of each output: components, and the type of each.
 READ = {
-    "COLOUR": (3, "f1", np.uint8),
-    "DEPTH": (1, "f4", np.float32),
-    "IDS": (1, "i4", np.int32),
-    "NORMALS": (3, "f4", np.float32),
+    "COLOUR": (3, np.uint8),
+    "DEPTH": (1, np.float32),
+    "IDS": (1, np.int32),
+    "NORMALS": (3, np.float32),
 }
 
 
@@ -196,15 +197,9 @@ def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> dict[str, np.ndarray]:
     width, height = lenses.size
     found: dict[str, np.ndarray] = {}
     for name, place in drawn.items():
-        components, code, kind = READ[name]
+        components, kind = READ[name]
         shape = (len(lenses.eyes), height, width, *((components,) if components > 1 else ()))
         array = found[name] = np.empty(shape, dtype=kind)
-        place.target.read_into(
-            array.reshape(-1).view(np.uint8),
-            components=components,
-            attachment=place.number,
-            alignment=1,
-            dtype=code,
-        )
+        unlocked.read(place.target, place.number, array.reshape(-1, *shape[2:]))
         array.setflags(write=False)
     return found

@@ -35,7 +35,7 @@ class Arrivals:
         return 100.0 * self.late / max(self.received, 1)
 
 
-def arrivals(stamped: Stamps, received: Stamps, rate_hz: float) -> Arrivals:
+def arrivals(stamped: Stamps, received: Stamps, rate_hz: float, late_s: float = LATE_S) -> Arrivals:
     """Judge one stream against its absolute schedule: message k is due k periods after the first.
 
     The schedule begins where the promptest message puts it, so a constant delay is none; one that
@@ -45,6 +45,7 @@ def arrivals(stamped: Stamps, received: Stamps, rate_hz: float) -> Arrivals:
         stamped: header stamps in order of arrival, (n,) [ns]
         received: when each came, by a clock of the subscriber's, (n,) [ns]
         rate_hz: of the stream
+        late_s: a message that comes this much behind its schedule is late [s]
     """
     if len(stamped) < 2:
         return Arrivals(len(stamped), 0, 0, 0.0, 0.0)
@@ -54,7 +55,7 @@ def arrivals(stamped: Stamps, received: Stamps, rate_hz: float) -> Arrivals:
     behind -= behind.min()
     lost = int(index.max() - index.min()) + 1 - len(np.unique(index))
     factor = float((stamped[-1] - stamped[0]) / max(received[-1] - received[0], 1))
-    late = int((behind > 1e9 * LATE_S).sum())
+    late = int((behind > 1e9 * late_s).sum())
     return Arrivals(len(stamped), lost, late, float(behind.max()) * 1e-9, factor)
 
 

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.apps.benchmarks.arrivals import Arrivals, arrivals, together
+from trocar.apps.benchmarks.arrivals import LATE_S, Arrivals, arrivals, together
 from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.served import Served, served
 from trocar.descriptions.catalogue import DATA
@@ -33,6 +33,10 @@ DURATION_S = 10.0
 RUNS = 3
 RATE_HZ, FAST_HZ = 220.0, 1000.0
 ARMS = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
+#: Images of both eyes, what they are beside each state, and how often they come. Source: the
+#: project's own goal.
+CAMERA_HZ, PRESET = 60.0, "dvrk_sd_640x480"
+EYES = ("endoscope/left/image_raw", "endoscope/right/image_raw")
 STATES = ("measured_js", "setpoint_js", "measured_cp", "local/measured_cp")
 #: Blocks of 20 mm that lie on the table beside each other, four in a row. Source: the project's
 #: own goal; the table is the rig's.
@@ -61,6 +65,7 @@ class Way:
 
     Attributes:
         words: options of `trocar sim`
+        images: what stands behind the name of a topic of images
         address: a regular expression of what the simulator prints when it is there
         module: what has to be importable, and what to do where it is not
         environment: of both processes
@@ -70,10 +75,11 @@ class Way:
     address: str
     module: tuple[str, str] = ("", "")
     environment: Mapping[str, str] = field(default_factory=dict[str, str])
+    images: str = ""
 
 
 WAYS = {
-    "websocket": Way(("--websocket-port", "0"), r"ws://\S+"),
+    "websocket": Way(("--websocket-port", "0"), r"ws://\S+", images="/compressed"),
     "ros1": Way(
         ("--no-websocket", "--ros1"),
         r"https?://\S+",
@@ -117,6 +123,7 @@ def interface(
     parts = {
         "six arms and 20 objects at 220 Hz": _streams,
         "one arm at 1 kHz": _fast,
+        "images beside them": _images,
         "commands": _answers,
         "subscribers that vanish": _vanishing,
     }
@@ -147,6 +154,32 @@ def _streams(transport: str, duration_s: float) -> list[Figure]:
         *_judged(f"{name}6 arms, {OBJECTS} objects at 220 Hz", seen),
         Figure(f"{name}real-time factor", _median(s.factor for s in seen), "", LEAST_FACTOR, True),
         Figure(f"{name}processor of the server", statistics.median(cores), "cores", MOST_CORES),
+    ]
+
+
+def _images(transport: str, duration_s: float) -> list[Figure]:
+    """Listen to both eyes beside all states, three times as long."""
+    topics = [f"{arm}/{state}" for arm in ARMS for state in STATES]
+    topics += [f"scene/block{k}/measured_cp" for k in range(OBJECTS)]
+    eyes = [eye + WAYS[transport].images for eye in EYES]
+    options = ("--rate", f"{RATE_HZ:g}", "--camera-rate", f"{CAMERA_HZ:g}", "--preset", PRESET)
+    with (
+        TemporaryDirectory() as folder,
+        _serving(transport, "--rig", busy_rig(folder), *options) as server,
+    ):
+        before, began = server.processor_s(), time.monotonic()
+        words = (server.address, f"{RUNS * duration_s:g}", *topics, *eyes)
+        heard = _told("listen", transport, *words)
+        cores = (server.processor_s() - before) / (time.monotonic() - began)
+    seen = _arrivals({eye: heard.pop(eye) for eye in eyes}, CAMERA_HZ, 1.0 / CAMERA_HZ)
+    states = _arrivals(heard, RATE_HZ)
+    name = f"{transport}: 2 images of 640 x 480 at 60 Hz beside them"
+    return [
+        Figure(f"{name}: came", seen.received, "images"),
+        Figure(f"{name}: lost, or late by a period", seen.lost + seen.late, "images", 0.0),
+        Figure(f"{name}: states lost", states.lost, "messages", 0.0),
+        Figure(f"{name}: real-time factor", states.factor, "", LEAST_FACTOR, True),
+        Figure(f"{name}: processor of the server", cores, "cores"),
     ]
 
 
@@ -221,9 +254,11 @@ def _listened(
     return _arrivals(heard, rate_hz)
 
 
-def _arrivals(heard: dict[str, list[tuple[int, int]]], rate_hz: float) -> Arrivals:
+def _arrivals(
+    heard: dict[str, list[tuple[int, int]]], rate_hz: float, late_s: float = LATE_S
+) -> Arrivals:
     streams = [np.array(pairs, dtype=np.int64).reshape(-1, 2).T for pairs in heard.values()]
-    return together([arrivals(stamps, came, rate_hz) for stamps, came in streams])
+    return together([arrivals(stamps, came, rate_hz, late_s) for stamps, came in streams])
 
 
 def _told(what: str, transport: str, *words: str) -> Any:

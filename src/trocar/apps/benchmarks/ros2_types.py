@@ -14,7 +14,7 @@ import cyclonedds.idl.annotations as mark
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, sequence, uint32
+from cyclonedds.idl.types import float64, int32, sequence, uint8, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -70,6 +70,20 @@ class PoseStamped(IdlStruct, typename="geometry_msgs::msg::dds_::PoseStamped_"):
 
 @dataclass
 @mark.final
+class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
+    """A picture."""
+
+    header: Header
+    height: uint32
+    width: uint32
+    encoding: str
+    is_bigendian: uint8
+    step: uint32
+    data: sequence[uint8]
+
+
+@dataclass
+@mark.final
 class OperatingState(IdlStruct, typename="crtk_msgs::msg::dds_::OperatingState_"):
     """An arm's state."""
 
@@ -100,7 +114,8 @@ def writer(participant: DomainParticipant, topic: str, kind: type[Any]) -> DataW
 
 def kind_of(topic: str) -> type[Any]:
     """Return the class of a topic's messages."""
-    return {"js": JointState, "cp": PoseStamped, "te": OperatingState}[topic[-2:]]
+    kinds = {"js": JointState, "cp": PoseStamped, "te": OperatingState, "aw": Image}
+    return kinds[topic[-2:]]
 
 
 def reader(participant: DomainParticipant, topic: str) -> DataReader[Any]:

@@ -1,0 +1,107 @@
+"""OpenGL calls that take long, made so that Python's other threads go on meanwhile.
+
+moderngl keeps the interpreter's lock while the processor draws: 20 ms of each picture in which no
+physics would be stepped. `ctypes` lets go of it for every call.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import moderngl
+
+#: Source: the OpenGL registry, gl.xml.
+TRIANGLES, UNSIGNED_INT, DRAW_INDIRECT_BUFFER = 0x0004, 0x1405, 0x8F3F
+FRAMEBUFFER, FIRST_ATTACHMENT, PACK_ALIGNMENT = 0x8D40, 0x8CE0, 0x0D05
+#: {(components, type): what glReadPixels calls them}.
+FORMATS = {
+    (3, "uint8"): (0x1907, 0x1401),
+    (1, "float32"): (0x1903, 0x1406),
+    (1, "int32"): (0x8D94, 0x1404),
+    (3, "float32"): (0x1907, 0x1406),
+}
+#: Bytes of one command: five numbers. Source: the OpenGL 4.3 specification, 10.4.
+COMMAND = 20
+
+
+def draw(
+    program: moderngl.Program, array: moderngl.VertexArray, orders: moderngl.Buffer, count: int
+) -> None:
+    """Draw triangles by the first commands of a buffer, as `VertexArray.render_indirect` does."""
+    gl = _library()
+    if gl is None:
+        array.render_indirect(orders, TRIANGLES, count)
+        return
+    gl.glUseProgram(program.glo)
+    gl.glBindVertexArray(array.glo)
+    gl.glBindBuffer(DRAW_INDIRECT_BUFFER, orders.glo)
+    gl.glMultiDrawElementsIndirect(TRIANGLES, UNSIGNED_INT, None, count, COMMAND)
+
+
+def flush() -> None:
+    """Let what was asked for be drawn; another target may be used then without a wait."""
+    gl = _library()
+    if gl is not None:
+        gl.glFlush()
+
+
+def read(target: moderngl.Framebuffer, attachment: int, into: NDArray[np.generic]) -> None:
+    """Read what was drawn, rows from the first drawn on.
+
+    Args:
+        target: where it was drawn, its samples resolved
+        attachment: which of its outputs
+        into: takes all rows, (height, width[, 3]), uint8, float32 or int32 as the output is
+    """
+    kind = into.shape[2] if into.ndim == 3 else 1, into.dtype.name
+    gl = _library()
+    if gl is None:
+        target.read_into(
+            into.reshape(-1).view(np.uint8),
+            components=kind[0],
+            attachment=attachment,
+            alignment=1,
+            dtype={"uint8": "f1", "float32": "f4", "int32": "i4"}[kind[1]],
+        )
+        return
+    height, width = into.shape[:2]
+    gl.glBindFramebuffer(FRAMEBUFFER, target.glo)
+    gl.glReadBuffer(FIRST_ATTACHMENT + attachment)
+    gl.glPixelStorei(PACK_ALIGNMENT, 1)
+    gl.glReadPixels(0, 0, width, height, *FORMATS[kind], into.ctypes.data)
+
+
+@cache
+def _library() -> ctypes.CDLL | None:
+    """Return the library that calls the driver of the context that is current, or None."""
+    if sys.platform != "linux":
+        return None
+    try:
+        gl = ctypes.CDLL("libGL.so.1")
+    except OSError:
+        return None
+    for name, kinds in {
+        "glUseProgram": [ctypes.c_uint],
+        "glBindVertexArray": [ctypes.c_uint],
+        "glBindBuffer": [ctypes.c_uint, ctypes.c_uint],
+        "glMultiDrawElementsIndirect": [
+            ctypes.c_uint, ctypes.c_uint, ctypes.c_void_p, ctypes.c_int, ctypes.c_int,
+        ],
+        "glFlush": [],
+        "glBindFramebuffer": [ctypes.c_uint, ctypes.c_uint],
+        "glReadBuffer": [ctypes.c_uint],
+        "glPixelStorei": [ctypes.c_uint, ctypes.c_int],
+        "glReadPixels": [*[ctypes.c_int] * 4, ctypes.c_uint, ctypes.c_uint, ctypes.c_void_p],
+    }.items():  # fmt: skip
+        function = getattr(gl, name, None)
+        if function is None:
+            return None
+        function.argtypes, function.restype = kinds, None
+    return gl

@@ -207,7 +207,7 @@ def test_a_file_that_the_system_names_is_refused(
         ),
         (
             {"kinematic": "kinematic/PSM.json", "tool_detection": "FIXED", "tool": "SPOON:1[2]"},
-            r"tool: got 'SPOON:1'; allowed: .*LARGE_NEEDLE_DRIVER:400006.*--tool",
+            r"tool: got 'SPOON:1', and its file .*allowed: .*LARGE_NEEDLE_DRIVER:400006.*--tool",
         ),
         ({"kinematic": "kinematic/PSM.json", "tool_detection": "X"}, "allowed: AUTOMATIC, MANUAL"),
     ],

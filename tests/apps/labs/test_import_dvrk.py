@@ -277,3 +277,26 @@ def test_the_published_system_needs_none_of_the_dvrk_s_files(tmp_path: Path) -> 
             joints = len(found.rig.arm(setup["name"]).arm.joints)
             seen = moved(found.rig, setup["name"], np.zeros(joints), q)
             np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
+
+
+def test_a_real_si_s_file_has_potentiometers_and_the_dvrk_s_own_chains(tmp_path: Path) -> None:
+    arms = [
+        {
+            "name": setup["name"],
+            "arduino-mac": "00:00:00:00:00:00",
+            "serial-number": "0000",
+            "primary-offsets": [0.5, -2.4, -2.3, 2.57],
+            "primary-scales": [-1.7e-5, 7.3e-5, 7.3e-5, -7.3e-5],
+        }
+        for setup in lab.SI
+    ]
+    files = {"arm/suj.json": {"base-arduino-mac": "00", "arms": arms}}
+    found = import_dvrk(lab.lab(tmp_path / "in", "Si", files), tmp_path / "rig.toml")
+    assert found.unknown == ()
+    assert "primary_scales [-1.7e-05" in (tmp_path / "rig.toml").read_text(encoding="utf-8")
+    for setup in lab.SI:
+        suj = found.rig.arm(f"SUJ_{setup['name']}").arm.mechanism
+        q = suj.upper * 0.3
+        joints = len(found.rig.arm(setup["name"]).arm.joints)
+        seen = moved(found.rig, setup["name"], np.zeros(joints), q)
+        np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)

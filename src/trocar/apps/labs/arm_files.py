@@ -13,6 +13,7 @@ from trocar.apps.labs import documents
 from trocar.apps.labs.numbers import chain_tip
 from trocar.apps.labs.records import Chain, LabArm
 from trocar.apps.labs.stand_ins import arm_bodies
+from trocar.apps.labs.tool_file import tool_document
 from trocar.descriptions import ArmDescription, names
 from trocar.errors import DescriptionError
 from trocar.geometry.rotations import rotation_z
@@ -90,23 +91,31 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
         document["title"] = f"{document.get('title', own)}; as {arm.name} of the lab has it"
         entry["description"] = files.write(arm.name.lower(), document)
     if arm.type == "PSM":
-        if tool and tool == arm.tool and tool not in names("tools"):
-            raise DescriptionError(
-                arm.file,
-                "tool",
-                f"got {tool!r}; allowed: {', '.join(names('tools'))} (--tool {arm.name}=TOOL takes"
-                " one of these, or a tool's own TOML file, in its place)",
-            )
-        entry["tool"] = _tool_entry(arm, tool or document["default_tool"], gains, files)
+        entry["tool"] = _tool_entry(arm, tool or document["default_tool"], files)
     return entry
 
 
-def _tool_entry(arm: LabArm, tool: str, gains: Any, files: Files) -> str:
-    """Return the name of the instrument, or the file of one with a lab's gains."""
-    document = documents.own_tool(tool)
-    if not documents.set_gains(document, gains, f"{Path(arm.file).name}, imported"):
-        return tool
-    return files.write(f"{arm.name.lower()}_tool", document)
+def _tool_entry(arm: LabArm, tool: str, files: Files) -> str:
+    """Return the name of the instrument, or the file of one that differs from trocar's."""
+    asked_for = tool != arm.tool
+    found = None if asked_for else arm.instrument
+    document = None if found is None else tool_document(tool, found)
+    if document is not None and tool not in names("tools"):
+        files.said.append(f"{arm.name}: {tool}: shape and masses are a needle driver's")
+    if found is None and not asked_for and tool not in names("tools"):
+        raise DescriptionError(
+            arm.file,
+            "tool",
+            f"got {tool!r}, and its file tool/{tool.replace(':', '_')}.json is not here; allowed:"
+            f" {', '.join(names('tools'))} (--tool {arm.name}=TOOL takes one of these, or a tool's"
+            " own TOML file, in its place)",
+        )
+    changed = document is not None
+    document = document or documents.own_tool(tool)
+    changed |= documents.set_gains(document, arm.gains or {}, f"{Path(arm.file).name}, imported")
+    if changed:
+        return files.write(f"{arm.name.lower()}_tool", document)
+    return str(Path(tool).resolve()) if tool.endswith(".toml") else tool
 
 
 def _own_name(arm: LabArm) -> str:

@@ -91,6 +91,21 @@ class Base:
 
 
 @dataclass(frozen=True, eq=False)
+class Instrument:
+    """What a tool's file says.
+
+    Attributes:
+        file: where it stands
+        rows: of roll, wrist pitch and wrist yaw, and the limits of the jaw as a fourth
+        coupling: q = A q_actuator, (4, 4)
+    """
+
+    file: str
+    rows: tuple[Row, ...]
+    coupling: Array
+
+
+@dataclass(frozen=True, eq=False)
 class LabArm:
     """A PSM, an ECM or an MTM.
 
@@ -100,6 +115,7 @@ class LabArm:
         file: the arm's own file, "" where it is the dVRK's and was not found
         chain: its kinematics, None where they are the dVRK's own and were not found
         tool: "" where the file leaves it open
+        instrument: what the tool's own file says, None where it is not here
         endoscope: of an ECM
         gains: {joint: (P, I, D)}, None where no file has them
         base: where it stands
@@ -115,6 +131,7 @@ class LabArm:
     endoscope: str
     gains: Mapping[str, Gains] | None
     base: Base
+    instrument: Instrument | None = None
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ from trocar.apps.labs.finder import Finder
 from trocar.apps.labs.json_file import Node, read_json
 from trocar.apps.labs.numbers import read_chain, read_transform
 from trocar.apps.labs.pid_file import read_gains
-from trocar.apps.labs.records import Base, Gains, Generation, Lab, LabArm, SetupArm
+from trocar.apps.labs.records import Base, Gains, Generation, Instrument, Lab, LabArm, SetupArm
 from trocar.apps.labs.setup_file import own_setup_arms, read_setup_file
 from trocar.apps.labs.teleop_entries import read_consoles
+from trocar.apps.labs.tool_file import read_tool_file
 
 #: Kinds of arms. Source: schema dvrk-system-arm.
 KINDS = (
@@ -162,7 +163,13 @@ class Reader:
             node.text("endoscope", "", allowed=ENDOSCOPES) if kind == "ECM" else "",
             self._gains_of(entry, kind, generation),
             self._base(entry),
+            self._instrument(tool),
         )
+
+    def _instrument(self, tool: str) -> Instrument | None:
+        """Return what the tool's own file says, None where it is not here."""
+        path = self.finder.find(f"tool/{tool.replace(':', '_')}.json") if tool else None
+        return None if path is None else read_tool_file(self._open(path), self.literal)
 
     def _arm_node(self, entry: Node, name: str) -> Node:
         """Return an arm's own file, found as the dVRK finds it."""

@@ -1,7 +1,7 @@
 """A minute of a PSM's work, as a script for the robot: home, moves, servo loops, the jaw.
 
 usage: minute.py FILE [SECONDS], where each of three loops lasts so long; FILE gets what was
-measured, part by part.
+measured, part by part: six joints and the jaw, the stamp, and the time.
 """
 
 # crtk, dvrk and PyKDL come from ROS, or from `trocar run`.
@@ -10,6 +10,7 @@ measured, part by part.
 import json
 import math
 import sys
+import time
 
 import crtk
 import dvrk
@@ -32,7 +33,8 @@ class Minute:
         self.note(name)
 
     def note(self, name):
-        row = [*self.arm.measured_jp()[0], *self.arm.jaw.measured_jp()[0]]
+        position, when = self.arm.measured_jp()
+        row = [*position, *self.arm.jaw.measured_jp()[0], when, time.time()]
         self.parts.setdefault(name, []).append([float(value) for value in row])
 
     def servo(self, name, send):

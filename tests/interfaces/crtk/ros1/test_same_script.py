@@ -21,6 +21,11 @@ CLIENTS = ROOT / "tests" / "clients" / "scripts"
 LOOP_S = 5.0
 #: Source: the project's own goal. [rad or m]
 MOST = 1e-3
+#: A turn of a loop that is this much late or early leaves its mark on the motion. Source: our own
+#: choice: a turn takes 10 ms. [s]
+LATE_S = 0.01
+#: ... for so many turns. Source: our own choice, longer than a servo takes to settle.
+MARKED = 30
 
 pytestmark = [pytest.mark.slow]
 
@@ -42,6 +47,16 @@ def apart(a: Array, b: Array) -> float:
         away = np.abs(start + along[:, None] * step - point).max(axis=1)
         worst = max(worst, float(away.min()))
     return worst
+
+
+def undisturbed(times: Array) -> NDArray[np.bool_]:
+    """Which rows of a loop had no turn before them that a busy machine brought late, (n,)."""
+    gaps = np.diff(times, axis=0)
+    late = np.any(np.abs(gaps - 0.01) > LATE_S, axis=1)
+    found = np.ones(len(times), dtype=bool)
+    for k in np.flatnonzero(late):
+        found[max(0, k - 1) : k + 1 + MARKED] = False
+    return found
 
 
 def test_paths_are_told_apart_by_their_distance() -> None:
@@ -72,9 +87,13 @@ def test_the_same_script_makes_the_same_motion_over_ros_1_and_without(
     ours, theirs = read(fast), read(live)
     assert list(ours) == list(theirs)
     for name, rows in ours.items():
-        assert len(rows) == len(theirs[name])
-        far = max(apart(rows, theirs[name]), apart(theirs[name], rows))
-        sys.stdout.write(f"{name}: {1e3 * far:.3f} mrad or mm\n")
+        told = theirs[name]
+        assert len(rows) == len(told)
+        fair = undisturbed(told[:, -2:])
+        if fair.mean() < 0.3:
+            pytest.skip("the machine is too busy for real time")
+        far = apart(told[fair, :-2], rows[:, :-2])
+        sys.stdout.write(f"{name}: {1e3 * far:.3f} mrad or mm, {100 * fair.mean():.0f} %\n")
         assert far < MOST, name
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
 
@@ -78,21 +80,58 @@ def test_a_script_that_takes_too_long_ends_with_status_1(
     assert said == "trocar: error: late.py: not over after 2 s; it was at line 2: time.sleep(60)\n"
 
 
-def test_the_run_on_the_page_prints_what_the_page_shows() -> None:
-    page = PAGE.read_text(encoding="utf-8")
-    command, printed = re.findall(r"^```\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)[:2]
-    words = shlex.split(command)
-    assert words[:2] == ["trocar", "run"]
+def trocar(words: list[str], folder: Path) -> str:
     result = subprocess.run(
-        [sys.executable, "-c", "from trocar.cli import main; raise SystemExit(main())", *words[1:]],
+        [sys.executable, "-c", "from trocar.cli import main; raise SystemExit(main())", *words],
         env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-        cwd=ROOT,
+        cwd=folder,
         capture_output=True,
         text=True,
         timeout=60,
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout == printed
+    return result.stdout
+
+
+def test_the_page_runs_as_written(tmp_path: Path) -> None:
+    pytest.importorskip("mcap", reason="the extra `record` is not there")
+    pytest.importorskip("matplotlib", reason="the extra `plot` is not there")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    page = PAGE.read_text(encoding="utf-8")
+    first, printed, more = re.findall(r"^```\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    assert trocar(shlex.split(first)[1:], tmp_path) == printed
+    for line in more.splitlines():
+        trocar(shlex.split(line)[1:], tmp_path)
+    assert (tmp_path / "circle.png").stat().st_size > 50_000
+
+
+def test_a_page_needs_the_wall_clock(script: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--page", "--speed", "max", script]) == 2
+    assert "--page: only at the wall clock's pace" in capsys.readouterr().err
+
+
+def test_the_page_is_served_beside_the_script(tmp_path: Path) -> None:
+    pytest.importorskip("viser", reason="the page's library is not there")
+    path = tmp_path / "short.py"
+    path.write_text("import time\nprint('PSM1', flush=True)\ntime.sleep(0.5)\n", encoding="utf-8")
+    code = "from trocar.cli import main; raise SystemExit(main())"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, "run", "--page", "--port", "0", str(path)],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        said: list[str] = []
+        for line in process.stderr:
+            said.append(line)
+            if line.startswith("http"):
+                with urlopen(line.split()[0]) as page:
+                    assert page.status == 200
+            if "is over" in line:
+                process.send_signal(signal.SIGINT)
+        assert process.wait(30.0) == 0, said
+    assert said[0].startswith("http://127.0.0.1:")
+    assert said[-1].startswith("trocar: short.py: rig psm")
 
 
 def test_the_script_on_the_page_is_short_and_says_what_one_sees() -> None:

@@ -9,17 +9,28 @@ from __future__ import annotations
 
 import re
 import sys
+import threading
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
+from concurrent.futures import Future
+from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Parser, number
+from trocar.cli.serving import PORT
 from trocar.cli.worlds import add_world, make_world
-from trocar.errors import InputError
+from trocar.errors import InputError, TrocarError
+
+if TYPE_CHECKING:
+    from trocar.interfaces import Loop
+    from trocar.interfaces.crtk.scripts import Flow
+    from trocar.simulation import World
 
 #: Source: dVRK 2.4, system_ROS publishes every 10 ms. [Hz]
 RATE_HZ = 100.0
+#: Options without a value.
+FLAGS = ("-h", "--help", "--page")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -56,6 +67,13 @@ def _add_options(parser: ArgumentParser) -> None:
         help="end a script that is not over by then: in its own time, and in real time when that"
         " stands still",
     )
+    parser.add_argument("--page", action="store_true", help="show the rig in the browser")
+    parser.add_argument(
+        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
+    )
+    parser.add_argument(
+        "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
+    )
     parser.add_argument(
         "--rate",
         type=number,
@@ -67,19 +85,22 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the script."""
-    from trocar.interfaces.crtk.scripts import Live, Stepped, rig_for, run_script
+    from trocar.interfaces.crtk.scripts import rig_for, run_script
 
     if args.timeout is not None and not 0.0 < args.timeout < float("inf"):
         raise InputError(f"--timeout: got {args.timeout:g}; allowed: above 0 s")
     script = Path(args.script)
     if not script.is_file():
         raise InputError(f"{script}: no such file")
-    stepped = args.speed == "max"
     if args.rig is None:
         args.rig = rig_for(script.read_bytes(), args.arguments)
-    world, rates = make_world(args), {"rate_hz": args.rate}
-    flow = Stepped(world, args.timeout, **rates) if stepped else Live(world, **rates)
-    outcome = run_script(script.absolute(), args.arguments, flow, args.timeout)
+    if args.page and args.speed == "max":
+        raise InputError("--page: only at the wall clock's pace; leave out --speed max")
+    world = make_world(args)
+    page = ScriptPage(world, args.port) if args.page else None
+    with world.record(args.record) if args.record else nullcontext():
+        flow, linger = _flow(world, args, page), page and page.linger
+        outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger)
     sys.stdout.flush()
     print(
         f"trocar: {script.name}: rig {args.rig}, {outcome.simulated_s:.1f} s simulated in"
@@ -87,6 +108,52 @@ def run(args: Namespace) -> int:
         file=sys.stderr,
     )
     return outcome.status
+
+
+def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
+    """Return what the script runs over."""
+    from trocar.interfaces.crtk.scripts import Live, Stepped
+
+    if args.speed == "max":
+        return Stepped(world, args.timeout, rate_hz=args.rate)
+    if page is not None:
+        return Live(world, page.begin, rate_hz=args.rate)
+    return Live(world, rate_hz=args.rate)
+
+
+class ScriptPage:
+    """The page beside a script: served in a thread of its own, until Ctrl-C after the script."""
+
+    def __init__(self, world: World, port: int) -> None:
+        self._world, self._port = world, port
+        self._ready: Future[str] = Future()
+        self._thread = threading.Thread(target=self._serve, name="trocar-page", daemon=True)
+
+    def begin(self, loop: Loop) -> None:
+        """Serve the page, which starts the loop; return when time flows."""
+        self._loop = loop
+        self._thread.start()
+        told = f"{self._ready.result()}  (Ctrl-C stops)"
+        print(told, file=sys.stderr, flush=True)
+        if sys.stdin is not None and sys.stdin.isatty():
+            print("Enter starts the script ", file=sys.stderr, end="", flush=True)
+            sys.stdin.readline()
+
+    def linger(self) -> None:
+        """Wait for Ctrl-C, while somebody may still look."""
+        with suppress(KeyboardInterrupt):
+            print("the script is over; Ctrl-C closes the page", file=sys.stderr, flush=True)
+            while self._thread.is_alive():
+                self._thread.join(1.0)
+
+    def _serve(self) -> None:
+        from trocar.interfaces.viewer import serve
+
+        try:
+            serve(self._world, port=self._port, loop=self._loop, on_ready=self._ready.set_result)
+        except TrocarError as problem:  # once time flows, the script is told by its own flow
+            if not self._ready.done():
+                self._ready.set_exception(problem)
 
 
 def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -112,5 +179,5 @@ def _leading(words: Sequence[str]) -> int:
         name, given, _ = words[count].partition("=")
         if name not in names:
             break
-        count += 1 if given or name in ("-h", "--help") else 2
+        count += 1 if given or name in FLAGS else 2
     return min(count, len(words))

@@ -5,9 +5,10 @@
 `Stepped` lets simulated time pass only while the script waits; `Live` keeps to the wall clock.
 """
 
+from trocar.interfaces.crtk.scripts.flow import Flow
 from trocar.interfaces.crtk.scripts.live import Live
 from trocar.interfaces.crtk.scripts.rigs import rig_for
 from trocar.interfaces.crtk.scripts.run import Outcome, ScriptError, run_script
 from trocar.interfaces.crtk.scripts.stepped import Stepped
 
-__all__ = ["Live", "Outcome", "ScriptError", "Stepped", "rig_for", "run_script"]
+__all__ = ["Flow", "Live", "Outcome", "ScriptError", "Stepped", "rig_for", "run_script"]

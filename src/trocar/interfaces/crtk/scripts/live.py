@@ -25,17 +25,20 @@ class Live:
 
     Args:
         world: nobody else may call it
+        begin: starts the loop; whoever shows it as well may do so
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
         world, core, bus: what it is made of
-        loop: the world's loop, which others may serve as well
+        loop: the world's loop
     """
 
     virtual = False
 
-    def __init__(self, world: World, **rates: Any) -> None:
-        self.world = world
+    def __init__(
+        self, world: World, begin: Callable[[Loop], None] = Loop.start, **rates: Any
+    ) -> None:
+        self.world, self._begin = world, begin
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
         self.core = Core(self.loop, **rates)
         self.bus = Bus(self._later)
@@ -43,14 +46,12 @@ class Live:
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="trocar-callbacks", daemon=True)
         self._failure: BaseException | None = None
-        self._began_s = time.monotonic()
 
     def start(self) -> None:
         """Start, and wait for the first tick."""
         self.core.start()
         self._thread.start()
-        self.loop.start()
-        self._began_s = time.monotonic()
+        self._begin(self.loop)
         self.wait(lambda: self.core.stamper.elapsed_s > 0.0, 10.0)
 
     def close(self) -> None:

@@ -57,7 +57,11 @@ class Outcome:
 
 
 def run_script(
-    script: Path, arguments: Sequence[str], flow: Flow, timeout_s: float | None = None
+    script: Path,
+    arguments: Sequence[str],
+    flow: Flow,
+    timeout_s: float | None = None,
+    linger: Callable[[], None] | None = None,
 ) -> Outcome:
     """Run a script as `python SCRIPT ...` does, with the simulation in the place of ROS.
 
@@ -66,6 +70,7 @@ def run_script(
         arguments: what follows its name on the command line
         flow: the simulation, not started yet; it is closed in the end
         timeout_s: how long the script may take, in simulated time where it is stepped [s]
+        linger: called when the script is over, before the simulation is closed
 
     Raises:
         InputError: the script cannot be read, or needs a package that is not there
@@ -85,6 +90,9 @@ def run_script(
         gc.freeze()  # what is there by now stays
         with watchdog, on_import(modules, script.parent):
             status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
+        flow.look()  # a simulation that broke down beside the script is told of here
+        if linger is not None:
+            linger()
     finally:
         gc.unfreeze()
         flow.close()

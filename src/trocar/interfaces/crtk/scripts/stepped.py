@@ -149,7 +149,7 @@ class Stepped:
             self.bus.posted = False
             return 1
         sample = ceil(self._beat.left(self.simulated_s) / self._loop.tick_s)
-        ticks = max(1, min(sample, self.core.incoming.patience()))
+        ticks = max(1, int(min(sample, self.core.incoming.patience())))
         return ticks if most_ns is None else min(ticks, max(1, -(-most_ns // self._tick_ns)))
 
     def _later(self, call: Callable[[], None]) -> None:

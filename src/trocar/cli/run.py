@@ -112,13 +112,14 @@ def run(args: Namespace) -> int:
 
 def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     """Return what the script runs over."""
+    from trocar.apps.teleoperation import components
+    from trocar.interfaces import Loop
     from trocar.interfaces.crtk.scripts import Live, Stepped
 
     if args.speed == "max":
-        return Stepped(world, args.timeout, rate_hz=args.rate)
-    if page is not None:
-        return Live(world, page.begin, rate_hz=args.rate)
-    return Live(world, rate_hz=args.rate)
+        return Stepped(world, args.timeout, components, rate_hz=args.rate)
+    begin = Loop.start if page is None else page.begin
+    return Live(world, begin, components, rate_hz=args.rate)
 
 
 class ScriptPage:

@@ -266,6 +266,10 @@ class Loop:
         for watcher in self._watchers:
             watcher.ticked(self._elapsed())
 
+    def quiet_ticks(self) -> int:
+        """Return how many ticks may be due at once before somebody wants to look."""
+        return int(self._patience(None))
+
     def _step(self, ticks: int) -> None:
         if ticks and not self._paused:
             self._world.step(ticks * self._substeps)

@@ -255,18 +255,33 @@ SYSTEM = {
     ),
 }
 
-#: The console's teleoperation and its components: what they do is no part of this test, and which
-#: of their topics there are depends on the simulator.
 TELEOPERATION = {
-    "console.teleop_start()": "console.teleop_start()",
-    "console.teleop_stop()": "console.teleop_stop()",
-    "console.teleop_set_scale(scale)": "console.teleop_set_scale(0.3)\ntime.sleep(0.1)",
-    "console.teleop_get_scale()": "assert console.teleop_get_scale() in (0.0, 0.2, 0.3)",
-    "teleop_psm.enable()": "teleop.enable()",
-    "teleop_psm.disable()": "teleop.disable()",
-    "teleop_psm.set_scale(scale)": "teleop.set_scale(0.4)\ntime.sleep(0.1)",
-    "teleop_psm.get_scale()": "assert teleop.get_scale() in (0.0, 0.2, 0.3, 0.4)",
+    "console.teleop_start()": (
+        "console.teleop_start()\ntime.sleep(0.2)\nassert told['console/teleop/enabled'] is True"
+    ),
+    "console.teleop_stop()": (
+        "console.teleop_stop()\ntime.sleep(0.2)\nassert told['console/teleop/enabled'] is False"
+    ),
+    "console.teleop_set_scale(scale)": "console.teleop_set_scale(0.3)\ntime.sleep(0.2)",
+    "console.teleop_get_scale()": "assert console.teleop_get_scale() == 0.3",
+    "teleop_psm.enable()": (
+        "teleop.enable()\ntime.sleep(0.2)\nassert told['MTMR_PSM1/desired_state'] == 'ENABLED'"
+    ),
+    "teleop_psm.disable()": (
+        "teleop.disable()\ntime.sleep(0.2)\nassert told['MTMR_PSM1/current_state'] == 'DISABLED'"
+    ),
+    "teleop_psm.set_scale(scale)": "teleop.set_scale(0.4)\ntime.sleep(0.2)",
+    "teleop_psm.get_scale()": "assert teleop.get_scale() == 0.4",
 }
+HEARD = """
+console, teleop = dvrk.console(ral), dvrk.teleop_psm(ral, 'MTMR_PSM1')
+ral.check_connections()
+from std_msgs.msg import Bool, String
+told = {}
+for topic, kind in (('console/teleop/enabled', Bool), ('MTMR_PSM1/desired_state', String),
+                    ('MTMR_PSM1/current_state', String)):
+    ral.subscriber(topic, kind, lambda m, topic=topic: told.__setitem__(topic, m.data))
+"""
 
 ADDED = (
     ("operating_state", "operating_state"), ("measured_js", "measured_jp"),
@@ -328,9 +343,5 @@ PARTS: dict[str, tuple[str, str, dict[str, str]]] = {
         FIRST + PSM + "from std_msgs.msg import Float64, String\nsystem = dvrk.system(ral)\n",
         SYSTEM,
     ),
-    "console": (
-        "psm",
-        FIRST + "console = dvrk.console(ral)\nteleop = dvrk.teleop_psm(ral, 'MTMR_PSM1')\n",
-        TELEOPERATION,
-    ),
+    "console": ("full_cart_mtm", FIRST + HEARD, TELEOPERATION),
 }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from textwrap import dedent
 
+from trocar.apps.teleoperation import components
 from trocar.interfaces.crtk.scripts import Outcome, Stepped, run_script
 from trocar.simulation import World
 
@@ -18,5 +19,5 @@ def play(
     """Run a script in simulated time; what it prints goes where pytest has it."""
     script = folder / "script.py"
     script.write_text(dedent(text), encoding="utf-8")
-    flow = Stepped(World(rig), timeout_s, rate_hz=RATE_HZ)
+    flow = Stepped(World(rig), timeout_s, components, rate_hz=RATE_HZ)
     return run_script(script, arguments, flow, timeout_s)

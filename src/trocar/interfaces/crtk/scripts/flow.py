@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+from trocar.interfaces.crtk.component import Component
 from trocar.interfaces.crtk.core import Core
 from trocar.interfaces.crtk.scripts.bus import Bus
+from trocar.interfaces.loop import Loop
+
+#: Makes what is served beside the arms, of the loop.
+Parts = Callable[[Loop], Sequence[Component]]
+
+
+def no_parts(loop: Loop) -> Sequence[Component]:  # noqa: ARG001  as every one
+    """Return nothing."""
+    return ()
 
 
 class Flow(Protocol):

@@ -11,6 +11,7 @@ from typing import Any
 from trocar.interfaces.crtk.clock import SECOND
 from trocar.interfaces.crtk.core import Core
 from trocar.interfaces.crtk.scripts.bus import Bus
+from trocar.interfaces.crtk.scripts.flow import Parts, no_parts
 from trocar.interfaces.crtk.scripts.stepped import complain
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pace import nearest_tick
@@ -26,6 +27,7 @@ class Live:
     Args:
         world: nobody else may call it
         begin: starts the loop; whoever shows it as well may do so
+        parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -36,11 +38,15 @@ class Live:
     virtual = False
 
     def __init__(
-        self, world: World, begin: Callable[[Loop], None] = Loop.start, **rates: Any
+        self,
+        world: World,
+        begin: Callable[[Loop], None] = Loop.start,
+        parts: Parts = no_parts,
+        **rates: Any,
     ) -> None:
         self.world, self._begin = world, begin
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
-        self.core = Core(self.loop, **rates)
+        self.core = Core(self.loop, components=parts(self.loop), **rates)
         self.bus = Bus(self._later)
         self.core.attach(self.bus)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()

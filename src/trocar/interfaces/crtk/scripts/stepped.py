@@ -16,6 +16,7 @@ from trocar.interfaces.crtk.core import Core
 from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.scripts.bus import Bus
+from trocar.interfaces.crtk.scripts.flow import Parts, no_parts
 from trocar.interfaces.crtk.scripts.turns import Turns
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pace import nearest_tick
@@ -43,6 +44,7 @@ class Stepped:
     Args:
         world: nobody else may call it
         limit_s: simulated time after which the script has to be over [s]; None: none
+        parts: makes what is served beside the arms, of the loop
         rates: `rate_hz` and the like of the `Core`
 
     Attributes:
@@ -52,12 +54,16 @@ class Stepped:
 
     virtual = True
 
-    def __init__(self, world: World, limit_s: float | None = None, **rates: Any) -> None:
+    def __init__(
+        self, world: World, limit_s: float | None = None, parts: Parts = no_parts, **rates: Any
+    ) -> None:
         self.world = world
         self._clock = TickClock()
         tick_s = nearest_tick(SERVER_TICK_S, world.timestep)
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
-        self.core = Core(self._loop, clock="sim", **rates)
+        components = parts(self._loop)
+        self._alone = not components
+        self.core = Core(self._loop, clock="sim", components=components, **rates)
         self.bus = Bus(self._later)
         self.core.attach(self.bus)
         self._beat = Beat(self.core.rate_hz)
@@ -149,7 +155,8 @@ class Stepped:
             self.bus.posted = False
             return 1
         sample = ceil(self._beat.left(self.simulated_s) / self._loop.tick_s)
-        ticks = max(1, int(min(sample, self.core.incoming.patience())))
+        patience = self.core.incoming.patience() if self._alone else self._loop.quiet_ticks()
+        ticks = max(1, int(min(sample, patience)))
         return ticks if most_ns is None else min(ticks, max(1, -(-most_ns // self._tick_ns)))
 
     def _later(self, call: Callable[[], None]) -> None:

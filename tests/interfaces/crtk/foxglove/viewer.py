@@ -65,7 +65,12 @@ class Viewer:
 @contextmanager
 def viewer(port: int, count: int = 0) -> Iterator[Viewer]:
     """Connect, and wait until so many channels were advertised."""
-    with connect(f"ws://127.0.0.1:{port}", subprotocols=[PROTOCOL], close_timeout=1) as socket:  # type: ignore[list-item]
+    with connect(
+        f"ws://127.0.0.1:{port}",
+        subprotocols=[PROTOCOL],  # type: ignore[list-item]
+        close_timeout=1,
+        max_size=None,
+    ) as socket:
         found = Viewer(socket)
         found.read_channels(count)
         yield found

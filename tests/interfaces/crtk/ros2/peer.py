@@ -23,7 +23,7 @@ from cyclonedds.builtin import (
 from cyclonedds.core import Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct
-from cyclonedds.idl.types import float64, int32, int64, sequence, uint8, uint32, uint64
+from cyclonedds.idl.types import array, float64, int32, int64, sequence, uint8, uint32, uint64
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -99,6 +99,32 @@ class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
     is_bigendian: uint8
     step: uint32
     data: sequence[uint8]
+
+
+@dataclass
+@mark.final
+class RegionOfInterest(IdlStruct, typename="sensor_msgs::msg::dds_::RegionOfInterest_"):
+    x_offset: uint32
+    y_offset: uint32
+    height: uint32
+    width: uint32
+    do_rectify: bool
+
+
+@dataclass
+@mark.final
+class CameraInfo(IdlStruct, typename="sensor_msgs::msg::dds_::CameraInfo_"):
+    header: Header
+    height: uint32
+    width: uint32
+    distortion_model: str
+    d: sequence[float64]
+    k: array[float64, 9]
+    r: array[float64, 9]
+    p: array[float64, 12]
+    binning_x: uint32
+    binning_y: uint32
+    roi: RegionOfInterest
 
 
 @dataclass
@@ -253,6 +279,38 @@ def look(participant: DomainParticipant) -> None:
     say(stamps=[i.header.stamp.nanosec for i in got], whole=whole)
 
 
+def watch(participant: DomainParticipant) -> None:
+    """Tell of ten images of the right eye and of what is said of its lens."""
+    image = Topic(participant, "rt/endoscope/right/image_raw", Image)
+    info = Topic(participant, "rt/endoscope/right/camera_info", CameraInfo)
+    images, infos = (
+        DataReader(participant, image, VOLATILE),
+        DataReader(participant, info, VOLATILE),
+    )
+    say(ready=True)
+    seen: list[Image] = []
+    told: list[CameraInfo] = []
+
+    def enough() -> bool:
+        seen.extend(images.take(1))
+        told.extend(infos.take(1))
+        return len(seen) >= 10 and len(told) >= 10
+
+    until(enough)
+
+    def stamps(messages: list[Any]) -> list[list[int]]:
+        return [[m.header.stamp.sec, m.header.stamp.nanosec] for m in messages]
+
+    say(
+        images=stamps(seen),
+        infos=stamps(told),
+        sizes=[[i.height, i.width, i.step, len(i.data)] for i in seen],
+        frame=seen[0].header.frame_id,
+        p=list(told[0].p),
+        size=[told[0].height, told[0].width],
+    )
+
+
 def babble(participant: DomainParticipant) -> None:
     """Publish octets by chance under the name of a type."""
     writer = DataWriter(participant, Topic(participant, "rt/PSM1/move_jp", Noise), VOLATILE)
@@ -277,6 +335,7 @@ if __name__ == "__main__":
     number = int(sys.argv[2])
     domain = Domain(number, sys.argv[3])
     actions = {
-        action.__name__: action for action in (listen, drive, call, survey, look, babble, linger)
+        action.__name__: action
+        for action in (listen, drive, call, survey, look, watch, babble, linger)
     }
     actions[sys.argv[1]](DomainParticipant(number))

@@ -9,9 +9,12 @@ next one comes is dropped, and counted.
 from __future__ import annotations
 
 import logging
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -32,6 +35,8 @@ _log = logging.getLogger("trocar")
 RATE_HZ = 60.0
 #: A picture that is this much early is in time. Source: as the core's beat. [s]
 SLACK_S = 1e-6
+#: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
+NICE = 5
 #: That drawing is slow is said so often [s]. Source: our own choice.
 COMPLAIN_S = 30.0
 #: Ticks until a look at the clock, where somebody else says when. Source: our own choice.
@@ -246,6 +251,7 @@ class Pictures:
 
     def _run(self) -> None:
         renderer: Renderer | None = None
+        _let_others_go_first()
         try:
             while (order := self._next()) is not None:
                 if renderer is None:
@@ -294,3 +300,13 @@ class Pictures:
         with self._changed:
             self._drawing, self._order = False, None
         _log.warning("no pictures: %s", reason)
+
+
+def _let_others_go_first() -> None:
+    """Make the calling thread, and those that it starts, less urgent than the physics.
+
+    Without a graphics card drawing takes every core that it gets, and the loop would be late.
+    """
+    if sys.platform == "linux":  # elsewhere this would concern the whole process
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)

@@ -281,6 +281,11 @@ ROSPY = """
     assert rospy.get_param("~gain") == 3 and rospy.get_param("other", 4) == 4
     rospy.loginfo("said %d", 1)
     rospy.logwarn_throttle(10, "twice"); rospy.logwarn_throttle(10, "twice")
+    beats = []
+    timer = rospy.Timer(rospy.Duration(0.1), lambda event: beats.append(rospy.get_time()))
+    rospy.sleep(1.05)
+    timer.shutdown()
+    assert len(beats) == 10 and abs(beats[-1] - beats[0] - 0.9) < 1e-6, beats
     rospy.on_shutdown(lambda: print("bye"))
     rospy.signal_shutdown("enough")
     try:
@@ -355,6 +360,46 @@ def test_a_callback_that_raises_is_told_and_the_script_goes_on(
     """
     assert play(tmp_path, text).status == 0
     assert "RuntimeError: in the callback" in capsys.readouterr().err
+
+
+def test_a_callback_may_wait_itself(tmp_path: Path):
+    text = """
+    import crtk, dvrk, time
+    from std_msgs.msg import Bool
+    ral = crtk.ral("nested"); arm = dvrk.psm(ral, "PSM1"); depths, ends = [0.14, 0.13], []
+    def arrived(message):
+        if depths:
+            assert arm.insert_jp(depths.pop()).wait()
+            ends.append(arm.setpoint_jp()[0][2])
+    ral.subscriber("PSM1/goal_reached", Bool, arrived)
+    arm.insert_jp(0.15)
+    time.sleep(5.0)
+    assert [round(end, 6) for end in ends] == [0.13, 0.14], ends
+    """
+    assert play(tmp_path, text).status == 0
+
+
+def test_time_goes_on_while_the_simulation_is_paused(tmp_path: Path):
+    text = """
+    import crtk, dvrk, time
+    from std_msgs.msg import Empty
+    ral = crtk.ral("paused"); arm = dvrk.psm(ral, "PSM1")
+    pause, go_on = (ral.publisher(f"scene/{word}", Empty) for word in ("pause", "resume"))
+    handle = arm.insert_jp(0.15)
+    time.sleep(0.2)
+    pause.publish(); time.sleep(0.01)
+    before, start = arm.measured_jp()[0], time.time()
+    time.sleep(1.0)
+    assert abs(time.time() - start - 1.0) < 1e-9 and (arm.measured_jp()[0] == before).all()
+    go_on.publish()
+    assert handle.wait() and abs(arm.setpoint_jp()[0][2] - 0.15) < 1e-9
+    """
+    assert play(tmp_path, text).status == 0
+
+
+def test_a_folder_that_is_no_package_is_not_taken_for_one(tmp_path: Path):
+    (tmp_path / "dvrk").mkdir()
+    assert play(tmp_path, "import dvrk; assert dvrk.psm").status == 0
 
 
 def test_what_is_sent_after_the_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

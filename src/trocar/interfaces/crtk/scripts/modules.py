@@ -39,7 +39,8 @@ def script_modules(node: Node, folder: Path) -> dict[str, ModuleType]:
     found = message_modules()
     found["rospy"] = _module("rospy", rospy_names(node), "What scripts use of rospy.")
     own = client_modules(type("ral", (ral,), {"_node_of_run": node}))
-    installed = {name for name in ROBOT if PathFinder.find_spec(name, [str(folder), *sys.path])}
+    specs = {name: PathFinder.find_spec(name, [str(folder), *sys.path]) for name in ROBOT}
+    installed = {name for name, spec in specs.items() if spec is not None and spec.origin}
     if "dvrk" not in installed:
         installed -= {"crtk"}  # our dvrk stands on our crtk
     found |= {name: made for name, made in own.items() if name.split(".")[0] not in installed}

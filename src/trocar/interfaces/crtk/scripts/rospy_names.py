@@ -257,7 +257,29 @@ def _classes(ros: _Rospy) -> dict[str, type]:
         def __init__(self, hz: float, reset: bool = False) -> None:  # noqa: ARG002
             super().__init__(hz, node.flow.now_ns, ros.sleep)
 
+    class Repeats:
+        """Calls a function again and again, after each period; "threading" is the script's own."""
+
+        def __init__(
+            self, period: Duration, callback: Callable[[Any], None], oneshot: bool = False, **_: Any
+        ) -> None:
+            self._over, self._oneshot = False, oneshot
+            self._rate, self._callback = node.rate(1.0 / period.to_sec()), callback
+            sys.modules["threading"].Thread(target=self._work, daemon=True).start()
+
+        def shutdown(self) -> None:
+            """Call it no longer."""
+            self._over = True
+
+        def _work(self) -> None:
+            while not (self._over or node.ended):
+                self._rate.sleep()
+                if not (self._over or node.ended):
+                    self._callback(None)
+                self._over |= self._oneshot
+
     return {
+        "Timer": Repeats,
         "Time": Now,
         "Rate": Keeps,
         "Publisher": Publishes,

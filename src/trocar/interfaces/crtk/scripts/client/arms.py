@@ -183,13 +183,19 @@ class _Gripper:
 class mtm(arm):  # noqa: N801  as scripts call it
     """A master's arm.
 
+    Args:
+        ral: the layer that the arm's name is inside
+        arm_name: "MTML" or "MTMR"
+        expected_interval: how often it is thought to tell [s]; readings wait for a second at least
+
     Attributes:
         gripper: between the surgeon's fingers
     """
 
-    def __init__(self, ral: Any, arm_name: str, connection_timeout: float = 1.0) -> None:
-        super().__init__(ral, arm_name, connection_timeout)
-        self.gripper = _Gripper(self._ral.create_child("gripper"), connection_timeout)
+    def __init__(self, ral: Any, arm_name: str, expected_interval: float = 0.01) -> None:
+        patience = max(1.0, expected_interval)
+        super().__init__(ral, arm_name, patience)
+        self.gripper = _Gripper(self._ral.create_child("gripper"), patience)
         message = self._ral.message
         self._lock = self._ral.publisher("lock_orientation", message("geometry_msgs/Quaternion"))
         self._unlock = publisher(self._ral, "unlock_orientation", "std_msgs/Empty", latch=True)

@@ -31,6 +31,7 @@ class utils:  # noqa: N801  as scripts call it
             become [s]
         operating_state_instance: the object that knows when a move is over; this one, when it has
             its own operating state
+        expected_interval: what `connection_timeout` was before version 1.4; not needed any more
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class utils:  # noqa: N801  as scripts call it
         ral: Any,
         connection_timeout: float = 5.0,
         operating_state_instance: Any = None,
+        expected_interval: float | None = None,  # noqa: ARG002
     ) -> None:
         self._instance, self._ral = class_instance, ral
         self._timeout = connection_timeout

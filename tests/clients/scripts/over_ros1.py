@@ -27,6 +27,8 @@ def find(kind, folder):
 class Latest:
     """The newest message of a topic."""
 
+    fresh = False
+
     def __init__(self, name, kind):
         self.message = None
         self.end = rospy.Subscriber(f"/{name}", kind, self.heard, tcp_nodelay=True)

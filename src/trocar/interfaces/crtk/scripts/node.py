@@ -171,7 +171,11 @@ class Subscriber:
 
 
 class Latest:
-    """The newest message of a topic; made only when it is looked at, where that can be."""
+    """The newest message of a topic; made only when it is looked at, where that can be.
+
+    Attributes:
+        fresh: whether it is of the very moment when it is looked at
+    """
 
     def __init__(self, node: Node, name: str, kind: type[Message]) -> None:
         _check_class(name, kind)
@@ -180,8 +184,8 @@ class Latest:
         self._message: Any = None
         topic = node.flow.core.topics.get(name)
         served = topic is not None and topic.type == kind._type and topic.direction == "pub"
-        self._seen = served and node.flow.virtual and node.flow.peek(name) is not None
-        if not self._seen:
+        self.fresh = served and node.flow.virtual and node.flow.peek(name) is not None
+        if not self.fresh:
             Subscriber(node, name, kind, self._put, None, at_once=True)
 
     def _put(self, message: Any) -> None:
@@ -189,7 +193,7 @@ class Latest:
 
     def get(self) -> Any:
         """Return the newest message, None before the first."""
-        if self._seen:
+        if self.fresh:
             fields = self._node.flow.peek(self._key)
             return None if fields is None else message_of(self._kind, fields)
         return self._message

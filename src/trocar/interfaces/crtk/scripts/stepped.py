@@ -14,6 +14,7 @@ from trocar.interfaces.crtk.arm_messages import MAKERS
 from trocar.interfaces.crtk.clock import FIRST_NS, SECOND, Beat
 from trocar.interfaces.crtk.core import Core
 from trocar.interfaces.crtk.figures import RigFigures
+from trocar.interfaces.crtk.plan import Plan
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.scripts.bus import Bus
 from trocar.interfaces.crtk.scripts.flow import Parts, no_parts
@@ -69,6 +70,7 @@ class Stepped:
         self._beat = Beat(self.core.rate_hz)
         self._calls: deque[Callable[[], None]] = deque()
         self._figures: RigFigures | None = None
+        self._plan = Plan(world.rig)
         self._limit_s, self.steps = limit_s, 0
         self._tick_ns = round(tick_s * SECOND)
         self.turns = Turns(self.clock_ns, self._step, self._tick_ns)
@@ -120,7 +122,9 @@ class Stepped:
         if self._figures is None:
             arms, stamp = self.world.samples(), self.core.stamper.now()
             seen = Sample(stamp, self.simulated_s, self.world.time, self.world.rig, arms)
-            self._figures = RigFigures(seen)
+            if self._plan.rig is not seen.rig:  # a tool was exchanged
+                self._plan = Plan(seen.rig)
+            self._figures = RigFigures(seen, self._plan)
         return maker(self._figures.arm(topic.arm), self._figures.sample.stamp)
 
     def fail(self, failure: BaseException) -> None:

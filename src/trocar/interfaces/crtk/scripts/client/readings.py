@@ -32,7 +32,8 @@ class Reading:
         """
         self._ral.look()
         newest = self._latest.get()
-        if newest is not None and self._young(newest, self._timeout if age is None else age):
+        most = self._timeout if age is None else age
+        if newest is not None and (self._latest.fresh or self._young(newest, most)):
             return newest
         patience = self._timeout if wait is None else wait
         if patience > 0.0 and self._ral.wait(lambda: self._latest.get() is not newest, patience):

@@ -79,8 +79,8 @@ def run(args: Namespace) -> int:
         print("not simulated:", *found.idle, sep="\n  ")
     gap = found.agreement
     print(
-        f"against the file: base frames {gap.base_m:.1e} m, {gap.base_rad:.1e} rad;"
-        f" chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad"
+        f"against the files: {gap.bases} base frames {gap.base_m:.1e} m, {gap.base_rad:.1e} rad;"
+        f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad"
     )
     print("written:", *found.files, sep="\n  ")
     return 0

@@ -54,6 +54,7 @@ def test_bases_and_tips_agree_with_the_file_at_any_joints(tmp_path: Path, genera
                 tip = lab.chain([*psm, *lab.TOOL[generation]], q[:6]) @ lab.TOOLTIP
             np.testing.assert_allclose(pose(arm, q), tip, atol=EXACT)
     gap = found.agreement
+    assert (gap.bases, gap.chains) == (6, 4)
     assert max(gap.base_m, gap.base_rad, gap.chain_m, gap.chain_rad) < EXACT
 
 
@@ -300,3 +301,33 @@ def test_a_real_si_s_file_has_potentiometers_and_the_dvrk_s_own_chains(tmp_path:
         joints = len(found.rig.arm(setup["name"]).arm.joints)
         seen = moved(found.rig, setup["name"], np.zeros(joints), q)
         np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
+
+
+def test_two_endoscopes_and_the_older_words_of_a_console(tmp_path: Path) -> None:
+    system = lab.system()
+    arms = {arm["name"]: arm for arm in system["arms"]}
+    scope = arms["ECM"]
+    second = {**scope, "name": "ECM2", "base_frame": {"component": "SUJ", "interface": "PSM3"}}
+    arms = {"ECM2": second, **{n: a for n, a in arms.items() if n != "PSM3"}}
+    older = [
+        {**{k: v for k, v in a.items() if k != "arm_file"}, "arm": a["arm_file"]}
+        for a in arms.values()
+    ]
+    console = {
+        "arms": older,
+        "psm_teleops": [{"mtm": "MTMR", "psm": "PSM1"}],
+        "ecm_teleop": {"mtm_left": "MTML", "mtm_right": "MTMR", "ecm": "ECM"},
+    }
+    path = lab.lab(tmp_path / "in", files={"system-lab.json": console})
+    found = import_dvrk(path, tmp_path / "rig.toml")
+    assert found.unknown == ()
+    assert [teleop.name for teleop in found.rig.teleops] == ["MTMR_PSM1", "MTML_MTMR_ECM"]
+    rng = np.random.default_rng(6)
+    for name, setup in (("ECM", lab.CLASSIC[0]), ("ECM2", lab.CLASSIC[3])):
+        suj = found.rig.arm(found.rig.arm(name).on).arm.mechanism
+        q = rng.uniform(suj.lower, suj.upper)
+        seen = moved(found.rig, name, np.zeros(4), q)
+        np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
+    world = World(found.rig)
+    assert world.arm("PSM1").measured_cp().frame_id == "ECM"  # whichever comes first in the file
+    assert {camera.name for camera in found.rig.cameras} >= {"endoscope", "endoscope_ECM2"}

@@ -28,10 +28,13 @@ class Agreement:
     """Largest differences over random joint positions.
 
     Attributes:
+        bases, chains: of how many arms the file says where they stand, and has the chain
         base_m, base_rad: of the arms' bases in the frame that the file gives them in
         chain_m, chain_rad: of the end of the arms' chains in their bases
     """
 
+    bases: int
+    chains: int
     base_m: float
     base_rad: float
     chain_m: float
@@ -43,13 +46,16 @@ def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
     rng = np.random.default_rng(0)
     bases, chains = [np.zeros(2)], [np.zeros(2)]
     placed = {arm.name: arm for arm in rig.arms}
-    for arm in (a for a in lab.arms if a.name in placed):
+    told = [arm for arm in lab.arms if arm.name in placed]
+    for arm in told:
         for _ in range(count):
             bases.append(_base_gap(arm, lab, rig, rng))
             if arm.chain is not None:
                 chains.append(_chain_gap(arm.chain, placed[arm.name].arm, rng))
+    stand = sum(1 for arm in told if arm.base.on != "nothing")
+    have = sum(1 for arm in told if arm.chain is not None)
     base, chain = np.max(bases, axis=0), np.max(chains, axis=0)
-    return Agreement(*(float(v) for v in (*base, *chain)))
+    return Agreement(stand, have, *(float(v) for v in (*base, *chain)))
 
 
 def _random(arm: ArmDescription, rng: np.random.Generator) -> Array:

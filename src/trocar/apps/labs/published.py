@@ -46,7 +46,9 @@ def own_arm_file(name: str) -> dict[str, str] | None:
     found = {"kinematic": f"kinematic/{arm}{si or ''}.json", "generation": generation}
     if arm == "ECM" and rest:
         found["endoscope"] = f"Classic_SD_{rest}"
-    if arm == "PSM" and rest and rest != "MANUAL":
+    if rest == "MANUAL":
+        found["tool_detection"] = "MANUAL"
+    elif arm == "PSM" and rest:
         head, _, code = rest.rpartition("_")
         found |= {"tool_detection": "FIXED", "tool": f"{head}:{code}"}
     return found
@@ -85,6 +87,11 @@ def _turned(degrees: float, at: tuple[float, float, float]) -> Array:
     return transform(np.round(rotation_z(math.radians(degrees)), 15), np.array(at))
 
 
+#: From the Classic's setup joints to the arm that they hold. Source: share/arm/suj-simulated.json.
+CLASSIC_ORIGIN = {
+    "PSM": _turned(-90.0, (0.4864, 0.0, 0.1524)),
+    "ECM": _turned(-90.0, (0.6126, 0.0, 0.1016)),
+}
 #: From an Si's setup joints to the arm that they hold.
 SI_ORIGIN = _turned(-90.0, (0.8343, 0.0, 0.0))
 _SI_SHORT = [(0.0, 0.1471, True), (0.0, 0.6654, False), (0.4572, 0.1397, False)]

@@ -61,7 +61,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> documents.Doc
     frames = _frames_in_world(lab, bool(setup))
     standing: dict[str, str] = {}
     free = 0
-    for arm in lab.arms:
+    for arm in sorted(lab.arms, key=lambda a: a.type == "ECM" and a.base.name != "ECM"):
         entry: documents.Document = {"name": arm.name, **arm_entry(arm, _tool(arm, tools), files)}
         place, twin = _place(arm, lab, origins, standing)
         if twin:
@@ -128,10 +128,13 @@ def _place(
     if base.on == "nothing":
         return None, ""
     if base.on == "setup":
-        fixed = next(suj.fixed for suj in lab.setup if suj.name == base.name)
-        if fixed is not None:
-            T = transform(np.eye(3), np.array(CART)) @ fixed
+        suj = next(suj for suj in lab.setup if suj.name == base.name)
+        if suj.fixed is not None:
+            T = transform(np.eye(3), np.array(CART)) @ suj.fixed
             return {"place": "rcm", **documents.pose_entries(T), "source": "SUJ_Fixed"}, ""
+        if not origins[base.name] and (arm.type == "ECM") != (base.name == "ECM"):
+            there: documents.Document = {"on": f"SUJ_{base.name}", "frame": "tip", "place": "rcm"}
+            return there | documents.pose_entries(suj.tool_origin), ""
         entry: documents.Document = {"on": f"SUJ_{base.name}", "frame": "mount"}
         return (entry | {"place": "rcm"} if origins[base.name] else entry), ""
     pose = base.pose if base.pose is not None else np.eye(4)

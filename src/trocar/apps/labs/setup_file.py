@@ -61,8 +61,8 @@ def own_setup_arms(generation: str) -> list[SetupArm]:
 
 def _own(name: str, generation: Generation) -> SetupArm:
     if generation == "Classic":
-        still = np.eye(4)
-        return SetupArm(name, "", "Classic", None, still, still, None, None, {})
+        origin = published.CLASSIC_ORIGIN["ECM" if name == "ECM" else "PSM"]
+        return SetupArm(name, "", "Classic", None, np.eye(4), origin, None, None, {})
     known = published.SI[name]
     origin = known.tool_origin
     return SetupArm(name, "", "Si", known.chain, known.column, origin, known.q, None, {})

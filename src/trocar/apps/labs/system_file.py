@@ -120,7 +120,7 @@ class Reader:
 
     def _setup(self, entry: Node) -> list[SetupArm]:
         _idle(entry)
-        kind, wanted = entry.text("type"), entry.text("arm_file", "")
+        kind, wanted = entry.text("type"), entry.text("arm_file", entry.text("arm", ""))
         entry.without_use("serial")
         if not wanted:
             raise entry.fail("arm_file", "is missing; setup joints need their file")
@@ -174,7 +174,8 @@ class Reader:
     def _arm_node(self, entry: Node, name: str) -> Node:
         """Return an arm's own file, found as the dVRK finds it."""
         on_io, serial = entry.text("name_on_IO", name), entry.text("serial", "")
-        wanted = entry.text("arm_file", f"{on_io}-{serial}.json" if serial else "")
+        given = entry.text("arm", f"{on_io}-{serial}.json" if serial else "")
+        wanted = entry.text("arm_file", given)
         if not wanted:
             raise entry.fail("arm_file", "is missing; an arm needs arm_file, or its serial")
         path = self.finder.find(wanted)
@@ -182,9 +183,7 @@ class Reader:
             return self._open(path)
         own = published.own_arm_file(wanted)
         if own is None:
-            raise self.finder.missing(
-                entry.file, entry.place("arm_file" if "arm_file" in entry else "serial"), wanted
-            )
+            raise self.finder.missing(entry.file, entry.place(_named_by(entry)), wanted)
         self._not_found(wanted)
         return Node(own, wanted)
 
@@ -268,6 +267,11 @@ class Reader:
             )
         self._taken[interface] = entry.text("name")
         return Base("setup", interface)
+
+
+def _named_by(entry: Node) -> str:
+    """Return which entry names the arm's file; older systems call it "arm"."""
+    return next((key for key in ("arm_file", "arm") if key in entry), "serial")
 
 
 def _without_use(node: Node) -> str:

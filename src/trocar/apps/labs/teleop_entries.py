@@ -60,6 +60,10 @@ def _all(root: Node, arms: Mapping[str, str]) -> Iterator[LabTeleop]:
             for node in place.nodes(key):
                 masters = (_arm(node, "MTM", arms),)
                 yield _teleop(node, masters, _arm(node, "PSM", arms), "psm")
+        if "ecm_teleop" in place:  # as older systems have it
+            node = place.node("ecm_teleop")
+            masters = (_arm(node, "mtm_left", arms), _arm(node, "mtm_right", arms))
+            yield _teleop(node, masters, _arm(node, "ecm", arms), "ecm")
         for node in place.nodes("teleop_ECMs"):
             masters = (_arm(node, "MTML", arms), _arm(node, "MTMR", arms))
             yield _teleop(node, masters, _arm(node, "ECM", arms), "ecm")
@@ -67,7 +71,7 @@ def _all(root: Node, arms: Mapping[str, str]) -> Iterator[LabTeleop]:
 
 def _arm(node: Node, key: str, arms: Mapping[str, str]) -> str:
     name = node.text(key)
-    able = [arm for arm, kind in arms.items() if kind.startswith(key[:3])]
+    able = [arm for arm, kind in arms.items() if kind.startswith(key[:3].upper())]
     if name not in able:
         known = ", ".join(able) or "none"
         raise node.fail(key, f"got {name!r}; allowed: {known} (the system's arms of that type)")

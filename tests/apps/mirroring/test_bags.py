@@ -47,6 +47,18 @@ def test_a_single_mcap_file_and_a_recording_of_trocar_s_own_are_bags_too(tmp_pat
     np.testing.assert_allclose(last.message["position"][0], 0.1, atol=0.02)
 
 
+def test_a_topic_that_begins_late_is_known_and_a_file_without_a_summary_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trocar.apps.mirroring.bag.LOOKED_AT", 50)
+    late = [row for row in rows(["PSM1", "ECM"], 1.0) if "ECM" not in row[1] or row[0] > 0.8]
+    (file,) = write(tmp_path / "a.bag", "mcap", late).glob("*.mcap")
+    assert "ECM/measured_js" in open_bag(file).topics
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) - 400])  # its writer was killed
+    assert "PSM1/measured_js" in open_bag(file).topics
+
+
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
 def test_a_long_bag_takes_no_more_memory_than_a_short_one(tmp_path: Path, kind: str) -> None:
     peaks: list[int] = []

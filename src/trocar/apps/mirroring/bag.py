@@ -15,9 +15,9 @@ from trocar.apps.mirroring.rosbag1 import MAGIC, Told, rosbag1_messages, rosbag1
 from trocar.apps.mirroring.rosbag2 import sqlite_messages, sqlite_topics
 from trocar.errors import LogError
 from trocar.interfaces.crtk.messages import cdr_decode, ros1_decode
-from trocar.simulation.recording import mcap_messages
+from trocar.simulation.recording import mcap_messages, mcap_topics
 
-#: How many messages of an MCAP file are looked at to learn which topics it has.
+#: How many messages of an MCAP file without a summary are looked at to learn which topics it has.
 LOOKED_AT = 20_000
 
 
@@ -110,7 +110,9 @@ def _topics(file: Path, kind: str) -> dict[str, str]:
         return rosbag1_topics(file)
     if kind == "sqlite":
         return sqlite_topics(file)
-    found: dict[str, str] = {}
+    found = mcap_topics(file)
+    if found:
+        return found
     for k, told in enumerate(mcap_messages(file)):
         found[told.topic] = told.schema
         if k >= LOOKED_AT:

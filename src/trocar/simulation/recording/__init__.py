@@ -7,6 +7,7 @@ from trocar.simulation.recording.reading import (
     is_mcap,
     is_recording,
     mcap_messages,
+    mcap_topics,
     open_recording,
 )
 from trocar.simulation.recording.recorder import Recorder
@@ -19,5 +20,6 @@ __all__ = [
     "is_mcap",
     "is_recording",
     "mcap_messages",
+    "mcap_topics",
     "open_recording",
 ]

@@ -226,6 +226,31 @@ def mcap_messages(path: str | Path) -> Iterator[Told]:
     return _messages(Path(path).expanduser(), str(path), _Notes())
 
 
+def mcap_topics(path: str | Path) -> dict[str, str]:
+    """Return {topic: name of its schema} as the summary of an MCAP file lists them.
+
+    Empty for a file without a summary, such as one that breaks off. No chunk is unpacked.
+
+    Raises:
+        MissingExtraError: the library for MCAP is not installed
+    """
+    mcap = mcap_library("reading a recording")
+    records, schemas, found = mcap.records, {0: ""}, dict[str, int]()
+    where = Path(path).expanduser()
+    with where.open("rb") as stream:
+        size = where.stat().st_size
+        reader = mcap.stream_reader.StreamReader(stream, emit_chunks=True, record_size_limit=size)
+        try:
+            for record in reader.records:
+                if isinstance(record, records.Schema):
+                    schemas[record.id] = record.name
+                elif isinstance(record, records.Channel):
+                    found[record.topic] = record.schema_id
+        except (mcap.exceptions.McapError, ValueError, struct.error):
+            return {}
+    return {topic: schemas.get(schema, "") for topic, schema in found.items()}
+
+
 def _messages(path: Path, file: str, notes: _Notes) -> Iterator[Told]:
     """Give every message up to where the file ends or breaks off, and note what else is there."""
     mcap = mcap_library("reading a recording")

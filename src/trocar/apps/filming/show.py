@@ -18,7 +18,14 @@ EYES = ("both", "left", "right", "anaglyph")
 SHOWN = ("colour", "depth", "ids", "normals")
 #: From near to far. Source: our own choice: bright near, dark far, and no hue twice.
 NEAR_TO_FAR = np.array(
-    [[255, 244, 208], [253, 184, 99], [214, 96, 77], [128, 44, 120], [52, 22, 84], [22, 16, 44]],
+    [
+        [255, 247, 214],
+        [253, 190, 105],
+        [222, 92, 78],
+        [150, 50, 135],
+        [72, 66, 178],
+        [34, 104, 130],
+    ],
     dtype=np.float64,
 )
 #: What is not hit by any ray.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.errors import TrocarError
+from trocar.errors import InputError, TrocarError
 from trocar.geometry.lens import project
 from trocar.geometry.se3 import inverse
 
@@ -19,10 +19,14 @@ class FakeRenderer:
     Args:
         points: in the world, (n, 3) [m]
         gate: drawing waits until it is set
-        failure: raised in place of the picture that comes after so many
+        fails_after: no picture comes after so many
+        refuses: so many pictures, the first ones
     """
 
-    def __init__(self, points=(), gate: threading.Event | None = None, fails_after=None) -> None:
+    def __init__(
+        self, points=(), gate: threading.Event | None = None, fails_after=None, refuses: int = 0
+    ) -> None:
+        self.refuses = refuses
         self.points = np.reshape(points, (-1, 3))
         self.gate, self.fails_after = gate, fails_after
         self.threads: set[str] = set()
@@ -33,6 +37,9 @@ class FakeRenderer:
         self.threads.add(threading.current_thread().name)
         if self.fails_after is not None and self.drawn >= self.fails_after:
             raise TrocarError("no OpenGL")
+        if self.refuses > 0:
+            self.refuses -= 1
+            raise InputError("of another build")
         if self.gate is not None:
             assert self.gate.wait(10)
         self.drawn += 1

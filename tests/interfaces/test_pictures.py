@@ -134,6 +134,27 @@ def test_without_a_graphics_library_there_is_one_warning_and_the_simulation_goes
     assert [r.message for r in caplog.records] == ["no pictures: no OpenGL"]
 
 
+def test_a_picture_of_a_tool_that_is_gone_is_dropped_and_those_after_it_come() -> None:
+    looker = Looker("endoscope")
+    with Studio(FakeRenderer(refuses=3)) as studio:
+        studio.pictures.add(looker)
+        for count in range(5):
+            studio.pictures.shoot(studio.world, (count, 1))
+            until(lambda: studio.pictures.idle)
+        assert not studio.pictures.failure
+    assert [shot.stamp for shot in looker.shots] == [(3, 1), (4, 1)]
+    assert studio.pictures.dropped == 3
+
+
+def test_what_can_never_be_drawn_is_said() -> None:
+    with Studio(FakeRenderer(refuses=100)) as studio:
+        studio.pictures.add(Looker("endoscope"))
+        for _ in range(8):
+            studio.pictures.shoot(studio.world)
+            until(lambda: studio.pictures.idle)
+        assert studio.pictures.failure == "of another build"
+
+
 def test_nobody_who_leads_and_pictures_come_at_their_rate() -> None:
     looker = Looker("endoscope")
     with Studio(rate_hz=50.0) as studio:

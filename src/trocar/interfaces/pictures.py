@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
@@ -37,6 +38,8 @@ RATE_HZ = 60.0
 SLACK_S = 1e-6
 #: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
 NICE = 5
+#: Snapshots in a row that may not be drawn: of a rig whose tool was exchanged meanwhile.
+MOST_REFUSED = 5
 #: That drawing is slow is said so often [s]. Source: our own choice.
 COMPLAIN_S = 30.0
 #: Ticks until a look at the clock, where somebody else says when. Source: our own choice.
@@ -161,6 +164,7 @@ class Pictures:
         self._thread: threading.Thread | None = None
         self._unwatch: Callable[[], None] = lambda: None
         self._count = -1
+        self._refused = 0
         self._complained = -COMPLAIN_S
         self.led = False
         self.made = self.dropped = self.late = 0
@@ -256,7 +260,9 @@ class Pictures:
             while (order := self._next()) is not None:
                 if renderer is None:
                     renderer = self._open()
-                self._draw(renderer, order)
+                self._draw_or_drop(renderer, order)
+        except CancelledError:  # the loop has ended, and answers no more
+            pass
         except TrocarError as problem:
             self._fail(str(problem))
         except Exception as problem:  # noqa: BLE001  logged whole; the simulation goes on
@@ -274,6 +280,18 @@ class Pictures:
             order, self._order = self._order, None
             self._drawing = not self._stopping
             return None if self._stopping else order
+
+    def _draw_or_drop(self, renderer: Renderer, order: Order) -> None:
+        """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
+        try:
+            self._draw(renderer, order)
+        except InputError:
+            self._refused += 1
+            self.dropped += 1
+            if self._refused > MOST_REFUSED:
+                raise
+        else:
+            self._refused = 0
 
     def _draw(self, renderer: Renderer, order: Order) -> None:
         for camera in sorted(order.wanted & order.cameras.keys()):

@@ -191,14 +191,14 @@ def test_simpler_surfaces_change_edge_pixels_only(
 
     levels = staging.chosen_levels
 
-    def counted(things: Scenery, frustum: Frustum, who: np.ndarray, centres: np.ndarray) -> Any:
-        level = levels(things, frustum, who, centres)
+    def counted(things: Scenery, frustum: Frustum, who: np.ndarray, *others: Any) -> Any:
+        level = levels(things, frustum, who, *others)
         drawn.append((things.count[who, level].sum() // 3, things.count[who, 0].sum() // 3))
         return level
 
     monkeypatch.setattr(staging, "chosen_levels", counted)
     simple = ids()
-    monkeypatch.setattr(staging, "chosen_levels", lambda _t, _f, who, _c: 0 * who)
+    monkeypatch.setattr(staging, "chosen_levels", lambda _t, _f, who, *_: 0 * who)
     whole = ids()
     assert drawn[0][0] < 0.6 * drawn[0][1]
     assert (simple == whole).mean() > 0.99

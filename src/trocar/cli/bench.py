@@ -3,8 +3,9 @@
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
 Measured only when asked for: recording, the cost of recording the full cart in motion; interface,
-what a program in another process sees of it (--transport); and soak, an hour of it (some minutes of
-the machine's time).
+what a program in another process sees of it (--transport); scope, how many pictures of the
+endoscope a second, beside MuJoCo's own renderer; and soak, an hour of it (some minutes of the
+machine's time).
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 
 #: What is measured unless parts are asked for, and all that may be.
 PARTS = ("speed", "figures", "startup")
-ALL_PARTS = (*PARTS, "recording", "interface", "soak")
+ALL_PARTS = (*PARTS, "recording", "interface", "scope", "soak")
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -41,7 +42,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--duration",
         type=number,
         metavar="S",
-        help="simulated time of a pass (default: 10 s; recording: 4 s), or of the soak (3600 s)",
+        help="simulated time of a pass (default: 10 s; recording: 4 s), of the soak (3600 s), or"
+        " how long pictures of a size are drawn (4 s)",
     )
     parser.add_argument(
         "--transport",
@@ -75,7 +77,7 @@ def run(args: Namespace) -> int:
     timed = args.duration is None or 0.0 < args.duration < float("inf")
     if not timed or (args.passes is not None and args.passes < 1) or args.poses < 1:
         raise InputError("--duration, --passes and --poses: allowed: above 0")
-    from trocar.apps.benchmarks import figures, interface, recording, soak, startup, table9
+    from trocar.apps.benchmarks import figures, interface, recording, scope, soak, startup, table9
     from trocar.descriptions.overlay import read_overlay
 
     overlays = [read_overlay(file) for file in args.calibration]
@@ -93,6 +95,7 @@ def run(args: Namespace) -> int:
     found += recording(*each, **passes, watch=_watch) if "recording" in parts else []
     if "interface" in parts:
         found += interface(tuple(args.transport) or ("websocket",), *each, watch=_watch)
+    found += scope(*each, watch=_watch) if "scope" in parts else []
     found += soak(*each, watch=_watch) if "soak" in parts else []
     found += _replayed(args.log) if args.log else []
     if args.json:

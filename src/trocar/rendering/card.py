@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Commands = NDArray[np.uint32]
 
-#: Pixels along an edge of the shadow map. Source: issue 8.
-SHADOW_SIZE = 1024
 #: What each output holds: components and type.
 FORMATS = {"COLOUR": (4, "f1"), "DEPTH": (1, "f4"), "IDS": (1, "i4"), "NORMALS": (4, "f4")}
 #: Which commands: of what throws shadows, of what is seen.
@@ -35,7 +33,6 @@ class Card:
         context: the graphics library's
         gl: the library
         most: pixels that a picture may be wide and high
-        shade, shade_target: the shadow map
     """
 
     def __init__(self) -> None:
@@ -44,12 +41,7 @@ class Card:
         self._programs: dict[tuple[str, ...], moderngl.Program] = {}
         self._arrays: dict[tuple[str, int], moderngl.VertexArray] = {}
         self._targets: dict[tuple[object, ...], moderngl.Framebuffer] = {}
-        with self.context:
-            self.shade = self.context.depth_texture((SHADOW_SIZE, SHADOW_SIZE))
-            self.shade.compare_func = "<="
-            self.shade.filter = (self.gl.LINEAR, self.gl.LINEAR)
-            self.shade.repeat_x = self.shade.repeat_y = False
-            self.shade_target = self.context.framebuffer([], self.shade)
+        self._maps: dict[int, tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
 
     def load(self, things: Scenery, look: Look) -> None:
         """Take scenery, which is drawn from now on."""
@@ -108,6 +100,16 @@ class Card:
                 shaders.source(vertex, defines), shaders.source(fragment, defines)
             )
         return self._programs[key]
+
+    def shadow_map(self, size: int) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
+        """Return a shadow map of this size, and what draws into it."""
+        if size not in self._maps:
+            shade = self.context.depth_texture((size, size))
+            shade.compare_func = "<="
+            shade.filter = (self.gl.LINEAR, self.gl.LINEAR)
+            shade.repeat_x = shade.repeat_y = False
+            self._maps[size] = shade, self.context.framebuffer([], shade)
+        return self._maps[size]
 
     def target(
         self, size: tuple[int, int], outputs: Sequence[str], samples: int = 0, name: str = ""

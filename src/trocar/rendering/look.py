@@ -6,6 +6,10 @@ from dataclasses import dataclass, fields
 
 from trocar.errors import InputError
 
+#: Shadow maps of pictures up to this wide, and of wider ones. Source: our own choice; about a
+#: pixel of the map for each of the picture.
+NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
+
 
 @dataclass(frozen=True)
 class Look:
@@ -13,6 +17,7 @@ class Look:
 
     Attributes:
         shadows: whether the light throws them
+        shadow_size: pixels along the edge of their map; 0: 512, or 1024 of pictures over 800 wide
         exposure: brighter by so many stops
         wet: how much more surfaces glitter, 0 to 1
         vignette: how much darker corners are, 0 to 1
@@ -26,6 +31,7 @@ class Look:
     """
 
     shadows: bool = True
+    shadow_size: int = 0
     exposure: float = 0.0
     wet: float = 0.5
     vignette: float = 0.0
@@ -36,6 +42,7 @@ class Look:
 
     def __post_init__(self) -> None:
         for name, low, high in (
+            ("shadow_size", 0, 4096),
             ("exposure", -20.0, 20.0),
             ("wet", 0.0, 1.0),
             ("vignette", 0.0, 1.0),
@@ -50,3 +57,7 @@ class Look:
                 raise InputError(f"{name}: got {value!r}; allowed: a number")
             if not low <= value <= high:
                 raise InputError(f"{name}: got {value!r}; allowed: {low:g} to {high:g}")
+
+    def shadow_map(self, width: int) -> int:
+        """Return the pixels along the edge of the shadow map of pictures that are this wide."""
+        return self.shadow_size or (SMALL_MAP if width <= NARROW else LARGE_MAP)

@@ -65,7 +65,7 @@ class Painter:
         card.context.front_face = "cw"
         card.context.depth_func = "<"
         if len(stage.shading):
-            self._shade(stage)
+            self._shade(stage, lenses)
             unlocked.flush()
         size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
         found: dict[str, Drawn] = {}
@@ -101,20 +101,22 @@ class Painter:
             return [(tuple(outputs), 0)]
         return [(("COLOUR",), samples), *([(rest, 0)] if rest else [])]
 
-    def _shade(self, stage: Stage) -> None:
+    def _shade(self, stage: Stage, lenses: Optics) -> None:
         card = self._card
         program = card.program(shaders.SHADOW_VERTEX, shaders.SHADOW_FRAGMENT)
         tell(program, {"shadow": _columns(stage.light.clip)})
-        card.shade_target.use()
-        card.shade_target.clear(depth=1.0)
+        shade, target = card.shadow_map(self._look.shadow_map(lenses.size[0]))
+        target.use()
+        target.clear(depth=1.0)
         card.context.polygon_offset = SHADOW_OFFSET
         card.render(program, SHADING, len(stage.shading))
         card.context.polygon_offset = 0.0, 0.0
+        shade.use(0)
 
     def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str]) -> None:
         card, light, look = self._card, stage.light, self._look
         parallel = light.scope and all(
-            np.array_equal(eye.T_eye_reference[:3, :3], np.eye(3)) for eye in lenses.eyes
+            np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9 for eye in lenses.eyes
         )
         switches = {
             "SHADOWS": bool(len(stage.shading)),
@@ -128,7 +130,6 @@ class Painter:
         exposure = 2.0**look.exposure
         tell(program, {"shadow": _columns(light.clip), **_parallel_shade(light.clip)})
         tell(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
-        card.shade.use(0)
         for row, eye in enumerate(lenses.eyes):
             width, height = lenses.drawn
             cast("moderngl.Framebuffer", card.context.fbo).viewport = 0, row * height, width, height

@@ -15,7 +15,7 @@ from trocar.geometry.se3 import inverse
 from trocar.rendering import unlocked
 from trocar.rendering.card import Card
 from trocar.rendering.frames import StereoFrame
-from trocar.rendering.library import load
+from trocar.rendering.library import driver, load, on_processor
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
@@ -66,6 +66,9 @@ class Renderer:
 
     Attributes:
         contexts: how often the graphics library was opened: more than once when it was lost
+        driver: who draws: "llvmpipe (LLVM 15.0.6, 256 bits)" or a graphics card
+        on_processor: whether that is the processor, and no graphics card
+        triangles: how many the newest picture was drawn of, of each eye
 
     Raises:
         MissingExtraError: the extra `scope` is not installed
@@ -83,7 +86,7 @@ class Renderer:
         self._build: int | None = None
         self._things = scenery(())
         self._optics: dict[tuple[object, ...], tuple[CameraRecord, Optics]] = {}
-        self.contexts = 0
+        self.contexts = self.triangles = 0
         self._card: Card | None = None
         self._open()
 
@@ -131,6 +134,7 @@ class Renderer:
         with card.context:
             card.load(self._things, self.look)
         self._card, self._painter = card, Painter(card, self.look)
+        self.driver, self.on_processor = driver(card.context), on_processor(card.context)
         self.contexts += 1
         return card
 
@@ -146,6 +150,7 @@ class Renderer:
                 lenses,
                 self.look.shadows,
             )
+            self.triangles = int(seen.seen[:, 0].sum()) // 3
             drawn = self._painter.paint(seen, lenses, self.channels.outputs, snapshot.time)
             pictures = _read(drawn, lenses)
             error = card.context.error

@@ -17,6 +17,8 @@ Ints = NDArray[np.int64]
 #: A simpler surface may be off by this much of a pixel. Source: our own choice; silhouettes then
 #: differ in edge pixels only.
 TOLERANCE_PX = 0.5
+#: ... and what throws a shadow by this much. Source: our own choice: shadows are soft by a pixel.
+SHADOW_TOLERANCE_PX = 1.5
 #: Simpler surfaces yet are taken while a view has more triangles than this. Source: issue 8.
 MOST_TRIANGLES = 20_000
 #: ... until they are off by this many pixels. Source: our own choice.
@@ -74,13 +76,24 @@ def inside(frustum: Frustum, centres: Array, radii: Array) -> NDArray[np.bool_]:
     return seen
 
 
-def chosen_levels(scenery: Scenery, frustum: Frustum, seen: Ints, centres: Array) -> Ints:
-    """Return how coarse each seen object may be, (k,): its level, 0 the whole surface."""
+def chosen_levels(
+    scenery: Scenery,
+    frustum: Frustum,
+    seen: Ints,
+    centres: Array,
+    tolerance: float = TOLERANCE_PX,
+) -> Ints:
+    """Return how coarse each seen object may be, (k,): its level, 0 the whole surface.
+
+    Args:
+        scenery, frustum, seen: what is looked at, from where, which objects (k,)
+        centres: middles of all objects in the reference frame, (m, 3)
+        tolerance: by how much a surface may be off [px]
+    """
     T = frustum.T_eye_reference
     z = (centres[seen] @ T[:3, :3].T + T[:3, 3])[:, 2]
     nearest = np.maximum(z - scenery.radii[seen], frustum.near)
     off = scenery.errors[seen] * (frustum.pixels / nearest)[:, None]
-    tolerance = TOLERANCE_PX
     while True:
         level = (off <= tolerance).sum(axis=1) - 1
         triangles = scenery.count[seen, level].sum() // 3

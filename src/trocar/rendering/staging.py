@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from trocar.rendering.lighting import Light, room_light
 from trocar.rendering.optics import Optics
 from trocar.rendering.scenery import Scenery
-from trocar.rendering.sight import chosen_levels, commands, inside, middles, placed
+from trocar.rendering.sight import (
+    SHADOW_TOLERANCE_PX,
+    chosen_levels,
+    commands,
+    inside,
+    middles,
+    placed,
+)
 from trocar.simulation.records import Snapshot
 
 Array = NDArray[np.float64]
@@ -72,7 +79,8 @@ def stage(
         if light.scope:
             throws &= things.of_arms | (things.radii < LARGE)
         who = np.flatnonzero(throws)
-        shading = commands(things, who, chosen_levels(things, frusta[0], who, centres))
+        simple = chosen_levels(things, frusta[0], who, centres, SHADOW_TOLERANCE_PX)
+        shading = commands(things, who, simple)
     backdrop = DARK if light.scope else WALL
     return Stage(rows, commands(things, order, level), shading, light, backdrop)
 

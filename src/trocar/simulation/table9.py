@@ -15,8 +15,8 @@ from trocar.simulation.trajectories import paper_sine
 from trocar.simulation.trials import TICK_S, periods_per_tick
 from trocar.simulation.world import World
 
-#: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, comes with
-#: the endoscope. The least real-time factors on one core are the project's own goal.
+#: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, is in
+#: `trocar verify`. The least real-time factors on one core are the project's own goal.
 CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float], ...] = (
     ("PSM", "psm", "braked", 1.0, 100.0),
     ("ECM", "ecm", "braked", 1.0, 130.0),

@@ -5,6 +5,7 @@ from trocar.apps.benchmarks.figures import figures
 from trocar.apps.benchmarks.headless import HeadlessReport, run_headless
 from trocar.apps.benchmarks.interface import interface
 from trocar.apps.benchmarks.recording import recording
+from trocar.apps.benchmarks.scope import scope
 from trocar.apps.benchmarks.soak import soak
 from trocar.apps.benchmarks.startup import startup
 from trocar.simulation.table9 import Table9Row, table9
@@ -17,6 +18,7 @@ __all__ = [
     "interface",
     "recording",
     "run_headless",
+    "scope",
     "soak",
     "startup",
     "table9",

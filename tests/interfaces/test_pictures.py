@@ -16,7 +16,8 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces import Loop
 from trocar.interfaces.packing import FORMATS, Packer
 from trocar.interfaces.pairs import anaglyph, side_by_side
-from trocar.interfaces.pictures import Pictures, Shot
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.shots import Shot
 from trocar.simulation import World
 
 from .fake_renderer import FakeRenderer

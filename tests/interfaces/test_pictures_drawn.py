@@ -9,7 +9,8 @@ import pytest
 
 from trocar.errors import TrocarError
 from trocar.interfaces import ExchangeTool, Loop, MoveJp
-from trocar.interfaces.pictures import Pictures, Shot
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.shots import Shot
 from trocar.simulation import World
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from argparse import _ArgumentGroup
 
     from trocar.interfaces import Loop
-    from trocar.interfaces.pictures import Pictures, Renderer
+    from trocar.interfaces.pictures import Pictures
+    from trocar.interfaces.shots import Renderer
     from trocar.rendering import Look
     from trocar.simulation import World
 

@@ -13,14 +13,14 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 
 from trocar.errors import InputError, TrocarError
-from trocar.interfaces.packing import Packer, Picture
+from trocar.interfaces.packing import Packer
+from trocar.interfaces.shots import Order, Renderer, Shot, Taker
 
 if TYPE_CHECKING:
     from trocar.descriptions.cameras.records import Calibration
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from trocar.interfaces.state import Elapsed
     from trocar.simulation import World
     from trocar.simulation.cameras import CameraRecord
-    from trocar.simulation.records import Snapshot
 
 _log = logging.getLogger("trocar")
 
@@ -46,85 +45,6 @@ COMPLAIN_S = 30.0
 PATIENT = 1000
 #: How long ending may take: a picture that is being drawn is drawn to its end [s].
 FAREWELL_S = 5.0
-
-
-class Renderer(Protocol):
-    """Draws; made, used and closed in one thread."""
-
-    def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> Any:
-        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None."""
-        ...
-
-    def close(self) -> None:
-        """Let go of the graphics library."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class Order:
-    """What is to be drawn: a world at one moment.
-
-    Attributes:
-        stamp: what headers say of it, None where nobody gives stamps
-        asked_s: wall time of the snapshot [s]
-        snapshot, cameras: where bodies and cameras are, of one moment
-        wanted: names of the cameras that somebody looks through
-    """
-
-    stamp: tuple[int, int] | None
-    asked_s: float
-    snapshot: Snapshot
-    cameras: Mapping[str, CameraRecord]
-    wanted: frozenset[str]
-
-
-class Shot:
-    """What one camera saw at one moment.
-
-    Attributes:
-        camera: its name
-        record: where it was and what its lenses are like, as `World.cameras` tells
-        frame: the picture or two, as the renderer made them
-        stamp: what headers say; None where nobody gives stamps
-    """
-
-    def __init__(self, camera: str, order: Order, frame: Any, packer: Packer) -> None:
-        self.camera, self.record, self.frame = camera, order.cameras[camera], frame
-        self.stamp, self._packer = order.stamp, packer
-        self._packed: dict[str, bytes] = {}
-
-    @property
-    def format(self) -> str:
-        """What `packed` gives: "jpeg" or "png"."""
-        return self._packer.format
-
-    def eye(self, eye: str) -> Picture:
-        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left."""
-        return self.frame.right if eye == "right" else self.frame.left
-
-    @property
-    def calibration(self) -> Calibration:
-        """What the eyes are like that saw it; without distortion where it was not asked for."""
-        return self.frame.calibration
-
-    def packed(self, eye: str) -> bytes:
-        """Return the picture of an eye as a file's bytes, packed once for all who ask."""
-        found = self._packed.get(eye)
-        if found is None:
-            found = self._packed[eye] = self._packer.pack(self.eye(eye))
-        return found
-
-
-class Taker(Protocol):
-    """Somebody who looks."""
-
-    def wanted(self) -> Collection[str]:
-        """Return the cameras to look through now; asked in the loop's thread: be quick."""
-        ...
-
-    def take(self, shot: Shot) -> None:
-        """Take a picture, of a camera that somebody wanted; called in the drawing thread."""
-        ...
 
 
 class Pictures:

@@ -14,7 +14,8 @@ import viser
 from PIL import Image
 
 from trocar.interfaces import Loop
-from trocar.interfaces.pictures import Order, Pictures, Shot
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.shots import Order, Shot
 from trocar.interfaces.viewer.endoscope import (
     ANSWERED_S,
     BOTH,

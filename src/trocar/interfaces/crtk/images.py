@@ -23,7 +23,8 @@ from trocar.interfaces.crtk.say import header
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
 from trocar.interfaces.crtk.watching import Watch
-from trocar.interfaces.pictures import Pictures, Shot
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.shots import Shot
 
 if TYPE_CHECKING:
     from trocar.simulation import World

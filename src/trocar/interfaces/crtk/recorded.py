@@ -11,7 +11,8 @@ from trocar.interfaces.crtk.image_rows import Origin, rows_of
 from trocar.interfaces.crtk.images import message
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
 from trocar.interfaces.packing import Packer
-from trocar.interfaces.pictures import SLACK_S, Order, Renderer, Shot
+from trocar.interfaces.pictures import SLACK_S
+from trocar.interfaces.shots import Order, Renderer, Shot
 from trocar.simulation.recording import Extra
 
 if TYPE_CHECKING:

@@ -12,7 +12,8 @@ import viser
 
 from trocar.interfaces.packing import Packer
 from trocar.interfaces.pairs import Picture, anaglyph, side_by_side
-from trocar.interfaces.pictures import Pictures, Shot
+from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.shots import Shot
 from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
 
 RATE_HZ = 30.0
@@ -24,10 +25,10 @@ SPAN = 30
 ANSWERED_S = 0.2
 """A page that nobody has refreshed for so long looks at no camera [s]."""
 
-WIDTH, GAP = 430, 12
+WIDTH, GAP = 345, 12
 """Of the window, and its distance from the edges, in CSS pixels. Source: chosen by eye."""
 
-LEFT, RIGHT, BOTH, GLASSES, OFF = "left", "right", "side by side", "anaglyph", "off"
+LEFT, RIGHT, BOTH, GLASSES, OFF = "left", "right", "both", "anaglyph", "off"
 
 #: The button finds the picture beside it; the browser does the rest, and Escape ends it.
 FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
@@ -63,7 +64,7 @@ class EndoscopeWindow:
             when_pressed(self._buttons, self._choose)
             self._image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self._line = gui.add_html(FULL_SCREEN.format(said=""))
-        window.float(x=GAP, y=GAP, width=WIDTH)
+        window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
         self.leave = pictures.add(self)
 
     # ------------------------------------------------------------------ viser's thread

@@ -1,0 +1,42 @@
+"""The cameras' options of `trocar sim`: what is refused before anything starts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from trocar.cli import main
+
+LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--rig", "ecm", "--preset", "kitchen"), "dvrk_sd_640x480"),
+        (("--rig", "psm", "--preset", "hd_1280x720"), "psm has none drawn"),
+        (("--rig", "ecm", "--camera-rate", "0"), "camera rate: got 0 Hz"),
+        (("--rig", "ecm", "--vignette", "3"), "vignette: got 3"),
+        (("--rig", "ecm", "--record-images"), "--record or --foxglove-record"),
+        (("--rig", "psm", "--record-images", "--record", "run.mcap"), "psm has no camera"),
+        (("--rig", "ecm", "--record-images", "--headless"), "add --record FILE"),
+        (("--rig", "psm", "--record-images", "--headless", "--record", "a"), "psm has no camera"),
+    ],
+)
+def test_what_cameras_cannot_do_is_refused(
+    options: tuple[str, ...],
+    complaint: str,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    words = ("sim", "--duration", "0.05") if "--headless" in options else LIVE
+    assert main([*words, *options]) == 2
+    assert complaint in capsys.readouterr().err
+
+
+def test_a_rig_with_cameras_runs_without_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*LIVE, "--rig", "ecm", "--no-cameras"]) == 0
+    assert "ws://" in capsys.readouterr().out

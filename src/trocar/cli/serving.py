@@ -135,6 +135,7 @@ def serve(world: World, args: Namespace) -> None:
                 core.attach(transport)
             core.start()
         gc.collect()
+        stack.callback(gc.unfreeze)
         gc.freeze()  # going through all that was set up takes as long as thirty ticks
         _run(world, loop, args, (transports, pictures))
 

@@ -79,6 +79,12 @@ class ArmMaster:
             self._nudge(arm, here, R, world.time)
         return ""
 
+    def meet(self, gripper: float) -> None:
+        """Do nothing: fingers hold the gripper, and the jaw comes to them."""
+
+    def give_way(self) -> None:
+        """Do nothing: the hand is where it is."""
+
     def let_go(self, world: World, *, locked: bool) -> None:
         """Exert nothing but what carries the links; locked: the gimbal holds its orientation.
 

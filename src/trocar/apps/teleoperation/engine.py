@@ -15,8 +15,8 @@ from trocar.apps.teleoperation.component import Component
 from trocar.apps.teleoperation.console import Console
 from trocar.apps.teleoperation.reading import Master
 from trocar.apps.teleoperation.scope import ScopeTeleoperation
+from trocar.apps.teleoperation.states import DISABLED
 from trocar.apps.teleoperation.tool import ToolTeleoperation
-from trocar.descriptions.records import RigDescription
 from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import InputError
 from trocar.interfaces.commands import Command
@@ -33,9 +33,15 @@ KINDS = {"psm": ToolTeleoperation, "ecm": ScopeTeleoperation}
 
 @dataclass(frozen=True)
 class Ask:
-    """Something that is asked of teleoperation, done in the loop's thread."""
+    """Something that is asked of teleoperation, done in the loop's thread.
+
+    Attributes:
+        act: does it
+        stream: of those with the same only the newest counts; None: each does
+    """
 
     act: Callable[[], object]
+    stream: tuple[str, str] | None = None
 
     def apply(self, world: World) -> None:  # noqa: ARG002  as every command
         """Do it."""
@@ -89,6 +95,11 @@ class Teleoperation:
 
     # ------------------------------------------------------------------ in the loop's thread
 
+    def rest(self) -> None:
+        """Let every component hold its slave, until it is wanted again."""
+        for component in self.components.values():
+            component.desire(DISABLED)
+
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  the world's own time counts
         """Let every component do what is due after the periods that passed."""
         passed = self._world.periods - self._periods
@@ -120,9 +131,3 @@ class Teleoperation:
                     "that is read from elsewhere"
                 )
         return self.masters[name]
-
-
-def tool_teleops(rig: RigDescription, master: str) -> tuple[TeleopDescription, ...]:
-    """Return one component for each instrument of a rig, all moved by one master."""
-    arms = [arm.name for arm in rig.arms if arm.arm.type == "PSM"]
-    return tuple(TeleopDescription(f"{master}_{arm}", "psm", (master,), arm) for arm in arms)

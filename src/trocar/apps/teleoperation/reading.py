@@ -75,6 +75,14 @@ class Master(Protocol):
         """Turn towards an orientation (3, 3) where it is; return what keeps it from that, or ""."""
         ...
 
+    def meet(self, gripper: float) -> None:
+        """Learn which opening fits the jaw's [rad]; one that has no fingers takes it."""
+        ...
+
+    def give_way(self) -> None:
+        """Learn that the slave cannot follow; one that is moved by speeds goes back a step."""
+        ...
+
     def let_go(self, world: World, *, locked: bool) -> None:
         """Let the hand move it freely; locked: all but its orientation."""
         ...

@@ -31,6 +31,9 @@ TRIES = 6
 #: A step of Newton's method that is longer leaves its branch. Source: our own choice. [rad or m]
 FAR = 0.3
 INSERTION = 2
+#: A tip that is held back by more is not pushed on. Source: our own choice; joints that lag far
+#: behind would end in FAULT. [m]
+LEASH_M = 0.01
 
 
 class Slave:
@@ -64,18 +67,27 @@ class Slave:
         """
         wanted = self._T_base_view @ T
         q = self._solved(wanted)
-        if isinstance(q, str):
+        why = q if isinstance(q, str) else self._why_not(q, wanted)
+        if why or isinstance(q, str):
             self._arm.servo_jp(self._told)
-            return q
-        q = np.clip(q, self._arm.lower[: self._own], self._arm.upper[: self._own])
+            return why
+        inside = np.clip(q, self._arm.lower[: self._own], self._arm.upper[: self._own])
+        speed = (inside - self._told) / period_s
+        self._told = inside
+        self._arm.servo_jp(inside, speed)
+        beyond = np.flatnonzero(inside != q)
+        return f"{self._arm.joint_names[beyond[0]]} is at its limit" if beyond.size else ""
+
+    def _why_not(self, q: Array, wanted: Array) -> str:
+        """Return why joint positions must not be gone to, "" when they may."""
         if self._deepest_out is not None and q[INSERTION] < self._deepest_out:
-            self._arm.servo_jp(self._told)
             return (
                 f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
             )
-        speed = (q - self._told) / period_s
-        self._told = q
-        self._arm.servo_jp(q, speed)
+        here = self._tip(self._arm.readings()[0])[:3, 3]
+        told = self._tip(np.concatenate([self._told, self._rest]))[:3, 3]
+        if np.linalg.norm(here - told) > LEASH_M < np.linalg.norm(here - wanted[:3, 3]):
+            return "something is in its way"
         return ""
 
     def _solved(self, wanted: Array) -> Array | str:

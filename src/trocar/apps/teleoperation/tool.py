@@ -133,19 +133,27 @@ class ToolTeleoperation(Component):
             float(arm.lower[-1]),
             float(arm.upper[-1]),
         )
-        return JawFollower(rule, float(arm.setpoints()[-1]))
+        opening = float(arm.setpoints()[-1])
+        self.masters[0].meet(rule.gripper(opening))
+        return JawFollower(rule, opening)
 
     def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
         reading, slave = readings[0], self._slave
         if slave is None:
             return
         why = slave.follow(self.goal(reading.T), period_s)
-        if why and why != self._stuck and self._due():
-            self.say("warning", f"{self.says.slave} stays: {why}")
-        self._stuck = why
+        if why:
+            self.masters[0].give_way()
+            self._complain(why)
         jaw = self.world.arm(self.says.slave).jaw
         if self._jaw is not None and jaw is not None and reading.gripper is not None:
             jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
+
+    def _complain(self, why: str) -> None:
+        """Say what holds the tool up: at once, and while it lasts once in a while."""
+        if why != self._stuck or self._due():
+            self._stuck, self._told = why, self.world.time
+            self.say("warning", f"{self.says.slave} cannot follow: {why}")
 
     def goal(self, T: Array) -> Array:
         """Return where the tip belongs while the handle is at T, as the surgeon sees both."""

@@ -24,6 +24,7 @@ COMMANDS = {
     "sim": "simulate a rig: live in the browser, or headless",
     "render": "what a rig's camera sees, as a picture or a video",
     "run": "a script of the dVRK without ROS, as fast as it goes",
+    "teleop": "drive a rig by hand: keyboard, gamepad, SpaceMouse, masters",
     "tune": "step response of an arm's joints, and gains tuned from it",
     "mirror": "the simulated arms follow a real robot, live or recorded",
     "replay": "repeat a recording, or drive an arm along one of a real arm",

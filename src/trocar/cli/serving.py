@@ -12,6 +12,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack, closing, suppress
 from typing import TYPE_CHECKING
+from urllib.parse import urlencode
 
 from trocar.cli.arguments import number
 from trocar.cli.cameras import add_cameras, open_pictures, record_images
@@ -20,6 +21,7 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup
 
+    from trocar.apps.teleoperation.session import Session
     from trocar.interfaces import Loop
     from trocar.interfaces.crtk import Core, Transport
     from trocar.interfaces.pictures import Pictures
@@ -109,8 +111,13 @@ def _add_rates(sockets: Adds) -> None:
     )
 
 
-def serve(world: World, args: Namespace) -> None:
+def serve(world: World, args: Namespace, session: Session | None = None) -> None:
     """Run a world and serve what the options ask for, until Ctrl-C or the time is over.
+
+    Args:
+        world: what runs
+        args: the options of `add_serving`
+        session: somebody who drives; None: the rig's masters wait for clients
 
     Raises:
         InputError: a port, host or token that cannot be used, or nothing to serve
@@ -121,23 +128,24 @@ def serve(world: World, args: Namespace) -> None:
         raise InputError(
             "nothing would be served: leave out --no-page or --no-websocket, or use --headless"
         )
-    loop = _loop(world, args, shared=bool(transports))
+    shared = bool(transports) or session is not None
+    loop = _loop(world, args, shared=shared)
     with ExitStack() as stack:
         pictures = open_pictures(loop, args)
         if pictures is not None:
             stack.enter_context(closing(pictures))
             pictures.start()
         record_images(world, pictures, args)
-        if transports:
+        if shared:
             sys.setswitchinterval(SWITCH_S)
-            core = stack.enter_context(closing(_core(loop, args, pictures)))
+            core = stack.enter_context(closing(_core(loop, args, pictures, session)))
             for transport in transports:
                 core.attach(transport)
             core.start()
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()  # going through all that was set up takes as long as thirty ticks
-        _run(world, loop, args, (transports, pictures))
+        _run(world, loop, args, (transports, pictures, session))
 
 
 def _transports(args: Namespace) -> list[Transport]:
@@ -174,7 +182,7 @@ def _loop(world: World, args: Namespace, *, shared: bool) -> Loop:
     return Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
 
 
-def _core(loop: Loop, args: Namespace, pictures: Pictures | None) -> Core:
+def _core(loop: Loop, args: Namespace, pictures: Pictures | None, session: Session | None) -> Core:
     from trocar.apps.teleoperation import components
     from trocar.interfaces.crtk import Core
 
@@ -185,15 +193,18 @@ def _core(loop: Loop, args: Namespace, pictures: Pictures | None) -> Core:
         clock=args.clock,
         compat=args.compat,
         pictures=pictures,
-        components=components(loop),
+        components=components(loop) if session is None else session.components(loop),
         **given,
     )
 
 
 def _run(
-    world: World, loop: Loop, args: Namespace, served: tuple[list[Transport], Pictures | None]
+    world: World,
+    loop: Loop,
+    args: Namespace,
+    served: tuple[list[Transport], Pictures | None, Session | None],
 ) -> None:
-    transports, pictures = served
+    transports, pictures, session = served
     told = [str(getattr(transport, "greeting", transport.name)) for transport in transports]
 
     def tell(*addresses: str) -> None:
@@ -215,4 +226,12 @@ def _run(
         on_ready=lambda url: tell(url, *told),
         loop=loop,
         pictures=pictures,
+        driving=None if session is None else session.driving(_socket(transports, args)),
     )
+
+
+def _socket(transports: list[Transport], args: Namespace) -> str | None:
+    """Return where a page reaches the WebSocket, None without one."""
+    address = next((str(t.address) for t in transports if hasattr(t, "address")), None)  # type: ignore[attr-defined]
+    token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE)
+    return f"{address}/?{urlencode({'token': token})}" if address and token else address

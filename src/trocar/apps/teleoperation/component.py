@@ -47,6 +47,7 @@ class Component:
         clutched: whether the clutch is pressed
         scale: share of the masters' translation that is made
         tell: takes what changes
+        said: what it said last, "" once it follows
     """
 
     def __init__(self, world: World, says: TeleopDescription, masters: Sequence[Master]) -> None:
@@ -55,6 +56,7 @@ class Component:
         self.following = self.clutched = False
         self.scale = says.scale
         self.tell: Tell = nowhere
+        self.said = ""
         self._since = self._told = 0.0
 
     @property
@@ -146,6 +148,7 @@ class Component:
 
     def say(self, level: str, text: str) -> None:
         """Tell of something in words: "error", "warning" or "status"."""
+        self.said = text
         self.tell(level, f"{self.name}: {text}")
         _log.log(logging.INFO if level == "status" else logging.WARNING, "%s: %s", self.name, text)
 
@@ -227,7 +230,7 @@ class Component:
 
     def _set_following(self, on: bool) -> None:
         if on != self.following:
-            self.following = on
+            self.following, self.said = on, ""
             self.tell("following", on)
 
     def _follow_no_more(self) -> None:

@@ -31,6 +31,7 @@ class Device:
         arm: the instrument to begin with; the rig's first when omitted
 
     Attributes:
+        loop: as given
         master: what it moves
         engine: its teleoperation
         tools: names of the components that move instruments
@@ -40,7 +41,7 @@ class Device:
     """
 
     def __init__(self, loop: Loop, name: str, arm: str | None = None) -> None:
-        rig = loop.world.rig
+        self.loop, rig = loop, loop.world.rig
         self.master = VirtualMaster(name, lambda: loop.now)
         hands: list[Master] = [HandOf(self.master, left=left) for left in (True, False)]
         self.tools, teleops = _teleops(rig, name, [hand.name for hand in hands])

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from trocar.apps.teleoperation.arm_master import ArmMaster
+from trocar.apps.teleoperation.carrier import Carrier
 from trocar.apps.teleoperation.component import Component
 from trocar.apps.teleoperation.console import Console
 from trocar.apps.teleoperation.reading import Master
@@ -48,6 +49,14 @@ class Ask:
         self.act()
 
 
+class Player(Protocol):
+    """Moves masters by itself."""
+
+    def tick(self, period_s: float) -> None:
+        """Go on by a period [s]."""
+        ...
+
+
 class Teleoperation:
     """Every component of a rig, and the console that switches them.
 
@@ -57,9 +66,11 @@ class Teleoperation:
         masters: {name: where it is read}, of those that are no arms of the rig
 
     Attributes:
+        world: the loop's
         components: {name: component}, in the order in which they were described
         masters: {name: master}
         console: switches them
+        players: what moves masters by itself
 
     Raises:
         InputError: a master that is neither an arm of the rig nor given
@@ -71,15 +82,22 @@ class Teleoperation:
         teleops: tuple[TeleopDescription, ...] | None = None,
         masters: Mapping[str, Master] | None = None,
     ) -> None:
-        self._loop, self._world = loop, loop.world
+        self._loop, self.world = loop, loop.world
         given = dict(masters or {})
         self.masters: dict[str, Master] = {}
         self.components: dict[str, Component] = {}
-        for says in self._world.rig.teleops if teleops is None else teleops:
+        for says in self.world.rig.teleops if teleops is None else teleops:
             own = [self._master(name, given) for name in says.masters]
-            self.components[says.name] = KINDS[says.kind](self._world, says, own)
+            self.components[says.name] = KINDS[says.kind](self.world, says, own)
+        #: Hands that carry simulated masters, by their names.
+        self.carriers = {
+            name: Carrier(self.world, name)
+            for name, master in self.masters.items()
+            if isinstance(master, ArmMaster)
+        }
+        self.players: list[Player] = []
         self.console = Console(self.components)
-        self._periods = self._world.periods
+        self._periods = self.world.periods
 
     def start(self) -> Callable[[], None]:
         """Look on from now on; call the result to stop."""
@@ -102,18 +120,25 @@ class Teleoperation:
 
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  the world's own time counts
         """Let every component do what is due after the periods that passed."""
-        passed = self._world.periods - self._periods
-        self._periods = self._world.periods
+        passed = self.world.periods - self._periods
+        self._periods = self.world.periods
         if passed < 0:
+            for carrier in self.carriers.values():
+                carrier.let_go()
             for component in self.components.values():
                 component.begin_anew()
         elif passed:
+            for player in self.players:
+                player.tick(passed * self.world.timestep)
+            for carrier in self.carriers.values():
+                carrier.tick(passed * self.world.timestep)
             for component in self.components.values():
-                component.tick(passed * self._world.timestep)
+                component.tick(passed * self.world.timestep)
 
     def patience(self) -> int:
         """Return 1 while something is enabled."""
         resting = all(component.resting for component in self.components.values())
+        resting = resting and not any(carrier.busy for carrier in self.carriers.values())
         return PATIENT if resting else 1
 
     def refused(self, command: Command, reason: str) -> None:
@@ -123,7 +148,7 @@ class Teleoperation:
         if name not in self.masters:
             if name in given:
                 self.masters[name] = given[name]
-            elif name in self._world.arms:
+            elif name in self.world.arms:
                 self.masters[name] = ArmMaster(name)
             else:
                 raise InputError(

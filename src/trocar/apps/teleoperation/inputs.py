@@ -39,9 +39,7 @@ def component_with_inputs(device: Device) -> Component:
         posts.append(core)
         return whole.begin(core)
 
-    def handle(
-        act: Callable[[Core, Topic, Message], None], topic: Topic, message: Message
-    ) -> None:
+    def handle(act: Callable[[Core, Topic, Message], None], topic: Topic, message: Message) -> None:
         if posts:
             act(posts[-1], topic, message)
 

@@ -97,8 +97,9 @@ def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
     """Return what a gamepad asks for.
 
     Args:
-        axes, buttons: in the standard layout, -1 to 1 (down is above 0), and 0 to 1. Source: W3C
-            Gamepad, "standard gamepad"
+        axes, buttons: in the standard layout, -1 to 1 (down is above 0), and 0 to 1; how far the
+            left and the right trigger are pulled may follow the four axes of the sticks. Source:
+            W3C Gamepad, "standard gamepad"
     """
 
     def axis(index: int) -> float:
@@ -107,8 +108,11 @@ def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
     def pressed(index: int) -> float:
         return min(max(buttons[index], 0.0), 1.0) if index < len(buttons) else 0.0
 
+    def pulled(trigger: int) -> float:
+        return axis(4 + trigger) if len(axes) >= 6 else _beyond_rest(pressed(6 + trigger))
+
     return Drive(
-        move=(axis(0), -axis(1), _beyond_rest(pressed(7)) - _beyond_rest(pressed(6))),
+        move=(axis(0), -axis(1), pulled(1) - pulled(0)),
         turn=(axis(3), axis(2), pressed(5) - pressed(4)),
         grip=pressed(1) - pressed(0),
         pace=FINE if pressed(2) > 0.5 else FAST**0.5,

@@ -40,7 +40,7 @@ class Slave:
     """Lead a tool's tip.
 
     Args:
-        arm: a PSM
+        arm: a PSM, or a master that a hand carries
         T_view_base: the arm's own reference frame as the surgeon sees it, (4, 4)
     """
 
@@ -124,7 +124,7 @@ class Slave:
 
     def _insertion_of(self, depth: float) -> float | None:
         """Return the insertion that puts the wrist so far past the remote centre, None without."""
-        if "wrist_pitch" not in self._mechanism.frame_index or self._own <= INSERTION:
+        if self._arm.type != "PSM" or "wrist_pitch" not in self._mechanism.frame_index:
             return None
         q = np.concatenate([self._told, self._rest])
         wrist = chain_pose(self._mechanism, "wrist_pitch")(q)[:3, 3]

@@ -17,6 +17,7 @@ from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.viewer.endoscope import EndoscopeWindow
+from trocar.interfaces.viewer.driving import Driving, DrivingWindow
 from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
 from trocar.interfaces.viewer.own_thread import run_there
@@ -58,6 +59,7 @@ class Page:
         world: World,
         loop: Loop,
         pictures: Pictures | None = None,
+        driving: Driving | None = None,
     ) -> None:
         self._server, self._loop = server, loop
         self._looks = 0
@@ -73,6 +75,7 @@ class Page:
         self._centres = RemoteCentres(server.scene, now)
         self._tools = ToolFrames(server.scene, tips_of(world))
         self._tips: Future[dict[str, Floats]] | None = None
+        self._where: dict[str, Floats] = {}
         self._history = History()
         sheets = {name: read_sheet(world, name) for name in _tools_first(world)}
         _theme(server.gui)
@@ -85,6 +88,7 @@ class Page:
             self._plots = JointPlots(server.gui, self._panel.sheet)
         window.dock_left()
         window.set_width(PANEL_WIDTH)
+        self._hands = None if driving is None else DrivingWindow(server, driving)
         self._scope = None
         if pictures is not None:
             eyes = {name: len(c.calibration.eyes) for name, c in pictures.cameras(world).items()}
@@ -100,6 +104,8 @@ class Page:
             self._show_bodies(state.snapshot)
             self._centres.show(state.snapshot)
             self._show_tools()
+            if self._hands is not None:
+                self._hands.show(self._where)
             if self._scope is not None:
                 self._scope.show(time.perf_counter())
         if self._looks % PLOTS_EVERY == 0:
@@ -125,10 +131,11 @@ class Page:
             self._shapes = self._loop.ask(lambda world: (world.snapshot().build, world.shapes()))
 
     def _show_tools(self) -> None:
-        if not self._tools.visible:
+        if not self._tools.visible and self._hands is None:
             return
         if self._tips is not None and self._tips.done() and not self._tips.cancelled():
-            self._tools.show(self._tips.result())
+            self._where = self._tips.result()
+            self._tools.show(self._where)
         if self._tips is None or self._tips.done():
             self._tips = self._loop.ask(tips_of)
 
@@ -153,6 +160,7 @@ def serve(
     loop: Loop | None = None,
     pictures: Pictures | None = None,
     note: Callable[[], str] | None = None,
+    driving: Driving | None = None,
 ) -> None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
@@ -165,6 +173,7 @@ def serve(
         on_ready: called with the page's address once it is served and time flows
         loop: the world's loop, when others talk to it, too; not running yet, and ended here
         pictures: draws what the cameras of the loop's world see; None: the page shows none
+        driving: what it offers to hands: keys, handles, pedals
         note: HTML that is shown above the table of joints, asked for five times a second
 
     Raises:
@@ -173,7 +182,7 @@ def serve(
     """
     with serving(host, port, label=f"trocar: {world.rig.name}") as server:
         loop = loop or Loop(world, speed=speed)
-        page = run_there(server, lambda: Page(server, world, loop, pictures))
+        page = run_there(server, lambda: Page(server, world, loop, pictures, driving))
         page.note(note)
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)

@@ -98,7 +98,7 @@ class Player:
     @property
     def busy(self) -> bool:
         """Whether it carries masters now."""
-        return 0.0 <= self._time and not self.over
+        return self._time >= 0.0 and not self.over
 
     def tick(self, period_s: float) -> None:
         """Go on by a period [s]."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from trocar.apps.teleoperation import engine_and_components
 from trocar.apps.teleoperation.device import Device
 from trocar.apps.teleoperation.drive import Drive
 from trocar.apps.teleoperation.engine import Ask, Teleoperation
@@ -15,7 +16,6 @@ from trocar.apps.teleoperation.mapping import TABLES
 from trocar.apps.teleoperation.motion import Motion, Player
 from trocar.apps.teleoperation.polling import Poll, Source
 from trocar.apps.teleoperation.puck import Puck
-from trocar.apps.teleoperation.served import component
 from trocar.apps.teleoperation.window import driving_by_device, driving_by_masters
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.crtk import Component
@@ -70,7 +70,7 @@ class Session:
             InputError: a rig without instruments or, for masters, without any
         """
         if self._kind == "masters":
-            return (self._masters(loop),)
+            return self._masters(loop)
         device = self._device = Device(loop, self._kind.upper(), self._arm)
         self._set_scale(device.engine)
         if self._source is not None:
@@ -93,15 +93,14 @@ class Session:
         for end in self._ends:
             end()
 
-    def _masters(self, loop: Loop) -> Component:
-        arms = loop.world.arms
-        able = tuple(t for t in loop.world.rig.teleops if set(t.masters) <= set(arms))
-        if not able:
+    def _masters(self, loop: Loop) -> tuple[Component, ...]:
+        if not loop.world.rig.teleops:
             raise InputError(
                 f"rig {loop.world.rig.name}: has no masters that move anything; allowed: a rig "
                 "with [[teleop]], as full_cart_mtm"
             )
-        engine = self._engine = Teleoperation(loop, able)
+        engine, parts = engine_and_components(loop)
+        self._engine = engine
         self._set_scale(engine)
         if self._arm is not None:
             engine.console.select(_of_slave(engine, self._arm))
@@ -109,7 +108,7 @@ class Session:
         engine.console.see_operator(True)
         if self._motion is not None:
             engine.players.append(Player(engine, self._motion))
-        return component(engine)
+        return parts
 
     def _set_scale(self, engine: Teleoperation) -> None:
         if self._scale is not None:

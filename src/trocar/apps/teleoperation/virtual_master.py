@@ -108,10 +108,10 @@ class VirtualMaster:
         """Go back to where it was at the reading before."""
         self._T = self._before
 
-    def let_go(self, world: World, *, locked: bool) -> None:  # noqa: ARG002  as every master
+    def let_go(self, world: World, *, locked: bool) -> None:
         """Do nothing: nothing holds it."""
 
-    def hold(self, world: World) -> None:  # noqa: ARG002  as every master
+    def hold(self, world: World) -> None:
         """Do nothing: it does not move by itself."""
 
 
@@ -156,8 +156,8 @@ class HandOf:
     def give_way(self) -> None:
         """Do nothing: the endoscope stops at its limits by itself."""
 
-    def let_go(self, world: World, *, locked: bool) -> None:  # noqa: ARG002  as every master
+    def let_go(self, world: World, *, locked: bool) -> None:
         """Do nothing: nothing holds it."""
 
-    def hold(self, world: World) -> None:  # noqa: ARG002  as every master
+    def hold(self, world: World) -> None:
         """Do nothing: it does not move by itself."""

@@ -124,7 +124,8 @@ class Handles:
 def _table(lines: Sequence[tuple[str, str]]) -> str:
     rows = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
     return (
-        '<table data-trocar="mapping" style="font-size:.82em;line-height:1.5;border-spacing:10px 0">'
+        '<table data-trocar="mapping"'
+        ' style="font-size:.82em;line-height:1.5;border-spacing:10px 0">'
         f"{rows}</table>"
     )
 

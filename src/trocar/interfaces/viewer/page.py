@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.viewer.endoscope import EndoscopeWindow
 from trocar.interfaces.viewer.driving import Driving, DrivingWindow
+from trocar.interfaces.viewer.endoscope import EndoscopeWindow
 from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
 from trocar.interfaces.viewer.own_thread import run_there

@@ -1,0 +1,229 @@
+"""Masters that are carried by a hand or a recording, and masters that are somewhere else."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trocar.apps.teleoperation import engine_and_components
+from trocar.apps.teleoperation import gamepad as gamepad_module
+from trocar.apps.teleoperation import puck as puck_module
+from trocar.apps.teleoperation.session import Session
+from trocar.descriptions.catalogue import DATA
+from trocar.errors import InputError, MissingExtraError, UnknownNameError
+from trocar.interfaces import Loop
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.transports.memory import MemoryTransport
+from trocar.simulation import World
+
+from .console_rig import Bench
+from .test_devices import Clock
+
+REMOTE = """
+[[teleop]]
+kind = "psm"
+master = "HAND"
+slave = "PSM1"
+gripper_threshold_deg = 0
+"""
+
+
+def test_a_hand_on_a_handle_carries_the_master_and_the_tool_follows() -> None:
+    bench = Bench()
+    bench.enable()
+    world = bench.world
+    base = world.reference_pose("MTMR")
+    goal = base @ world.arm("MTMR").local_measured_cp().T
+    tool = world.arm("PSM1").setpoint_cp().T[:3, 3]
+    goal[:3, 3] += [0.02, 0.01, 0.015]
+    bench.engine.carriers["MTMR"].carry(goal)
+    bench.run(0.6)
+    here = base @ world.arm("MTMR").local_measured_cp().T
+    np.testing.assert_allclose(here[:3, 3], goal[:3, 3], atol=2e-3)
+    moved = np.linalg.norm(world.arm("PSM1").setpoint_cp().T[:3, 3] - tool)
+    assert moved == pytest.approx(0.2 * np.linalg.norm([0.02, 0.01, 0.015]), rel=0.1)
+    bench.engine.carriers["MTMR"].let_go()
+    assert not bench.engine.carriers["MTMR"].busy
+
+
+def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    source = Bench()
+    with source.world.record(tmp_path / "hands.mcap"):
+        goal = source.world.arm("MTMR").measured_cp().T
+        goal[:3, 3] += [0.03, 0.0, 0.0]
+        source.carry("MTMR", goal)
+        source.run(0.1)
+    loop = Loop(World("full_cart_mtm", setup_joints="locked"), tick_s=0.001, speed="max")
+    session = Session("masters", motion=str(tmp_path / "hands.mcap"))
+    core = Core(loop, components=session.components(loop))
+    core.attach(MemoryTransport([]))
+    core.begin()
+    player = session._engine.players[0]
+    while not player.over:
+        assert loop.world.time < 15.0
+        if player.busy and "before" not in locals():
+            before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
+        loop.tick()
+    for _ in range(200):
+        loop.tick()
+    moved = loop.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
+    assert np.linalg.norm(moved) == pytest.approx(0.2 * 0.03, rel=0.15)
+
+
+class Away:
+    """A rig whose master is somewhere else, and that master."""
+
+    def __init__(self, folder: Path) -> None:
+        text = (DATA / "rigs" / "two_psm_ecm.toml").read_text(encoding="utf-8")
+        (folder / "rig.toml").write_text(text + REMOTE, encoding="utf-8")
+        self.clock, self.world = Clock(), World(folder / "rig.toml")
+        self.world.reset(pose="work")
+        self.loop = Loop(self.world, tick_s=0.001, clock=self.clock)
+        self.engine, parts = engine_and_components(self.loop)
+        self.core = Core(self.loop, components=parts)
+        self.transport = MemoryTransport(["HAND/move_cp", "HAND_PSM1/error"])
+        self.core.attach(self.transport)
+        self.core.begin()
+        self.one = self.engine.components["HAND_PSM1"]
+        self.at, self.turn = np.array([0.0, 0.0, 0.3]), {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+
+    def run(self, seconds: float, *, talk: bool = True) -> None:
+        for k in range(round(seconds / 0.001)):
+            if talk and k % 10 == 0:
+                place = dict(zip("xyz", self.at.tolist(), strict=True))
+                pose = {"position": place, "orientation": self.turn}
+                assert self.core.receive("HAND/measured_cp", {"pose": pose})
+                grip = {"position": [0.6], "name": []}
+                assert self.core.receive("HAND/gripper/measured_js", grip)
+            self.loop.tick()
+            self.clock.time += 0.001
+        self.core.publish_waiting()
+
+
+def test_a_master_somewhere_else_is_asked_to_turn_and_then_moves_the_tool(tmp_path: Path) -> None:
+    away = Away(tmp_path)
+    away.one.command("enable")
+    away.run(0.2)
+    assert away.one.current == "ALIGNING_MTM"
+    asked = away.transport.last("HAND/move_cp")
+    assert asked["header"]["frame_id"] == "HRSV"
+    away.turn = asked["pose"]["orientation"]
+    away.run(0.1)
+    assert away.one.following
+    before = away.world.arm("PSM1").setpoint_cp().T[:3, 3]
+    away.at = away.at + [0.0, 0.01, 0.0]
+    away.run(0.1)
+    moved = away.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
+    assert np.linalg.norm(moved) == pytest.approx(0.002, abs=1e-6)
+
+
+def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_path: Path) -> None:
+    away = Away(tmp_path)
+    away.one.command("enable")
+    away.run(0.2)
+    away.turn = away.transport.last("HAND/move_cp")["pose"]["orientation"]
+    away.run(0.1)
+    assert away.one.following
+    there = away.world.arm("PSM1").setpoints()
+    away.run(0.3, talk=False)
+    assert away.one.current == "DISABLED"
+    assert not away.one.following
+    assert "HAND: said nothing for 0.1 s" in str(away.transport.last("HAND_PSM1/error")["data"])
+    np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
+
+
+def test_what_a_session_cannot_be_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="keyboard"):
+        Session("piano")
+    with pytest.raises(InputError, match="above 0 to 1"):
+        Session("keyboard", scale=2.0)
+    with pytest.raises(InputError, match="with --device masters"):
+        Session("keyboard", motion="x.mcap")
+    with pytest.raises(InputError, match=r"as full_cart_mtm"):
+        Session("masters").components(Loop(World("psm")))
+
+
+@pytest.mark.parametrize(("module", "name"), [(gamepad_module, "gamepad"), (puck_module, "spacemouse")])
+def test_a_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, module, name) -> None:
+    monkeypatch.setattr(module, "find_spec", lambda _: None)
+    with pytest.raises(MissingExtraError, match=rf"trocar\[{name}\]"):
+        Session(name)
+
+
+class FakeHid:
+    """Stands for the library of HID devices, with one puck plugged in."""
+
+    def __init__(self) -> None:
+        self.reports: list[bytes] = []
+        self.plugged = True
+
+    def enumerate(self, vendor: int, product: int) -> list[dict]:  # noqa: ARG002
+        one = {"path": b"/dev/hidraw7", "product_id": 0xC635, "usage_page": 1, "usage": 8}
+        return [one] if vendor == 0x256F and self.plugged else []
+
+    def device(self) -> SimpleNamespace:
+        def read(_size: int) -> list[int]:
+            if not self.plugged:
+                raise OSError("unplugged")
+            return list(self.reports.pop(0)) if self.reports else []
+
+        return SimpleNamespace(
+            open_path=lambda _: None, set_nonblocking=lambda _: None, read=read, close=lambda: None
+        )
+
+
+def test_a_puck_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
+    hid = FakeHid()
+    monkeypatch.setattr(puck_module, "find_spec", lambda _: True)
+    monkeypatch.setattr(puck_module, "import_module", lambda _: hid)
+    puck = puck_module.Puck()
+    puck.open()
+    hid.reports = [b"\x01" + struct.pack("<3h", 350, 0, -350), b"\x03\x01"]
+    drive = puck.look()
+    assert drive.move == (1.0, 1.0, 0.0)
+    assert drive.grip == -1.0
+    hid.plugged = False
+    assert puck.look() is None
+    hid.plugged = True
+    assert not puck.look().linear.any()
+    hid.plugged = False
+    with pytest.raises(InputError, match="none is plugged in"):
+        puck_module.Puck()
+
+
+def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    there = [True]
+    one = SimpleNamespace(
+        attached=lambda: there[0],
+        get_axis=lambda index: 32767 if index in (0, 5) else 0,
+        get_button=lambda index: index == 1,
+    )
+    sdl = SimpleNamespace(
+        init=lambda: None,
+        quit=lambda: None,
+        get_count=lambda: int(there[0]),
+        is_controller=lambda _: True,
+        Controller=lambda _: one,
+    )
+    nothing = SimpleNamespace(init=lambda: None, pump=lambda: None)
+    library = SimpleNamespace(display=nothing, event=nothing)
+    monkeypatch.setattr(gamepad_module, "find_spec", lambda _: True)
+    monkeypatch.setattr(
+        gamepad_module, "import_module", lambda name: library if name == "pygame" else sdl
+    )
+    pad = gamepad_module.Gamepad()
+    pad.open()
+    drive = pad.look()
+    assert drive.move == (1.0, 0.0, 1.0)
+    assert drive.grip == 1.0
+    there[0] = False
+    assert pad.look() is None
+    with pytest.raises(InputError, match="no gamepad is plugged in"):
+        gamepad_module.Gamepad()

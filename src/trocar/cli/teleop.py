@@ -3,7 +3,7 @@
 Serves the page, and topics, as `trocar sim` does; hands move the first instrument, or that of
 --arm, as the endoscope sees it. docs/teleoperation.md says more.
 
-keyboard (in the page: click on the window "Drive" first)
+keyboard (in the page: click on the frame in the tab "Drive" first)
   A  D                       left, right
   W  S                       up, down
   R  F                       away, nearer

@@ -116,7 +116,7 @@ def test_a_master_somewhere_else_is_asked_to_turn_and_then_moves_the_tool(tmp_pa
     away.run(0.1)
     assert away.one.following
     before = away.world.arm("PSM1").setpoint_cp().T[:3, 3]
-    away.at = away.at + [0.0, 0.01, 0.0]
+    away.at = np.add(away.at, [0.0, 0.01, 0.0])
     away.run(0.1)
     moved = away.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
     assert np.linalg.norm(moved) == pytest.approx(0.002, abs=1e-6)
@@ -137,7 +137,7 @@ def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_p
     np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
 
 
-def test_what_a_session_cannot_be_is_refused(tmp_path: Path) -> None:
+def test_what_a_session_cannot_be_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="keyboard"):
         Session("piano")
     with pytest.raises(InputError, match="above 0 to 1"):
@@ -148,7 +148,9 @@ def test_what_a_session_cannot_be_is_refused(tmp_path: Path) -> None:
         Session("masters").components(Loop(World("psm")))
 
 
-@pytest.mark.parametrize(("module", "name"), [(gamepad_module, "gamepad"), (puck_module, "spacemouse")])
+@pytest.mark.parametrize(
+    ("module", "name"), [(gamepad_module, "gamepad"), (puck_module, "spacemouse")]
+)
 def test_a_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, module, name) -> None:
     monkeypatch.setattr(module, "find_spec", lambda _: None)
     with pytest.raises(MissingExtraError, match=rf"trocar\[{name}\]"):

@@ -2,38 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
-from typing import TYPE_CHECKING
 
 from trocar.apps.teleoperation.device import Device
 from trocar.apps.teleoperation.engine import Teleoperation
 from trocar.apps.teleoperation.inputs import KEYS, PAD
 from trocar.apps.teleoperation.mapping import TABLES, Line
 from trocar.apps.teleoperation.states import DISABLED, ENABLED
-
-if TYPE_CHECKING:
-    from trocar.interfaces.viewer import Driving
+from trocar.interfaces.viewer import Driving
 
 COLOURS = {DISABLED: "#868e96", ENABLED: "#2b8a3e"}
 
 
 def driving_by_device(device: Device, kind: str, websocket: str | None) -> Driving:
-    """Return the window of a keyboard, a gamepad or a puck.
+    """Return the tab of a keyboard, a gamepad or a puck.
 
     Args:
         device: what is driven
         kind: which table is shown
         websocket: where the page sends keys to; None: the device is not in the page
     """
-    from trocar.interfaces.viewer import Driving
-
     tables = ("keyboard", "gamepad") if websocket else (kind,)
-    lines = [line for table in tables for line in TABLES[table]]
     return Driving(
         "Drive",
-        _rows(lines),
+        {table: _rows(TABLES[table]) for table in tables},
         partial(_said, device.engine),
         websocket,
         KEYS,
@@ -43,13 +37,11 @@ def driving_by_device(device: Device, kind: str, websocket: str | None) -> Drivi
 
 
 def driving_by_masters(engine: Teleoperation) -> Driving:
-    """Return the window of simulated masters: handles to carry them, and pedals."""
-    from trocar.interfaces.viewer import Driving
-
+    """Return the tab of simulated masters: handles to carry them, and pedals."""
     console = engine.console
     return Driving(
         "Masters",
-        _rows(list(TABLES["masters"])),
+        {"masters": _rows(TABLES["masters"])},
         partial(_said, engine),
         pedals={
             "Teleoperation on": _switch(engine, console.enable),
@@ -68,7 +60,7 @@ def _switch(engine: Teleoperation, act: Callable[[bool], object]) -> Callable[[b
     return lambda on: engine.ask(partial(act, on))
 
 
-def _rows(lines: list[Line]) -> list[tuple[str, str]]:
+def _rows(lines: Sequence[Line]) -> list[tuple[str, str]]:
     return [(line.touch, line.does) for line in lines]
 
 

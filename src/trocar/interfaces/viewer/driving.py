@@ -19,7 +19,7 @@ from trocar.interfaces.viewer.own_thread import when_touched
 
 Floats = NDArray[np.float64]
 
-HEIGHT_PX = 348
+HEIGHT_PX = 330
 """Of the part that takes keys. Source: chosen by eye: its table needs no scrolling."""
 
 HANDLE_M = 0.14
@@ -34,8 +34,8 @@ class Driving:
     """What the page offers to hands.
 
     Attributes:
-        title: of the window
-        lines: (what is touched, what it does), shown as a table
+        title: of the tab
+        tables: {device: (what is touched, what it does)}; the first is open
         websocket: where keys and gamepads are sent to, None: the page takes none
         keys, gamepad: topics that they are sent to
         pedals: {name of a switch: what it does}, and how each stands
@@ -46,7 +46,7 @@ class Driving:
     """
 
     title: str
-    lines: Sequence[tuple[str, str]]
+    tables: Mapping[str, Sequence[tuple[str, str]]]
     tell: Callable[[], str]
     websocket: str | None = None
     keys: str = ""
@@ -60,21 +60,23 @@ class Driving:
     let_go: Callable[[str], object] | None = None
 
 
-class DrivingWindow:
-    """The window, and the handles in the scene; made and refreshed in viser's thread."""
+class DrivingTab:
+    """The tab, and the handles in the scene; made and refreshed in viser's thread.
+
+    Args:
+        server: of the page; the tab is the one that is being filled
+        driving: what is offered
+    """
 
     def __init__(self, server: viser.ViserServer, driving: Driving) -> None:
         self._driving = driving
         self._looks, self._said = 0, ""
         gui = server.gui
-        window = gui.add_panel()
-        with window.add_tab(driving.title):
-            self._state = gui.add_html("")
-            for name, act in driving.pedals.items():
-                box = gui.add_checkbox(name, driving.pressed.get(name, False))
-                when_touched(box, act)
-            gui.add_html(_frame(driving) if driving.websocket else _table(driving.lines))
-        window.float(x=12, y=420, width=430)
+        self._state = gui.add_html("")
+        for name, act in driving.pedals.items():
+            box = gui.add_checkbox(name, driving.pressed.get(name, False))
+            when_touched(box, act)
+        gui.add_html(_frame(driving) if driving.websocket else _tables(driving))
         self._handles = Handles(server.scene, driving) if driving.handles else None
 
     def show(self, tips: Mapping[str, Floats]) -> None:
@@ -121,6 +123,16 @@ class Handles:
         return node
 
 
+def _tables(driving: Driving) -> str:
+    """Return every table; those after the first open when they are clicked on."""
+    (_, first), *others = driving.tables.items()
+    folded = (
+        f"<details><summary>{escape(name)}</summary>{_table(lines)}</details>"
+        for name, lines in others
+    )
+    return _table(first) + "".join(folded)
+
+
 def _table(lines: Sequence[tuple[str, str]]) -> str:
     rows = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
     return (
@@ -138,7 +150,7 @@ def _frame(driving: Driving) -> str:
         "keys": f"/{driving.keys}",
         "gamepad": f"/{driving.gamepad}",
     }
-    page = page.replace("{{TABLE}}", _table(driving.lines)).replace("{{TOLD}}", dumps(told))
+    page = page.replace("{{TABLE}}", _tables(driving)).replace("{{TOLD}}", dumps(told))
     return (
         f'<iframe data-trocar="keys" title="keys" allow="gamepad" srcdoc="{escape(page)}"'
         f' style="width:100%;height:{HEIGHT_PX}px;border:0;border-radius:6px"></iframe>'

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.viewer.driving import Driving, DrivingWindow
+from trocar.interfaces.viewer.driving import Driving, DrivingTab
 from trocar.interfaces.viewer.endoscope import EndoscopeWindow
 from trocar.interfaces.viewer.history import History
 from trocar.interfaces.viewer.markers import RemoteCentres, ToolFrames, tips_of
@@ -83,12 +83,15 @@ class Page:
             server.gui, loop, sheets, world.rig.poses, marks=(self._centres, self._tools)
         )
         window = server.gui.add_panel()
+        self._hands: DrivingTab | None = None
+        if driving is not None:
+            with window.add_tab(driving.title):
+                self._hands = DrivingTab(server, driving)
         with window.add_tab("Measurements"):
             self._tables = StatusTables(server.gui, self.notices)
             self._plots = JointPlots(server.gui, self._panel.sheet)
         window.dock_left()
         window.set_width(PANEL_WIDTH)
-        self._hands = None if driving is None else DrivingWindow(server, driving)
         self._scope = None
         if pictures is not None:
             eyes = {name: len(c.calibration.eyes) for name, c in pictures.cameras(world).items()}

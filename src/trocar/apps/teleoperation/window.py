@@ -77,4 +77,4 @@ def _said(engine: Teleoperation) -> str:
             f' <span style="opacity:.65">scale {one.scale:g}</span></div>'
             + (f'<div style="opacity:.75">{escape(one.said)}</div>' if one.said else "")
         )
-    return f'<div data-trocar="teleop" style="font-size:.9em">{"".join(found)}</div>'
+    return f'<div data-trocar="teleop" style="font-size:.9em;padding:0 11px">{"".join(found)}</div>'

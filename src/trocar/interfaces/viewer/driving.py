@@ -19,7 +19,7 @@ from trocar.interfaces.viewer.own_thread import when_touched
 
 Floats = NDArray[np.float64]
 
-HEIGHT_PX = 330
+HEIGHT_PX = 300
 """Of the part that takes keys. Source: chosen by eye: its table needs no scrolling."""
 
 HANDLE_M = 0.14
@@ -137,7 +137,7 @@ def _table(lines: Sequence[tuple[str, str]]) -> str:
     rows = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
     return (
         '<table data-trocar="mapping"'
-        ' style="font-size:.82em;line-height:1.5;border-spacing:10px 0">'
+        ' style="font-size:.92em;line-height:1.45;border-spacing:10px 0">'
         f"{rows}</table>"
     )
 

@@ -89,7 +89,7 @@ def by_pad(session: Session, error: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("way", [by_keys, by_pad])
-@pytest.mark.parametrize("peg", PEGS)
+@pytest.mark.parametrize("peg", [PEGS[0], pytest.param(PEGS[1], marks=pytest.mark.slow)])
 def test_a_newcomer_brings_the_jaws_to_a_peg_within_a_target_of_two_millimetres(
     way: Callable[[Session, np.ndarray], None], peg: list[float]
 ) -> None:

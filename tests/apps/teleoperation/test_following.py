@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from trocar.apps.replay import repeat
 from trocar.geometry import angle_between
 from trocar.simulation import World
 
@@ -112,3 +115,15 @@ def test_alignment_is_reached_from_twenty_random_places() -> None:
         one.command("disable")
         bench.run(0.01)
         assert one.current == "DISABLED"
+
+
+def test_a_recording_of_teleoperation_repeats_to_the_last_bit(tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    bench = Bench()
+    with bench.world.record(tmp_path / "hands.mcap"):
+        bench.enable()
+        bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().T), seconds=0.2)
+        bench.console.press_clutch(True)
+        bench.run(0.05)
+    report = repeat(str(tmp_path / "hands.mcap"))
+    assert report.identical, report

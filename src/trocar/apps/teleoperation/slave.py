@@ -84,9 +84,10 @@ class Slave:
             return (
                 f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
             )
-        here = self._tip(self._arm.readings()[0])[:3, 3]
-        told = self._tip(np.concatenate([self._told, self._rest]))[:3, 3]
-        if np.linalg.norm(here - told) > LEASH_M < np.linalg.norm(here - wanted[:3, 3]):
+        here = self._arm.readings()[0]
+        both = self._tip(np.stack([here, np.concatenate([self._told, self._rest])]))[:, :3, 3]
+        lag, far = both[0] - both[1], both[0] - wanted[:3, 3]
+        if lag @ lag > LEASH_M**2 < far @ far:
             return "something is in its way"
         return ""
 
@@ -102,7 +103,7 @@ class Slave:
             misses = _miss(T, wanted)
             if np.abs(misses).max() < MET:
                 return q
-            step = np.linalg.lstsq(J, misses, rcond=1e-6)[0]
+            step = _step(J, misses)
             if np.abs(step).max() > FAR:
                 break
             q = q + step
@@ -120,7 +121,10 @@ class Slave:
         rows = np.tile(np.concatenate([q, self._rest]), (self._own + 1, 1))
         rows[np.arange(1, self._own + 1), np.arange(self._own)] += STEP
         found = self._tip(rows)
-        return found[0], np.stack([_miss(found[0], T) / STEP for T in found[1:]], axis=1)
+        R, p = found[:, :3, :3], found[:, :3, 3]
+        D = R[1:] @ R[0].T
+        turn = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]])
+        return found[0], np.concatenate([(p[1:] - p[0]).T, 0.5 * turn]) / STEP
 
     def _insertion_of(self, depth: float) -> float | None:
         """Return the insertion that puts the wrist so far past the remote centre, None without."""
@@ -130,6 +134,16 @@ class Slave:
         wrist = chain_pose(self._mechanism, "wrist_pitch")(q)[:3, 3]
         ahead = chain_pose(self._mechanism, "roll")(q)[:3, 2]
         return float(q[INSERTION] - ahead @ wrist + depth)
+
+
+def _step(J: Array, misses: Array) -> Array:
+    """Return the smallest change of joints that makes up for what misses, (n,)."""
+    if J.shape[0] == J.shape[1]:
+        try:
+            return np.linalg.solve(J, misses)
+        except np.linalg.LinAlgError:
+            pass
+    return np.linalg.lstsq(J, misses, rcond=1e-6)[0]
 
 
 def _miss(T: Array, wanted: Array) -> Array:

@@ -140,10 +140,10 @@ def _step(J: Array, misses: Array) -> Array:
     """Return the smallest change of joints that makes up for what misses, (n,)."""
     if J.shape[0] == J.shape[1]:
         try:
-            return np.linalg.solve(J, misses)
+            return np.asarray(np.linalg.solve(J, misses), dtype=np.float64)
         except np.linalg.LinAlgError:
             pass
-    return np.linalg.lstsq(J, misses, rcond=1e-6)[0]
+    return np.asarray(np.linalg.lstsq(J, misses, rcond=1e-6)[0], dtype=np.float64)
 
 
 def _miss(T: Array, wanted: Array) -> Array:

@@ -51,6 +51,7 @@ class Bench:
         for shut in (True, False):
             for name in masters:
                 gripper = self.world.arm(name).gripper
+                assert gripper is not None
                 gripper.squeeze_to(0.2) if shut else gripper.release()
             self.run(0.3)
 

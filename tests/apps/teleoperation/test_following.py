@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from trocar.apps.replay import repeat
+from trocar.apps.teleoperation.tool import ToolTeleoperation
 from trocar.geometry import angle_between
 from trocar.simulation import World
 
@@ -26,6 +28,12 @@ def shifted(T: np.ndarray, by: np.ndarray = SHIFT) -> np.ndarray:
     return goal
 
 
+def following(bench: Bench) -> Any:
+    one = bench.engine.components["MTMR_PSM1"]
+    assert isinstance(one, ToolTeleoperation)
+    return one
+
+
 @pytest.fixture
 def bench() -> Bench:
     bench = Bench()
@@ -35,7 +43,7 @@ def bench() -> Bench:
 
 @pytest.mark.parametrize("scale", [0.2, 1.0 / 3.0])
 def test_the_scale_is_exact(bench: Bench, scale: float) -> None:
-    one = bench.engine.components["MTMR_PSM1"]
+    one = following(bench)
     one.set_scale(scale)
     hand, tool = one._from, one._to
     bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().T))
@@ -82,7 +90,7 @@ def test_the_tool_follows_within_ten_milliseconds(bench: Bench) -> None:
         master.append(world.arm("MTMR").measured_cp().T[:3, 3])
         tool.append(world.arm("PSM1").measured_cp().T[:3, 3])
     far = np.array(tool)[300:] - tool[300]
-    one = bench.engine.components["MTMR_PSM1"]
+    one = following(bench)
     R = (world.arm("PSM1").measured_cp().T[:3, :3]) @ one._slave.T[:3, :3].T
     lags = []
     for begin in range(0, 1100, 100):
@@ -100,7 +108,7 @@ def test_the_tool_follows_within_ten_milliseconds(bench: Bench) -> None:
 @pytest.mark.slow
 def test_alignment_is_reached_from_twenty_random_places() -> None:
     bench = Bench(collisions=False, tick_s=0.005)  # or the other master would be in the way
-    world, one = bench.world, bench.engine.components["MTMR_PSM1"]
+    world, one = bench.world, following(bench)
     arm, rng = world.arm("MTMR"), np.random.default_rng(7)
     for _ in range(20):
         q = arm.setpoints()

@@ -12,6 +12,7 @@ import pytest
 from trocar.apps.teleoperation import engine_and_components
 from trocar.apps.teleoperation import gamepad as gamepad_module
 from trocar.apps.teleoperation import puck as puck_module
+from trocar.apps.teleoperation.motion import Player
 from trocar.apps.teleoperation.session import Session
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
@@ -63,10 +64,13 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     core = Core(loop, components=session.components(loop))
     core.attach(MemoryTransport([]))
     core.begin()
+    assert session._engine is not None
     player = session._engine.players[0]
+    assert isinstance(player, Player)
+    before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
     while not player.over:
         assert loop.world.time < 15.0
-        if player.busy and "before" not in locals():
+        if not player.busy:
             before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
         loop.tick()
     for _ in range(200):
@@ -187,12 +191,14 @@ def test_a_puck_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) ->
     puck.open()
     hid.reports = [b"\x01" + struct.pack("<3h", 350, 0, -350), b"\x03\x01"]
     drive = puck.look()
+    assert drive is not None
     assert drive.move == (1.0, 1.0, 0.0)
     assert drive.grip == -1.0
     hid.plugged = False
     assert puck.look() is None
     hid.plugged = True
-    assert not puck.look().linear.any()
+    again = puck.look()
+    assert again is not None and not again.linear.any()
     hid.plugged = False
     with pytest.raises(InputError, match="none is plugged in"):
         puck_module.Puck()
@@ -223,6 +229,7 @@ def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
     pad = gamepad_module.Gamepad()
     pad.open()
     drive = pad.look()
+    assert drive is not None
     assert drive.move == (1.0, 0.0, 1.0)
     assert drive.grip == 1.0
     there[0] = False

@@ -17,6 +17,10 @@ from trocar.simulation import World
 from ..fake_renderer import FakeRenderer
 
 pytest.importorskip("selenium", reason="selenium is not installed")
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    StaleElementReferenceException,
+)
 from selenium.webdriver.common.by import By
 
 from .browser import chromium
@@ -47,7 +51,10 @@ def test_pictures_come_and_one_fills_the_screen(tmp_path: Path) -> None:
 
         def press() -> bool:
             browser.tab.execute_script(NOTES)
-            browser.tab.find_element(By.CSS_SELECTOR, BUTTON).click()
+            try:
+                browser.tab.find_element(By.CSS_SELECTOR, BUTTON).click()
+            except (StaleElementReferenceException, ElementClickInterceptedException):
+                return False  # the page drew it anew in between, or laid a note over it
             return True
 
         try:

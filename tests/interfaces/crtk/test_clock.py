@@ -123,3 +123,12 @@ def test_without_simulated_time_there_is_no_clock() -> None:
     served = Served(wanted=["clock"])
     served.run(0.05)
     assert not served.messages("clock")
+
+
+def test_what_is_stamped_after_a_look_at_the_time_is_later() -> None:
+    """Clients wait for a state that is newer than the moment at which they sent a move."""
+    stamper = Stamper("sim")
+    stamper.advance(Elapsed(0.5, 0.0, False), 1.0)
+    for _ in range(3):
+        asked = stamper.now()
+        assert stamper.stamp() > asked

@@ -55,8 +55,9 @@ class Stamper:
         self._now = self._first + round(passed * SECOND)
 
     def now(self) -> Stamp:
-        """Return the time that the next stamp is not before; from any thread."""
-        return divmod(max(self._now, self._last), SECOND)
+        """Return the time that every stamp from now on is later than; from any thread."""
+        self._last = max(self._now, self._last)
+        return divmod(self._last, SECOND)
 
     def stamp(self, wall_s: float | None = None) -> Stamp:
         """Return a stamp later than all before, a nanosecond at least.

@@ -19,7 +19,8 @@ Ints = NDArray[np.int64]
 TOLERANCE_PX = 0.5
 #: ... and what throws a shadow by this much. Source: our own choice: shadows are soft by a pixel.
 SHADOW_TOLERANCE_PX = 1.5
-#: Simpler surfaces yet are taken while a view has more triangles than this. Source: issue 8.
+#: Simpler surfaces yet are taken while a view has more triangles than this. Source: the project's
+#: own goal.
 MOST_TRIANGLES = 20_000
 #: ... until they are off by this many pixels. Source: our own choice.
 MOST_TOLERANCE_PX = 4.0

@@ -17,7 +17,7 @@ from .served import Served
 
 Q = [0.05, 0.02, 0.13, 0.1, 0.05, 0.05]
 T = transform(rotation_z(0.3), [0.01, -0.02, -0.1])
-POSE = say.pose_stamped((0, 0), "table", T)
+POSE = {"header": say.header((0, 0), "table"), "pose": say.pose(T)}
 WRENCH = [0.1, 0.2, 0.3, 0.01, 0.02, 0.03]
 PUSH = wrench(xyz(*WRENCH[:3]), xyz(*WRENCH[3:]))
 VALID = {"pose_is_valid": {"data": True}, "twist_is_valid": {"data": True}}
@@ -179,7 +179,7 @@ def test_a_pose_that_is_read_can_be_sent_back(served):
     arm = served.world.arm("PSM1")
     served.core.receive("PSM1/servo_jp", joints(*HOME))
     served.run(0.2)
-    there = say.pose_stamped((0, 0), "", arm.setpoint_cp().T)
+    there = {"header": say.header((0, 0)), "pose": say.pose(arm.setpoint_cp().T)}
     served.core.receive("PSM1/servo_cp", there)
     served.run()
     np.testing.assert_allclose(arm.setpoint_js().position, HOME, atol=1e-9)

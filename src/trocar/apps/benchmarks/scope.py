@@ -19,7 +19,8 @@ from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import Snapshot
 
-#: Source: issue 8: pairs a second without a graphics card, and with one, of these presets.
+#: Pairs a second without a graphics card, and with one, of these presets. Source: the project's own
+#: goals.
 GOALS: Mapping[str, float] = {
     "dvrk_sd_640x480": 70.0,
     "hd_1280x720": 38.0,
@@ -28,7 +29,7 @@ GOALS: Mapping[str, float] = {
 CARD_GOALS: Mapping[str, float] = {"hd_1280x720": 1000.0}
 #: Ours over MuJoCo's at the first of them; all of depth, ids and colour over colour alone.
 LEAST_RATIO, MOST_MORE = 3.5, 1.3
-#: Triangles that a view may have. Source: issue 8.
+#: Triangles that a view may have. Source: the project's own goal.
 MOST_TRIANGLES = 20_000
 #: What moves, and so often a picture of it is taken: nothing can be kept from one to the next.
 RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16
@@ -38,7 +39,7 @@ IN_A_ROW = 7
 DURATION_S, LIVE_S = 4.0, 10.0
 #: Pictures before the live part is measured. Source: our own choice.
 WARM = 10
-#: Live: how often, how many may be late, and the processor's cores. Source: issue 8.
+#: Live: how often, how many may be late, and the processor's cores. Source: the project's own goal.
 LIVE_HZ, MOST_LATE_PERCENT, MOST_CORES, LEAST_FACTOR = 60.0, 1.0, 1.2, 0.995
 
 #: By how much each instrument moves. Source: our own choice. [rad or m]

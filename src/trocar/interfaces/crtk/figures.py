@@ -120,11 +120,6 @@ class ArmFigures:
         """The tip in the arm's own base frame, (4, 4)."""
         return self._tips[0]
 
-    @property
-    def local_setpoint(self) -> Array:
-        """The tip at the set-points in the arm's own base frame, (4, 4)."""
-        return self._tips[1]
-
     @cached_property
     def _tips(self) -> Array:
         """Both, which together take little longer than one, (2, 4, 4)."""
@@ -168,11 +163,6 @@ class ArmFigures:
     def measured(self) -> Array:
         """The tip in the frame of `base`, (4, 4)."""
         return self.base[0] @ self.local_measured
-
-    @property
-    def setpoint(self) -> Array:
-        """The tip at the set-points in the frame of `base`, (4, 4)."""
-        return self.base[0] @ self.local_setpoint
 
     @cached_property
     def body_jacobian(self) -> Array:

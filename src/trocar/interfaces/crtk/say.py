@@ -81,11 +81,6 @@ def row_stamped(
     }
 
 
-def pose_stamped(stamp: Stamp, frame_id: str, T: Array) -> Message:
-    """Return a geometry_msgs/PoseStamped of T (4, 4)."""
-    return {"header": {"stamp": stamp, "frame_id": frame_id}, "pose": pose(T)}
-
-
 def transform_stamped(stamp: Stamp, parent: str, child: str, T: Array) -> Message:
     """Return a geometry_msgs/TransformStamped of T_parent_child (4, 4)."""
     return {

@@ -111,6 +111,18 @@ def test_homing_enables_brings_the_arm_home_and_only_then_lets_it_move(off):
     ]
 
 
+def test_an_arm_that_is_home_goes_there_once_more_unless_it_is_asked_as_the_hardware_is():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.move_jp(GOAL).wait()
+    assert arm.state_command("home")
+    assert arm.home(anew=False).goal_reached
+    world.step(50)
+    np.testing.assert_allclose(arm.setpoint_js().position, GOAL, atol=1e-12)
+    assert arm.home().wait()
+    np.testing.assert_allclose(arm.setpoint_js().position, HOME, atol=1e-12)
+
+
 def test_an_arm_that_does_not_arrive_home_is_in_fault_after_two_seconds(off, caplog):
     arm = off.arm("PSM1")
     off.set_state("PSM1", np.array([0.3, *HOME[1:], 0.0]))

@@ -33,6 +33,8 @@ class StateVerbs(Readings):
     def state_command(self, name: str) -> bool:
         """Obey "enable", "disable", "home", "unhome", "pause" or "resume".
 
+        As on the hardware, "home" lets an arm that is on and home already stay where it is.
+
         Returns:
             whether it was accepted
         """
@@ -42,8 +44,10 @@ class StateVerbs(Readings):
                 f"state_command: got {name!r}; allowed: {', '.join(STATE_COMMANDS)}",
             )
             return False
-        answer = getattr(self, name)()
-        return not answer.done or answer.goal_reached if name == "home" else bool(answer)
+        if name == "home":
+            motion = self.home(anew=False)
+            return not motion.done or motion.goal_reached
+        return bool(getattr(self, name)())
 
     @command
     def enable(self) -> bool:
@@ -84,15 +88,23 @@ class StateVerbs(Readings):
         return True
 
     @command
-    def home(self) -> Motion:
+    def home(self, anew: bool = True) -> Motion:
         """Bring the arm to its home pose, with power if it has none; the jaw stays.
 
         The motion is over when the joints are measured there; if they are not within two seconds,
         the arm is in FAULT.
+
+        Args:
+            anew: whether an arm that is on and home already goes there once more. On the hardware
+                it stays as it is, moving or not. Source: SAW, mtsIntuitiveResearchKitArm: the
+                state that is desired, HOMED, is the current one
         """
         own = self._verbs.setpoints.position[self._own]
         if not self._may("home"):
             return self._verbs.refused(self._own)
+        if self._states.homed and self._states.powered and not anew:
+            self.tell_state()
+            return self._arrived(own)
         self._states.homed = False
         self.enable()
         self._stop()

@@ -74,6 +74,33 @@ def test_what_waits_for_the_homing_keeps_its_order():
     assert arm.operating_state().ready
 
 
+@pytest.mark.parametrize("topic", ["PSM1/state_command", "system/home"])
+def test_an_arm_that_is_home_stays_where_it_is_when_asked_for_home_as_on_the_hardware(topic):
+    served = Served(wanted=())
+    served.core.receive("PSM1/move_jp", joints(*NEAR))
+    served.run(0.2)
+    on_the_way = setpoints(served)
+    served.core.receive(topic, state("home") if topic.startswith("PSM1") else {})
+    served.run(8.0)
+    np.testing.assert_allclose(setpoints(served), NEAR, atol=1e-9)  # nor does it end a move
+    assert not np.allclose(on_the_way, NEAR, atol=1e-3)
+    assert transitions(served)[-1] == ("ENABLED", True, False)
+    assert served.messages("PSM1/warning") == []
+
+
+def test_a_home_that_changes_nothing_is_never_busy_so_that_no_client_takes_it_for_its_next_move():
+    served = Served(wanted=())
+    served.core.receive("PSM1/state_command", state("home"))
+    served.run(0.01)
+    served.core.receive("PSM1/move_jp", joints(*NEAR))
+    served.run(8.0)
+    assert transitions(served) == [
+        ("ENABLED", True, False),
+        ("ENABLED", True, True),  # the move
+        ("ENABLED", True, False),
+    ]
+
+
 @pytest.mark.parametrize("stop", ["disable", "pause"])
 def test_disable_and_pause_do_not_wait(stop):
     served = off()

@@ -63,7 +63,12 @@ def _state(message: Message, arm: ArmDescription) -> Wish:  # noqa: ARG001  as e
     asked = text(message, "string")
     if asked not in STATE_COMMANDS:
         raise RefusedError("state", f"got {asked!r}; allowed: {', '.join(STATE_COMMANDS)}")
-    return asked, {}
+    return state_verb(asked)
+
+
+def state_verb(command: str) -> Wish:
+    """Return the verb of a state_command: to "home", an arm that is home stays where it is."""
+    return command, {"anew": False} if command == "home" else {}
 
 
 def _joint_verb(verb: str, values: str, argument: str) -> Reader:

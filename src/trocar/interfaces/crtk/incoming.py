@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from trocar.errors import InputError
 from trocar.interfaces.commands import Command
 from trocar.interfaces.crtk import console
-from trocar.interfaces.crtk.arm_commands import READERS, wish
+from trocar.interfaces.crtk.arm_commands import READERS, state_verb, wish
 from trocar.interfaces.crtk.asked import Asked, Call, Turns
 from trocar.interfaces.crtk.fields import Message, RefusedError, shown, stamp, text
 from trocar.interfaces.crtk.setup_joints import SetupJoints
@@ -152,8 +152,9 @@ class Incoming:
         return Asked(arm, verb, values, topic.name, self._turns)
 
     def _every_arm(self, topic: Topic, message: Message) -> None:  # noqa: ARG002  it is empty
+        verb, values = state_verb(console.EVERY_ARM[topic.name])
         for arm in self._core.loop.world.arms:
-            self.post(Asked(arm, console.EVERY_ARM[topic.name], {}, topic.name, self._turns))
+            self.post(Asked(arm, verb, values, topic.name, self._turns))
 
     def _console(self, topic: Topic, message: Message) -> None:
         console.DEEDS[topic.name](message, self._core.emit)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
@@ -13,6 +15,8 @@ from trocar.rendering import Look
 BACK = mesh("back", plate(transform(np.eye(3), [0.0, 0.0, 0.12]), 0.4, 0.4))
 DISC = mesh("disc", disc(np.array([0.0, 0.0, 0.06]), 0.008)[0], body=1)
 WHERE = snapshot([np.eye(4)])
+#: Nothing glitters, and light is as it is.
+PLAIN = Look(wet=0.0, exposure=0.0)
 
 pytestmark = pytest.mark.usefixtures("opengl")
 
@@ -22,14 +26,13 @@ def grey(look: Look, shapes: list | None = None) -> np.ndarray:
 
 
 def test_light_falls_off_from_the_scopes_tip() -> None:
-    look = Look(wet=0.0)
     near = mesh("near", plate(transform(np.eye(3), [0.0, 0.0, 0.10]), 0.4, 0.4))
     far = mesh("far", plate(transform(np.eye(3), [0.0, 0.0, 0.25]), 0.9, 0.9))
-    assert grey(look, [near]).mean() > 1.3 * grey(look, [far]).mean()
+    assert grey(PLAIN, [near]).mean() > 1.3 * grey(PLAIN, [far]).mean()
 
 
 def test_a_shadow_lies_below_what_throws_it_and_darkens_only() -> None:
-    with_shadow, without = (grey(Look(shadows=on, wet=0.0), [BACK, DISC]) for on in (True, False))
+    with_shadow, without = (grey(replace(PLAIN, shadows=on), [BACK, DISC]) for on in (True, False))
     darker = without - with_shadow
     assert darker.min() > -2.0 and darker.max() > 30.0
     rows = np.argwhere(darker > 30.0)[:, 0]
@@ -52,18 +55,18 @@ def test_a_stop_brighter_is_brighter() -> None:
 
 
 def test_a_vignette_darkens_corners_and_not_the_middle() -> None:
-    plain, dimmed = grey(Look(wet=0.0)), grey(Look(wet=0.0, vignette=1.0))
+    plain, dimmed = grey(PLAIN), grey(replace(PLAIN, vignette=1.0))
     assert dimmed[0, 0] < 0.8 * plain[0, 0]
     assert abs(dimmed[228, 327] - plain[228, 327]) < 3.0
 
 
 def test_wet_surfaces_glitter_more() -> None:
-    assert grey(Look(wet=1.0)).max() > grey(Look(wet=0.0)).max() + 10.0
+    assert grey(replace(PLAIN, wet=1.0)).max() > grey(PLAIN).max() + 10.0
 
 
 def test_noise_is_as_large_as_asked_without_a_mean_and_repeats() -> None:
-    look = Look(wet=0.0, exposure=-1.0, noise=0.03, seed=5)
-    plain = seen([BACK], stereo(), Look(wet=0.0, exposure=-1.0), WHERE).left.astype(float)
+    look = replace(PLAIN, exposure=-1.0, noise=0.03, seed=5)
+    plain = seen([BACK], stereo(), replace(PLAIN, exposure=-1.0), WHERE).left.astype(float)
     noisy = seen([BACK], stereo(), look, WHERE).left.astype(float)
     grain = noisy - plain
     assert abs(grain.mean()) < 0.1
@@ -83,6 +86,7 @@ def test_samples_soften_edges_and_leave_ids_and_depth_alone() -> None:
     ("given", "said"),
     [
         ({"exposure": float("nan")}, "exposure: got nan; allowed: -20 to 20"),
+        ({"exposure": "bright"}, "exposure: got 'bright'; allowed: a number or \"auto\""),
         ({"vignette": 1.5}, "vignette: got 1.5; allowed: 0 to 1"),
         ({"noise": -0.1}, "noise: got -0.1; allowed: 0 to 0.5"),
         ({"wet": "very"}, "wet: got 'very'; allowed: a number"),

@@ -4,19 +4,21 @@ from __future__ import annotations
 
 from argparse import Namespace
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from trocar.cli.arguments import number
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup
+    from collections.abc import Sequence
 
     from trocar.interfaces import Loop
     from trocar.interfaces.pictures import Pictures
     from trocar.interfaces.shots import Renderer
-    from trocar.rendering import Look
+    from trocar.rendering import Look, Series
     from trocar.simulation import World
+    from trocar.simulation.records import ShapeRecord
 
 
 def add_look(group: _ArgumentGroup) -> None:
@@ -31,7 +33,11 @@ def add_look(group: _ArgumentGroup) -> None:
         "--distortion", action="store_true", help="what the lens distorts; needs a calibration"
     )
     group.add_argument(
-        "--exposure", type=number, default=0.0, metavar="STOPS", help="brighter; default: 0"
+        "--exposure",
+        type=_exposure,
+        default="auto",
+        metavar="STOPS",
+        help="brighter by so much; default: auto, as a scope's video processor chooses it",
     )
     group.add_argument(
         "--vignette", type=number, default=0.0, metavar="0..1", help="darker corners; default: 0"
@@ -55,6 +61,10 @@ def add_cameras(group: _ArgumentGroup) -> None:
         help="recordings carry compressed images, at the camera rate",
     )
     add_look(group)
+
+
+def _exposure(text: str) -> float | Literal["auto"]:
+    return "auto" if text == "auto" else number(text)
 
 
 def eyes_of(preset: str) -> str | list[str]:
@@ -113,12 +123,15 @@ def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[
         raise InputError(f"--record-images: {world.rig.name} has no camera")
     from trocar.interfaces.crtk.recorded import images_recorded
     from trocar.interfaces.pictures import RATE_HZ
-    from trocar.rendering import Renderer
+    from trocar.rendering import Renderer, Series
 
     look, rate = look_of(args), RATE_HZ if args.camera_rate is None else args.camera_rate
 
-    def draws() -> Renderer:
-        return Renderer(lambda: (world.snapshot(arms=False).build, world.shapes()), None, look)
+    def shapes() -> tuple[int, Sequence[ShapeRecord]]:
+        return world.snapshot(arms=False).build, world.shapes()
+
+    def draws() -> Series:
+        return Series(Renderer(shapes, None, look))
 
     return images_recorded(world, draws, rate, args.image_format)
 
@@ -147,11 +160,11 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
     look = look_of(args)
 
     def renderer() -> Renderer:
-        from trocar.rendering import Renderer
+        from trocar.rendering import Renderer, Series
 
-        ask = loop.ask
-        return Renderer(
-            lambda: ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result(), None, look
-        )
+        def shapes() -> tuple[int, Sequence[ShapeRecord]]:
+            return loop.ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result()
+
+        return Series(Renderer(shapes, None, look))
 
     return Pictures(loop, renderer, rate, args.image_format, eyes)

@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
     else:
         width, height, count = film(
             world,
-            scope.capture,
+            scope.capture_next,
             path,
             duration_s=DURATION_S if args.duration is None else args.duration,
             rate_hz=RATE_HZ if args.rate is None else args.rate,

@@ -1,6 +1,7 @@
 """What a robot and its cameras see: still pictures of rigs, and the stereo endoscope."""
 
 from trocar.rendering.endoscope import Endoscope
+from trocar.rendering.exposure import Series
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import Look
 from trocar.rendering.pictures import write_pictures
@@ -13,6 +14,7 @@ __all__ = [
     "Endoscope",
     "Look",
     "Renderer",
+    "Series",
     "StereoFrame",
     "Stream",
     "portrait",

@@ -9,6 +9,7 @@ import numpy as np
 
 from trocar.descriptions.cameras import Calibration, load_camera
 from trocar.errors import UnknownNameError
+from trocar.rendering.exposure import Series
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import Look
 from trocar.rendering.renderer import Channels, Renderer
@@ -65,15 +66,25 @@ class Endoscope:
             Channels(depth, ids, normals),
             look,
         )
+        self._series = Series(self.renderer)
 
     def capture(self) -> StereoFrame:
-        """Return what the camera sees now.
+        """Return what the camera sees now, exposed for itself.
 
         Raises:
             InputError: a picture larger than the driver allows
             TrocarError: the graphics library was lost and cannot be opened again
         """
         return self.render(self.world.snapshot(arms=False), self.world.cameras())
+
+    def capture_next(self) -> StereoFrame:
+        """Return what the camera sees now, exposed as the next of a film: light fades over.
+
+        Raises:
+            InputError, TrocarError: as for `capture`
+        """
+        cameras = self._mounted(self.world.cameras())
+        return self._series.render(self.world.snapshot(arms=False), cameras, self.camera)
 
     def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord]) -> StereoFrame:
         """Return what the camera sees where a snapshot has everything.
@@ -92,7 +103,12 @@ class Endoscope:
         Raises:
             InputError: the rate is not above 0
         """
-        return Stream(self.world, self.render, rate_hz)
+        series = Series(self.renderer)
+
+        def draw(snapshot: Snapshot, cameras: Mapping[str, CameraRecord]) -> StereoFrame:
+            return series.render(snapshot, self._mounted(cameras), self.camera)
+
+        return Stream(self.world, draw, rate_hz)
 
     def close(self) -> None:
         """Let go of the graphics library."""

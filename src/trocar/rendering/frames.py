@@ -32,6 +32,7 @@ class StereoFrame:
         build: as of a snapshot
         calibration: of the pictures; without distortion where they have none
         T_world_camera: each eye's pose, (eyes, 4, 4)
+        exposure: that it was taken with [stops]
     """
 
     camera: str
@@ -45,6 +46,7 @@ class StereoFrame:
     build: int
     calibration: Calibration
     T_world_camera: Array
+    exposure: float = 0.0
 
     @property
     def K(self) -> Array:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Literal
 
 from trocar.errors import InputError
 
 #: Shadow maps of pictures up to this wide, and of wider ones. Source: our own choice; about a
 #: pixel of the map for each of the picture.
 NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
+#: Exposure as a scope's video processor chooses it.
+AUTO: Literal["auto"] = "auto"
 
 
 @dataclass(frozen=True)
@@ -18,7 +21,8 @@ class Look:
     Attributes:
         shadows: whether the light throws them
         shadow_size: pixels along the edge of their map; 0: 512, or 1024 of pictures over 800 wide
-        exposure: brighter by so many stops
+        exposure: brighter by so many stops, or "auto": an endoscope's pictures are made as bright
+            as those of a video processor, views are left as they are
         wet: how much more surfaces glitter, 0 to 1
         vignette: how much darker corners are, 0 to 1
         noise: standard deviation of the sensor's noise, as a share of white, 0 to 0.5
@@ -32,7 +36,7 @@ class Look:
 
     shadows: bool = True
     shadow_size: int = 0
-    exposure: float = 0.0
+    exposure: float | Literal["auto"] = AUTO
     wet: float = 0.5
     vignette: float = 0.0
     noise: float = 0.0
@@ -51,10 +55,13 @@ class Look:
             ("samples", 0, 64),
         ):
             value = getattr(self, name)
+            if name == "exposure" and value == AUTO:
+                continue
             kind = {f.name: f.type for f in fields(self)}[name]
             whole = kind == "int" and not isinstance(value, int)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or whole:
-                raise InputError(f"{name}: got {value!r}; allowed: a number")
+                or_auto = ' or "auto"' if name == "exposure" else ""
+                raise InputError(f"{name}: got {value!r}; allowed: a number{or_auto}")
             if not low <= value <= high:
                 raise InputError(f"{name}: got {value!r}; allowed: {low:g} to {high:g}")
 

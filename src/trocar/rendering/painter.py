@@ -49,7 +49,7 @@ class Painter:
         self._places: dict[int, tuple[Optics, moderngl.Texture]] = {}
 
     def paint(
-        self, stage: Stage, lenses: Optics, outputs: Sequence[str], time: float
+        self, stage: Stage, lenses: Optics, outputs: Sequence[str], time: float, stops: float
     ) -> dict[str, Drawn]:
         """Draw; the eyes' pictures are above each other, rows from the top.
 
@@ -58,6 +58,7 @@ class Painter:
             lenses: the camera's
             outputs: "COLOUR", "DEPTH", "IDS", "NORMALS", in this order
             time: noise is another at another time [s]
+            stops: brighter by so many
         """
         card = self._card
         card.place(stage.rows, stage.shading, stage.seen)
@@ -73,7 +74,7 @@ class Painter:
             target = card.target(size, some, samples)
             target.use()
             _clear(target, some, stage.backdrop)
-            self._eyes(stage, lenses, some)
+            self._eyes(stage, lenses, some, 2.0**stops)
             if samples:
                 whole = card.target(size, some)
                 card.context.copy_framebuffer(whole, target)
@@ -113,7 +114,7 @@ class Painter:
         card.context.polygon_offset = 0.0, 0.0
         shade.use(0)
 
-    def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str]) -> None:
+    def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str], exposure: float) -> None:
         card, light, look = self._card, stage.light, self._look
         parallel = light.scope and all(
             np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9 for eye in lenses.eyes
@@ -127,7 +128,6 @@ class Painter:
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]
         defines += [name for name, on in switches.items() if on]
         program = card.program(shaders.VERTEX, shaders.FRAGMENT, defines)
-        exposure = 2.0**look.exposure
         tell(program, {"shadow": _columns(light.clip), **_parallel_shade(light.clip)})
         tell(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
         for row, eye in enumerate(lenses.eyes):

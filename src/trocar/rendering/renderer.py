@@ -14,13 +14,14 @@ from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import inverse
 from trocar.rendering import unlocked
 from trocar.rendering.card import Card
+from trocar.rendering.exposure import ENDLESS, stops_of, to_be_measured
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.library import driver, load, on_processor
-from trocar.rendering.look import Look
+from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
 from trocar.rendering.scenery import scenery
-from trocar.rendering.staging import stage
+from trocar.rendering.staging import Stage, stage
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import ShapeRecord, Snapshot
 
@@ -91,7 +92,11 @@ class Renderer:
         self._open()
 
     def render(
-        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        stops: float | None = None,
     ) -> StereoFrame:
         """Draw what a camera sees.
 
@@ -99,6 +104,8 @@ class Renderer:
             snapshot: of the world
             cameras: its cameras; they are moved to where the snapshot has them
             camera: which
+            stops: exposure; as the look has it when omitted, where it is automatic measured on
+                this snapshot alone
 
         Raises:
             UnknownNameError: no such camera; the known ones are listed
@@ -111,12 +118,12 @@ class Renderer:
         with self._lock:
             record = cameras[camera].at(snapshot)
             try:
-                return self._drawn(snapshot, record)
+                return self._drawn(snapshot, record, stops)
             except lost as problem:
                 _log.warning("the graphics context was lost (%s); it is made anew", problem)
                 self._open()
                 try:
-                    return self._drawn(snapshot, record)
+                    return self._drawn(snapshot, record, stops)
                 except lost as again:
                     raise TrocarError(f"the graphics context was lost twice: {again}") from again
 
@@ -138,20 +145,17 @@ class Renderer:
         self.contexts += 1
         return card
 
-    def _drawn(self, snapshot: Snapshot, record: CameraRecord) -> StereoFrame:
+    def _drawn(self, snapshot: Snapshot, record: CameraRecord, stops: float | None) -> StereoFrame:
         card = self._card or self._open()
         with card.context:
             self._follow(card, snapshot)
+            if stops is None:
+                stops = self._exposed(card, snapshot, record)
             lenses = self._lenses(record, card.most)
-            seen = stage(
-                self._things,
-                snapshot,
-                inverse(record.T_world_camera),
-                lenses,
-                self.look.shadows,
-            )
+            seen = self._staged(snapshot, record, lenses, self.look.shadows)
             self.triangles = int(seen.seen[:, 0].sum()) // 3
-            drawn = self._painter.paint(seen, lenses, self.channels.outputs, snapshot.time)
+            outputs = self.channels.outputs
+            drawn = self._painter.paint(seen, lenses, outputs, snapshot.time, stops)
             pictures = _read(drawn, lenses)
             error = card.context.error
         if error != "GL_NO_ERROR":
@@ -168,7 +172,28 @@ class Renderer:
             build=snapshot.build,
             calibration=lenses.shown,
             T_world_camera=np.stack(record.T_world_eyes),
+            exposure=stops,
         )
+
+    def _staged(
+        self, snapshot: Snapshot, record: CameraRecord, lenses: Optics, shadows: bool
+    ) -> Stage:
+        return stage(self._things, snapshot, inverse(record.T_world_camera), lenses, shadows)
+
+    def _exposed(self, card: Card, snapshot: Snapshot, record: CameraRecord) -> float:
+        """Return the stops of a picture that is taken alone, of small ones without shadows."""
+        if self.look.exposure != AUTO:
+            return self.look.exposure
+        if record.kind != "endoscope":
+            return 0.0
+        small = record.seeing(to_be_measured(record.calibration))
+        lenses = self._lenses(small, card.most)
+        seen = self._staged(snapshot, small, lenses, shadows=False)
+        plain, endless = (
+            _read(self._painter.paint(seen, lenses, ("COLOUR",), 0.0, stops), lenses)["COLOUR"][0]
+            for stops in (0.0, ENDLESS)
+        )
+        return stops_of(plain, endless)
 
     def _follow(self, card: Card, snapshot: Snapshot) -> None:
         """Take the shapes of the snapshot's build."""

@@ -13,7 +13,7 @@ from trocar.apps.benchmarks.figure import Figure
 from trocar.descriptions.cameras import StereoCalibration, load_stereo_camera
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pictures import Pictures, Shot
-from trocar.rendering import Channels, Look, Renderer
+from trocar.rendering import Channels, Look, Renderer, Series
 from trocar.rendering.reference import Reference
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
@@ -100,7 +100,9 @@ def sizes(
     cameras = {record.name: record}
     shapes = world.shapes()
     plain, whole = (
-        Renderer(lambda: (snapshots[0].build, shapes), channels, Look(shadow_size=1024))
+        Renderer(
+            lambda: (snapshots[0].build, shapes), channels, Look(shadow_size=1024, exposure=0.0)
+        )
         for channels in (Channels(), Channels(depth=True, ids=True))
     )
     draws: dict[str, Draw] = {
@@ -148,9 +150,10 @@ def live(duration_s: float) -> Iterator[Figure]:
     loop = Loop(world, tick_s=SERVER_TICK_S)  # as `trocar sim` does
     eyes: dict[str, StereoCalibration] = {"endoscope": load_stereo_camera("dvrk_sd_640x480")}
 
-    def renderer() -> Renderer:
-        return Renderer(
-            lambda: loop.ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result()
+    def renderer() -> Series:
+        ask = loop.ask
+        return Series(
+            Renderer(lambda: ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result())
         )
 
     pictures = Pictures(loop, renderer, LIVE_HZ, calibrations=eyes)

@@ -20,8 +20,6 @@ GUIDE = np.array([0.0, -0.0045, 0.0])
 WORKING = 0.22
 #: Share of the light that tissue has scattered from all around. Source: chosen by eye.
 SCATTERED = 0.06
-#: Depth from which shadows of the scope's own light are looked for, and to which [m].
-SHADOW_NEAR, SHADOW_FAR = 0.004, 6.0
 #: The eyes' frusta, seen from the light, from this depth on [m].
 COVERED_FROM = 0.03
 #: ... and so much more, in the plane z = 1, so that the map's own edge is seen by nobody.
@@ -72,14 +70,14 @@ def scope_light(frusta: list[Frustum], far: float) -> Light:
             corners.append(points[:, :2] / points[:, 2:])
     seen = np.concatenate(corners)
     (left, top), (right, bottom) = seen.min(axis=0) - RIM, seen.max(axis=0) + RIM
-    frustum = Frustum(T_light_reference, left, right, top, bottom, SHADOW_NEAR, 1.0)
+    frustum = Frustum(T_light_reference, left, right, top, bottom, frusta[0].near, 1.0)
     return Light(
         GUIDE,
         WORKING**2,
         SCATTERED,
         np.array([0.0, -1.0, 0.0]),
         frustum,
-        _clip(frustum, min(far, SHADOW_FAR)),
+        _clip(frustum, far),
         True,
     )
 

@@ -117,7 +117,9 @@ class Painter:
     def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str], exposure: float) -> None:
         card, light, look = self._card, stage.light, self._look
         parallel = light.scope and all(
-            np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9 for eye in lenses.eyes
+            np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9
+            and abs(eye.T_eye_reference[2, 3] + light.at[2]) < 1e-9
+            for eye in lenses.eyes
         )
         switches = {
             "SHADOWS": bool(len(stage.shading)),
@@ -127,8 +129,9 @@ class Painter:
         }
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]
         defines += [name for name, on in switches.items() if on]
+        defines.append(f"AROUND {light.around:.6f}")
         program = card.program(shaders.VERTEX, shaders.FRAGMENT, defines)
-        tell(program, {"shadow": _columns(light.clip), **_parallel_shade(light.clip)})
+        tell(program, {"shadow": _columns(light.clip)})
         tell(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
         for row, eye in enumerate(lenses.eyes):
             width, height = lenses.drawn
@@ -204,15 +207,3 @@ def _open_for(target: moderngl.Framebuffer, which: Sequence[bool]) -> None:
 
 def _columns(T: Array) -> tuple[float, ...]:
     return tuple(float(v) for v in T.T.ravel())
-
-
-def _parallel_shade(clip: Array) -> dict[str, tuple[float, ...]]:
-    """Return what carries (x, y, 1) / z from the light, all negative, to its map's coordinates.
-
-    Where light and eyes look the same way, that needs one division and no matrix.
-    """
-    drop = clip[2, 3] - clip[2, 2] * clip[3, 3]
-    return {
-        "shade_at": tuple(0.5 * np.array([clip[0, 0], clip[1, 1], -drop])),
-        "shade_to": tuple(0.5 + 0.5 * clip[:3, 2]),
-    }

@@ -46,11 +46,15 @@ in vec4 finish;
 uniform mat4 eye;  // from the reference frame
 uniform vec4 pinhole;
 uniform vec2 depths;
+uniform vec3 light;
+uniform vec4 power;   // of the light with the exposure, _, vignette, exposure
 out vec3 at;
 out vec3 across;
+out vec3 toward;
 out vec4 in_light;
 flat out vec4 albedo;
 flat out vec4 sheen;
+flat out int id;
 
 void main() {
     vec3 r = in_reference();
@@ -59,7 +63,14 @@ void main() {
     across = mat3(eye) * turned;
     albedo = colour;
     sheen = finish;
-#if defined(SHADOWS) && !defined(PARALLEL)
+    id = int(finish.w);
+#ifdef SCOPE
+    float unit = inversesqrt(power.x);
+    toward = unit * (light - at);
+    albedo.w = 0.5 * unit * light.x;
+    sheen.w = 0.5 * unit * light.y;
+#endif
+#ifdef SHADOWS
     vec4 c = shadow * vec4(r, 1.0);
     in_light = vec4(0.5 * c.xyz + 0.5 * c.w, c.w);
 #endif
@@ -89,33 +100,32 @@ layout(location = NORMALS) out vec4 normal_out;
 """
 
 #: A scope's light stands beside the eyes: one root serves its distance, the normal's length and,
-#: with a step of Newton's, the way halfway between light and eye. What a screen shows is about the
-#: root of the light, so colours are roots, and only the amount of light goes through the curve.
+#: with a step of Newton's, the way halfway between light and eye. Lengths are in units in which the
+#: light's power is one. What a screen shows is about the root of the light, so colours are roots,
+#: and only the amount of light goes through the curve.
 _SCOPE = """
-    vec3 t = light - at;
-    float d2 = dot(t, t);
+    float d2 = dot(toward, toward);
     float n2 = dot(across, across);
     float root = inversesqrt(d2 * n2);
     float per_d2 = n2 * root * root;
-    float facing = max(dot(across, t) * root, 0.0);
+    float facing = max(dot(across, toward) * root, 0.0);
     float lit = 1.0;
 #ifdef SHADOWS
 #ifdef PARALLEL
-    float per_z = 1.0 / t.z;
-    vec3 place = vec3(shade_at.xy * t.xy, shade_at.z) * per_z + vec3(shade_to.xy, shade_to.z);
-    lit = textureLod(shade, place, 0.0);
+    lit = textureLod(shade, vec3(in_light.xy * gl_FragCoord.w, gl_FragCoord.z), 0.0);
 #else
     lit = textureProjLod(shade, in_light, 0.0);
 #endif
 #endif
     facing *= 1.0 - sheen.z + sheen.z * facing * facing;
-    float beam = at.z * at.z * per_d2 * per_d2 * power.x;
+    float ahead = toward.z * per_d2;
+    float beam = ahead * ahead;
 #ifdef VIGNETTE
-    float ahead = at.z * at.z * per_d2;
+    ahead *= toward.z;
     beam *= mix(1.0, ahead * ahead * ahead, power.z);
 #endif
-    float amount = (facing * lit + sky.w) * beam;
-    vec3 h = t - 0.5 * light;
+    float amount = (facing * lit + AROUND) * beam;
+    vec3 h = toward - vec3(albedo.w, sheen.w, 0.0);
     float near = dot(across, h) * root * (1.5 - 0.5 * dot(h, h) * per_d2);
 """
 
@@ -145,14 +155,14 @@ FRAGMENT = (
     + """
 in vec3 at;
 in vec3 across;
+in vec3 toward;       // a scope's light, in units in which its power is one
 in vec4 in_light;
-flat in vec4 albedo;  // roots of red, green, blue
-flat in vec4 sheen;   // sharpness of glints, their strength, how metallic, id
+flat in vec4 albedo;  // roots of red, green, blue; a scope's light from the eye, halved: x
+flat in vec4 sheen;   // sharpness of glints, their strength, how metallic; the same, y
+flat in int id;
 uniform vec3 light;
-uniform vec4 power;   // of the light with the exposure, _, vignette, exposure
+uniform vec4 power;
 uniform vec4 sky;     // up in the eye's frame, strength of the light from all around
-uniform vec3 shade_at;
-uniform vec3 shade_to;
 uniform sampler2DShadow shade;
 
 void main() {
@@ -175,7 +185,7 @@ void main() {
     depth_out = 1.0 / gl_FragCoord.w;
 #endif
 #ifdef IDS
-    id_out = int(sheen.w);
+    id_out = id;
 #endif
 #ifdef NORMALS
     normal_out = vec4(normalize(across), 0.0);

@@ -71,8 +71,8 @@ def run(args: Namespace) -> int:
     ]
     print(table(("arm", "description", "tool", "stands on"), rows))
     for teleop in found.rig.teleops:
-        masters = " and ".join(teleop.masters)
-        print(f"  {masters} moves {teleop.slave}, scale {teleop.scale:g}")
+        move = "moves" if len(teleop.masters) == 1 else "move"
+        print(f"  {' and '.join(teleop.masters)} {move} {teleop.slave}, scale {teleop.scale:g}")
     for text in found.said:
         print(f"  {text}")
     if found.idle:

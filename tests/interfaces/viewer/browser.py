@@ -43,10 +43,10 @@ class Browser:
         self.tab = tab
         tab.set_script_timeout(ANSWER_S)
 
-    def open(self, url: str) -> None:
-        """Go to the page and wait until it shows numbers."""
+    def open(self, url: str, shows: str = "time") -> None:
+        """Go to the page and wait until it shows its numbers, or another part of it."""
         self.tab.get(url)
-        self.wait(lambda: self.read("time") is not None, "the page shows numbers")
+        self.wait(lambda: self.read(shows) is not None, f"the page shows {shows}")
 
     def read(self, key: str) -> str | None:
         """Read a number of the tables as text; None when it is not there."""
@@ -95,6 +95,10 @@ class Browser:
         found = f"//*[@role='option'][normalize-space()='{option}']"
         self.wait(lambda: bool(self._all(found)), f"the option {option}")
         self._focus(self._all(found)[0])
+
+    def labelled(self, label: str) -> bool:
+        """Tell whether there is an input of this name."""
+        return bool(self._all(f"//label[normalize-space()='{label}']"))
 
     def click(self, button: str) -> None:
         """Press a button."""

@@ -44,7 +44,7 @@ HOMES = {
     "ruckig": ("simulation",),
     "gymnasium": ("interfaces/gym",),
     "viser": ("interfaces/viewer",),
-    "msgspec": ("interfaces/crtk/transports/websocket",),
+    "msgspec": ("interfaces/crtk/transports/websocket", "interfaces/viewer"),
     "websockets": (
         "interfaces/viewer",
         "interfaces/crtk/transports/websocket",

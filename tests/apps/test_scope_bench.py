@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.apps.benchmarks.scope import MOST_TRIANGLES, in_motion, live, sizes, timed
+from trocar.apps.benchmarks.live_scope import live
+from trocar.apps.benchmarks.scope import MOST_TRIANGLES, in_motion, sizes, timed
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
 from trocar.rendering.library import open_context
@@ -41,6 +42,12 @@ def test_each_has_its_turns() -> None:
     assert set(taken) == {"a", "b"} and turns.count("a") == turns.count("b")
 
 
-def test_pictures_beside_real_time_are_counted() -> None:
-    found = {f.name.partition(": ")[2]: f.value for f in live(0.3)}
+def test_pictures_beside_real_time_are_counted_while_a_page_is_looked_at() -> None:
+    said: list[str] = []
+    measured = live(0.3, said.append, onlooker="")
+    assert "in place of a browser" in said[0]
+    assert all("in place of a browser looks" in figure.name for figure in measured)
+    found = {figure.name.rpartition(": ")[2]: figure.value for figure in measured}
     assert found["pairs"] > 0.0 and found["processor"] > 0.0 and found["real-time factor"] > 0.0
+    assert found["drawing, median"] > 0.0
+    assert found["capture to publish beyond drawing, median"] > 0.0

@@ -18,6 +18,7 @@ from trocar.interfaces.packing import FORMATS, Packer
 from trocar.interfaces.pairs import anaglyph, side_by_side
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.shots import Shot
+from trocar.interfaces.shutter import Shutter
 from trocar.simulation import World
 
 from .fake_renderer import FakeRenderer
@@ -115,12 +116,46 @@ def test_a_renderer_that_is_too_slow_draws_the_newest_and_what_it_missed_is_coun
     ]
 
 
-def test_a_picture_that_came_after_its_period_is_counted_as_late() -> None:
-    with Studio(rate_hz=1e6) as studio:
-        studio.pictures.add(Looker("endoscope"))
-        studio.pictures.shoot(studio.world)
-        until(lambda: studio.pictures.made == 1)
-        assert studio.pictures.late == 1
+def test_a_picture_is_taken_when_it_is_due_and_would_be_drawn_soon(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 0.0
+    monkeypatch.setattr("trocar.interfaces.shutter.time.perf_counter", lambda: now)
+    shutter = Shutter()
+    for _ in range(100):  # it learns that drawing takes 20 ms
+        shutter.begin()
+        now += 0.020
+        shutter.end()
+    assert not shutter.takes(due=False)
+    assert shutter.takes(due=True) and not shutter.owed
+    shutter.begin()
+    now += 0.010
+    assert not shutter.takes(due=True) and shutter.owed  # it would wait
+    now += 0.008
+    assert not shutter.takes(due=False, free=False)  # another one waits
+    assert shutter.takes(due=False) and not shutter.owed
+    now += 1.0
+    assert shutter.takes(due=True)  # this one takes longer than usual: it will not for ever
+
+
+def test_what_is_due_while_another_is_owed_is_dropped_and_counted() -> None:
+    gate, looker = threading.Event(), Looker("endoscope")
+    with Studio(FakeRenderer(gate=gate)) as studio:
+        studio.pictures.add(looker)
+        assert studio.pictures.takes(due=True)
+        studio.pictures.shoot(studio.world, (0, 0))
+        studio.pictures.shoot(studio.world, (1, 0))  # one is drawn, one waits, or one is dropped
+        dropped = studio.pictures.dropped
+        until(lambda: studio.pictures._order is None or studio.pictures.dropped == dropped)
+        studio.pictures.shoot(studio.world, (2, 0))
+        before = studio.pictures.dropped
+        assert not studio.pictures.takes(due=True)
+        assert studio.pictures.dropped == before  # it is owed
+        assert not studio.pictures.takes(due=True)
+        assert studio.pictures.dropped == before + 1
+        gate.set()
+        until(lambda: studio.pictures.idle)
+        assert studio.pictures.takes(due=False)
 
 
 def test_without_a_graphics_library_there_is_one_warning_and_the_simulation_goes_on(

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 #: What is measured unless parts are asked for, and all that may be.
 PARTS = ("speed", "figures", "startup")
 ALL_PARTS = (*PARTS, "recording", "interface", "scope", "soak")
+#: As `trocar.apps.benchmarks.live_scope` has it [s].
+LIVE_S = 60.0
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -44,6 +46,16 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="S",
         help="simulated time of a pass (default: 10 s; recording: 4 s), of the soak (3600 s), or"
         " how long pictures of a size are drawn (4 s)",
+    )
+    parser.add_argument(
+        "--live",
+        type=number,
+        metavar="S",
+        help="of the part scope: how long the cart runs in real time while both eyes are drawn and"
+        f" its page is shown in a headless browser, where there is one ({LIVE_S:g} s)",
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="of it: a program looks at the page instead"
     )
     parser.add_argument(
         "--transport",
@@ -75,8 +87,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Measure and print."""
     timed = args.duration is None or 0.0 < args.duration < float("inf")
+    timed = timed and (args.live is None or 0.0 < args.live < float("inf"))
     if not timed or (args.passes is not None and args.passes < 1) or args.poses < 1:
-        raise InputError("--duration, --passes and --poses: allowed: above 0")
+        raise InputError("--duration, --live, --passes and --poses: allowed: above 0")
     from trocar.apps.benchmarks import figures, interface, recording, scope, soak, startup, table9
     from trocar.descriptions.overlay import read_overlay
 
@@ -95,7 +108,10 @@ def run(args: Namespace) -> int:
     found += recording(*each, **passes, watch=_watch) if "recording" in parts else []
     if "interface" in parts:
         found += interface(tuple(args.transport) or ("websocket",), *each, watch=_watch)
-    found += scope(*each, watch=_watch) if "scope" in parts else []
+    if "scope" in parts:
+        live_s = LIVE_S if args.live is None else args.live
+        onlooker = "" if args.no_browser else None
+        found += scope(*each, watch=_watch, live_s=live_s, onlooker=onlooker)
     found += soak(*each, watch=_watch) if "soak" in parts else []
     found += _replayed(args.log) if args.log else []
     if args.json:

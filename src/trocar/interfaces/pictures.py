@@ -9,18 +9,17 @@ next one comes is dropped, and counted.
 from __future__ import annotations
 
 import logging
-import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.packing import Packer
+from trocar.interfaces.priority import let_others_go_first
 from trocar.interfaces.shots import Order, Renderer, Shot, Taker
+from trocar.interfaces.shutter import Shutter
 
 if TYPE_CHECKING:
     from trocar.descriptions.cameras.records import Calibration
@@ -35,8 +34,6 @@ _log = logging.getLogger("trocar")
 RATE_HZ = 60.0
 #: A picture that is this much early is in time. Source: as the core's beat. [s]
 SLACK_S = 1e-6
-#: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
-NICE = 5
 #: Snapshots in a row that may not be drawn: of a rig whose tool was exchanged meanwhile.
 MOST_REFUSED = 5
 #: That drawing is slow is said so often [s]. Source: our own choice.
@@ -59,8 +56,7 @@ class Pictures:
 
     Attributes:
         led: whether somebody else says when, by `shoot`; otherwise it is every 1 / rate_hz
-        made, dropped, late: pictures drawn; snapshots that were overtaken before; pictures that
-            were older than 1 / rate_hz when they had been handed on
+        made, dropped: pictures drawn and handed on; those that were due and never drawn
         failure: why nothing is drawn any more, "" while all is well
     """
 
@@ -82,12 +78,13 @@ class Pictures:
         self._changed = threading.Condition()
         self._stopping = self._drawing = False
         self._thread: threading.Thread | None = None
+        self._shutter = Shutter()
         self._unwatch: Callable[[], None] = lambda: None
         self._count = -1
         self._refused = 0
         self._complained = -COMPLAIN_S
         self.led = False
-        self.made = self.dropped = self.late = 0
+        self.made = self.dropped = 0
         self.failure = ""
 
     # ------------------------------------------------------------------ life
@@ -122,8 +119,8 @@ class Pictures:
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  as every watcher
         """Let a picture be drawn when one is due and nobody else says when."""
         count = int((self._loop.now + SLACK_S) * self.rate_hz)  # of the wall, also in a pause
-        if not self.led and count != self._count:
-            self._count = count
+        due, self._count = count != self._count, count
+        if not self.led and self.takes(due):
             self.shoot(self._loop.world)
 
     def refused(self, command: object, reason: str) -> None:
@@ -134,6 +131,17 @@ class Pictures:
         """Whether nothing is drawn now, and nothing waits for it."""
         with self._changed:
             return self._order is None and not self._drawing
+
+    def takes(self, due: bool) -> bool:
+        """Tell whether to take a picture now; one that is owed when the next is due is dropped.
+
+        Args:
+            due: whether the next one is due since the last call
+        """
+        if due and self._shutter.owed:
+            self._drop()
+        with self._changed:
+            return self._shutter.takes(due, free=self._order is None)
 
     @property
     def wanted(self) -> frozenset[str]:
@@ -161,26 +169,41 @@ class Pictures:
         wanted = self.wanted
         if not wanted:
             return {}
-        now = time.perf_counter()
-        order = Order(stamp, now, world.snapshot(arms=False), self.cameras(world), wanted)
+        order = Order(
+            stamp, time.perf_counter(), world.snapshot(arms=False), self.cameras(world), wanted
+        )
         with self._changed:
             overtaken, self._order = self._order is not None, order
-            self.dropped += overtaken
             self._changed.notify()
         if overtaken:
-            self._complain(now)
+            self._drop()
         return order.cameras
+
+    def _drop(self) -> None:
+        """Count a picture that was due and is not drawn, and say so once a while."""
+        self.dropped += 1
+        now = time.perf_counter()
+        if not self.led or not self.made:  # the page says it itself; the first takes long
+            return
+        if now - self._complained > COMPLAIN_S:
+            self._complained = now
+            _log.warning(
+                "drawing is slower than %g Hz: %d pictures were dropped so far",
+                self.rate_hz,
+                self.dropped,
+            )
 
     # ------------------------------------------------------------------ the drawing thread
 
     def _run(self) -> None:
         renderer: Renderer | None = None
-        _let_others_go_first()
+        let_others_go_first()
         try:
             while (order := self._next()) is not None:
                 if renderer is None:
                     renderer = self._open()
-                self._draw_or_drop(renderer, order)
+                self._draw(renderer, order)
+                self._shutter.end()
         except CancelledError:  # the loop has ended, and answers no more
             pass
         except TrocarError as problem:
@@ -199,12 +222,18 @@ class Pictures:
             self._changed.wait_for(lambda: self._order is not None or self._stopping)
             order, self._order = self._order, None
             self._drawing = not self._stopping
+            self._shutter.begin()
             return None if self._stopping else order
 
-    def _draw_or_drop(self, renderer: Renderer, order: Order) -> None:
+    def _draw(self, renderer: Renderer, order: Order) -> None:
         """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
         try:
-            self._draw(renderer, order)
+            for camera in sorted(order.wanted & order.cameras.keys()):
+                frame = renderer.render(order.snapshot, order.cameras, camera)
+                shot = Shot(camera, order, frame, self._packer)
+                for taker in self._takers:
+                    taker.take(shot)
+                self.made += 1
         except InputError:
             self._refused += 1
             self.dropped += 1
@@ -213,38 +242,8 @@ class Pictures:
         else:
             self._refused = 0
 
-    def _draw(self, renderer: Renderer, order: Order) -> None:
-        for camera in sorted(order.wanted & order.cameras.keys()):
-            frame = renderer.render(order.snapshot, order.cameras, camera)
-            shot = Shot(camera, order, frame, self._packer)
-            for taker in self._takers:
-                taker.take(shot)
-            self.made += 1
-            self.late += time.perf_counter() - order.asked_s > 1.0 / self.rate_hz
-
-    def _complain(self, now: float) -> None:
-        if not self.led or not self.made:  # the page says it itself; the first takes long
-            return
-        if now - self._complained > COMPLAIN_S:
-            self._complained = now
-            _log.warning(
-                "drawing is slower than %g Hz: %d pictures were dropped so far",
-                self.rate_hz,
-                self.dropped,
-            )
-
     def _fail(self, reason: str) -> None:
         self.failure = reason
         with self._changed:
             self._drawing, self._order = False, None
         _log.warning("no pictures: %s", reason)
-
-
-def _let_others_go_first() -> None:
-    """Make the calling thread, and those that it starts, less urgent than the physics.
-
-    Without a graphics card drawing takes every core that it gets, and the loop would be late.
-    """
-    if sys.platform == "linux":  # elsewhere this would concern the whole process
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)

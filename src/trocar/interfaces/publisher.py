@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from math import ceil
 from typing import TYPE_CHECKING
 
 from trocar.interfaces.pace import Clock, Speedometer
@@ -24,9 +23,9 @@ FRESH_S = 0.1
 """Who looks again after a while waits no longer for a new state than this [s]. Source: our own
 choice, longer than what a loop does in a tick."""
 
-HEALTH_PERIOD_S = 0.2
+HEALTH_PERIOD_S = 1.0
 """Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
-long as a tick. Source: our own choice."""
+long as a tick or two. Source: our own choice: people read it."""
 
 
 class Publisher:
@@ -42,7 +41,7 @@ class Publisher:
     def __init__(self, world: World, clock: Clock) -> None:
         self._world, self._clock = world, clock
         self._speedometer = Speedometer()
-        self._state_due = clock.now()
+        self._state_due = self._health_due = clock.now()
         self._read_s = self._made_s = clock.now()
         self._turn = 0
         self._fresh = threading.Event()
@@ -83,25 +82,24 @@ class Publisher:
             return
         self._state_due = now + SNAPSHOT_PERIOD_S
         self._speedometer.mark(now, run_s)
-        if now - self._read_s > LOOKED_AT_S:
-            return
-        self._show(self._look(self._next_health(), ticks, paused, refused))
+        if now - self._read_s > LOOKED_AT_S or self._read_s < self._made_s:
+            return  # nobody looks, or the newest one was not looked at yet
+        self._show(self._look(self._next_health(now), ticks, paused, refused))
 
     def publish(self, ticks: int, paused: bool, refused: int) -> None:
         """Show the newest state now."""
         self._show(self._look(self._world.health(), ticks, paused, refused))
 
-    def _next_health(self) -> Health:
-        """Look at the arms whose turn it is."""
-        each = dict(self._state.health.per_arm)
-        names = tuple(each)
-        if not names:
-            return self._state.health
-        for _ in range(ceil(len(names) * SNAPSHOT_PERIOD_S / HEALTH_PERIOD_S)):
-            name = names[self._turn % len(names)]
-            each[name] = self._world.arm(name).health()
-            self._turn += 1
-        return Health.of(each)
+    def _next_health(self, now: float) -> Health:
+        """Look at the arm whose turn it is, when it is time."""
+        health = self._state.health
+        names = tuple(health.per_arm)
+        if not names or now < self._health_due:
+            return health
+        self._health_due = now + HEALTH_PERIOD_S / len(names)
+        name = names[self._turn % len(names)]
+        self._turn += 1
+        return Health.of({**health.per_arm, name: self._world.arm(name).health()})
 
     def _show(self, state: LoopState) -> None:
         self._state, self._made_s = state, self._clock.now()

@@ -52,11 +52,12 @@ class Shot:
         record: where it was and what its lenses are like, as `World.cameras` tells
         frame: the picture or two, as the renderer made them
         stamp: what headers say; None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
     """
 
     def __init__(self, camera: str, order: Order, frame: Any, packer: Packer) -> None:
         self.camera, self.record, self.frame = camera, order.cameras[camera], frame
-        self.stamp, self._packer = order.stamp, packer
+        self.stamp, self.asked_s, self._packer = order.stamp, order.asked_s, packer
         self._packed: dict[str, bytes] = {}
 
     @property

@@ -89,6 +89,8 @@ def test_a_view_shows_the_eyes_that_it_says(
     window: EndoscopeWindow,
 ) -> None:
     window._choose(view)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("endoscope",)
     window.take(shot(window))
     image = shown(server, window)
     assert image.shape[:2] == size[::-1]
@@ -103,6 +105,10 @@ def test_nothing_is_asked_for_unless_somebody_looks(
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("endoscope",)
     assert window.wanted() == ()  # 30 a second are enough
+    window.take(shot(window))
+    first, window._fresh = window._fresh, None
+    window.take(shot(window))  # another one's: it is not packed for nobody
+    assert first is not None and window._fresh is None
     run_there(server, lambda: window.show(time.perf_counter() - 2 * ANSWERED_S))
     window._due = 0.0
     assert window.wanted() == ()

@@ -5,15 +5,13 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
 
 import numpy as np
 
 from trocar.apps.benchmarks.figure import Figure
-from trocar.descriptions.cameras import StereoCalibration, load_stereo_camera
-from trocar.interfaces.loop import SERVER_TICK_S, Loop
-from trocar.interfaces.pictures import Pictures, Shot
-from trocar.rendering import Channels, Look, Renderer, Series
+from trocar.apps.benchmarks.live_scope import LIVE_S, live
+from trocar.descriptions.cameras import load_stereo_camera
+from trocar.rendering import Channels, Look, Renderer
 from trocar.rendering.reference import Reference
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
@@ -35,12 +33,8 @@ MOST_TRIANGLES = 20_000
 RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16
 #: Pictures that one renderer draws before the next has its turn. Source: our own choice.
 IN_A_ROW = 7
-#: How long each picture is measured, and the live part. Source: our own choice. [s]
-DURATION_S, LIVE_S = 4.0, 10.0
-#: Pictures before the live part is measured. Source: our own choice.
-WARM = 10
-#: Live: how often, how many may be late, and the processor's cores. Source: the project's own goal.
-LIVE_HZ, MOST_LATE_PERCENT, MOST_CORES, LEAST_FACTOR = 60.0, 1.0, 1.2, 0.995
+#: How long each picture is measured. Source: our own choice. [s]
+DURATION_S = 4.0
 
 #: By how much each instrument moves. Source: our own choice. [rad or m]
 MOVE = np.array([0.05, 0.05, -0.005, 0.6, 0.3, -0.3])
@@ -49,15 +43,19 @@ Draw = Callable[[int], object]
 
 
 def scope(
-    duration_s: float = DURATION_S, watch: Callable[[str], None] | None = None
+    duration_s: float = DURATION_S,
+    watch: Callable[[str], None] | None = None,
+    live_s: float = LIVE_S,
+    onlooker: str | None = None,
 ) -> list[Figure]:
     """Measure the endoscope of the full cart, in motion, with its meshes.
 
     Both draw the same snapshots, with a shadow map of 1024 and one sample a pixel.
 
     Args:
-        duration_s: how long each size is measured, and the live part 2.5 times that [s]
+        duration_s: how long each size is measured [s]
         watch: told what is measured next
+        live_s, onlooker: of the live part: how long it is [s], and as of `live`
 
     Raises:
         MissingExtraError: the extra `scope` is not installed
@@ -71,8 +69,7 @@ def scope(
         tell(f"stereo pictures, {preset}")
         eyes = load_stereo_camera(preset)
         found += sizes(world, snapshots, record.seeing(eyes), preset, duration_s)
-    tell("real time with pictures")
-    found += live(duration_s * LIVE_S / DURATION_S)
+    found += live(live_s, tell, onlooker)
     return found
 
 
@@ -141,56 +138,6 @@ def timed(draws: Mapping[str, Draw], duration_s: float) -> dict[str, float]:
                 if k:  # the first finds the processor's memory full of another's picture
                     taken[name].append(time.perf_counter() - begun)
     return {name: statistics.median(times) for name, times in taken.items()}
-
-
-def live(duration_s: float) -> Iterator[Figure]:
-    """Run the cart in real time at 1 kHz while both eyes are drawn, 640x480 at 60 Hz."""
-    world = World(RIG)
-    world.reset(pose=POSE)
-    loop = Loop(world, tick_s=SERVER_TICK_S)  # as `trocar sim` does
-    eyes: dict[str, StereoCalibration] = {"endoscope": load_stereo_camera("dvrk_sd_640x480")}
-
-    def renderer() -> Series:
-        ask = loop.ask
-        return Series(
-            Renderer(lambda: ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result())
-        )
-
-    pictures = Pictures(loop, renderer, LIVE_HZ, calibrations=eyes)
-    with closing(loop), closing(pictures):
-        pictures.add(_Looker())
-        pictures.start()
-        loop.start()
-        while pictures.made < WARM and not pictures.failure:
-            time.sleep(0.1)  # the first picture takes long: everything is made then
-        begun, used, then = time.perf_counter(), time.process_time(), world_time(loop)
-        made, lost = pictures.made, pictures.late + pictures.dropped
-        time.sleep(duration_s)
-        passed = time.perf_counter() - begun
-        cores = (time.process_time() - used) / passed
-        factor = (world_time(loop) - then) / passed
-        made = pictures.made - made
-        lost = pictures.late + pictures.dropped - lost
-    what = "live, stereo 640x480 at 60 Hz"
-    yield Figure(f"{what}: real-time factor", factor, "", LEAST_FACTOR, True)
-    yield Figure(f"{what}: pairs", made / passed, "1/s")
-    yield Figure(f"{what}: late or dropped", 100.0 * lost / max(made, 1), "%", MOST_LATE_PERCENT)
-    yield Figure(f"{what}: processor", cores, "cores", MOST_CORES)
-
-
-def world_time(loop: Loop) -> float:
-    """Return the simulated time of the newest state [s]."""
-    return loop.ask(lambda world: world.time).result()
-
-
-class _Looker:
-    """Wants every picture and does nothing with it."""
-
-    def wanted(self) -> tuple[str, ...]:
-        return ("endoscope",)
-
-    def take(self, shot: Shot) -> None:
-        pass
 
 
 def _by_mujoco(judge: Reference, snapshot: Snapshot, record: CameraRecord) -> list[np.ndarray]:

@@ -77,7 +77,7 @@ def _with_camera(duration_s: float) -> Figure | str:
     def look() -> None:
         nonlocal drawn
         if world.time - begun_at >= drawn / RATE_HZ:
-            scope.capture()
+            scope.capture_next()
             drawn += 1
 
     leave = world.watch(look)

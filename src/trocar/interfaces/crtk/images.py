@@ -77,7 +77,7 @@ class Images:
 
     def look(self, sample: Sample) -> Sample:
         """Let a picture be taken when one is due, in the loop's thread."""
-        if not self._beat.due(sample.elapsed):
+        if not self._pictures.takes(self._beat.due(sample.elapsed)):
             return sample
         cameras = self._pictures.shoot(self._world, sample.stamp)
         return replace(sample, cameras=cameras) if cameras else sample

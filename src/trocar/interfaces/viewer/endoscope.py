@@ -52,6 +52,7 @@ class EndoscopeWindow:
         self._packer = Packer()
         self._camera, self._view = next(iter(cameras)), LEFT
         self._fresh: bytes | None = None
+        self._awaited = False
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
         self._said = ""
@@ -114,12 +115,14 @@ class EndoscopeWindow:
         if self._view == OFF or now - self._seen > ANSWERED_S or now < self._due:
             return ()
         self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
+        self._awaited = True
         return (self._camera,)
 
     def take(self, shot: Shot) -> None:
-        """Keep a picture for the page."""
-        if shot.camera != self._camera or self._view == OFF:
+        """Keep a picture for the page, of those that come for others as well what it wants."""
+        if shot.camera != self._camera or self._view == OFF or not self._awaited:
             return
+        self._awaited = False
         self._fresh = self._composed(shot, self._view)
         self._came.append(time.perf_counter())
 

@@ -17,7 +17,7 @@ from trocar.geometry.se3 import transform
 from trocar.rendering import Channels, Look, Renderer, library, staging
 from trocar.rendering.painter import Painter
 from trocar.rendering.scenery import Scenery
-from trocar.rendering.sight import Frustum
+from trocar.rendering.sight import Boxes, Frustum
 from trocar.simulation import World
 
 BACK = plate(transform(np.eye(3), [0.0, 0.0, 0.12]), 0.3, 0.3)
@@ -168,8 +168,8 @@ def test_what_is_not_drawn_would_not_be_seen(
 
     culled, _ = pictures()
 
-    def all_of_it(_: Frustum, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:  # noqa: ARG001
-        return np.ones(len(radii), dtype=bool)
+    def all_of_it(_: Frustum, around: Boxes) -> np.ndarray:
+        return np.ones(len(around.middles), dtype=bool)
 
     monkeypatch.setattr(staging, "inside", all_of_it)
     whole, _ = pictures()

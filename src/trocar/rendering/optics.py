@@ -53,6 +53,15 @@ class Optics:
     places: NDArray[np.float32] | None
     shown: Calibration
 
+    @property
+    def parallel(self) -> bool:
+        """Whether a scope's light and both eyes look the same way, from the same depth."""
+        return self.light is not None and all(
+            np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9
+            and abs(eye.T_eye_reference[2, 3] + self.light.at[2]) < 1e-9
+            for eye in self.eyes
+        )
+
 
 def optics(record: CameraRecord, distortion: bool, most: int) -> Optics:
     """Return a camera as it is drawn.

@@ -116,15 +116,10 @@ class Painter:
 
     def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str], exposure: float) -> None:
         card, light, look = self._card, stage.light, self._look
-        parallel = light.scope and all(
-            np.abs(eye.T_eye_reference[:3, :3] - np.eye(3)).max() < 1e-9
-            and abs(eye.T_eye_reference[2, 3] + light.at[2]) < 1e-9
-            for eye in lenses.eyes
-        )
         switches = {
             "SHADOWS": bool(len(stage.shading)),
             "SCOPE": light.scope,
-            "PARALLEL": parallel,
+            "PARALLEL": lenses.parallel,
             "VIGNETTE": look.vignette > 0.0,
         }
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]

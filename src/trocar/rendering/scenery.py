@@ -29,7 +29,8 @@ class Scenery:
         normals: (n, 3) float32
         indices: (k,) uint32
         bodies: index of each object's body (m,)
-        centres, radii: a sphere about each object in its body's frame, (m, 3), (m,) [m]
+        centres, halves: a box about each object in its body's frame: its middle and half of its
+            edges, (m, 3), (m, 3) [m]
         first, count: each level's part of the indices, the whole surface first, (m, levels)
         errors: by how much a level may be off, (m, levels) [m]
         colours: linear red, green, blue and how metallic, (m, 4) float32
@@ -44,7 +45,7 @@ class Scenery:
     indices: NDArray[np.uint32]
     bodies: Ints
     centres: Array
-    radii: Array
+    halves: Array
     first: Ints
     count: Ints
     errors: Array
@@ -53,6 +54,11 @@ class Scenery:
     ids: Ints
     of_arms: NDArray[np.bool_]
     names: Mapping[int, str]
+
+    @property
+    def radii(self) -> Array:
+        """From each box's middle to its corners, (m,) [m]."""
+        return np.linalg.norm(self.halves, axis=1)
 
 
 def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
@@ -68,15 +74,16 @@ def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     ]
     surfaces = [levels(joined([surface(shape) for shape in group])) for group in groups]
     number = {body: k + 1 for k, body in enumerate(sorted({s.body for s in shapes}))}
-    spheres = [_sphere(found[0][1].points) for found in surfaces]
+    ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
+    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
     points, normals, indices, first, count, errors = _packed(surfaces)
     return Scenery(
         points=points,
         normals=normals,
         indices=indices,
         bodies=np.array([group[0].body for group in groups], dtype=np.int64),
-        centres=np.array([centre for centre, _ in spheres]).reshape(-1, 3),
-        radii=np.array([radius for _, radius in spheres]),
+        centres=0.5 * (low + high),
+        halves=0.5 * (high - low),
         first=first,
         count=count,
         errors=errors,
@@ -99,11 +106,6 @@ def linear(rgb: Sequence[float]) -> Array:
     """Return the light that a screen's colour stands for. Source: IEC 61966-2-1 (sRGB)."""
     c = np.asarray(rgb, dtype=np.float64)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
-
-
-def _sphere(points: Array) -> tuple[Array, float]:
-    centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return centre, float(np.linalg.norm(points - centre, axis=1).max())
 
 
 def _packed(

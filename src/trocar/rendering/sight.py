@@ -56,45 +56,61 @@ def placed(scenery: Scenery, snapshot: Snapshot, T_reference_world: Array) -> Ar
     return found
 
 
-def middles(scenery: Scenery, poses: Array) -> Array:
-    """Return the middles of the objects' spheres where their poses (m, 3, 4) have them, (m, 3)."""
-    return (poses[:, :, :3] @ scenery.centres[:, :, None])[:, :, 0] + poses[:, :, 3]
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """Boxes about objects, in the reference frame: middles (m, 3), half edges (m, 3, 3) [m]."""
+
+    middles: Array
+    edges: Array
+
+    def depths(self, T_eye_reference: Array) -> tuple[Array, Array]:
+        """Return the least and the greatest depth of each ahead of an eye, (m,), (m,) [m]."""
+        z = T_eye_reference[2, :3]
+        reach = np.abs(self.edges @ z).sum(axis=1)
+        middle = self.middles @ z + T_eye_reference[2, 3]
+        return middle - reach, middle + reach
 
 
-def inside(frustum: Frustum, centres: Array, radii: Array) -> NDArray[np.bool_]:
-    """Return which spheres reach into a pyramid, (m,); a few that do not are taken as well."""
-    T = frustum.T_eye_reference
-    x, y, z = (centres @ T[:3, :3].T + T[:3, 3]).T
-    sides = (
-        (x - frustum.left * z, frustum.left),
-        (frustum.right * z - x, frustum.right),
-        (y - frustum.top * z, frustum.top),
-        (frustum.bottom * z - y, frustum.bottom),
+def boxes(scenery: Scenery, poses: Array) -> Boxes:
+    """Return the boxes where the objects' poses (m, 3, 4) have them."""
+    turns = poses[:, :, :3]
+    middles = (turns @ scenery.centres[:, :, None])[:, :, 0] + poses[:, :, 3]
+    return Boxes(middles, np.swapaxes(turns, 1, 2) * scenery.halves[:, :, None])
+
+
+def inside(frustum: Frustum, around: Boxes) -> NDArray[np.bool_]:
+    """Return which boxes reach into a pyramid, (m,); a few that do not are taken as well."""
+    sides = np.array(
+        [
+            [1.0, 0.0, -frustum.left],
+            [-1.0, 0.0, frustum.right],
+            [0.0, 1.0, -frustum.top],
+            [0.0, -1.0, frustum.bottom],
+            [0.0, 0.0, 1.0],
+        ]
     )
-    seen = z + radii > frustum.near
-    for depth, slope in sides:
-        seen &= depth > -radii * np.hypot(1.0, slope)
-    return seen
+    T = frustum.T_eye_reference
+    inwards = (sides @ T[:3, :3]).T
+    least = -sides @ T[:3, 3] + [0.0, 0.0, 0.0, 0.0, frustum.near]
+    reach = np.abs(around.edges @ inwards).sum(axis=1)
+    return (around.middles @ inwards + reach > least).all(axis=1)
 
 
 def chosen_levels(
     scenery: Scenery,
     frustum: Frustum,
     seen: Ints,
-    centres: Array,
+    nearest: Array,
     tolerance: float = TOLERANCE_PX,
 ) -> Ints:
     """Return how coarse each seen object may be, (k,): its level, 0 the whole surface.
 
     Args:
         scenery, frustum, seen: what is looked at, from where, which objects (k,)
-        centres: middles of all objects in the reference frame, (m, 3)
+        nearest: least depth of each of these, (k,) [m]
         tolerance: by how much a surface may be off [px]
     """
-    T = frustum.T_eye_reference
-    z = (centres[seen] @ T[:3, :3].T + T[:3, 3])[:, 2]
-    nearest = np.maximum(z - scenery.radii[seen], frustum.near)
-    off = scenery.errors[seen] * (frustum.pixels / nearest)[:, None]
+    off = scenery.errors[seen] * (frustum.pixels / np.maximum(nearest, frustum.near))[:, None]
     while True:
         level = (off <= tolerance).sum(axis=1) - 1
         triangles = scenery.count[seen, level].sum() // 3

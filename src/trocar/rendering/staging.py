@@ -12,10 +12,11 @@ from trocar.rendering.optics import Optics
 from trocar.rendering.scenery import Scenery
 from trocar.rendering.sight import (
     SHADOW_TOLERANCE_PX,
+    Boxes,
+    boxes,
     chosen_levels,
     commands,
     inside,
-    middles,
     placed,
 )
 from trocar.simulation.records import Snapshot
@@ -64,33 +65,38 @@ def stage(
         shadows: whether light throws them
     """
     rows = placed(things, snapshot, T_reference_world)
-    centres = middles(things, rows)
+    around = boxes(things, rows)
     frusta = [eye.frustum for eye in lenses.eyes]
+    nearest, farthest = around.depths(frusta[0].T_eye_reference)
     in_sight = np.zeros(len(things.bodies), dtype=np.bool_)
     for frustum in frusta:
-        in_sight |= inside(frustum, centres, things.radii)
-    order = np.flatnonzero(in_sight)
-    order = order[np.argsort(centres[order, 2] + things.radii[order], kind="stable")]
-    level = chosen_levels(things, frusta[0], order, centres)
-    light = lenses.light or _room_light(things, centres, T_reference_world)
-    shading = np.zeros((0, 5), dtype=np.uint32)
+        in_sight |= inside(frustum, around)
+    seen = np.flatnonzero(in_sight)
+    seen = seen[np.argsort(farthest[seen], kind="stable")]
+    level = chosen_levels(things, frusta[0], seen, nearest[seen])
+    light = lenses.light or _room_light(things, around, T_reference_world)
+    throws = np.zeros_like(in_sight)
     if shadows:
-        throws = inside(light.frustum, centres, things.radii) & (things.radii < FLOOR)
+        throws = inside(light.frustum, around) & (things.radii < FLOOR)
         if light.scope:
             throws &= things.of_arms | (things.radii < LARGE)
-        who = np.flatnonzero(throws)
-        simple = chosen_levels(things, frusta[0], who, centres, SHADOW_TOLERANCE_PX)
-        shading = commands(things, who, simple)
-    backdrop = DARK if light.scope else WALL
-    return Stage(rows, commands(things, order, level), shading, light, backdrop)
+    who = np.flatnonzero(throws)
+    simple = chosen_levels(things, frusta[0], who, nearest[who], SHADOW_TOLERANCE_PX)
+    return Stage(
+        rows=rows,
+        seen=commands(things, seen, level),
+        shading=commands(things, who, simple),
+        light=light,
+        backdrop=DARK if light.scope else WALL,
+    )
 
 
-def _room_light(things: Scenery, centres: Array, T_reference_world: Array) -> Light:
+def _room_light(things: Scenery, around: Boxes, T_reference_world: Array) -> Light:
     """Return a lamp over everything that is no floor."""
     small = things.radii < FLOOR
     if not small.any():
         return room_light(T_reference_world, np.zeros(3), 1.0)
-    world = (centres[small] - T_reference_world[:3, 3]) @ T_reference_world[:3, :3]
+    world = (around.middles[small] - T_reference_world[:3, 3]) @ T_reference_world[:3, :3]
     reach = things.radii[small][:, None]
     low, high = (world - reach).min(axis=0), (world + reach).max(axis=0)
     return room_light(

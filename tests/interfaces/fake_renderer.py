@@ -30,10 +30,12 @@ class FakeRenderer:
         self.points = np.reshape(points, (-1, 3))
         self.gate, self.fails_after = gate, fails_after
         self.threads: set[str] = set()
+        self.names = {7: "point"}
+        self.beside: set[str] = set()
         self.drawn = 0
         self.closed = False
 
-    def render(self, snapshot: Any, cameras: Any, camera: str) -> Any:
+    def render(self, snapshot: Any, cameras: Any, camera: str, beside: Any = ()) -> Any:
         self.threads.add(threading.current_thread().name)
         if self.fails_after is not None and self.drawn >= self.fails_after:
             raise TrocarError("no OpenGL")
@@ -47,8 +49,21 @@ class FakeRenderer:
         eyes = zip(record.calibration.eyes, record.T_world_eyes, strict=True)
         pictures = [self._seen(eye, at) for eye, at in eyes]
         right = pictures[1] if len(pictures) > 1 else None
+        self.beside = set(beside)
+        depth, ids = (
+            np.stack([scale * (each[..., 0] > 0) for each in pictures]).astype(kind)
+            if name in beside
+            else None
+            for name, scale, kind in (("depth", 0.1, np.float32), ("ids", 7, np.int32))
+        )
         return SimpleNamespace(
-            left=pictures[0], right=right, time=snapshot.time, calibration=record.calibration
+            left=pictures[0],
+            right=right,
+            depth=depth,
+            ids=ids,
+            names=self.names,
+            time=snapshot.time,
+            calibration=record.calibration,
         )
 
     def _seen(self, eye: Any, T_world_eye: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import CancelledError
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError, TrocarError
@@ -163,15 +164,23 @@ class Pictures:
         return found
 
     def shoot(
-        self, world: World, stamp: tuple[int, int] | None = None
+        self,
+        world: World,
+        stamp: tuple[int, int] | None = None,
+        beside: Mapping[str, Collection[str]] = MappingProxyType({}),
     ) -> Mapping[str, CameraRecord]:
-        """Let the world be drawn as it is now; return its cameras, none when nobody looks."""
+        """Let the world be drawn as it is now; return its cameras, none when nobody looks.
+
+        Args:
+            world: of the loop
+            stamp: what headers say
+            beside: {camera: what is wanted beside its colours: "depth", "ids"}
+        """
         wanted = self.wanted
         if not wanted:
             return {}
-        order = Order(
-            stamp, time.perf_counter(), world.snapshot(arms=False), self.cameras(world), wanted
-        )
+        now, snapshot = time.perf_counter(), world.snapshot(arms=False)
+        order = Order(stamp, now, snapshot, self.cameras(world), wanted, beside)
         with self._changed:
             overtaken, self._order = self._order is not None, order
             self._changed.notify()
@@ -229,7 +238,8 @@ class Pictures:
         """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
         try:
             for camera in sorted(order.wanted & order.cameras.keys()):
-                frame = renderer.render(order.snapshot, order.cameras, camera)
+                beside = order.beside.get(camera, ())
+                frame = renderer.render(order.snapshot, order.cameras, camera, beside)
                 shot = Shot(camera, order, frame, self._packer)
                 for taker in self._takers:
                     taker.take(shot)

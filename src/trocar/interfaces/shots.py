@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from trocar.interfaces.packing import Packer, Picture
@@ -17,8 +17,17 @@ if TYPE_CHECKING:
 class Renderer(Protocol):
     """Draws; made, used and closed in one thread."""
 
-    def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> Any:
-        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None."""
+    def render(
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        beside: Collection[str] = (),
+    ) -> Any:
+        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None.
+
+        Beside the colours it has "depth" and "ids", where they are asked for.
+        """
         ...
 
     def close(self) -> None:
@@ -35,6 +44,7 @@ class Order:
         asked_s: wall time of the snapshot [s]
         snapshot, cameras: where bodies and cameras are, of one moment
         wanted: names of the cameras that somebody looks through
+        beside: {camera: what is wanted of it beside colours: "depth", "ids"}
     """
 
     stamp: tuple[int, int] | None
@@ -42,6 +52,7 @@ class Order:
     snapshot: Snapshot
     cameras: Mapping[str, CameraRecord]
     wanted: frozenset[str]
+    beside: Mapping[str, Collection[str]] = field(default_factory=dict[str, Collection[str]])
 
 
 class Shot:

@@ -6,7 +6,7 @@ the picture, and leaves the rest as it is.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -117,11 +117,22 @@ class Series:
         self._before: dict[str, StereoFrame] = {}
 
     def render(
-        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        beside: Collection[str] = (),
     ) -> StereoFrame:
-        """Draw what a camera sees, as `Renderer.render`."""
+        """Draw what a camera sees, as `Renderer.render`.
+
+        Args:
+            snapshot, cameras, camera: as there
+            beside: "depth", "ids": what is wanted more than the renderer has anyway
+        """
         stops = self._stops(snapshot, cameras, camera)
-        frame = self._before[camera] = self._renderer.render(snapshot, cameras, camera, stops)
+        channels = self._renderer.channels.with_(beside)
+        draw = self._renderer.render
+        frame = self._before[camera] = draw(snapshot, cameras, camera, stops, channels)
         return frame
 
     def _stops(

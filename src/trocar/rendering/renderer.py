@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,10 @@ class Channels:
         wanted = (("DEPTH", self.depth), ("IDS", self.ids), ("NORMALS", self.normals))
         return ("COLOUR", *(name for name, on in wanted if on))
 
+    def with_(self, names: Collection[str]) -> Channels:
+        """Return these and more."""
+        return replace(self, **dict.fromkeys(names, True)) if names else self
+
 
 class Renderer:
     """Draws; may be called from any thread, one after the other.
@@ -97,6 +101,7 @@ class Renderer:
         cameras: Mapping[str, CameraRecord],
         camera: str,
         stops: float | None = None,
+        channels: Channels | None = None,
     ) -> StereoFrame:
         """Draw what a camera sees.
 
@@ -106,6 +111,7 @@ class Renderer:
             camera: which
             stops: exposure; as the look has it when omitted, where it is automatic measured on
                 this snapshot alone
+            channels: what is wanted beside colour; as the renderer has it when omitted
 
         Raises:
             UnknownNameError: no such camera; the known ones are listed
@@ -115,15 +121,16 @@ class Renderer:
         if camera not in cameras:
             raise UnknownNameError("camera", camera, cameras)
         lost = load().Error, _LostError
+        outputs = (channels or self.channels).outputs
         with self._lock:
             record = cameras[camera].at(snapshot)
             try:
-                return self._drawn(snapshot, record, stops)
+                return self._drawn(snapshot, record, stops, outputs)
             except lost as problem:
                 _log.warning("the graphics context was lost (%s); it is made anew", problem)
                 self._open()
                 try:
-                    return self._drawn(snapshot, record, stops)
+                    return self._drawn(snapshot, record, stops, outputs)
                 except lost as again:
                     raise TrocarError(f"the graphics context was lost twice: {again}") from again
 
@@ -145,7 +152,13 @@ class Renderer:
         self.contexts += 1
         return card
 
-    def _drawn(self, snapshot: Snapshot, record: CameraRecord, stops: float | None) -> StereoFrame:
+    def _drawn(
+        self,
+        snapshot: Snapshot,
+        record: CameraRecord,
+        stops: float | None,
+        outputs: Sequence[str],
+    ) -> StereoFrame:
         card = self._card or self._open()
         with card.context:
             self._follow(card, snapshot)
@@ -154,7 +167,6 @@ class Renderer:
             lenses = self._lenses(record, card.most)
             seen = self._staged(snapshot, record, lenses, self.look.shadows)
             self.triangles = int(seen.seen[:, 0].sum()) // 3
-            outputs = self.channels.outputs
             drawn = self._painter.paint(seen, lenses, outputs, snapshot.time, stops)
             pictures = _read(drawn, lenses)
             error = card.context.error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -228,6 +229,60 @@ def test_the_scenes_of_others_find_the_endoscope_under_their_own_names(filmed) -
             image, info = (served.last(f"{before}/{eye}/{w}") for w in ("image_raw", "camera_info"))
             assert image["width"] == info["width"]
             assert info["header"] == image["header"]
+
+
+BESIDE = [f"endoscope/{eye}/{what}/image_raw" for eye in EYES for what in ("depth", "ids")]
+
+
+def test_depth_and_ids_are_drawn_while_somebody_listens_to_them(filmed) -> None:
+    served = filmed(wanted=["endoscope/left/image_raw"])
+    served.run(0.05)
+    assert served.renderer.drawn > 0 and not served.renderer.beside
+    served.transport.want("endoscope/left/image_raw", "endoscope/left/depth/image_raw")
+    served.run(0.05)
+    assert served.renderer.beside == {"depth"}
+    served.transport.want(*BESIDE)
+    served.run(0.05)
+    assert served.renderer.beside == {"depth", "ids"}
+    served.transport.want("endoscope/left/image_raw")
+    served.run(0.05)
+    assert not served.renderer.beside
+
+
+def test_depth_and_ids_are_the_frames_and_say_what_they_are(filmed) -> None:
+    served = filmed(wanted=[*BESIDE, "endoscope/left/depth/camera_info"])
+    camera = served.world.cameras()["endoscope"]
+    served.renderer.points = camera.T_world_camera[:3, 3] + 0.1 * camera.T_world_camera[:3, 2]
+    served.renderer.points = served.renderer.points.reshape(1, 3)
+    served.run(0.05)
+    for eye in EYES:
+        depth, ids = (served.last(f"endoscope/{eye}/{w}/image_raw") for w in ("depth", "ids"))
+        assert (depth["encoding"], ids["encoding"]) == ("32FC1", "32SC1")
+        size = depth["height"], depth["width"]
+        assert depth["step"] == ids["step"] == 4 * size[1]
+        metres = depth["data"].view(np.float32).reshape(size)
+        numbers = ids["data"].view(np.int32).reshape(size)
+        assert metres.max() == pytest.approx(0.1) and numbers.max() == 7
+        assert ((metres > 0.0) == (numbers == 7)).all() and (numbers == 7).sum() == 1
+        assert depth["header"] == ids["header"]
+        kind = served.core.topics[f"endoscope/{eye}/depth/image_raw"].type
+        assert cdr_decode(kind, cdr_encode(kind, depth))["data"] == bytes(depth["data"])
+    info = served.last("endoscope/left/depth/camera_info")
+    assert (info["height"], info["width"]) == size
+
+
+def test_the_names_of_ids_are_told_once_and_to_those_who_come_late(filmed) -> None:
+    served = filmed(wanted=["endoscope/left/image_raw"])
+    served.run(0.05)
+    assert served.core.latched("endoscope/left/ids/names") is None
+    served.transport.want(*BESIDE)
+    served.run(0.1)
+    (told,) = served.messages("endoscope/left/ids/names")
+    assert json.loads(told["data"]) == {"7": "point"}
+    assert served.core.latched("endoscope/right/ids/names") == told
+    served.renderer.names = {7: "another"}
+    served.run(0.1)
+    assert json.loads(served.last("endoscope/left/ids/names")["data"]) == {"7": "another"}
 
 
 def test_a_rig_without_cameras_has_none(filmed) -> None:

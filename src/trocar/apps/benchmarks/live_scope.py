@@ -7,7 +7,7 @@ import queue
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -98,11 +98,15 @@ class Stopwatch:
         return self
 
     def render(
-        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        beside: Collection[str] = (),
     ) -> StereoFrame:
         """Draw."""
         begun = time.perf_counter()
-        frame = self._series.render(snapshot, cameras, camera)
+        frame = self._series.render(snapshot, cameras, camera, beside)
         self._took_s = time.perf_counter() - begun
         return frame
 

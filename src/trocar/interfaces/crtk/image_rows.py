@@ -20,13 +20,21 @@ IMAGE, COMPRESSED, INFO = (
     "sensor_msgs/CameraInfo",
 )
 EYES = ("left", "right")
-What = Literal["image", "compressed", "info"]
+What = Literal["image", "compressed", "info", "depth", "depth info", "ids", "names"]
 #: What stands behind the name of an eye: the type, the unit, the help.
 KINDS: dict[What, tuple[str, str, str, str]] = {
     "image": ("image_raw", IMAGE, "rgb8", "what {seen} sees, as its lens throws it"),
     "compressed": ("image_raw/compressed", COMPRESSED, "", "the same as JPEG or PNG"),
     "info": ("camera_info", INFO, "px", "lens and size of {seen}, with every image"),
+    "depth": ("depth/image_raw", IMAGE, "m", "32FC1: how far ahead what {seen} sees is, or inf"),
+    "depth info": ("depth/camera_info", INFO, "px", "the same as camera_info, beside the depth"),
+    "ids": ("ids/image_raw", IMAGE, "", "32SC1: what {seen} sees in each pixel, 0: nothing"),
+    "names": ("ids/names", "std_msgs/String", "", 'JSON: {{"id": "name"}}, once ids are drawn'),
 }
+#: What everybody has; what is drawn with them where somebody wants it; what a recording holds.
+PLAIN: tuple[What, ...] = ("image", "compressed", "info")
+BESIDE: tuple[What, ...] = ("depth", "depth info", "ids", "names")
+RECORDED: tuple[What, ...] = ("compressed", "info")
 
 
 @dataclass(frozen=True)
@@ -36,7 +44,7 @@ class Origin:
     Attributes:
         camera: name of the camera
         eye: "left" or "right"; "" of a camera that has one
-        what: the picture, the picture packed, or what the lens is like
+        what: the picture, the picture packed, what the lens is like, ...: of KINDS
     """
 
     camera: str
@@ -73,14 +81,16 @@ def endoscope_eyes(rig: RigDescription) -> Iterator[tuple[str, str]]:
             return
 
 
-def rows_of(camera: str, kind: str) -> Iterator[tuple[Topic, Origin]]:
+def rows_of(
+    camera: str, kind: str, names: tuple[What, ...] = PLAIN + BESIDE
+) -> Iterator[tuple[Topic, Origin]]:
     """Return the topics of a camera, each with what it is of."""
     for eye in eyes_of(kind):
-        yield from rows_at(f"{camera}/{eye}" if eye else camera, camera, eye)
+        yield from rows_at(f"{camera}/{eye}" if eye else camera, camera, eye, names)
 
 
 def rows_at(
-    before: str, camera: str, eye: str, names: tuple[What, ...] = ("image", "compressed", "info")
+    before: str, camera: str, eye: str, names: tuple[What, ...]
 ) -> Iterator[tuple[Topic, Origin]]:
     """Return the topics of an eye under a name of their own."""
     seen = f"the {eye} eye of {camera}" if eye else camera
@@ -90,7 +100,8 @@ def rows_at(
             f"{before}/{name}",
             kind,
             "pub",
-            "camera",
+            "event" if what == "names" else "camera",
+            latched=what == "names",
             depth=IMAGES,
             unit=unit,
             help=text.format(seen=seen),

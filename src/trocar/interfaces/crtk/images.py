@@ -6,12 +6,15 @@ states are published as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import json
+import sys
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trocar.descriptions.cameras.records import Calibration
 from trocar.descriptions.cameras.rectification import camera_infos
@@ -29,6 +32,12 @@ from trocar.interfaces.shots import Shot
 if TYPE_CHECKING:
     from trocar.simulation import World
     from trocar.simulation.cameras import CameraRecord
+
+
+#: What sensor_msgs/Image calls them. Source: sensor_msgs/image_encodings.h.
+ENCODINGS = {"image": "rgb8", "depth": "32FC1", "ids": "32SC1"}
+#: What is drawn only while somebody wants it.
+BESIDE = ("depth", "ids")
 
 
 class Images:
@@ -55,7 +64,9 @@ class Images:
         self._origins: dict[str, Origin] = {}
         for topic, origin in rows:
             self._topics[topic.name], self._origins[topic.name] = topic, origin
-        self._names = frozenset(self._origins)
+        self._names = frozenset(n for n, o in self._origins.items() if o.what != "names")
+        self._told: dict[str, Mapping[int, str]] = {}
+        self._tell: Callable[[str, Mapping[str, object]], None] = lambda *_: None
         self._beat = Beat(rate_hz)
         self._asked: Callable[[], frozenset[str]] = frozenset
         self._leave: Callable[[], None] = lambda: None
@@ -66,7 +77,7 @@ class Images:
 
     def start(self, watch: Watch) -> None:
         """Take pictures with the samples of a watch from now on."""
-        self._asked = lambda: watch.asked
+        self._asked, self._tell = lambda: watch.asked, watch.put
         watch.look = self.look
         self._pictures.led = True
         self._leave = self._pictures.add(self)
@@ -79,49 +90,80 @@ class Images:
         """Let a picture be taken when one is due, in the loop's thread."""
         if not self._pictures.takes(self._beat.due(sample.elapsed)):
             return sample
-        cameras = self._pictures.shoot(self._world, sample.stamp)
+        cameras = self._pictures.shoot(self._world, sample.stamp, self._beside())
         return replace(sample, cameras=cameras) if cameras else sample
 
     def wanted(self) -> frozenset[str]:
         """Return the cameras whose topics somebody wants."""
         return frozenset(self._origins[name].camera for name in self._asked() & self._names)
 
+    def _beside(self) -> Mapping[str, Collection[str]]:
+        """Return what somebody wants of each camera beside its colours."""
+        found: dict[str, set[str]] = {}
+        for name in self._asked() & self._names:
+            origin = self._origins[name]
+            if origin.what in BESIDE:
+                found.setdefault(origin.camera, set()).add(origin.what)
+        return found
+
     def take(self, shot: Shot) -> None:
         """Publish a picture to those who want it."""
         if shot.stamp is None:
             return
         made: dict[str, tuple[Topic, Message]] = {}
+        self._tell_names(shot)
         for transport, names in self._carriers.wanted():
             batch: list[tuple[Topic, Message]] = []
             for name in sorted(names & self._names):
                 origin = self._origins[name]
-                if origin.camera == shot.camera:
+                if origin.camera == shot.camera and _has(shot, origin):
                     if name not in made:
                         made[name] = self._topics[name], message(shot, origin, shot.stamp)
                     batch.append(made[name])
             if batch:
                 self._carriers.send(transport, batch)
 
+    def _tell_names(self, shot: Shot) -> None:
+        """Tell what ids mean, once, and again when they mean something else."""
+        if shot.frame.ids is None or self._told.get(shot.camera) == shot.frame.names:
+            return
+        self._told[shot.camera] = shot.frame.names
+        text = json.dumps({str(number): name for number, name in shot.frame.names.items()})
+        for name, origin in self._origins.items():
+            if origin.camera == shot.camera and origin.what == "names":
+                self._tell(name, {"data": text})
+
 
 def message(shot: Shot, origin: Origin, stamp: Stamp) -> Message:
-    """Return the message of a topic."""
+    """Return the message of a topic, of something that the picture has."""
     head = header(stamp, origin.frame_id)
-    if origin.what == "info":
+    if origin.what in ("info", "depth info"):
         infos = _infos(shot.calibration)
         return {"header": head, **infos[-1 if origin.eye == "right" else 0]}
     if origin.what == "compressed":
         return {"header": head, "format": shot.format, "data": shot.packed(origin.eye)}
-    picture = shot.eye(origin.eye)
-    height, width, _ = picture.shape
+    picture = _pixels(shot, origin)
+    height, width = picture.shape[:2]
     return {
         "header": head,
         "height": height,
         "width": width,
-        "encoding": "rgb8",
-        "is_bigendian": 0,
-        "step": 3 * width,
-        "data": np.ascontiguousarray(picture).reshape(-1),
+        "encoding": ENCODINGS[origin.what],
+        "is_bigendian": int(sys.byteorder == "big" and origin.what != "image"),
+        "step": picture.nbytes // height,
+        "data": np.ascontiguousarray(picture).reshape(-1).view(np.uint8),
     }
+
+
+def _has(shot: Shot, origin: Origin) -> bool:
+    """Tell whether something was drawn: it may be wanted only since."""
+    return origin.what not in BESIDE or getattr(shot.frame, origin.what) is not None
+
+
+def _pixels(shot: Shot, origin: Origin) -> NDArray[np.generic]:
+    if origin.what not in BESIDE:
+        return shot.eye(origin.eye)
+    return getattr(shot.frame, origin.what)[-1 if origin.eye == "right" else 0]
 
 
 @lru_cache(maxsize=16)

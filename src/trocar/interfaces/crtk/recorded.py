@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
-from trocar.interfaces.crtk.image_rows import Origin, rows_of
+from trocar.interfaces.crtk.image_rows import RECORDED, Origin, rows_of
 from trocar.interfaces.crtk.images import message
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
 from trocar.interfaces.packing import Packer
@@ -35,8 +35,7 @@ class RecordedImages:
         known = {camera.name: camera.kind for camera in world.rig.cameras}
         names = tuple(known) if cameras is None else tuple(cameras)
         self._rows: dict[str, list[tuple[Topic, Origin]]] = {
-            name: [row for row in rows_of(name, known[name]) if row[1].what != "image"]
-            for name in names
+            name: list(rows_of(name, known[name], RECORDED)) for name in names
         }
 
     def wanted(self) -> Collection[str]:

@@ -35,7 +35,7 @@ class FakeRenderer:
         self.drawn = 0
         self.closed = False
 
-    def render(self, snapshot: Any, cameras: Any, camera: str, beside: Any = ()) -> Any:
+    def render(self, snapshot: Any, cameras: Any, camera: str, *, beside: Any = ()) -> Any:
         self.threads.add(threading.current_thread().name)
         if self.fails_after is not None and self.drawn >= self.fails_after:
             raise TrocarError("no OpenGL")

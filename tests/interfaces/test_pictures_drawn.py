@@ -14,7 +14,7 @@ from trocar.interfaces.shots import Shot
 from trocar.simulation import World
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
-from trocar.rendering import Renderer
+from trocar.rendering import Renderer, Series
 from trocar.rendering.library import open_context
 
 
@@ -38,12 +38,13 @@ class Looker:
 
 
 def drawn(loop: Loop, rate_hz: float = 30.0) -> Pictures:
-    def renderer() -> Renderer:
-        ask = loop.ask
-        return Renderer(lambda: ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result())
+    def shapes() -> tuple:
+        return loop.ask(lambda w: (w.snapshot(arms=False).build, w.shapes())).result()
 
     scope = loop.world.cameras()["endoscope"].calibration.resized(320, 180)
-    return Pictures(loop, renderer, rate_hz, calibrations={"endoscope": scope})
+    return Pictures(
+        loop, lambda: Series(Renderer(shapes)), rate_hz, calibrations={"endoscope": scope}
+    )
 
 
 def test_pictures_go_on_when_a_tool_is_exchanged_and_show_the_new_one() -> None:

@@ -62,12 +62,14 @@ def test_in_a_series_light_fades_over_and_ends_where_a_single_picture_is() -> No
     stops = 3.0
     seen = [stops]
     for _ in range(300):
-        frame = draws.render(snapshot(), EYES, "eye", stops)
+        frame = draws.render(snapshot(), EYES, "eye", stops=stops)
         stops = followed(stops, frame.left, 1.0 / 60.0)
         seen.append(stops)
     assert (np.diff(seen) <= 0.0).all() and np.abs(np.diff(seen)).max() < 0.3
     assert seen[-1] == seen[-2]  # it has settled, and does not flicker
-    assert median(draws.render(snapshot(), EYES, "eye", stops)) == pytest.approx(TARGET, abs=NEAR)
+    assert median(draws.render(snapshot(), EYES, "eye", stops=stops)) == pytest.approx(
+        TARGET, abs=NEAR
+    )
     assert abs(stops - alone.exposure) < 0.5  # in bright light a stop changes little
 
 

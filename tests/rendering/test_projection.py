@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import BLACK, WHITE, camera, disc, mesh, plate, seen, snapshot, stereo
+from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 
 from trocar.geometry.lens import plane_from_pixels, undistort
-from trocar.geometry.rotations import matrix_from_rotation_vector, quaternion_from_matrix
+from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform, transform_points
-from trocar.rendering import Look, Renderer
+from trocar.rendering import Look
 from trocar.rendering.lenses import sources, wide_pinhole
-from trocar.simulation.records import ShapeRecord, Snapshot
 
 pytestmark = pytest.mark.usefixtures("opengl")
 
@@ -115,65 +114,3 @@ def test_without_distortion_the_frame_says_so() -> None:
     rig = stereo(LENSES["barrel"])
     assert not np.any(seen(shapes, rig).distortion[0])
     assert (seen(shapes, rig, Look(distortion=True)).distortion[0] == rig.left.distortion).all()
-
-
-#: Inner corners of the board across and down, and its squares' edge [m].
-CORNERS, EDGE = (9, 6), 0.006
-
-
-def board_at(number: int) -> Snapshot:
-    """Return the board's body in one of many poses before the camera."""
-    rng = np.random.default_rng(number)
-    turn = rng.uniform(-0.5, 0.5, 3) * [1.0, 1.0, 0.5]
-    at = [rng.uniform(-0.012, 0.012), rng.uniform(-0.01, 0.01), 0.075 + 0.003 * (number % 8)]
-    quaternion = quaternion_from_matrix(matrix_from_rotation_vector(turn))
-    upright = np.array([1.0, 0.0, 0.0, 0.0])
-    return Snapshot(
-        0.0, np.array([np.zeros(3), at]), np.array([upright, quaternion]), {}, 1
-    )  # fmt: skip
-
-
-def board() -> list[ShapeRecord]:
-    """Return a chessboard on a white plate, of body 1."""
-    dark = []
-    for column in range(CORNERS[0] + 1):
-        for row in range(CORNERS[1] + 1):
-            if (column + row) % 2 == 0:
-                x, y = (column - CORNERS[0] / 2) * EDGE, (row - CORNERS[1] / 2) * EDGE
-                dark.append(plate(transform(np.eye(3), [x, y, -2e-6]), EDGE, EDGE))
-    paper = plate(np.eye(4), (CORNERS[0] + 3) * EDGE, (CORNERS[1] + 3) * EDGE)
-    return [mesh("paper", paper, WHITE, 1), mesh("ink", np.concatenate(dark), BLACK, 1)]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lens", ["none", "barrel"])
-def test_opencv_finds_the_calibration_in_pictures_of_a_board(lens: str) -> None:
-    cv2 = pytest.importorskip("cv2", reason="OpenCV is the judge here")
-    rig = stereo(LENSES[lens], (1280, 960), 1160.0)
-    grid = np.zeros((CORNERS[0] * CORNERS[1], 3), np.float32)
-    grid[:, :2] = EDGE * np.stack(np.meshgrid(*map(np.arange, CORNERS)), -1).reshape(-1, 2)
-    look = Look(distortion=True, samples=4, wet=0.0, shadows=False)
-    shapes, eye = board(), {"eye": camera(rig)}
-    renderer = Renderer(lambda: (1, shapes), None, look)
-    found: list[list[np.ndarray]] = [[], []]
-    for number in range(22):
-        frame = renderer.render(board_at(number), eye, "eye")
-        sides = []
-        for picture in frame.eyes:
-            grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
-            there, corners = cv2.findChessboardCornersSB(grey, CORNERS, None)
-            sides.append(corners if there else None)
-        if all(side is not None for side in sides):
-            for k, side in enumerate(sides):
-                found[k].append(side)
-    assert len(found[0]) >= 16
-    objects = [grid] * len(found[0])
-    own = [cv2.calibrateCamera(objects, each, (1280, 960), None, None) for each in found]
-    told = cv2.stereoCalibrate(
-        objects, *found, own[0][1], own[0][2], own[1][1], own[1][2], (1280, 960),
-        flags=cv2.CALIB_FIX_INTRINSIC,
-    )  # fmt: skip
-    for K in (own[0][1], own[1][1]):
-        assert np.abs(np.diag(K)[:2] / np.diag(rig.left.K)[:2] - 1.0).max() < 1e-3
-        assert np.abs(K[:2, 2] / rig.left.K[:2, 2] - 1.0).max() < 2e-3
-    assert abs(np.linalg.norm(told[6]) - 0.005) < 5e-5

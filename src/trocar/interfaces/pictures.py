@@ -239,7 +239,7 @@ class Pictures:
         try:
             for camera in sorted(order.wanted & order.cameras.keys()):
                 beside = order.beside.get(camera, ())
-                frame = renderer.render(order.snapshot, order.cameras, camera, beside)
+                frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
                 shot = Shot(camera, order, frame, self._packer)
                 for taker in self._takers:
                     taker.take(shot)

@@ -22,6 +22,7 @@ class Renderer(Protocol):
         snapshot: Snapshot,
         cameras: Mapping[str, CameraRecord],
         camera: str,
+        *,
         beside: Collection[str] = (),
     ) -> Any:
         """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None.

@@ -121,6 +121,7 @@ class Series:
         snapshot: Snapshot,
         cameras: Mapping[str, CameraRecord],
         camera: str,
+        *,
         beside: Collection[str] = (),
     ) -> StereoFrame:
         """Draw what a camera sees, as `Renderer.render`.
@@ -132,7 +133,9 @@ class Series:
         stops = self._stops(snapshot, cameras, camera)
         channels = self._renderer.channels.with_(beside)
         draw = self._renderer.render
-        frame = self._before[camera] = draw(snapshot, cameras, camera, stops, channels)
+        frame = self._before[camera] = draw(
+            snapshot, cameras, camera, stops=stops, channels=channels
+        )
         return frame
 
     def _stops(

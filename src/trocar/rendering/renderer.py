@@ -100,6 +100,7 @@ class Renderer:
         snapshot: Snapshot,
         cameras: Mapping[str, CameraRecord],
         camera: str,
+        *,
         stops: float | None = None,
         channels: Channels | None = None,
     ) -> StereoFrame:

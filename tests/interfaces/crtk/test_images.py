@@ -268,7 +268,8 @@ def test_depth_and_ids_are_the_frames_and_say_what_they_are(filmed) -> None:
         kind = served.core.topics[f"endoscope/{eye}/depth/image_raw"].type
         assert cdr_decode(kind, cdr_encode(kind, depth))["data"] == bytes(depth["data"])
     info = served.last("endoscope/left/depth/camera_info")
-    assert (info["height"], info["width"]) == size
+    eye = camera.calibration.left
+    assert (info["height"], info["width"]) == (eye.height, eye.width)
 
 
 def test_the_names_of_ids_are_told_once_and_to_those_who_come_late(filmed) -> None:

@@ -102,11 +102,12 @@ class Stopwatch:
         snapshot: Snapshot,
         cameras: Mapping[str, CameraRecord],
         camera: str,
+        *,
         beside: Collection[str] = (),
     ) -> StereoFrame:
         """Draw."""
         begun = time.perf_counter()
-        frame = self._series.render(snapshot, cameras, camera, beside)
+        frame = self._series.render(snapshot, cameras, camera, beside=beside)
         self._took_s = time.perf_counter() - begun
         return frame
 

@@ -13,7 +13,8 @@ from PIL import Image
 from trocar.apps.filming import EYES, SHOWN, film, kind_of, take_picture
 from trocar.apps.filming.motions import MOTIONS, SWINGS, mover, swings
 from trocar.apps.filming.show import picture
-from trocar.errors import InputError, MissingExtraError, UnknownNameError
+from trocar.apps.filming.video import video
+from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.simulation import World
 
 SIZE = (64, 48)
@@ -130,6 +131,25 @@ def test_a_video_that_cannot_be_written_or_is_none_is_refused(tmp_path: Path) ->
         with pytest.raises(InputError, match=complaint):
             film(world, frame, path, **{**usual, **options})
     assert world.time == 0.0
+
+
+# imageio_ffmpeg leaves its pipe to an ffmpeg that has ended to the garbage collector.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no file that is always full here")
+@pytest.mark.parametrize("pictures", [2, 60])
+def test_a_disk_that_is_full_is_an_error(pictures: int, tmp_path: Path) -> None:
+    pytest.importorskip("imageio_ffmpeg", reason="the extra `video` is not there")
+    path = tmp_path / "scope.mp4"
+    path.symlink_to("/dev/full")
+
+    def written() -> None:
+        rng = np.random.default_rng(1)
+        with video(path, (320, 240), 10.0) as out:
+            for _ in range(pictures):
+                out.add(rng.integers(0, 255, (240, 320, 3), np.uint8))
+
+    with pytest.raises(TrocarError, match=r"did not write all of \d+ pictures.*is the disk full"):
+        written()
 
 
 def test_without_ffmpeg_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -69,6 +69,8 @@ def test_a_video_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         (["-o", "scope.png", "--rig", "ecm", "--preset", "kitchen"], "dvrk_sd_640x480"),
         (["-o", "scope.png", "--rig", "ecm", "--pose", "kitchen"], "unknown pose"),
         (["-o", "scope.png", "--rig", "ecm", "--noise", "7"], "noise: got 7"),
+        (["-o", "scope.png", "--rig", "ecm", "--exposure", "bright"], 'of stops, or "auto"'),
+        (["-o", "scope.png", "--rig", "ecm", "--exposure", "99"], "exposure: got 99"),
         (["-o", "scope.png", "--rig", "ecm", "--angle", "45"], "45"),
         (["-o", "scope.png", "--rig", "ecm", "--after", "-1"], "--after: got -1"),
         (["-o", "scope.png", "--rig", "ecm", "--duration", "3"], "for videos"),

@@ -78,6 +78,20 @@ def test_a_lost_context_is_made_anew_and_said(
     assert "the graphics context was lost (the device was removed); it is made anew" in caplog.text
 
 
+def test_what_the_driver_complains_of_is_a_lost_context(
+    renderer: Renderer, caplog: pytest.LogCaptureFixture
+) -> None:
+    before = pictured(renderer)
+    card = renderer._card
+    assert card is not None
+    with card.context:
+        card.context.enable_direct(0xFFFF)  # there is no such thing
+    with caplog.at_level(logging.WARNING, "trocar"):
+        assert (pictured(renderer) == before).all()
+    assert renderer.contexts == 2
+    assert "GL_INVALID_ENUM); it is made anew" in caplog.text
+
+
 def test_a_context_that_is_lost_at_once_again_is_an_error(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:

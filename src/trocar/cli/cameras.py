@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from argparse import Namespace
+from argparse import ArgumentTypeError, Namespace
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Literal
 
@@ -64,7 +64,13 @@ def add_cameras(group: _ArgumentGroup) -> None:
 
 
 def _exposure(text: str) -> float | Literal["auto"]:
-    return "auto" if text == "auto" else number(text)
+    if text == "auto":
+        return "auto"
+    try:
+        return number(text)
+    except ArgumentTypeError:
+        allowed = 'allowed: a number of stops, or "auto"'
+        raise ArgumentTypeError(f"got {text.strip()!r}; {allowed}") from None
 
 
 def eyes_of(preset: str) -> str | list[str]:

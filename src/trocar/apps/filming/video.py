@@ -50,7 +50,7 @@ def video(path: Path, size: tuple[int, int], rate_hz: float) -> Iterator[Video]:
     Raises:
         MissingExtraError: the extra `video` is not installed
         InputError: the path cannot be written
-        TrocarError: ffmpeg gave up
+        TrocarError: ffmpeg gave up, as on a disk that is full
     """
     library = ffmpeg_library()
     try:
@@ -67,18 +67,32 @@ def video(path: Path, size: tuple[int, int], rate_hz: float) -> Iterator[Video]:
         ffmpeg_log_level="error",
     )
     writer.send(None)
+    out = _Writer(writer, (width, height))
     try:
-        yield _Writer(writer, (width, height))
+        yield out
     except OSError as problem:
-        raise TrocarError(f"{path}: ffmpeg gave up: {problem}") from problem
+        raise _incomplete(path, out.count) from problem
     finally:
         writer.close()
+    try:
+        written, _ = library.count_frames_and_secs(str(path))
+    except RuntimeError as problem:
+        raise _incomplete(path, out.count) from problem
+    if written != out.count:
+        raise _incomplete(path, out.count)
+
+
+def _incomplete(path: Path, count: int) -> TrocarError:
+    said = f"{path}: ffmpeg did not write all of {count} pictures, as it says above"
+    return TrocarError(f"{said}; is the disk full?")
 
 
 class _Writer:
     def __init__(self, writer: Any, size: tuple[int, int]) -> None:
         self._writer, self._size = writer, size
+        self.count = 0
 
     def add(self, picture: NDArray[np.uint8]) -> None:
         width, height = self._size
+        self.count += 1
         self._writer.send(np.ascontiguousarray(picture[:height, :width]))

@@ -43,13 +43,15 @@ def samples(arm: ArmDescription, count: int, seed: int = 7) -> Array:
 
 
 def endoscope_chain(q: Array) -> Array:
-    """T_rcm_tip of the ECM. Source: sawIntuitiveResearchKit share/kinematic/ECM.json."""
-    return (
+    """T_rcm_tip of the ECM. Source: SAW ECM.json and mtsIntuitiveResearchKitECM.cpp."""
+    last_row = (
         modified_dh(0.0, RIGHT, 0.0, q[0] + RIGHT)
         @ modified_dh(0.0, -RIGHT, 0.0, q[1] - RIGHT)
         @ modified_dh(0.0, RIGHT, q[2] - 0.3822, 0.0)
         @ modified_dh(0.0, 0.0, 0.3829, q[3])
     )
+    tooltip = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    return last_row @ tooltip
 
 
 def instrument_chain(q: Array, drop: float, shaft: float) -> Array:

@@ -64,6 +64,13 @@ ECM_SI = [
 WRIST = [row(-1.5708, 0.0, 0.0, -1.5708), row(-1.5708, 0.0091, 0.0, -1.5708)]
 TOOL = {"Classic": [row(0.0, 0.0, 0.4162), *WRIST], "Si": [row(0.0, 0.0, 0.4670), *WRIST]}
 TOOLTIP = [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+#: Of an ECM with any endoscope. Source: SAW mtsIntuitiveResearchKitECM.cpp, set_endoscope_type.
+SCOPE_TIP = [
+    [0.0, 1.0, 0.0, 0.0],
+    [-1.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, 0.0],
+    [0.0, 0.0, 0.0, 1.0],
+]
 
 
 def place(x: float, y: float, z: float, turn: int) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def test_bases_and_tips_agree_with_the_file_at_any_joints(tmp_path: Path, genera
             seen = moved(found.rig, name, q, q_suj)
             np.testing.assert_allclose(seen, lab.base(setup, q_suj), atol=EXACT)
             if name == "ECM":
-                tip = lab.chain(ecm, q)
+                tip = lab.chain(ecm, q) @ lab.SCOPE_TIP
             else:
                 tip = lab.chain([*psm, *lab.TOOL[generation]], q[:6]) @ lab.TOOLTIP
             np.testing.assert_allclose(pose(arm, q), tip, atol=EXACT)
@@ -67,7 +67,7 @@ def test_the_rig_is_simulated_and_its_poses_are_the_dvrk_s(tmp_path: Path, gener
     before = np.zeros(0)
     for _ in range(2):
         q = {name: arm.readings()[0] for name, arm in world.arms.items()}
-        scope = lab.base(setups["ECM"], q["SUJ_ECM"]) @ lab.chain(ecm, q["ECM"])
+        scope = lab.base(setups["ECM"], q["SUJ_ECM"]) @ lab.chain(ecm, q["ECM"]) @ lab.SCOPE_TIP
         for name in ("PSM1", "PSM2", "PSM3"):
             tip = lab.chain([*psm, *lab.TOOL[generation]], q[name][:6]) @ lab.TOOLTIP
             seen = np.linalg.inv(scope) @ lab.base(setups[name], q[f"SUJ_{name}"]) @ tip

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from trocar.apps.teleoperation.view import view_in_world
 from trocar.geometry import matrix_from_rotation_vector, rotation_vector_from_matrix
+from trocar.simulation import World
 
 from .console_rig import Bench, tip_in_image
 
@@ -23,6 +27,18 @@ def bench() -> Bench:
     bench = Bench(pose="work")
     bench.enable()
     return bench
+
+
+@pytest.mark.parametrize("rig", ["two_psm_ecm", "full_cart_mtm"])
+def test_the_tip_of_the_endoscope_has_the_axes_of_the_stereo_display(rig: str) -> None:
+    world = World(rig)
+    tip = world.reference_pose("ECM") @ world.arm("ECM").local_measured_cp().T
+    for where, way in DISPLAY.items():
+        seen = world.cameras()["endoscope"].T_world_camera[:3, :3] @ IMAGE[where]
+        np.testing.assert_allclose(tip[:3, :3] @ way, seen, atol=1e-9)
+    np.testing.assert_allclose(view_in_world(world)[:3, :3], tip[:3, :3], atol=1e-9)
+    blind = World(replace(world.rig, cameras=()))
+    np.testing.assert_allclose(view_in_world(blind)[:3, :3], tip[:3, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize("where", DISPLAY)

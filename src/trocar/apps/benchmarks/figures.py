@@ -29,6 +29,8 @@ Array = NDArray[np.float64]
 
 HALF = np.pi / 2.0
 TOOLTIP = np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]])
+#: Of an endoscope. Source: SAW mtsIntuitiveResearchKitECM.cpp, set_endoscope_type.
+SCOPE_TIP = np.array([[0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 SEED = 9
 
 
@@ -95,6 +97,7 @@ def dvrk_ecm(q: Array) -> Array:
         @ modified_dh(0.0, -HALF, 0.0, q[..., 1] - HALF)
         @ modified_dh(0.0, HALF, q[..., 2] - 0.3822, zero)
         @ modified_dh(0.0, 0.0, 0.3829, q[..., 3])
+        @ SCOPE_TIP
     )
 
 

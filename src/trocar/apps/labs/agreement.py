@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.labs.numbers import chain_tip
+from trocar.apps.labs.numbers import chain_tip, last_row
 from trocar.apps.labs.records import Chain, Lab, LabArm, SetupArm
 from trocar.apps.labs.rig_file import CART
 from trocar.apps.labs.setup_arms import setup_base
 from trocar.descriptions import RigDescription
 from trocar.descriptions.records import ArmDescription, RigArm
-from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.forward import pose
 
@@ -108,9 +107,4 @@ def _chain_gap(chain: Chain, arm: ArmDescription, rng: np.random.Generator) -> A
     """Return how far the chain's end is from the file's, (2,) [m, rad]."""
     q = _random(arm, rng)
     count = sum(1 for row in chain.rows if row.moves)
-    end = "insertion" if arm.type == "PSM" else None
-    seen = pose(arm.mechanism, q, end)
-    if arm.type == "PSM":  # trocar's frame is turned about the shaft, as its tools expect it
-        seen = seen.copy()
-        seen[:3, :3] = seen[:3, :3] @ rotation_z(np.pi / 2.0)
-    return _gap(seen, chain_tip(chain, q[:count]))
+    return _gap(last_row(arm, q), chain_tip(chain, q[:count]))

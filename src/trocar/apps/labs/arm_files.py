@@ -10,22 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.labs import documents
-from trocar.apps.labs.numbers import chain_tip
+from trocar.apps.labs.numbers import ROW_TURN, chain_tip, last_row
 from trocar.apps.labs.records import Chain, LabArm
 from trocar.apps.labs.stand_ins import arm_bodies
 from trocar.apps.labs.tool_file import tool_document
 from trocar.descriptions import ArmDescription, names
 from trocar.errors import DescriptionError
-from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import pose_difference
-from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
 
 #: Chains that differ by less are the same [m, rad]: 1.5708 for 90 degrees makes 4e-6.
 SAME_CHAIN = 3e-5
-#: A tool's frames begin a right angle about the shaft from the dVRK's. Source: psm_si.toml.
-TOOL_TURN = -np.pi / 2.0
 #: Gains of an Si where no file has them. Source: share/pid/sawControllersPID-{PSM,ECM}-Si.json.
 SI_GAINS = {
     "PSM": {"yaw": (600.0, 0.0, 30.0), "pitch": (600.0, 0.0, 30.0), "insertion": (6e3, 0.0, 200.0)},
@@ -132,19 +128,13 @@ def _same_chain(chain: Chain, known: ArmDescription) -> bool:
     rng = np.random.default_rng(0)
     lower, upper = known.mechanism.lower, known.mechanism.upper
     return all(
-        max(float(np.max(d)) for d in pose_difference(chain_tip(chain, q[:moving]), _end(known, q)))
+        max(
+            float(np.max(d))
+            for d in pose_difference(chain_tip(chain, q[:moving]), last_row(known, q))
+        )
         < SAME_CHAIN
         for q in rng.uniform(lower, upper, (8, len(lower)))
     )
-
-
-def _end(known: ArmDescription, q: Array) -> Array:
-    """Return the pose of the dVRK's last frame of an arm without its tool, (4, 4)."""
-    T = pose(known.mechanism, q)
-    if known.type == "PSM":
-        T = T.copy()
-        T[:3, :3] = T[:3, :3] @ rotation_z(-TOOL_TURN)
-    return T
 
 
 def _other_chain(arm: LabArm, own: str, source: str) -> tuple[documents.Document, ArmDescription]:
@@ -165,7 +155,7 @@ def _other_chain(arm: LabArm, own: str, source: str) -> tuple[documents.Document
     document["name"], document["generation"] = f"{own}_lab", arm.generation
     for name, row in zip(names, chain.rows, strict=True):
         frame = next(f for f in document["frame"] if f["name"] == name)
-        turn = TOOL_TURN if arm.type == "PSM" and name == "insertion" else 0.0
+        turn = ROW_TURN if arm.type == "PSM" and name == "insertion" else 0.0
         documents.set_row(frame, row, turn)
         frame["source"] = source
     return document, documents.known(serial, "none" if arm.type == "PSM" else None)

@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from trocar.apps.labs.json_file import Node
 from trocar.apps.labs.records import Chain, Convention, Row
+from trocar.descriptions import ArmDescription
 from trocar.geometry.dh import modified_dh, standard_dh
+from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
+from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,10 @@ SKEW = 1e-3
 #: What cisst takes for a joint's kind. Source: cisstRobot robJoint.cpp.
 KINDS = {"revolute": "revolute", "hinge": "revolute", "prismatic": "prismatic"}
 KINDS["slider"] = "prismatic"
+#: What ends trocar's own chain of a PSM and of an ECM is turned by this about the shaft from the
+#: last row of the dVRK's: as a tool's frames begin (psm.toml), and by the tooltip rotation of an
+#: ECM (ecm.toml). [rad]
+ROW_TURN = -np.pi / 2.0
 
 
 def angle(value: float, literal: bool) -> float:
@@ -107,6 +114,18 @@ def chain_tip(chain: Chain, q: Array) -> Array:
         place = modified_dh if chain.convention == "modified" else standard_dh
         T = T @ place(row.a, row.alpha, row.d + slide, row.theta + turn)
     return T
+
+
+def last_row(arm: ArmDescription, q: Array) -> Array:
+    """Return the pose of what is the last row of an arm's own chain in the dVRK, (4, 4).
+
+    Args:
+        arm: trocar's, with or without an instrument
+        q: of all of its joints, (n,) [rad or m]
+    """
+    T = pose(arm.mechanism, q, "insertion" if arm.type == "PSM" else None)
+    turn = 0.0 if arm.type == "MTM" else -ROW_TURN
+    return T @ transform(rotation_z(turn), np.zeros(3))
 
 
 def read_transform(node: Node, key: str) -> Array:

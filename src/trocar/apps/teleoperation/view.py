@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras.mounts import R_ROW_IMAGE
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
 
@@ -34,8 +33,7 @@ def view_in_world(world: World) -> Array:
             return seen @ transform(R_IMAGE_VIEW, np.zeros(3))
     for name, arm in world.arms.items():
         if arm.type == "ECM":
-            tip = world.reference_pose(name) @ arm.local_measured_cp().T
-            return tip @ transform(R_ROW_IMAGE @ R_IMAGE_VIEW, np.zeros(3))
+            return world.reference_pose(name) @ arm.local_measured_cp().T
     return transform(R_WORLD_VIEW, np.zeros(3))
 
 

@@ -32,9 +32,9 @@ KINDS: tuple[str, ...] = get_args(CameraKind)
 UP = np.array([0.0, 0.0, 1.0])
 #: How far an endoscope may be bent. Source: the dVRK's are straight, or 30 deg up or down. [rad]
 BENDS = (-np.pi / 6.0, 0.0, np.pi / 6.0)
-#: The image of a scope against its last DH row: the row's y is to the right of the picture, and its
-#: -x down. Source: SAW mtsIntuitiveResearchKitECM.cpp, ToolOffsetTransformation, which makes x
-#: left, y up and z ahead of it, as on the stereo display.
+#: The image of a scope (x right, y down, z ahead) against its last DH row: the row's y is to the
+#: right of the picture, and its -x down. Source: SAW mtsIntuitiveResearchKitECM.cpp,
+#: ToolOffsetTransformation, the rotation of an ECM's tip: x left, y up and z ahead.
 R_ROW_IMAGE = rotation_z(np.pi / 2.0)
 
 

@@ -31,8 +31,8 @@ ENDLESS = 20.0
 #: A picture with a smaller share that is lit says nothing. Source: our own choice.
 LIT = 0.02
 #: Pixels between two that are looked at, and the height of a picture that is drawn to be measured.
-#: Source: our own choice: some thousand pixels.
-APART, MEASURED_HEIGHT = 8, 60
+#: Source: our own choice: a thousand pixels and more.
+APART, MEASURED_HEIGHT = 16, 60
 #: How fast exposure follows [s]. Source: our own choice; those of cameras take about half a second.
 SETTLING_S = 0.25
 #: A picture that is so near to it is left as it is [stops]. Source: our own choice, not seen.

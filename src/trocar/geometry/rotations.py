@@ -128,6 +128,22 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
     return np.eye(3) * (1.0 - 2.0 * square) + 2.0 * outer + 2.0 * w * skew(v)
 
 
+def _outer() -> tuple[Array, Array]:
+    """Return what makes 4 q q^T, (16,), of a rotation matrix, (9,): factors, and what is added."""
+    factors, rest = np.zeros((4, 4, 3, 3)), np.eye(4)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        a, b, c = 1 + i, 1 + j, 1 + k
+        factors[(0, a, b, c), (0, a, b, c), i, i] = 1.0, 1.0, -1.0, -1.0
+        factors[(0, a), (a, 0), k, j], factors[(0, a), (a, 0), j, k] = 1.0, -1.0
+        factors[(b, c), (c, b), j, k] = factors[(b, c), (c, b), k, j] = 1.0
+    return factors.reshape(16, 9).T.copy(), rest.ravel()
+
+
+_OUTER, _OUTER_REST = _outer()
+#: The sign of the sum is that of the first component that is not 0.
+_LEAD = np.array([8.0, 4.0, 2.0, 1.0])
+
+
 def quaternion_from_matrix(R: ArrayLike) -> Array:
     """Give the unit quaternion of a rotation matrix.
 
@@ -142,19 +158,12 @@ def quaternion_from_matrix(R: ArrayLike) -> Array:
     Source: S. W. Shepperd, Quaternion from rotation matrix, J. Guidance and Control 1 (1978).
     """
     m = np.asarray(R, dtype=np.float64)
-    trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
-    outer = np.empty((*m.shape[:-2], 4, 4))
-    outer[..., 1:, 1:] = m + np.swapaxes(m, -1, -2)
-    outer[..., 0, 0] = 1.0 + trace
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        outer[..., 1 + i, 1 + i] = 1.0 - trace + 2.0 * m[..., i, i]
-        outer[..., 0, 1 + i] = outer[..., 1 + i, 0] = m[..., k, j] - m[..., j, k]
-    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    lead = np.take_along_axis(q, np.argmax(q != 0.0, axis=-1)[..., None], axis=-1)
-    q[lead[..., 0] < 0.0] *= -1.0
-    return q + 0.0  # no negative zeros
+    outer = (m.reshape(-1, 9) @ _OUTER + _OUTER_REST).reshape(-1, 4, 4)
+    best = outer.reshape(-1, 16)[:, ::5].argmax(axis=-1)
+    q = outer[np.arange(len(outer)), best]
+    q /= np.sqrt((q * q).sum(axis=-1, keepdims=True))
+    q[np.sign(q) @ _LEAD < 0.0] *= -1.0
+    return q.reshape(*m.shape[:-2], 4) + 0.0  # no negative zeros
 
 
 def matrix_from_rotation_vector(v: ArrayLike) -> Array:

@@ -261,10 +261,9 @@ class Core:
             self._described = True  # it takes seconds: others are not to wait for it
             threading.Thread(target=self._describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
-        states = self._publishing.states(sample, asked)
-        for transport, names in wanted:
-            batch = events + [states[name] for name in names if name in states]
-            if batch:
+        states = self._publishing.states(sample, [(t.packing, names) for t, names in wanted])
+        for (transport, _), told in zip(wanted, states, strict=True):
+            if batch := events + told:
                 self._carriers.send(transport, batch)
 
     def _describe(self) -> None:

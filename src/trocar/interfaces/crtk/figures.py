@@ -21,11 +21,10 @@ from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 Array = NDArray[np.float64]
 #: A position x, y, z [m] and a unit quaternion w, x, y, z.
 Row = tuple[list[float], list[float]]
-Rows = tuple[list[Row], list[Row]]
 
 
 @lru_cache(maxsize=64)
-def _joints(arm: ArmDescription) -> tuple[slice, tuple[str, ...]]:
+def joints_of(arm: ArmDescription) -> tuple[slice, tuple[str, ...]]:
     """Return which joints are the arm's own, and the names of all."""
     return slice(0, arm.own_joints), arm.mechanism.joint_names
 
@@ -64,14 +63,15 @@ class RigFigures:
         return self.plan.poses(self.sample.arms)
 
     @cached_property
-    def tip_rows(self) -> Rows:
-        """Where the plan's tips are in their own bases and in the frames of their poses."""
+    def tip_places(self) -> tuple[Array, Array]:
+        """Positions (k, 3) and quaternions wxyz (k, 4) of the plan's tips.
+
+        In their own bases first, then in the frames of their poses.
+        """
         tips = self.poses[0]
         at = np.repeat(np.array([self.arm(name).base[0] for name in self.plan.tips]), 2, axis=0)
         every = np.concatenate([tips, at @ tips])
-        turns = quaternion_from_matrix(every[:, :3, :3]).tolist()
-        rows = list(zip(every[:, :3, 3].tolist(), turns, strict=True))
-        return rows[: len(tips)], rows[len(tips) :]
+        return every[:, :3, 3], quaternion_from_matrix(every[:, :3, :3])
 
     @cached_property
     def object_rows(self) -> list[Row] | None:
@@ -108,7 +108,7 @@ class ArmFigures:
         self.rig_arm, self.arm, self._rig = rig_arm, rig_arm.arm, rig
         self.name = rig_arm.name
         self.sample = rig.sample.arms[rig_arm.name]
-        self.own, self.names = _joints(rig_arm.arm)
+        self.own, self.names = joints_of(rig_arm.arm)
 
     @property
     def own_frame(self) -> str:
@@ -149,13 +149,16 @@ class ArmFigures:
         index = self._rig.plan.bases.get(self.name)
         if index is not None:
             return self._rig.poses[1][index]
-        return self.root_in_world @ own_base(self.arm)
+        standing = self._rig.plan.standing.get(self.name)
+        return self.root_in_world @ own_base(self.arm) if standing is None else standing
 
     def tip_row(self, *, setpoint: bool, local: bool) -> Row:
         """Where the tip is, measured or at the set-points, in its own base or as poses are told."""
         index = self._rig.plan.tips.get(self.name)
         if index is not None:
-            return self._rig.tip_rows[0 if local else 1][index + setpoint]
+            places, turns = self._rig.tip_places
+            index += setpoint + (0 if local else len(places) // 2)
+            return places[index].tolist(), turns[index].tolist()
         T = self._tips[int(setpoint)] if local else self.base[0] @ self._tips[int(setpoint)]
         return T[:3, 3].tolist(), quaternion_from_matrix(T[:3, :3]).tolist()
 

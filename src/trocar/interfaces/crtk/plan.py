@@ -31,6 +31,7 @@ class Plan:
         rig: as given
         tips: {arm: index among poses of its tip; that at its set-points follows}
         bases: {arm: index among bases}
+        standing: {arm that stands on no other: its own base in the world, (4, 4)}
     """
 
     def __init__(self, rig: RigDescription) -> None:
@@ -47,6 +48,8 @@ class Plan:
         self._first = len(chains)
         mounts = {arm: mount for arm in rig.arms if (mount := _mount(rig, arm)) is not None}
         self.bases = {arm.name: index for index, arm in enumerate(mounts)}
+        alone = (arm for arm in rig.arms if not arm.on)
+        self.standing = {arm.name: arm.pose @ own_base(arm.arm) for arm in alone}
         self._told += [(arm.on, False) for arm in mounts]
         none = np.zeros((0, 4, 4))
         self._before = np.array([rig.arm(arm.on).pose for arm in mounts] or none)

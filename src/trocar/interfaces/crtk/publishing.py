@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from trocar.interfaces.crtk import happenings
 from trocar.interfaces.crtk.arm_messages import MAKERS
 from trocar.interfaces.crtk.clock import Beat, Stamp
 from trocar.interfaces.crtk.figures import RigFigures
+from trocar.interfaces.crtk.messages.forms import Packing
 from trocar.interfaces.crtk.plan import Plan
 from trocar.interfaces.crtk.sample import Event, Sample
+from trocar.interfaces.crtk.sheet import Page, Sheet
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
 
@@ -26,7 +28,11 @@ TF_RATE_HZ = 50.0
 REPEAT_RATE_HZ = 1.0
 
 Figure = Callable[[RigFigures, Stamp], "Message | None"]
-Out = list[tuple[Topic, Message]]
+#: Messages, or their bytes as the transport writes them.
+Out = list[tuple[Topic, Any]]
+#: How a transport writes messages, None where it takes them as they are, and what it wants.
+Wanted = tuple[Packing | None, frozenset[str]]
+T = TypeVar("T")
 
 
 class Publishing:
@@ -51,6 +57,8 @@ class Publishing:
         self._topics, self._prefixes = topics, prefixes
         self._makers = {**_arm_makers(topics.values()), **extra}
         self._plan: Plan | None = None
+        self._sheet: Sheet
+        self._pages: dict[int, Page] = {}
         self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
         self._standing: dict[str, tuple[object, ...]] = {}
         self._states: dict[str, tuple[str, bool, bool]] = {}
@@ -58,21 +66,39 @@ class Publishing:
         self.latched: dict[str, Message] = {}
         self.failed = 0
 
-    def states(self, sample: Sample, wanted: Iterable[str]) -> dict[str, tuple[Topic, Message]]:
-        """Return what is published every period, of the topics that are wanted."""
+    def states(self, sample: Sample, wanted: Iterable[Wanted]) -> list[Out]:
+        """Return what is published every period: for each transport, of the topics it wants."""
         if self._plan is None or self._plan.rig is not sample.rig:
             self._plan = Plan(sample.rig)
+            self._sheet = Sheet(self._plan, self._topics.values())
         rig = RigFigures(sample, self._plan)
         tf = self._tf.due(sample.elapsed) or bool(sample.cameras)
-        found: dict[str, tuple[Topic, Message]] = {}
-        for name in wanted:
-            make, topic = self._makers.get(name), self._topics.get(name)
-            if make is None or topic is None or (topic.rate == "tf" and not tf):
-                continue
-            message = self._made(name, make, rig, sample.stamp)
-            if message is not None:
-                found[name] = topic, message
+        made: dict[str, Message | None] = {}
+        found: list[Out] = []
+        for index, (packing, names) in enumerate(wanted):
+            batch, rest = self._filled(index, packing, names, rig)
+            for name in rest:
+                make, topic = self._makers.get(name), self._topics.get(name)
+                if make is None or topic is None or (topic.rate == "tf" and not tf):
+                    continue
+                if name not in made:
+                    made[name] = self._made(name, lambda make=make: make(rig, sample.stamp))
+                if (message := made[name]) is not None:
+                    batch.append((topic, message))
+            found.append(batch)
         return found
+
+    def _filled(
+        self, index: int, packing: Packing | None, names: frozenset[str], rig: RigFigures
+    ) -> tuple[Out, frozenset[str]]:
+        """Return messages of the sheet for one transport, and the names of those left to make."""
+        if packing is None:
+            return [], names
+        page = self._pages.get(index)
+        if page is None or page.sheet is not self._sheet or page.names != names:
+            page = self._pages[index] = Page(self._sheet, packing, names)
+        filled = self._made("", lambda: page.filled(rig, rig.sample.stamp))
+        return ([], names) if filled is None else (filled, page.rest)
 
     def events(self, sample: Sample) -> Out:
         """Return what happened since the last sample, what latched topics change to included."""
@@ -121,13 +147,13 @@ class Publishing:
             self.latched[event.name] = message
         out.append((topic, message))
 
-    def _made(self, name: str, make: Figure, rig: RigFigures, stamp: Stamp) -> Message | None:
+    def _made(self, name: str, make: Callable[[], T]) -> T | None:
         """Make a message; one that cannot be made is left out, and said so once."""
         try:
-            return make(rig, stamp)
+            return make()
         except (TrocarError, np.linalg.LinAlgError) as problem:
-            self.failed += 1
-            if name not in self._complained:
+            self.failed += bool(name)
+            if name and name not in self._complained:
                 self._complained.add(name)
                 _log.warning("%s cannot be published: %s", name, problem)
             return None

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
+    from trocar.interfaces.crtk.messages.forms import Packing
     from trocar.interfaces.crtk.topics import Topic
 
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
 Message = dict[str, Any]
-Batch = Sequence[tuple["Topic", Message]]
+#: Topics with their messages, or the bytes of these.
+Batch = Sequence[tuple["Topic", Any]]
 
 
 class Transport(Protocol):
@@ -19,6 +21,11 @@ class Transport(Protocol):
 
     #: "websocket", "ros1", ...
     name: str
+
+    @property
+    def packing(self) -> Packing | None:
+        """How it writes messages, so that it is given bytes of states; None: it takes messages."""
+        ...
 
     def start(self, core: Core) -> None:
         """Begin; `core` takes messages and calls from any thread from now on."""

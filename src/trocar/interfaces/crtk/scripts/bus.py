@@ -75,6 +75,7 @@ class Bus:
     """
 
     name = "script"
+    packing = None
 
     def __init__(self, later: Call) -> None:
         self._later = later

@@ -23,6 +23,7 @@ class MemoryTransport:
     """
 
     name = "memory"
+    packing = None
 
     def __init__(self, wanted: Iterable[str] | None = None) -> None:
         self._wanted = None if wanted is None else frozenset(wanted)

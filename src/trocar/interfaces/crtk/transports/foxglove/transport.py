@@ -49,6 +49,7 @@ class FoxgloveTransport:
     """
 
     name = "foxglove"
+    packing = None
 
     def __init__(
         self, port: int = PORT, record: str | None = None, *, images: bool = False

@@ -78,11 +78,11 @@ class Outlet:
         found = [connection.fileno() for connection in self._arrears]
         return [descriptor for descriptor in found if descriptor is not None and descriptor >= 0]
 
-    def send(self, message: dict[str, Any]) -> int:
-        """Hand a message to every subscriber; return how many messages were dropped for it."""
+    def send(self, message: dict[str, Any] | bytes) -> int:
+        """Hand a message, or its bytes, to every subscriber; return how many were dropped."""
         if not self._impl.connections and not self.topic.latched:
             return 0
-        data = ros1_encode(self._kind, message)
+        data = message if isinstance(message, bytes) else ros1_encode(self._kind, message)
         packet = struct.pack("<I", len(data)) + data
         if not self.topic.latched:
             return sum(self._offer(c, packet) for c in self._impl.connections)

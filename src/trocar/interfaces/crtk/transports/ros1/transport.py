@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, TrocarError
+from trocar.interfaces.crtk.messages.forms import ROS1_PACKING
 from trocar.interfaces.crtk.transports.ros1 import library as ros
 from trocar.interfaces.crtk.transports.ros1.intake import greet_in_threads, serve, subscribe
 from trocar.interfaces.crtk.transports.ros1.master import MasterError, find_master, settle_address
@@ -51,6 +52,7 @@ class Ros1Transport:
     """
 
     name = "ros1"
+    packing = ROS1_PACKING
 
     def __init__(self, node: str = NODE) -> None:
         self.node = node

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
+from trocar.interfaces.crtk.messages.forms import CDR_PACKING
 from trocar.interfaces.crtk.transports.ros2 import graph, library, names
 from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Reader, Taken, Writer
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
@@ -52,6 +53,7 @@ class Ros2Transport:
     """
 
     name = "ros2"
+    packing = CDR_PACKING
 
     def __init__(self, where: Network | None = None, node: str = NODE) -> None:
         library.load()
@@ -134,9 +136,10 @@ class Ros2Transport:
             else:
                 self._write((writer, topic, message))
 
-    def _write(self, parcel: tuple[Writer, Topic, Message]) -> None:
+    def _write(self, parcel: tuple[Writer, Topic, Message | bytes]) -> None:
         writer, topic, message = parcel
-        if not writer.write(cdr_encode(topic.type, message)):
+        data = message if isinstance(message, bytes) else cdr_encode(topic.type, message)
+        if not writer.write(data):
             self.lost += 1
             if self.lost & (self.lost - 1) == 0:
                 _log.warning("ROS 2: %d messages lost, the last of %s", self.lost, topic.name)

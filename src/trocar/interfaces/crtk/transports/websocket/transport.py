@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.transports.websocket.door import Door
-from trocar.interfaces.crtk.transports.websocket.parcel import Parcel
+from trocar.interfaces.crtk.transports.websocket.parcel import PACKING, Parcel
 from trocar.interfaces.crtk.transports.websocket.server import Server
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ class WebSocketTransport:
     """
 
     name = "websocket"
+    packing = PACKING
 
     def __init__(self, host: str = "127.0.0.1", port: int = PORT, token: str | None = None) -> None:
         if not 0 <= port <= 65535:

@@ -17,6 +17,7 @@ import numpy as np
 from trocar.apps.benchmarks.arrivals import arrivals
 from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.onlookers import browser, looking
+from trocar.apps.benchmarks.swinging import swing
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
 from trocar.interfaces.crtk import Core
@@ -38,8 +39,7 @@ MOST_LATE_PERCENT, MOST_CORES, LEAST_FACTOR, MOST_BEYOND_MS = 1.0, 1.2, 0.995, 5
 #: What a program listens to: both eyes and their lenses, and where they are.
 EYES = tuple(f"endoscope/{eye}/image_raw" for eye in ("left", "right"))
 WANTED = frozenset((*EYES, "endoscope/left/camera_info", "endoscope/right/camera_info", "tf"))
-#: How long all may take to be made, and a browser to come; how long it is left alone then. Source:
-#: our own choice. [s]
+#: For all to be made, for a browser to come, to leave it alone then. Source: our own choice. [s]
 READY_S, PATIENCE_S, SETTLE_S = 60.0, 60.0, 5.0
 #: So many pictures for the page, and somebody looks at it. Source: our own choice.
 WARM = 10
@@ -219,7 +219,7 @@ def measured(run: Run, duration_s: float, who: str) -> Iterator[Figure]:
     run.listener.came.clear()
     dropped, used = run.pictures.dropped, time.process_time()
     begun, then = time.perf_counter(), world_time(run.loop)
-    time.sleep(duration_s)
+    swing(run.loop, begun + duration_s)
     passed, simulated = time.perf_counter() - begun, world_time(run.loop) - then
     cores = (time.process_time() - used) / passed
     dropped = run.pictures.dropped - dropped

@@ -10,6 +10,7 @@ import numpy as np
 
 from trocar.apps.benchmarks.figure import Figure
 from trocar.apps.benchmarks.live_scope import LIVE_S, live
+from trocar.apps.benchmarks.swinging import INSTRUMENTS, MOVE
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.rendering import Channels, Look, Renderer
 from trocar.rendering.reference import Reference
@@ -35,9 +36,6 @@ RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16
 IN_A_ROW = 7
 #: How long each picture is measured. Source: our own choice. [s]
 DURATION_S = 4.0
-
-#: By how much each instrument moves. Source: our own choice. [rad or m]
-MOVE = np.array([0.05, 0.05, -0.005, 0.6, 0.3, -0.3])
 
 Draw = Callable[[int], object]
 
@@ -76,7 +74,7 @@ def scope(
 def in_motion(world: World) -> tuple[list[Snapshot], CameraRecord]:
     """Return the cart at some moments of a motion, and its endoscope."""
     world.reset(pose=POSE)
-    for name in ("PSM1", "PSM2", "PSM3"):
+    for name in INSTRUMENTS:
         arm = world.arm(name)
         arm.move_jp(arm.setpoint_js().position + MOVE)
     snapshots = []

@@ -55,7 +55,7 @@ class Listener:
         came: {stamp: arrival [s]}
     """
 
-    name = "listener"
+    name, packing = "listener", None
 
     def __init__(self) -> None:
         self.asks = False

@@ -15,8 +15,9 @@ Mode = Literal["wall", "sim"]
 MODES: tuple[Mode, ...] = ("wall", "sim")
 SECOND = 1_000_000_000
 
-#: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
-FIRST_NS = SECOND
+#: Simulated time begins here: a zero stamp means "invalid" (source: dVRK 2.4), and a client that
+#: asks how old it is has to find it older than it has patience for. [ns]
+FIRST_NS = 1000 * SECOND
 
 
 class Stamper:
@@ -24,7 +25,7 @@ class Stamper:
 
     Args:
         mode: "wall": the wall clock when time began to pass, plus simulated time, plus the time
-            spent in pauses; "sim": simulated time from 1 s. Neither is turned back by a reset.
+            spent in pauses; "sim": simulated time from 1000 s. Neither is turned back by a reset.
         wall_ns: the wall clock [ns since 1970]
     """
 

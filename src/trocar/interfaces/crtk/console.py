@@ -28,8 +28,9 @@ BUTTONS = {
     "console/emulate_camera": ("console/camera", "footpedals/camera"),
 }
 #: Names of what a beep consists of, and the largest of each. Source: SAW system component; the
-#: bounds are our own choice. [s, Hz, 0 to 1]
-BEEP = (("duration", 60.0), ("frequency", 20_000.0), ("volume", 1.0))
+#: bounds are our own choice, the frequency's is what dvrk_python's own example asks for.
+#: [s, Hz, 0 to 1]
+BEEP = (("duration", 60.0), ("frequency", 50_000.0), ("volume", 1.0))
 
 
 def _volume(message: Message, tell: Tell) -> None:

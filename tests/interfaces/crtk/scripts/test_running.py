@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import time
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -205,49 +206,6 @@ def test_a_module_beside_the_script_is_taken_before_ours(
     assert "dvrk" not in sys.modules
 
 
-INSTALLED = """
-import os, threading, rospy
-assert os.environ["ROS_VERSION"] == "1"
-class ral:
-    def __init__(self, name, namespace=""):
-        rospy.init_node(name, anonymous=True)
-        self.namespace = namespace
-    def subscriber(self, topic, kind, callback):
-        return rospy.Subscriber(f"{self.namespace}/{topic}", kind, callback=callback, queue_size=10)
-class utils:
-    def __init__(self, instance, ral, *_):
-        from crtk_msgs.msg import OperatingState
-        self.state, self.told = OperatingState(), threading.Event()
-        ral.subscriber("operating_state", OperatingState, self.heard)
-        instance.wait_for_state = self.told.wait
-        instance.operating_state = lambda: self.state.state
-    def heard(self, message):
-        self.state = message
-        self.told.set()
-"""
-
-
-def test_an_installed_client_stands_on_our_rospy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):  # fmt: skip
-    place = tmp_path / "site"
-    for name, text in {
-        "crtk": INSTALLED,
-        "dvrk": "import crtk\nclass arm:\n    def __init__(self, ral): crtk.utils(self, ral)\n",
-    }.items():
-        (place / name).mkdir(parents=True)
-        (place / name / "__init__.py").write_text(text, encoding="utf-8")
-    monkeypatch.syspath_prepend(str(place))
-    text = """
-    import crtk, dvrk
-    arm = dvrk.arm(crtk.ral("client", "PSM1"))
-    print(arm.wait_for_state(5.0), arm.operating_state(), crtk.__file__)
-    """
-    assert play(tmp_path, text).status == 0
-    assert capsys.readouterr().out.startswith(f"True ENABLED {place}")
-    assert "crtk" not in sys.modules
-
-
 ROSPY = """
     import rospy
     from sensor_msgs.msg import JointState
@@ -444,6 +402,9 @@ def test_beside_the_wall_clock_the_same_script_runs(
         ("('PSM1', 'ECM')", (), "two_psm_ecm"),
         ("dvrk.teleop_psm(ral, 'MTMR_PSM1')", (), "full_cart_mtm"),
         ("dvrk.suj(ral)", (), "full_cart"),
+        ("from dvrk import suj", ("PSM1",), "full_cart"),
+        ("dvrk.console(ral, 'console')", (), "full_cart_mtm"),
+        ("dvrk.console(ral)", ("-a", "PSM1"), "full_cart_mtm"),
         ("print(1)", (), "full_cart"),
     ],
 )
@@ -454,3 +415,16 @@ def test_the_rig_is_the_fastest_that_has_the_arms(text: str, arguments: tuple[st
 def test_a_script_that_cannot_be_read_is_named(tmp_path: Path):
     with pytest.raises(InputError, match=r"script\.py: line 2: "):
         play(tmp_path, "x = 1\ny = = 2\n")
+
+
+def test_an_answer_takes_time(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):  # fmt: skip
+    monkeypatch.setattr("sys.stdin", StringIO("yes\n"))
+    text = """
+    import time
+    before = time.time()
+    print(input("go? "), f"{time.time() - before:.3f}")
+    """
+    assert play(tmp_path, text).status == 0
+    assert capsys.readouterr().out == "go? yes 1.000\n"

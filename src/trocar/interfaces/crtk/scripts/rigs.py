@@ -13,6 +13,12 @@ from trocar.errors import InputError
 RIGS = ("psm", "ecm", "mtm", "three_psm", "two_psm_ecm", "full_cart", "full_cart_mtm")
 #: Has every arm of a patient's cart; taken where a script names none.
 EVERY = "full_cart"
+#: Classes of dvrk that need more than one arm; teleoperation is served where masters are.
+PARTS = {
+    "suj": ("SUJ",),
+    "console": ("MTML", "MTMR", "PSM1"),
+    "teleop_psm": ("MTML", "MTMR", "PSM1"),
+}
 ARM = re.compile(r"PSM[123]|ECM|MTM[LR]|SUJ")
 
 
@@ -23,8 +29,10 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
         source: of the script; texts in it count, remarks and docstrings do not
         arguments: of the script; where one names an arm, the script's texts do not count
     """
-    given = {name for word in arguments for name in ARM.findall(word)}
-    named = given or {name for text in _texts(source) for name in ARM.findall(text)}
+    tree = _tree(source)
+    named = {name for word in arguments for name in ARM.findall(word)}
+    named = named or {name for text in _texts(tree) for name in ARM.findall(text)}
+    named |= set(_parts(tree))
     if not named:
         return EVERY
     for rig in RIGS:
@@ -35,15 +43,26 @@ def rig_for(source: bytes, arguments: Sequence[str]) -> str:
     return RIGS[-1]
 
 
-def _texts(source: bytes) -> Iterator[str]:
+def _tree(source: bytes) -> ast.AST:
     try:
-        tree = ast.parse(source)
+        return ast.parse(source)
     except (SyntaxError, ValueError) as problem:
         raise InputError(f"the script cannot be read: {problem}") from problem
+
+
+def _texts(tree: ast.AST) -> Iterator[str]:
     remarks = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if id(node) not in remarks:
-                yield node.value
-        elif isinstance(node, ast.Attribute) and node.attr == "suj":
-            yield "SUJ"
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and id(node) not in remarks:
+            yield text
+
+
+def _parts(tree: ast.AST) -> Iterator[str]:
+    """Yield the arms without which the classes that a script uses have no topics."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            yield from PARTS.get(node.attr, ())
+        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "dvrk":
+            for name in node.names:
+                yield from PARTS.get(name.name, ())

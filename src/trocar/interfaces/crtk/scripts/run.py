@@ -11,7 +11,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, ModuleType, TracebackType
@@ -22,7 +22,7 @@ from trocar.interfaces.crtk.scripts.missing import MissingPackageError
 from trocar.interfaces.crtk.scripts.modules import on_import, script_modules
 from trocar.interfaces.crtk.scripts.node import Node
 from trocar.interfaces.crtk.scripts.stepped import Stepped
-from trocar.interfaces.crtk.scripts.virtual import virtual_modules
+from trocar.interfaces.crtk.scripts.virtual import answering, virtual_modules
 
 FAILED = 1
 #: How often a watchdog looks [s]. Source: our own choice.
@@ -88,7 +88,8 @@ def run_script(
     try:
         flow.start()
         gc.freeze()  # what is there by now stays
-        with watchdog, on_import(modules, script.parent):
+        answers = answering(flow) if isinstance(flow, Stepped) else nullcontext()
+        with watchdog, answers, on_import(modules, script.parent):
             status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
         flow.look()  # a simulation that broke down beside the script is told of here
         if linger is not None:

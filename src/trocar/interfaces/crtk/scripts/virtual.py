@@ -6,15 +6,20 @@ module's own.
 
 from __future__ import annotations
 
+import builtins
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from types import ModuleType
 from typing import Any
 
 from trocar.interfaces.crtk.clock import SECOND
 from trocar.interfaces.crtk.scripts.stepped import Stepped
 from trocar.interfaces.crtk.scripts.virtual_threads import thread_classes
+
+#: How long a person takes to answer `input`, in simulated time; our own choice. [s]
+ANSWER_S = 1.0
 
 
 class Standing(ModuleType):
@@ -65,3 +70,20 @@ def time_names(flow: Stepped) -> dict[str, Callable[..., Any]]:
     names = ("time", "monotonic", "perf_counter")
     own: dict[str, Callable[..., Any]] = {"sleep": sleep, **dict.fromkeys(names, now)}
     return own | dict.fromkeys((f"{name}_ns" for name in names), now_ns)
+
+
+@contextmanager
+def answering(flow: Stepped) -> Iterator[None]:
+    """Let time pass whenever the script waits for a line, until the block ends."""
+    read = builtins.input
+
+    def answer(prompt: object = "", /) -> str:
+        line = read(prompt)
+        flow.sleep(ANSWER_S)
+        return line
+
+    builtins.input = answer
+    try:
+        yield
+    finally:
+        builtins.input = read

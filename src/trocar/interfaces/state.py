@@ -43,16 +43,14 @@ class Elapsed:
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
         stepped: physics periods that were stepped while it did not
-        since_s: how long ago the last tick was due [s]
-        look: True between two ticks
+        ahead_s: by which the wall clock is ahead of simulated time, a tick at most [s]
     """
 
     simulated_s: float
     let_go_s: float
     paused: bool
     stepped: int = 0
-    since_s: float = 0.0
-    look: bool = False
+    ahead_s: float = 0.0
 
 
 class Watcher(Protocol):
@@ -63,10 +61,7 @@ class Watcher(Protocol):
         ...
 
     def patience(self) -> float:
-        """Return after how many ticks to be called again, above 0; sooner does no harm.
-
-        Where it is no whole number, none is done before: it is to look between two of them.
-        """
+        """Return after how many ticks to be called again, above 0; sooner does no harm."""
         ...
 
     def refused(self, command: Command, reason: str) -> None:

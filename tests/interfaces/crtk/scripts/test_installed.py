@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from trocar.interfaces.crtk.scripts import Live, run_script
+from trocar.simulation import World
+
 from .playing import play
 
 CRTK = """
@@ -111,3 +114,17 @@ def test_once_connected_a_client_has_heard_what_is_latched(tmp_path: Path):
     assert [told.data for told in scale] == [0.2], scale
     """
     assert play(tmp_path, text, "full_cart_mtm").status == 0
+
+
+@pytest.mark.usefixtures("site")
+def test_it_is_connected_in_real_time_too(tmp_path: Path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import crtk, dvrk\n"
+        "ral = crtk.ral('client', 'PSM1')\n"
+        "arm = dvrk.arm(ral)\n"
+        "ral.check_connections()\n"
+        "assert len(arm.setpoint_jp()[0]) == 6\n",
+        encoding="utf-8",
+    )
+    assert run_script(script, (), Live(World("psm"))).status == 0

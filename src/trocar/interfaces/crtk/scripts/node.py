@@ -157,11 +157,12 @@ class Subscriber:
         self.name = self.topic_name = f"/{name}"
         self.type, self.data_class = kind._type, kind
         self._bus, self._listener = node.flow.bus, Listener(name, kind, heard, size, at_once)
-        self._flow, self._made = node.flow, None if at_once else node.flow.steps
+        late = node.flow.virtual and not at_once
+        self._flow, self._made = node.flow, node.flow.steps if late else None
         self._bus.subscribe(self._listener)
 
     def get_num_connections(self) -> int:
-        """Count who publishes; nobody, as in ROS, before time has passed to hear of them."""
+        """Count who publishes; where time is stepped, nobody before some of it has passed."""
         if self._flow.steps == self._made:
             return 0
         return self._bus.told(self._listener.name, self.data_class)

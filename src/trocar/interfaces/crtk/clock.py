@@ -15,9 +15,8 @@ Mode = Literal["wall", "sim"]
 MODES: tuple[Mode, ...] = ("wall", "sim")
 SECOND = 1_000_000_000
 
-#: Simulated time begins here: a zero stamp means "invalid" (source: dVRK 2.4), and a client that
-#: asks how old it is has to find it older than it has patience for. [ns]
-FIRST_NS = 1000 * SECOND
+#: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
+FIRST_NS = SECOND
 
 
 class Stamper:
@@ -25,15 +24,21 @@ class Stamper:
 
     Args:
         mode: "wall": the wall clock when time began to pass, plus simulated time, plus the time
-            spent in pauses; "sim": simulated time from 1000 s. Neither is turned back by a reset.
+            spent in pauses; "sim": simulated time from `first_ns`. No reset turns it back.
         wall_ns: the wall clock [ns since 1970]
+        first_ns: where simulated time begins [ns]
     """
 
-    def __init__(self, mode: Mode = "wall", wall_ns: Callable[[], int] = time.time_ns) -> None:
+    def __init__(
+        self,
+        mode: Mode = "wall",
+        wall_ns: Callable[[], int] = time.time_ns,
+        first_ns: int = FIRST_NS,
+    ) -> None:
         if mode not in MODES:
             raise UnknownNameError("clock", mode, MODES)
         self.mode, self._wall_ns = mode, wall_ns
-        self._first = wall_ns() if mode == "wall" else FIRST_NS
+        self._first = wall_ns() if mode == "wall" else first_ns
         self._began_s = 0.0
         self._last = 0
         self._idle_s = 0.0

@@ -17,7 +17,7 @@ from typing import Any
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.interfaces.crtk import image_rows, rig_messages, scene, scene_messages, services
 from trocar.interfaces.crtk.carriers import Carriers
-from trocar.interfaces.crtk.clock import Mode, Stamper
+from trocar.interfaces.crtk.clock import FIRST_NS, Mode, Stamper
 from trocar.interfaces.crtk.compat import compatible
 from trocar.interfaces.crtk.component import Component, install, merged
 from trocar.interfaces.crtk.images import Images
@@ -52,6 +52,7 @@ class Core:
         rate_hz: of states, above 0 to 1000
         camera_rate_hz: of images
         clock: "wall" or "sim": what header stamps tell
+        first_ns: where simulated time begins [ns]
         compat: names of older interfaces to serve as well
         pictures: what draws for the cameras; None: there are no topics of cameras
         components: what else is served
@@ -70,6 +71,7 @@ class Core:
         rate_hz: float = RATE_HZ,
         camera_rate_hz: float = CAMERA_RATE_HZ,
         clock: Mode = "wall",
+        first_ns: int = FIRST_NS,
         compat: Sequence[str] = (),
         components: Sequence[Component] = (),
         pictures: Pictures | None = None,
@@ -91,7 +93,7 @@ class Core:
             {s.name: s for s in service_table(rig)}
         )
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
-        self.stamper = Stamper(clock)
+        self.stamper = Stamper(clock, first_ns=first_ns)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
         self.incoming = Incoming(self)
         for topic, ask in scene.commands(rig).items():

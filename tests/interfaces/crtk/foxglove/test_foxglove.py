@@ -124,7 +124,7 @@ def test_simulated_time_is_the_viewers_time() -> None:
             assert client.hello["capabilities"] == ["time"]
             served.view(client, ARM)
             served.run(0.01)
-            assert 1000 * 10**9 <= client.time() < 1001 * 10**9
+            assert 1_000_000_000 <= client.time() < 2_000_000_000
     finally:
         served.core.close()
 

@@ -11,7 +11,7 @@ from math import ceil
 from typing import Any
 
 from trocar.interfaces.crtk.arm_messages import MAKERS
-from trocar.interfaces.crtk.clock import FIRST_NS, SECOND, Beat
+from trocar.interfaces.crtk.clock import SECOND, Beat
 from trocar.interfaces.crtk.core import Core
 from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.plan import Plan
@@ -22,6 +22,10 @@ from trocar.interfaces.crtk.scripts.turns import Turns
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pace import nearest_tick
 from trocar.simulation import World
+
+#: A script's time begins here: a client that asks how old a message is that never came, with its
+#: stamp of zero, has to find it older than it has patience for. Source: our own choice. [ns]
+FIRST_NS = 1000 * SECOND
 
 
 class TickClock:
@@ -64,7 +68,7 @@ class Stepped:
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
         components = parts(self._loop)
         self._alone = not components
-        self.core = Core(self._loop, clock="sim", components=components, **rates)
+        self.core = Core(self._loop, clock="sim", first_ns=FIRST_NS, components=components, **rates)
         self.bus = Bus(self._later)
         self.core.attach(self.bus)
         self._beat = Beat(self.core.rate_hz)

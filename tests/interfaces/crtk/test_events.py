@@ -233,20 +233,31 @@ def test_a_transport_that_breaks_does_not_silence_the_others(
     assert "broken: messages are lost" in caplog.text
 
 
-def test_the_rig_as_urdf_comes_to_whoever_asks_for_it() -> None:
+def test_the_rig_as_urdf_comes_to_whoever_asks_for_it_and_anew_after_an_exchange() -> None:
     pytest.importorskip("lxml")
     loop = Loop(World("psm"), speed="realtime", tick_s=0.001)
     core, transport = Core(loop), MemoryTransport(["robot_description"])
     core.attach(transport)
     core.start()
     loop.start()
-    end = time.monotonic() + 30.0
-    while core.latched("robot_description") is None and time.monotonic() < end:
-        time.sleep(0.01)
-    loop.close()
-    core.close()
-    (message,) = transport.received["robot_description"]
-    assert "<robot name=" in message["data"]
+
+    def told(count: int) -> list[str]:
+        end = time.monotonic() + 30.0
+        while len(found := transport.received.get("robot_description", [])) < count:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        return [message["data"] for message in found]
+
+    try:
+        (first,) = told(1)
+        assert "<robot name=" in first
+        assert core.receive("PSM1/set_tool_type", {"data": "PROGRASP_FORCEPS:400093"})
+        first, second = told(2)
+        assert first != second
+        assert core.latched("robot_description") == {"data": second}
+    finally:
+        loop.close()
+        core.close()
 
 
 def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -255,6 +266,6 @@ def test_without_its_library_the_urdf_is_a_warning(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr("trocar.interfaces.crtk.core.robot_model", missing)
     served, _ = settle()
-    served.core._describe()
+    served.core._describe(served.world.rig)
     served.run(0.01)
     assert "robot_description" in served.messages("system/warning")[0]["data"]

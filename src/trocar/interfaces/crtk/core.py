@@ -14,6 +14,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+from trocar.descriptions import RigDescription
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.interfaces.crtk import image_rows, rig_messages, scene, scene_messages, services
 from trocar.interfaces.crtk.carriers import Carriers
@@ -122,7 +123,7 @@ class Core:
         self._lock, self._seldom = threading.Lock(), Seldom()
         self._ends: list[Callable[[], None]] = []
         self.refused = 0
-        self._described = False
+        self._described: RigDescription | None = None
 
     # ------------------------------------------------------------------ life
 
@@ -259,21 +260,23 @@ class Core:
     def _publish(self, sample: Sample) -> None:
         wanted = self._carriers.wanted()
         asked = self._watch.asked = frozenset[str]().union(*(names for _, names in wanted))
-        if DESCRIPTION in asked and self._thread is not None and not self._described:
-            self._described = True  # it takes seconds: others are not to wait for it
-            threading.Thread(target=self._describe, name="trocar-urdf", daemon=True).start()
+        if DESCRIPTION in asked and self._thread is not None and self._described is not sample.rig:
+            self._described = sample.rig  # it takes seconds: others are not to wait for it
+            describe = partial(self._describe, sample.rig)
+            threading.Thread(target=describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
         states = self._publishing.states(sample, [(t.packing, names) for t, names in wanted])
         for (transport, _), told in zip(wanted, states, strict=True):
             if batch := events + told:
                 self._carriers.send(transport, batch)
 
-    def _describe(self) -> None:
-        """Publish the rig as URDF."""
+    def _describe(self, rig: RigDescription) -> None:
+        """Publish a rig as URDF, unless a tool was exchanged meanwhile."""
         try:
-            text = robot_model(self.loop.world.rig).urdf
+            text = robot_model(rig).urdf
         except TrocarError as problem:
             _log.warning("%s cannot be published: %s", DESCRIPTION, problem)
             self.emit("system/warning", {"data": f"{DESCRIPTION}: {problem}"})
         else:
-            self.emit(DESCRIPTION, {"data": text})
+            if rig is self._described:
+                self.emit(DESCRIPTION, {"data": text})

@@ -48,7 +48,7 @@ class FakeClock:
 
     def sleep(self, seconds: float, until: threading.Event | None = None) -> None:  # noqa: ARG002
         self.sleeps.append(seconds)
-        self.time += seconds
+        self.time += max(seconds, 0.0)
 
 
 class SlowWorld(FakeWorld):
@@ -372,7 +372,7 @@ def test_a_pace_waits_for_several_ticks_and_ends_the_wait_when_it_is_told():
     assert clock.time == pytest.approx(100.005)
 
     def interrupted(seconds: float, until: threading.Event | None = None) -> None:
-        clock.time += seconds if until is None else 0.0022
+        clock.time += max(0.0, seconds) if until is None else 0.0022
 
     clock.sleep = interrupted
     assert pace.wait(5, told) == 2
@@ -385,15 +385,21 @@ def test_a_pace_may_wake_between_two_ticks():
     clock, told = FakeClock(), threading.Event()
     pace = Pace(clock, 0.001)
     pace.wait()
-    assert pace.wait(2.4) == 2
-    assert clock.time == pytest.approx(100.0024)
-    assert pace.ahead_s() == pytest.approx(0.0004)
-    assert pace.wait(0.9) == 0  # none is due yet, and nobody posted anything
-    assert pace.wait(0.9, told) == 0
+    assert pace.wait(2) == 2
     told.set()
-    assert pace.wait(0.9, told) == 1
+    assert pace.wait(0.4, told) == 0  # a tick's time has not come
+    assert clock.time == pytest.approx(100.0024)
+    assert pace.since_s() == pytest.approx(0.0004)
+    assert pace.wait(1.2, told) == 0  # one is due, and is done after the look
+    assert clock.time == pytest.approx(100.0032)
+    assert pace.since_s() == pytest.approx(0.0012)
+    assert pace.wait(2) == 2  # the one that is due waits for the other
+    assert clock.time == pytest.approx(100.004)
     clock.time += 0.01
-    assert pace.ahead_s() == 0.0  # it is behind
+    assert pace.since_s() == pytest.approx(0.01)
+    before = clock.time
+    assert pace.wait(0.9) == 1
+    assert clock.time == before
 
 
 def test_the_state_shows_the_real_time_factor():

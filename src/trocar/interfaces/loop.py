@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from math import ceil
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import InputError, UnknownNameError
@@ -256,7 +257,10 @@ class Loop:
         self._publisher.publish(self._ticks, self._paused, self._all_refused())
 
     def tick(self, due: int = 1) -> None:
-        """Step as many ticks as are due unless paused, and apply what waits before the last."""
+        """Step as many ticks as are due unless paused, and apply what waits before the last.
+
+        With none, only look.
+        """
         if due:
             self._step(due - 1)
             self._posted.clear()
@@ -264,7 +268,7 @@ class Loop:
                 self._apply(command)
             self._step(1)
         for watcher in self._watchers:
-            watcher.ticked(self._elapsed())
+            watcher.ticked(self._elapsed(look=due == 0))
 
     def quiet_ticks(self) -> int:
         """Return how many ticks may be due at once before somebody wants to look."""
@@ -277,10 +281,10 @@ class Loop:
 
     def _patience(self, last: int | None) -> float:
         """Return how many ticks may follow each other without a look at the inbox."""
-        if self._posted.is_set():
-            return 1
-        ends = self._longest if last is None else last - self._ticks
-        return min(self._longest, ends, *(w.patience() for w in self._watchers))
+        most = 1 if self._posted.is_set() else self._longest
+        ends = most if last is None else last - self._ticks
+        found = min(most, ends, *(w.patience() for w in self._watchers))
+        return ceil(found) if self._paused else found
 
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:
@@ -312,10 +316,10 @@ class Loop:
         if isinstance(command, Pause | Resume | Reset):
             self._restart()
 
-    def _elapsed(self) -> Elapsed:
+    def _elapsed(self, look: bool) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
-        ahead = self._pace.ahead_s() if self._realtime and not self._paused else 0.0
-        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, ahead)
+        since = self._pace.since_s() if self._realtime and not self._paused else 0.0
+        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, since, look)
 
     def _restart(self) -> None:
         self._pace.restart()

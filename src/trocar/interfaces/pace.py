@@ -18,6 +18,9 @@ busy machine, shorter than what a person would like to see replayed in fast moti
 EARLY_S = 1e-6
 """A tick that is this much early is due [s]. Source: our own choice, for rounding."""
 
+LATE = 2
+"""So many ticks that are due are not waited with. Source: our own choice."""
+
 RATE_WINDOW_S = 2.0
 """Span over which the real-time factor is measured [s]. Source: our own choice."""
 
@@ -56,29 +59,33 @@ class Pace:
         self._ticks = 0
 
     def wait(self, most: float = 1, until: threading.Event | None = None) -> int:
-        """Return how many ticks are due: once `most` are, and at once when one is late.
+        """Return how many ticks are due: once `most` are, and at once when several are late.
 
         Args:
-            most: how many to wait for, and the most that are returned; with a part of one, the
-                wait ends between two ticks
-            until: an event that ends the wait as soon as one tick is due
+            most: how many to wait for, and the most that are returned; where it is no whole
+                number, somebody wants to look so many ticks from the last one: then 0 are, unless
+                several are late
+            until: an event that ends the wait for several as soon as one is due
         """
         due = self._due()
-        if due < 1:
+        look = due < LATE and most % 1.0 > 0.0
+        if look or due < min(most, LATE):
             last = self._start + (self._ticks + most - 1) * self._period
-            self._clock.sleep(last - self._clock.now(), until)
+            self._clock.sleep(last - self._clock.now(), None if look else until)
+            if look:
+                return 0
             due = self._due()
-            if due < 1 and (most >= 1.0 or (until is not None and until.is_set())):
+            if due < 1:
                 self._clock.sleep(self._start + self._ticks * self._period - self._clock.now())
                 due = 1
         due = min(due, max(1, int(most)))
         self._ticks += due
         return due
 
-    def ahead_s(self) -> float:
-        """Return for how long the last tick has been over; 0 when the next one is late [s]."""
-        over = self._clock.now() - (self._start + (self._ticks - 1) * self._period)
-        return over if 0.0 < over < self._period else 0.0
+    def since_s(self) -> float:
+        """Return how long ago the last tick was due; 0 before the first [s]."""
+        due = self._start + (self._ticks - 1) * self._period
+        return max(self._clock.now() - due, 0.0) if self._ticks else 0.0
 
     def _due(self) -> int:
         """Return how many ticks are due now; let go of time that is too far behind."""

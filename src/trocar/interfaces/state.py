@@ -43,14 +43,16 @@ class Elapsed:
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
         stepped: physics periods that were stepped while it did not
-        ahead_s: by which the wall clock is ahead of simulated time, a tick at most [s]
+        since_s: how long ago the last tick was due [s]
+        look: True between two ticks
     """
 
     simulated_s: float
     let_go_s: float
     paused: bool
     stepped: int = 0
-    ahead_s: float = 0.0
+    since_s: float = 0.0
+    look: bool = False
 
 
 class Watcher(Protocol):
@@ -61,7 +63,10 @@ class Watcher(Protocol):
         ...
 
     def patience(self) -> float:
-        """Return after how many ticks to be called again, above 0; sooner does no harm."""
+        """Return after how many ticks to be called again, above 0; sooner does no harm.
+
+        Where it is no whole number, none is done before: it is to look between two of them.
+        """
         ...
 
     def refused(self, command: Command, reason: str) -> None:

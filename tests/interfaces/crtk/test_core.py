@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,16 @@ def test_a_service_that_is_none_is_refused() -> None:
 def test_a_rate_out_of_range_is_refused(rate: float) -> None:
     with pytest.raises(InputError, match="allowed: above 0 to 1000 Hz"):
         Served(rate_hz=rate)
+
+
+def test_publishing_leaves_nothing_that_has_to_be_searched_for_garbage() -> None:
+    """A search takes as long as ten periods of messages."""
+    served = Served("full_cart_mtm")
+    served.run(0.05)
+    gc.collect()
+    gc.disable()
+    try:
+        served.run(0.05)
+        assert gc.collect() == 0
+    finally:
+        gc.enable()

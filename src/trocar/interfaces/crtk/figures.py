@@ -57,6 +57,10 @@ class RigFigures:
             found = self._arms[name] = ArmFigures(self.sample.rig.arm(name), self)
         return found
 
+    def let_go(self) -> None:
+        """Forget the arms, which hold this: what holds nobody goes without a search for garbage."""
+        self._arms.clear()
+
     @cached_property
     def poses(self) -> tuple[Array, Array]:
         """Tips and bases that the plan names, (k, 4, 4) each."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +32,8 @@ Figure = Callable[[RigFigures, Stamp], "Message | None"]
 Out = list[tuple[Topic, Any]]
 #: How a transport writes messages, None where it takes them as they are, and what it wants.
 Wanted = tuple[Packing | None, frozenset[str]]
-T = TypeVar("T")
+#: What may be wrong with the figures of a message.
+UNMAKEABLE = TrocarError, np.linalg.LinAlgError
 
 
 class Publishing:
@@ -45,7 +46,6 @@ class Publishing:
 
     Attributes:
         latched: {topic: its last message}, of those that late subscribers get
-        failed: how many messages could not be made
     """
 
     def __init__(
@@ -64,7 +64,6 @@ class Publishing:
         self._states: dict[str, tuple[str, bool, bool]] = {}
         self._complained: set[str] = set()
         self.latched: dict[str, Message] = {}
-        self.failed = 0
 
     def states(self, sample: Sample, wanted: Iterable[Wanted]) -> list[Out]:
         """Return what is published every period: for each transport, of the topics it wants."""
@@ -86,6 +85,7 @@ class Publishing:
                 if (message := made[name]) is not None:
                     batch.append((topic, message))
             found.append(batch)
+        rig.let_go()
         return found
 
     def _filled(
@@ -97,8 +97,10 @@ class Publishing:
         page = self._pages.get(index)
         if page is None or page.sheet is not self._sheet or page.names != names:
             page = self._pages[index] = Page(self._sheet, packing, names)
-        filled = self._made("", lambda: page.filled(rig, rig.sample.stamp))
-        return ([], names) if filled is None else (filled, page.rest)
+        try:
+            return page.filled(rig, rig.sample.stamp), page.rest
+        except UNMAKEABLE:  # each is made alone then, and what cannot be is named
+            return [], names
 
     def events(self, sample: Sample) -> Out:
         """Return what happened since the last sample, what latched topics change to included."""
@@ -147,13 +149,12 @@ class Publishing:
             self.latched[event.name] = message
         out.append((topic, message))
 
-    def _made(self, name: str, make: Callable[[], T]) -> T | None:
+    def _made(self, name: str, make: Callable[[], Message | None]) -> Message | None:
         """Make a message; one that cannot be made is left out, and said so once."""
         try:
             return make()
-        except (TrocarError, np.linalg.LinAlgError) as problem:
-            self.failed += bool(name)
-            if name and name not in self._complained:
+        except UNMAKEABLE as problem:
+            if name not in self._complained:
                 self._complained.add(name)
                 _log.warning("%s cannot be published: %s", name, problem)
             return None

@@ -6,6 +6,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from math import floor
 from typing import Any
 
 from trocar.interfaces.commands import Command
@@ -13,6 +14,7 @@ from trocar.interfaces.crtk import happenings, sample, scene
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.crtk.sample import Event, Sample
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.pace import LATE
 from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
@@ -20,8 +22,12 @@ from trocar.simulation.journal import Entry
 #: Samples that may wait to be published span this much time. Source: our own choice, longer than a
 #: hiccup of a busy machine. [s]
 WAITING_S = 0.5
-#: So many ticks are left for the moment when a sample is due, the others are done before: it takes
-#: as long from there to every sample. Source: our own choice.
+#: A tick that is due so shortly before a sample is done after it, so that none delays one, unless
+#: samples come about as often as ticks. Source: our own choice, twice what a tick of the full cart
+#: takes. [ticks]
+ROOM = 0.35
+#: So many ticks before a sample are done one by one, those before them together, when the sample
+#: before has been published. Source: our own choice.
 LAST = 2
 #: The shortest wait between two ticks, in ticks. Source: our own choice.
 SOON = 0.01
@@ -56,6 +62,7 @@ class Watch:
         self._loop, self._prefixes, self._stamper = loop, prefixes, stamper
         self._beat, self._samples, self._waits = Beat(rate_hz), samples, waits
         self._room = max(1, round(WAITING_S * rate_hz))
+        self._fast = 1.0 / rate_hz < 2.0 * loop.tick_s
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
@@ -88,7 +95,9 @@ class Watch:
             self._paused = elapsed.paused
             self.put("scene/paused", {"data": elapsed.paused})
         stepped, self._stepped = elapsed.stepped != self._stepped, elapsed.stepped
-        if not self._beat.due(self._stamper.elapsed_s + elapsed.ahead_s) and not stepped:
+        late = elapsed.since_s >= LATE * self._loop.tick_s
+        ahead = elapsed.since_s if elapsed.look and not late else 0.0
+        if not self._beat.due(self._stamper.elapsed_s + ahead) and not stepped:
             return
         if self._samples.qsize() >= self._room:
             self.skipped += 1
@@ -101,9 +110,10 @@ class Watch:
         self._samples.put(self.look(taken))
 
     def patience(self) -> float:
-        """Return in how many ticks the next sample is due, or how many to be done before it is."""
-        ticks = max(SOON, self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
-        return ticks - LAST if ticks > LAST + 1 else ticks
+        """Return how many ticks to be done before the next sample, or when it is due."""
+        left = max(SOON, self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
+        before = floor(left + SOON if self._fast else left - ROOM)
+        return max(before - LAST, 1) if before >= 1 else left
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

@@ -7,6 +7,7 @@ import pytest
 
 from trocar.apps.benchmarks.arrivals import arrivals, together
 from trocar.apps.benchmarks.interface import busy_rig, interface, observed
+from trocar.apps.benchmarks.listening import sleep
 from trocar.errors import UnknownNameError
 from trocar.simulation import World
 
@@ -66,6 +67,13 @@ def test_streams_add_up_and_a_silent_one_is_seen() -> None:
 def test_a_subscriber_in_another_process_sees_a_running_simulator() -> None:
     seen = observed("websocket", "psm", 50.0, ["PSM1/measured_js", "PSM1/measured_cp"], 1.0)
     assert seen.received > 20 and seen.factor > 0.0
+
+
+def test_a_process_that_only_sleeps_keeps_its_schedule_in_number_and_never_wakes_early() -> None:
+    noted = np.array(sleep(500.0, 0.2)[""])
+    assert len(noted) == 100
+    assert set(np.diff(noted[:, 0])) == {2_000_000}
+    assert (noted[:, 1] >= noted[:, 0]).all()
 
 
 def test_a_transport_that_is_none_is_refused() -> None:

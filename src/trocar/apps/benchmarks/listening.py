@@ -2,6 +2,7 @@
 
     python -m trocar.apps.benchmarks.listening listen websocket ws://127.0.0.1:9090 10 TOPIC...
     python -m trocar.apps.benchmarks.listening answers websocket ws://127.0.0.1:9090 50
+    python -m trocar.apps.benchmarks.listening sleep websocket 220 10
 
 print one JSON document: {"TOPIC": [[stamp in ns, arrival in ns], ...]}, or seconds. It uses
 nothing of the simulator's, so that what is measured is what another program would see.
@@ -88,16 +89,29 @@ def answers(peer: Peer, count: int) -> list[float]:
     return took
 
 
+def sleep(rate_hz: float, seconds: float) -> Heard:
+    """Wake so often and do nothing: how late that is, nobody's messages can be earlier."""
+    time.sleep(SETTLE_S)
+    noted: list[tuple[int, int]] = []
+    began, period = time.monotonic_ns(), 1e9 / rate_hz
+    for k in range(1, round(seconds * rate_hz) + 1):
+        due = began + round(k * period)
+        time.sleep(max(0, due - time.monotonic_ns()) * 1e-9)
+        noted.append((due, time.monotonic_ns()))
+    return {"": noted}
+
+
 def main(words: Sequence[str]) -> None:
     """Do what the command line says, and print what was heard or how long answers took."""
     what, transport, address, much, *topics = words
     gc.disable()  # going through what was noted would stop the listener, not what it listens to
-    peer: Peer = import_module(f"trocar.apps.benchmarks.{transport}_peer").Program(address)
-    if what == "listen":
-        said = json.dumps(listen(peer, topics, float(much)))
+    if what == "sleep":
+        said = sleep(float(address), float(much))
     else:
-        said = json.dumps(answers(peer, int(much)))
-    sys.stdout.write(said)
+        peer: Peer = import_module(f"trocar.apps.benchmarks.{transport}_peer").Program(address)
+        listened = what == "listen"
+        said = listen(peer, topics, float(much)) if listened else answers(peer, int(much))
+    sys.stdout.write(json.dumps(said))
     sys.stdout.flush()
 
 

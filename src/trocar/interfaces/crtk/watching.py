@@ -28,7 +28,7 @@ WAITING_S = 0.5
 ROOM = 0.35
 #: So many ticks before a sample are done one by one, those before them together, when the sample
 #: before has been published. Source: our own choice.
-LAST = 2
+LAST = 1
 #: The shortest wait between two ticks, in ticks. Source: our own choice.
 SOON = 0.01
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.

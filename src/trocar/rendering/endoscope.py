@@ -9,10 +9,10 @@ import numpy as np
 
 from trocar.descriptions.cameras import Calibration, load_camera
 from trocar.errors import UnknownNameError
-from trocar.rendering.exposure import Series
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import Look
 from trocar.rendering.renderer import Channels, Renderer
+from trocar.rendering.series import Series
 from trocar.rendering.stream import Stream
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord

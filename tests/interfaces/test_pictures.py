@@ -259,3 +259,22 @@ def test_red_glass_sees_the_left_eyes_picture_and_cyan_glass_the_right_ones() ->
     assert (found[..., 0] == 200).all()
     assert (found[..., 1:] == 40).all()
     assert side_by_side(left, right).shape == (2, 6, 3)
+
+
+def test_a_picture_that_comes_again_is_packed_once_unless_somebody_can_write_to_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    packed = []
+    pack = Packer._packed
+    monkeypatch.setattr(Packer, "_packed", lambda self, p: packed.append(p) or pack(self, p))
+    packer, pictures = Packer(), [np.full((8, 8, 3), k, np.uint8) for k in range(6)]
+    for picture in pictures[:5]:
+        picture.setflags(write=False)
+    first = [packer.pack(picture) for picture in pictures[:4]]
+    assert [packer.pack(picture) for picture in pictures[:4]] == first and len(packed) == 4
+    packer.pack(pictures[4])
+    packer.pack(pictures[0])  # forgotten meanwhile
+    assert len(packed) == 6
+    before = packer.pack(pictures[5])
+    pictures[5][:] = 200
+    assert packer.pack(pictures[5]) != before

@@ -176,6 +176,7 @@ def _images(transport: str, duration_s: float) -> list[Figure]:
         TemporaryDirectory() as folder,
         _serving(transport, "--rig", busy_rig(folder), *options) as server,
     ):
+        _told("listen", transport, server.address, "1", *eyes)  # the first one takes a second
         before, began = server.processor_s(), time.monotonic()
         words = (server.address, f"{RUNS * duration_s:g}", *topics, *eyes)
         heard = _told("listen", transport, *words)

@@ -77,7 +77,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 	$(ROS1_PYTHON) -m venv --system-site-packages --clear .venv-ros1
 	.venv-ros1/bin/python -m pip install --quiet --upgrade --constraint constraints.txt pip
 	.venv-ros1/bin/python -m pip install --quiet --constraint constraints.txt \
-		--build-constraint constraints.txt --editable '.[record,export]'
+		--build-constraint constraints.txt --editable '.[record,export,scope]'
 	.venv-ros1/bin/python -m trocar.interfaces.crtk.transports.ros1.packages .venv-ros1/ros
 	@touch $@
 

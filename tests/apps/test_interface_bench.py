@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 from trocar.apps.benchmarks.arrivals import arrivals, together
-from trocar.apps.benchmarks.interface import busy_rig, interface, observed
-from trocar.apps.benchmarks.listening import sleep
+from trocar.apps.benchmarks.interface import busy_rig, interface
+from trocar.apps.benchmarks.listening import flood, sleep
+from trocar.apps.benchmarks.peers import Peer
+from trocar.apps.benchmarks.subscribers import observed
 from trocar.errors import UnknownNameError
 from trocar.simulation import World
 
@@ -67,6 +72,15 @@ def test_streams_add_up_and_a_silent_one_is_seen() -> None:
 def test_a_subscriber_in_another_process_sees_a_running_simulator() -> None:
     seen = observed("websocket", "psm", 50.0, ["PSM1/measured_js", "PSM1/measured_cp"], 1.0)
     assert seen.received > 20 and seen.factor > 0.0
+
+
+def test_a_flood_is_as_many_commands_as_it_says_and_half_of_them_are_none(monkeypatch) -> None:
+    sent: list[list[float]] = []
+    monkeypatch.setattr("trocar.apps.benchmarks.listening.SETTLE_S", 0.0)
+    rate = flood(cast(Peer, SimpleNamespace(servo=sent.append)), 2000.0, 0.1)
+    assert 0 < rate <= 2100.0 and len(sent) <= 201
+    lost = [not np.isfinite(position).all() for position in sent]
+    assert lost == [k % 2 == 1 for k in range(len(lost))]
 
 
 def test_a_process_that_only_sleeps_keeps_its_schedule_in_number_and_never_wakes_early() -> None:

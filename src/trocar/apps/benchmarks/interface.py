@@ -6,26 +6,26 @@ A simulator and a subscriber run in processes of their own; figures are medians 
 from __future__ import annotations
 
 import importlib.util
-import json
-import os
 import statistics
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
-import numpy as np
-
-from trocar.apps.benchmarks.arrivals import LATE_S, Arrivals, arrivals, together
 from trocar.apps.benchmarks.figure import Figure
-from trocar.apps.benchmarks.served import Served, served
+from trocar.apps.benchmarks.subscribers import (
+    WAYS,
+    Heard,
+    arrived,
+    listened,
+    read,
+    serving,
+    started,
+    told,
+)
 from trocar.descriptions.catalogue import DATA
-from trocar.errors import InputError, TrocarError, UnknownNameError
+from trocar.errors import InputError, UnknownNameError
 
 #: How long streams are listened to. Source: our own choice. [s]
 DURATION_S = 10.0
@@ -36,7 +36,7 @@ ARMS = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 #: Images of both eyes, what they are beside each state, and how often they come. Source: the
 #: project's own goal.
 CAMERA_HZ, PRESET = 60.0, "dvrk_sd_640x480"
-#: Share of the images that would come in that time, if none was lost: ends are cut off.
+#: Share of what would come or go in a time if nothing was lost: ends are cut off.
 CAME = 0.99
 EYES = ("endoscope/left/image_raw", "endoscope/right/image_raw")
 STATES = ("measured_js", "setpoint_js", "measured_cp", "local/measured_cp")
@@ -58,48 +58,9 @@ COMMANDS = 40
 PASSERS_BY = 24
 #: Source: the project's own goals.
 MOST_LATE_PERCENT, MOST_LATENCY_MS, MOST_CORES, LEAST_FACTOR = 1.0, 3.0, 1.0, 0.995
-MODULE = "trocar.apps.benchmarks.listening"
-
-#: What a subscriber saw, and when a process woke that had nothing to do at the same time.
-Heard = tuple[Arrivals, Arrivals]
-
-
-@dataclass(frozen=True)
-class Way:
-    """How a transport is switched on.
-
-    Attributes:
-        words: options of `trocar sim`
-        images: what stands behind the name of a topic of images
-        address: a regular expression of what the simulator prints when it is there
-        module: what has to be importable, and what to do where it is not
-        environment: of both processes
-    """
-
-    words: tuple[str, ...]
-    address: str
-    module: tuple[str, str] = ("", "")
-    environment: Mapping[str, str] = field(default_factory=dict[str, str])
-    images: str = ""
-
-
-WAYS = {
-    "websocket": Way(("--websocket-port", "0"), r"ws://\S+", images="/compressed"),
-    "ros1": Way(
-        ("--no-websocket", "--ros1"),
-        r"https?://\S+",
-        ("rospy", "start a rosmaster and use the Python of `make ros1-venv` (docs/ros.md)"),
-    ),
-    "ros2": Way(
-        ("--no-websocket", "--ros2"),
-        r"ROS 2.*",
-        ("cyclonedds", "install the extra: pip install 'trocar[ros2]'"),
-        {
-            "CYCLONEDDS_URI": "<General><Interfaces><NetworkInterface address='127.0.0.1'"
-            " multicast='true'/></Interfaces></General>"
-        },
-    ),
-}
+#: Commands a second of a flood, and by how much the simulator's memory may grow. Source: the
+#: project's own goal; our own choice, a few thousand commands. [1/s, MB]
+FLOOD_HZ, MOST_GROWN_MB = 10_000.0, 10.0
 
 
 def interface(
@@ -131,6 +92,7 @@ def interface(
         "images beside them": _images,
         "commands": _answers,
         "subscribers that vanish": _vanishing,
+        "a flood of commands": _flooded,
     }
     found: list[Figure] = []
     for name in transports:
@@ -148,11 +110,11 @@ def _streams(transport: str, duration_s: float) -> list[Figure]:
     topics += [f"scene/block{k}/measured_cp" for k in range(OBJECTS)]
     with (
         TemporaryDirectory() as folder,
-        _serving(transport, "--rig", busy_rig(folder), "--rate", f"{RATE_HZ:g}") as server,
+        serving(transport, "--rig", busy_rig(folder), "--rate", f"{RATE_HZ:g}") as server,
     ):
         for _ in range(RUNS):
             before, began = server.processor_s(), time.monotonic()
-            seen.append(_listened(transport, server, RATE_HZ, topics, duration_s))
+            seen.append(listened(transport, server, RATE_HZ, topics, duration_s))
             cores.append((server.processor_s() - before) / (time.monotonic() - began))
     name = f"{transport}: "
     return [
@@ -176,15 +138,15 @@ def _images(transport: str, duration_s: float) -> list[Figure]:
     options = ("--rate", f"{RATE_HZ:g}", "--camera-rate", f"{CAMERA_HZ:g}", "--preset", PRESET)
     with (
         TemporaryDirectory() as folder,
-        _serving(transport, "--rig", busy_rig(folder), *options) as server,
+        serving(transport, "--rig", busy_rig(folder), *options) as server,
     ):
-        _told("listen", transport, server.address, "1", *eyes)  # the first one takes a second
+        told("listen", transport, server.address, "1", *eyes)  # the first one takes a second
         before, began = server.processor_s(), time.monotonic()
         words = (server.address, f"{RUNS * duration_s:g}", *topics, *eyes)
-        heard = _told("listen", transport, *words)
+        heard = told("listen", transport, *words)
         cores = (server.processor_s() - before) / (time.monotonic() - began)
-    seen = _arrivals({eye: heard.pop(eye) for eye in eyes}, CAMERA_HZ, 1.0 / CAMERA_HZ)
-    states = _arrivals(heard, RATE_HZ)
+    seen = arrived({eye: heard.pop(eye) for eye in eyes}, CAMERA_HZ, 1.0 / CAMERA_HZ)
+    states = arrived(heard, RATE_HZ)
     expected = len(eyes) * CAMERA_HZ * RUNS * duration_s
     name = f"{transport}: 2 images of 640 x 480 at 60 Hz beside them"
     return [
@@ -208,14 +170,14 @@ def busy_rig(folder: str) -> str:
 
 def _fast(transport: str, duration_s: float) -> list[Figure]:
     topics = [f"PSM1/{state}" for state in STATES]
-    with _serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
-        seen = [_listened(transport, server, FAST_HZ, topics, duration_s) for _ in range(RUNS)]
+    with serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
+        seen = [listened(transport, server, FAST_HZ, topics, duration_s) for _ in range(RUNS)]
     return _judged(f"{transport}: one arm at 1 kHz", seen)
 
 
 def _answers(transport: str, _: float) -> list[Figure]:
-    with _serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
-        took = [_told("answers", transport, server.address, str(COMMANDS)) for _ in range(RUNS)]
+    with serving(transport, "--rig", "psm", "--rate", f"{FAST_HZ:g}") as server:
+        took = [told("answers", transport, server.address, str(COMMANDS)) for _ in range(RUNS)]
     median = statistics.median(statistics.median(run) for run in took)
     name = f"{transport}: command to first measured motion, median"
     return [Figure(name, 1e3 * median, "ms", MOST_LATENCY_MS)]
@@ -224,75 +186,42 @@ def _answers(transport: str, _: float) -> list[Figure]:
 def _vanishing(transport: str, duration_s: float) -> list[Figure]:
     """Listen while others subscribe to the same and are killed."""
     topics = [f"PSM1/{state}" for state in STATES]
-    with _serving(transport, "--rig", "full_cart", "--rate", f"{RATE_HZ:g}") as server:
+    with serving(transport, "--rig", "full_cart", "--rate", f"{RATE_HZ:g}") as server:
         others: list[subprocess.Popen[str]] = []
         try:
-            watcher = _started("listen", transport, server.address, f"{duration_s:g}", *topics)
+            watcher = started("listen", transport, server.address, f"{duration_s:g}", *topics)
             pause = duration_s / PASSERS_BY
             for _ in range(PASSERS_BY):
-                others.append(_started("listen", transport, server.address, "60", *topics))
+                others.append(started("listen", transport, server.address, "60", *topics))
                 time.sleep(pause)
                 if len(others) > 2:
                     others.pop(0).kill()
-            heard = _read(watcher)
+            heard = read(watcher)
         finally:
             for other in others:
                 other.kill()
-    seen = _arrivals(heard, RATE_HZ)
+    seen = arrived(heard, RATE_HZ)
     name = f"{transport}: {PASSERS_BY} subscribers come and are killed: lost by another one"
     return [Figure(name, seen.lost, "messages", 0.0)]
 
 
-def _serving(transport: str, *words: str) -> AbstractContextManager[Served]:
-    way = WAYS[transport]
-    return served(["--no-page", *way.words, *words], way.address, way.environment)
-
-
-def observed(
-    transport: str, rig: str, rate_hz: float, topics: Sequence[str], duration_s: float
-) -> Arrivals:
-    """Run a simulator and a subscriber, and return what the latter saw.
-
-    Raises:
-        TrocarError: either failed
-    """
-    with _serving(transport, "--rig", rig, "--rate", f"{rate_hz:g}") as server:
-        return _listened(transport, server, rate_hz, topics, duration_s)[0]
-
-
-def _listened(
-    transport: str, server: Served, rate_hz: float, topics: Sequence[str], duration_s: float
-) -> Heard:
-    sleeper = _started("sleep", transport, f"{rate_hz:g}", f"{duration_s:g}")
-    heard = _told("listen", transport, server.address, f"{duration_s:g}", *topics)
-    return _arrivals(heard, rate_hz), _arrivals(_read(sleeper), rate_hz)
-
-
-def _arrivals(
-    heard: dict[str, list[tuple[int, int]]], rate_hz: float, late_s: float = LATE_S
-) -> Arrivals:
-    streams = [np.array(pairs, dtype=np.int64).reshape(-1, 2).T for pairs in heard.values()]
-    return together([arrivals(stamps, came, rate_hz, late_s) for stamps, came in streams])
-
-
-def _told(what: str, transport: str, *words: str) -> Any:
-    return _read(_started(what, transport, *words))
-
-
-def _started(what: str, transport: str, *words: str) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-m", MODULE, what, transport, *words],
-        stdout=subprocess.PIPE,
-        text=True,
-        env={**os.environ, **WAYS[transport].environment},
-    )
-
-
-def _read(process: subprocess.Popen[str]) -> Any:
-    out, _ = process.communicate()
-    if process.returncode != 0:
-        raise TrocarError(f"the subscriber ended with exit code {process.returncode}")
-    return json.loads(out)
+def _flooded(transport: str, duration_s: float) -> list[Figure]:
+    """Listen while somebody sends more commands than anybody can obey."""
+    topics = [f"PSM1/{state}" for state in STATES]
+    with serving(transport, "--rig", "psm", "--rate", f"{RATE_HZ:g}") as server:
+        watcher = started("listen", transport, server.address, f"{duration_s:g}", *topics)
+        before = server.memory_mb()
+        sent = told("flood", transport, server.address, f"{FLOOD_HZ:g}", f"{duration_s:g}")
+        heard = read(watcher)
+        grown = server.memory_mb() - before
+    seen = arrived(heard, RATE_HZ)
+    name = f"{transport}: a flood of commands"
+    return [
+        Figure(f"{name}: sent", sent, "1/s", CAME * FLOOD_HZ, True),
+        Figure(f"{name}: states lost by another one", seen.lost, "messages", 0.0),
+        Figure(f"{name}: real-time factor", seen.factor, "", LEAST_FACTOR, True),
+        Figure(f"{name}: memory of the server grew by", grown, "MB", MOST_GROWN_MB),
+    ]
 
 
 def _judged(name: str, runs: list[Heard]) -> list[Figure]:

@@ -2,6 +2,7 @@
 
     python -m trocar.apps.benchmarks.listening listen websocket ws://127.0.0.1:9090 10 TOPIC...
     python -m trocar.apps.benchmarks.listening answers websocket ws://127.0.0.1:9090 50
+    python -m trocar.apps.benchmarks.listening flood websocket ws://127.0.0.1:9090 10000 10
     python -m trocar.apps.benchmarks.listening sleep websocket 220 10
 
 print one JSON document: {"TOPIC": [[stamp in ns, arrival in ns], ...]}, or seconds. It uses
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import gc
 import json
+import math
 import sys
 import threading
 import time
@@ -28,6 +30,9 @@ SETTLE_S = 2.0
 STEP_RAD, REST_S, SEEN_RAD = 0.05, 0.2, 1e-6
 #: Nothing takes longer; a simulator that does not answer is an error. [s]
 PATIENCE_S = 30.0
+
+#: What a flood is made of: where the arm may go, and what is no place.
+FLOOD = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0], [math.nan] * 6
 
 Heard = dict[str, list[tuple[int, int]]]
 
@@ -89,6 +94,18 @@ def answers(peer: Peer, count: int) -> list[float]:
     return took
 
 
+def flood(peer: Peer, rate_hz: float, seconds: float) -> float:
+    """Send PSM1 servo commands, every other one without a meaning; return how many a second."""
+    time.sleep(SETTLE_S)
+    began, count = time.monotonic(), 0
+    while (passed := time.monotonic() - began) < seconds:
+        while count < passed * rate_hz:
+            peer.servo(FLOOD[count % 2])
+            count += 1
+        time.sleep(0.001)
+    return count / (time.monotonic() - began)
+
+
 def sleep(rate_hz: float, seconds: float) -> Heard:
     """Wake so often and do nothing: how late that is, nobody's messages can be earlier."""
     time.sleep(SETTLE_S)
@@ -106,11 +123,15 @@ def main(words: Sequence[str]) -> None:
     what, transport, address, much, *topics = words
     gc.disable()  # going through what was noted would stop the listener, not what it listens to
     if what == "sleep":
-        said = sleep(float(address), float(much))
+        said: object = sleep(float(address), float(much))
     else:
         peer: Peer = import_module(f"trocar.apps.benchmarks.{transport}_peer").Program(address)
-        listened = what == "listen"
-        said = listen(peer, topics, float(much)) if listened else answers(peer, int(much))
+        if what == "listen":
+            said = listen(peer, topics, float(much))
+        elif what == "answers":
+            said = answers(peer, int(much))
+        else:
+            said = flood(peer, float(much), float(topics[0]))
     sys.stdout.write(json.dumps(said))
     sys.stdout.flush()
 

@@ -41,6 +41,14 @@ class Served:
         fields = stat.read_text(encoding="utf-8").rpartition(")")[2].split()
         return (int(fields[11]) + int(fields[12])) / TICKS_PER_SECOND
 
+    def memory_mb(self) -> float:
+        """Return the memory that it holds [MB]; 0 where the system does not tell."""
+        status = Path(f"/proc/{self._process.pid}/status")
+        if not status.is_file():
+            return 0.0
+        held = re.search(r"VmRSS:\s+(\d+) kB", status.read_text(encoding="utf-8"))
+        return float(held.group(1)) / 1024.0 if held else 0.0
+
 
 @contextmanager
 def served(

@@ -88,6 +88,18 @@ def test_localhost_means_the_loopback_address() -> None:
         assert address(server).startswith("http://127.0.0.1:")
 
 
+def test_of_somebody_who_hangs_up_before_a_word_nothing_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    with serving("127.0.0.1", 0, "test") as server:
+        for said in (b"", b"GE"):
+            with socket.create_connection((server.get_host(), server.get_port())) as stranger:
+                stranger.sendall(said)
+        with urllib.request.urlopen(address(server), timeout=10) as answer:
+            assert "<html" in answer.read().decode().lower()  # all before it has been looked at
+    assert not caplog.records
+
+
 def test_the_page_cannot_be_tunnelled_to_the_outside() -> None:
     with serving("127.0.0.1", 0, "test") as server:
         assert server.request_share_url() is None

@@ -59,8 +59,8 @@ PASSERS_BY = 24
 #: Source: the project's own goals.
 MOST_LATE_PERCENT, MOST_LATENCY_MS, MOST_CORES, LEAST_FACTOR = 1.0, 3.0, 1.0, 0.995
 #: Commands a second of a flood, and by how much the simulator's memory may grow. Source: the
-#: project's own goal; our own choice, a few thousand commands. [1/s, MB]
-FLOOD_HZ, MOST_GROWN_MB = 10_000.0, 10.0
+#: project's own goal; our own choice: every queue is bounded. [1/s, MB]
+FLOOD_HZ, MOST_GROWN_MB = 10_000.0, 20.0
 
 
 def interface(

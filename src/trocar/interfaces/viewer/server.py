@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import logging
 import socket
 import sys
 from collections.abc import Iterator
@@ -15,6 +16,10 @@ from websockets.exceptions import ConnectionClosed
 
 from trocar.errors import InputError
 from trocar.interfaces.origins import may_come_from
+
+#: Where viser's server tells of whoever hangs up before a word, as browsers and scanners do.
+_strangers = logging.getLogger("websockets.server")
+HUNG_UP = "opening handshake failed"
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -62,6 +67,7 @@ def serving(host: str, port: int, label: str) -> Iterator[LocalServer]:
     _check_free(host, port)
     with _quiet():
         server = LocalServer(host, port, label)
+    _strangers.addFilter(_is_news)
     try:
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
@@ -69,6 +75,7 @@ def serving(host: str, port: int, label: str) -> Iterator[LocalServer]:
     finally:
         with _quiet():
             server.stop()
+        _strangers.removeFilter(_is_news)
 
 
 def address(server: LocalServer) -> str:
@@ -94,6 +101,10 @@ def _checked_host(host: str) -> str:
             f"allowed are {', '.join(LOOPBACK)}; to look from elsewhere, forward the port with ssh"
         )
     return LOOPBACK[0] if host == "localhost" else host
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    return record.getMessage() != HUNG_UP
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
@@ -10,7 +11,13 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_rig, names
-from trocar.interfaces.crtk.robot_model import fixed_frames, frames, hinge_states, robot_model
+from trocar.interfaces.crtk.robot_model import (
+    KEPT,
+    fixed_frames,
+    frames,
+    hinge_states,
+    robot_model,
+)
 from trocar.kinematics.forward import poses
 from trocar.modeling.links import rig_links
 from trocar.modeling.trees import joint_values, link_poses
@@ -27,6 +34,15 @@ def random_joints(rig, rng):
         lower, upper = (np.nan_to_num(e, posinf=1.0, neginf=-1.0) for e in ends)
         found[arm.name] = rng.uniform(lower, upper)
     return found
+
+
+def test_only_the_newest_folders_of_meshes_are_kept() -> None:
+    rigs = [replace(load_rig("psm")) for _ in range(KEPT + 1)]
+    first = [robot_model(rig) for rig in rigs[:KEPT]]
+    assert robot_model(rigs[0]) is first[0]  # asked for again, so it is the newest
+    robot_model(rigs[KEPT])
+    assert [model.folder.is_dir() for model in first] == [True, False, True, True]
+    assert robot_model(rigs[1]).folder.is_dir()  # written anew
 
 
 @pytest.mark.parametrize("name", RIGS)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -29,6 +30,8 @@ Array = NDArray[np.float64]
 LINK = "_link"
 #: The root of every URDF. Source: `modeling.links`.
 WORLD = "world"
+#: Folders of meshes that are kept: viewers read them soon. Source: our own choice.
+KEPT = 4
 
 
 @dataclass(frozen=True)
@@ -37,25 +40,46 @@ class RobotModel:
 
     Attributes:
         urdf: the text; meshes are named by `file://` and a path on this machine
-        folder: where the meshes are, until the process ends
+        folder: where the meshes are
     """
 
     urdf: str
     folder: Path
 
 
-@lru_cache(maxsize=4)
+_lock = threading.Lock()
+_written: dict[int, tuple[RigDescription, RobotModel]] = {}
+
+
 def robot_model(rig: RigDescription) -> RobotModel:
-    """Write a rig's meshes into a folder for as long as the process lives, and its URDF.
+    """Write a rig's meshes into a folder, and its URDF.
+
+    The same rig's are written once. A folder is there until KEPT others were asked for since, or
+    the process ends.
 
     Raises:
         MissingExtraError: lxml is not installed
         InputError: a moving frame of an arm has no mass
     """
+    with _lock:
+        found = _written.pop(id(rig), None) or (rig, _write(rig))
+        _written[id(rig)] = found
+        if len(_written) > KEPT:
+            _, oldest = _written.pop(next(iter(_written)))
+            shutil.rmtree(oldest.folder, ignore_errors=True)
+        return found[1]
+
+
+@atexit.register
+def _tidy() -> None:
+    for _, model in _written.values():
+        shutil.rmtree(model.folder, ignore_errors=True)
+
+
+def _write(rig: RigDescription) -> RobotModel:
     model = without_clashes(rig_links(rig), set(frames(rig)))
     names = mesh_names(model)
     folder = Path(tempfile.mkdtemp(prefix="trocar-meshes-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
     text = urdf(model, {mesh: (folder / f"{n}.obj").as_uri() for mesh, n in names.items()})
     for name, content in mesh_files(names, seen_materials(model)).items():
         (folder / name).write_bytes(content)

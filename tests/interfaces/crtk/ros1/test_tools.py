@@ -89,6 +89,24 @@ def test_gains_are_on_the_parameter_server_and_bad_ones_refused(master: Master) 
     ear.close()
 
 
+def test_the_model_is_another_after_a_tool_was_exchanged(master: Master) -> None:
+    need("rostopic")
+    until(lambda: master.ask("hasParam", "/robot_description")[2], "the model is there")
+
+    def model() -> str:
+        text = master.ask("getParam", "/robot_description")[2]
+        return re.sub(r"trocar-meshes-\w+", "", text)
+
+    def mount(tool: str) -> None:
+        master.run("rostopic", "pub", "-1", "/PSM1/set_tool_type", "std_msgs/String", tool)
+
+    driver = model()
+    mount("PROGRASP_FORCEPS:400093")
+    until(lambda: model() != driver, "the model has the other tool")
+    mount("LARGE_NEEDLE_DRIVER:400006")
+    until(lambda: model() == driver, "the model has the tool of before")
+
+
 MD5 = """
 import importlib, sys
 for name in sys.stdin.read().split():

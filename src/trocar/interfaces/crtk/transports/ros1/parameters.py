@@ -11,6 +11,7 @@ from trocar.interfaces.crtk.transports.ros1.gains import Gains
 from trocar.interfaces.crtk.transports.ros1.library import inner
 
 if TYPE_CHECKING:
+    from trocar.descriptions import RigDescription
     from trocar.interfaces.crtk.core import Core
     from trocar.interfaces.crtk.transports.ros1.library import Library
     from trocar.interfaces.crtk.transports.ros1.master import Master
@@ -35,6 +36,7 @@ class Parameters:
         cache = inner(library, "impl.paramserver").get_param_server_cache()
         self._gains = Gains(core, master, library.rospy.core.get_node_uri(), cache)
         self._set: list[str] = []
+        self._described: RigDescription | None = None
 
     def start(self) -> None:
         """Set all.
@@ -45,8 +47,21 @@ class Parameters:
         if self._core.stamper.mode == "sim":
             self._put(SIMULATED, True)
         self._gains.start()
+        self._described = None
+        self.follow()
+
+    def follow(self) -> None:
+        """Set the robot's model, anew after a tool was exchanged.
+
+        Raises:
+            MasterError: the master does not answer
+        """
+        rig = self._core.loop.world.rig
+        if rig is self._described:
+            return
+        self._described = rig  # whether it can be or not: it is tried once
         try:
-            self._put(MODEL, robot_model(self._core.loop.world.rig).urdf)
+            self._put(MODEL, robot_model(rig).urdf)
         except (MissingExtraError, InputError) as error:
             _log.warning("ROS 1: no %s: %s", MODEL, error)
 

@@ -154,8 +154,8 @@ class Ros1Transport:
         """Set parameters, and see to it that the master knows us; what changes is said once."""
         answers, announced = True, False
         while True:
-            if answers and not announced:
-                announced = self._announce()
+            if answers:
+                announced = self._announce(announced)
             if self._over.wait(WATCH_S):
                 return
             if self._ros.rospy.is_shutdown():
@@ -174,10 +174,13 @@ class Ros1Transport:
                 _log.warning("ROS 1: the master at %s answers again", self._master.uri)
             answers = known is not None
 
-    def _announce(self) -> bool:
-        """Set parameters; return whether that is done with."""
+    def _announce(self, announced: bool) -> bool:
+        """Set parameters, those that change when all are set; return whether that is done with."""
         try:
-            self._parameters.start()
+            if announced:
+                self._parameters.follow()
+            else:
+                self._parameters.start()
         except MasterError:
             return False
         except TrocarError as error:

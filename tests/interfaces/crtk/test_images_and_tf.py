@@ -15,6 +15,7 @@ from trocar.descriptions.catalogue import DATA
 from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform, transform_points
+from trocar.kinematics.forward import poses
 from trocar.simulation import World
 
 from .served import stamp_ns
@@ -23,6 +24,7 @@ from .test_images import EYES, Filmed, frames, in_world
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
 from trocar.rendering import Look, Renderer, Series
 from trocar.rendering.library import open_context
+from trocar.rendering.primitives import surface
 
 #: Edge of boxes before the scope, and where they hang in the camera's frame at first [m].
 EDGE = 0.010
@@ -32,6 +34,8 @@ HANGING = [(x, y, 0.09 + 0.3 * abs(x)) for x in COLUMNS for y in ROWS]
 TURN = (40.0, 20.0, 10.0)
 TURNED = matrix_from_rpy(*np.deg2rad(TURN))
 CORNERS = 0.5 * EDGE * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+#: How the instrument moves. [rad, m]
+MOVE = np.array([0.02, 0.02, -0.004, 0.4, 0.3, 0.0])
 #: What tf says and an image shows: of each box, and in the mean. Source: the project's own goal,
 #: and a tenth of it.
 MOST_PX, MEAN_PX = 0.1, 0.01
@@ -162,3 +166,67 @@ def test_what_falls_is_shown_where_its_topic_says(eye: str, tmp_path: Path) -> N
     off = Seen(served, eye).off("stone", where)
     assert len(off) >= 5
     assert np.abs(off).max() < MOST_PX and np.abs(off.mean(axis=0)).max() < MEAN_PX
+
+
+def covered(triangles: np.ndarray, P: np.ndarray) -> np.ndarray:
+    """Return the mean of the pixels that triangles (n, 3, 3) cover, which P projects, (2,)."""
+    ahead = triangles @ P[:, :3].T + P[:, 3]
+    flat = ahead[..., :2] / ahead[..., 2:]
+    low = np.floor(flat.min(axis=(0, 1))).astype(int)
+    wide, high = np.ceil(flat.max(axis=(0, 1))).astype(int) - low + 1
+    inside = np.zeros((high, wide), dtype=bool)
+    for a, b, c in flat:
+        left, top = np.floor(np.min([a, b, c], axis=0)).astype(int)
+        right, bottom = np.ceil(np.max([a, b, c], axis=0)).astype(int) + 1
+        u, v = np.meshgrid(np.arange(left, right), np.arange(top, bottom))
+        sides = [
+            (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
+            for p, q in ((a, b), (b, c), (c, a))
+        ]
+        within = np.all([side >= 0 for side in sides], axis=0)
+        within |= np.all([side <= 0 for side in sides], axis=0)
+        inside[top - low[1] : bottom - low[1], left - low[0] : right - low[0]] |= within
+    v, u = np.nonzero(inside)
+    return np.array([u.mean(), v.mean()]) + low
+
+
+@pytest.mark.parametrize("eye", EYES)
+def test_an_instrument_in_motion_is_shown_where_joints_and_tf_of_the_stamp_have_it(
+    eye: str,
+) -> None:
+    """Its wrist alone is drawn, so that nothing hides a part of it."""
+    image, info = f"endoscope/{eye}/ids/image_raw", f"endoscope/{eye}/camera_info"
+    wanted = [image, info, f"endoscope/{eye}/ids/names", "tf", "PSM1/measured_js"]
+    with closing(Filmed(wanted=wanted)) as served:
+        world = served.world
+        world.reset(pose="work")
+        wrist = [s for s in world.shapes() if (s.arm, s.frame) == ("PSM1", "wrist_pitch")]
+
+        def shapes() -> tuple:
+            return world.snapshot(arms=False).build, wrist
+
+        served.renderer = Series(Renderer(shapes, None, Look(exposure=0.0)))  # type: ignore[assignment]
+        arm = world.arm("PSM1")
+        arm.move_jp(arm.setpoint_js().position + MOVE)
+        served.run(0.25)
+    surfaces = [surface(shape) for shape in wrist]
+    body = np.concatenate([s.points[s.faces] for s in surfaces])
+    names = json.loads(served.last(f"endoscope/{eye}/ids/names")["data"])
+    number = next(int(k) for k, name in names.items() if name == "PSM1/wrist_pitch")
+    joints = {stamp_ns(m): m["position"] for m in served.messages("PSM1/measured_js")}
+    shots, lenses = served.messages(image), served.messages(info)
+
+    def off(shot: dict, lens: dict, stamp: int) -> np.ndarray:
+        told = frames(served, shot["header"]["stamp"])
+        mechanism = world.rig.arm("PSM1").arm.mechanism
+        at = poses(mechanism, [*joints[stamp], 0.0])["wrist_pitch"]
+        T = inverse(in_world(told, "endoscope_left_frame")) @ in_world(told, "PSM1_base") @ at
+        middle = shown(shot, number)
+        assert middle is not None and shot["header"] == lens["header"]
+        return middle - covered(transform_points(T, body), lens["p"].reshape(3, 4))
+
+    now = [off(*pair, stamp_ns(pair[0])) for pair in zip(shots, lenses, strict=True)]
+    stale = [off(s, i, stamp_ns(b)) for b, s, i in zip(shots, shots[1:], lenses[1:], strict=False)]
+    assert len(now) > 10
+    assert np.abs(now).max() < MOST_PX
+    assert np.abs(stale).max() > 10.0 * MOST_PX  # joints of another stamp would show

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -97,3 +98,24 @@ def test_bad_input_is_told_in_one_line(
 def test_the_picture_of_the_page_is_there() -> None:
     for name in re.findall(r"\]\((images/\S+)\)", TEXT):
         assert (PAGE.parent / name).stat().st_size > 20_000
+
+
+def test_json_stands_alone_beside_what_is_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session(tmp_path / "session.bag", {"PSM1": 6})
+    words = ["mirror", "--rig", "psm", "--bag", str(tmp_path / "session.bag"), "--no-page"]
+    assert main([*words, "--json", "--serve", "0"]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)
+    assert "ws://" in printed.err
+
+
+@pytest.mark.parametrize("option", [("--preset", "nonsense"), ("--exposure", "99")])
+def test_options_of_cameras_are_checked_where_nobody_looks(
+    tmp_path: Path, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    session(tmp_path / "session.bag", {"PSM1": 6, "PSM2": 6, "ECM": 4})
+    words = ["mirror", "--rig", "two_psm_ecm", "--bag", str(tmp_path / "session.bag"), "--no-page"]
+    assert main([*words, *option]) == BAD_INPUT
+    assert option[1] in capsys.readouterr().err

@@ -14,6 +14,10 @@ class InputError(TrocarError):
     """A file, message or argument that cannot be used; nothing was changed."""
 
 
+class OvertakenError(InputError):
+    """A record of a world as it was before a tool was exchanged; ask for a new one."""
+
+
 class UnknownNameError(InputError):
     """A name that nobody has.
 

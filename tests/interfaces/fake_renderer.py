@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from trocar.errors import InputError, TrocarError
+from trocar.errors import InputError, OvertakenError, TrocarError
 from trocar.geometry.lens import project
 from trocar.geometry.se3 import inverse
 
@@ -21,12 +21,18 @@ class FakeRenderer:
         gate: drawing waits until it is set
         fails_after: no picture comes after so many
         refuses: so many pictures, the first ones
+        refusal: what it says then
     """
 
     def __init__(
-        self, points=(), gate: threading.Event | None = None, fails_after=None, refuses: int = 0
+        self,
+        points=(),
+        gate: threading.Event | None = None,
+        fails_after=None,
+        refuses: int = 0,
+        refusal: type[InputError] = OvertakenError,
     ) -> None:
-        self.refuses = refuses
+        self.refuses, self.refusal = refuses, refusal
         self.points = np.reshape(points, (-1, 3))
         self.gate, self.fails_after = gate, fails_after
         self.threads: set[str] = set()
@@ -41,7 +47,7 @@ class FakeRenderer:
             raise TrocarError("no OpenGL")
         if self.refuses > 0:
             self.refuses -= 1
-            raise InputError("of another build")
+            raise self.refusal("of another build")
         if self.gate is not None:
             assert self.gate.wait(10)
         self.drawn += 1

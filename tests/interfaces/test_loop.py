@@ -381,6 +381,12 @@ def test_a_pace_waits_for_several_ticks_and_ends_the_wait_when_it_is_told():
     assert pace.wait(2, told) == 2  # late: at once, but no more than asked for
 
 
+def test_a_pace_that_begins_makes_a_tick_before_anybody_looks():
+    clock = FakeClock()
+    assert Pace(clock, 0.005).wait(0.4) == 1
+    assert clock.time == pytest.approx(100.0)
+
+
 def test_a_pace_may_wake_between_two_ticks():
     clock, told = FakeClock(), threading.Event()
     pace = Pace(clock, 0.001)

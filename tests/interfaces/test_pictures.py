@@ -278,3 +278,10 @@ def test_a_picture_that_comes_again_is_packed_once_unless_somebody_can_write_to_
     before = packer.pack(pictures[5])
     pictures[5][:] = 200
     assert packer.pack(pictures[5]) != before
+
+
+def test_a_camera_that_can_never_be_drawn_is_told_of_at_once() -> None:
+    with Studio(FakeRenderer(refuses=1, refusal=InputError)) as studio:
+        studio.pictures.add(Looker("endoscope"))
+        studio.pictures.shoot(studio.world)
+        until(lambda: bool(studio.pictures.failure))

@@ -102,7 +102,7 @@ def run(args: Namespace) -> int:
         mirror.start()
         if args.no_page:
             if address:
-                print(address, flush=True)
+                print(address, file=sys.stderr if args.json else sys.stdout, flush=True)
             _follow(loop, mirror, args.duration)
         else:
             _show(world, loop, mirror, args, (pictures, address))
@@ -144,12 +144,11 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
     """Start what draws for the twin's cameras, where anybody could look."""
-    if args.no_page and args.serve is None:
+    pictures = open_pictures(loop, args)  # what is wrong with the options is said in any case
+    if pictures is None or (args.no_page and args.serve is None):
         return None
-    pictures = open_pictures(loop, args)
-    if pictures is not None:
-        stack.enter_context(closing(pictures))
-        pictures.start()
+    stack.enter_context(closing(pictures))
+    pictures.start()
     return pictures
 
 

@@ -152,9 +152,11 @@ class ScriptPage:
 
         try:
             serve(self._world, port=self._port, loop=self._loop, on_ready=self._ready.set_result)
-        except TrocarError as problem:  # once time flows, the script is told by its own flow
+        except Exception as problem:
             if not self._ready.done():
                 self._ready.set_exception(problem)
+            elif not isinstance(problem, TrocarError):
+                raise  # of the others the script is told by its own flow, once time flows
 
 
 def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:

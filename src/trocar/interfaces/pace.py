@@ -68,7 +68,7 @@ class Pace:
             until: an event that ends the wait for several as soon as one is due
         """
         due = self._due()
-        look = due < LATE and most % 1.0 > 0.0
+        look = self._ticks > 0 and due < LATE and most % 1.0 > 0.0
         if look or due < min(most, LATE):
             last = self._start + (self._ticks + most - 1) * self._period
             self._clock.sleep(last - self._clock.now(), None if look else until)

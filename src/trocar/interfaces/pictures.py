@@ -16,7 +16,7 @@ from concurrent.futures import CancelledError
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from trocar.errors import InputError, TrocarError
+from trocar.errors import InputError, OvertakenError, TrocarError
 from trocar.interfaces.packing import Packer
 from trocar.interfaces.priority import let_others_go_first
 from trocar.interfaces.shots import Order, Renderer, Shot, Taker
@@ -244,7 +244,7 @@ class Pictures:
                 for taker in self._takers:
                     taker.take(shot)
                 self.made += 1
-        except InputError:
+        except OvertakenError:
             self._refused += 1
             self.dropped += 1
             if self._refused > MOST_REFUSED:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import InputError, TrocarError, UnknownNameError
+from trocar.errors import OvertakenError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import inverse
 from trocar.rendering import unlocked
 from trocar.rendering.card import Card
@@ -116,7 +116,8 @@ class Renderer:
 
         Raises:
             UnknownNameError: no such camera; the known ones are listed
-            InputError: a picture larger than the driver allows, or a camera of another build
+            InputError: a picture larger than the driver allows
+            OvertakenError: a camera of another build
             TrocarError: the graphics library was lost and cannot be opened again
         """
         if camera not in cameras:
@@ -214,7 +215,7 @@ class Renderer:
             return
         build, shapes = self._ask()
         if build != snapshot.build:
-            raise InputError(
+            raise OvertakenError(
                 f"the snapshot is of build {snapshot.build} of the world, its shapes are of build"
                 f" {build}; ask for a new snapshot"
             )

@@ -13,7 +13,7 @@ from trocar.descriptions.cameras import Calibration, StereoCalibration
 from trocar.descriptions.cameras.mounts import bend, check_bend
 from trocar.descriptions.cameras.records import CameraKind
 from trocar.descriptions.records import RigDescription
-from trocar.errors import InputError
+from trocar.errors import InputError, OvertakenError
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.simulation.binding import carrier
@@ -82,10 +82,10 @@ class CameraRecord:
         """Return this camera where and when a snapshot of the same world has it.
 
         Raises:
-            InputError: the rig was compiled anew between them, as when a tool is exchanged
+            OvertakenError: the rig was compiled anew between them, as when a tool is exchanged
         """
         if snapshot.build != self.build:
-            raise InputError(
+            raise OvertakenError(
                 f"camera {self.name}: is of build {self.build} of the world, the snapshot of"
                 f" {snapshot.build}; ask the world for its cameras again"
             )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -132,3 +135,25 @@ def test_what_is_stamped_after_a_look_at_the_time_is_later() -> None:
     for _ in range(3):
         asked = stamper.now()
         assert stamper.stamp() > asked
+
+
+def test_whoever_asks_for_the_time_turns_no_stamp_back() -> None:
+    """Threads change every microsecond here, so that they meet within each other's reading."""
+    stamper, over = Stamper("wall", lambda: BEGIN), threading.Event()
+    stamper.advance(Elapsed(0.0, 0.0, False), 0.0)
+
+    def ask() -> None:
+        while not over.is_set():
+            stamper.now()
+
+    asks = threading.Thread(target=ask)
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        asks.start()
+        stamps = [ns(stamper.stamp()) for _ in range(300_000)]
+    finally:
+        over.set()
+        asks.join()
+        sys.setswitchinterval(before)
+    assert (np.diff(stamps) > 0).all()

@@ -98,3 +98,16 @@ def test_fixed_frames_stand_where_the_world_has_them(name: str) -> None:
         frame = arm.local_measured_cp().frame_id
         if frame in fixed:
             np.testing.assert_allclose(fixed[frame], world.reference_pose(arm.name), atol=1e-12)
+
+
+def test_what_cannot_be_written_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> bytes:
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("trocar.interfaces.crtk.robot_model.urdf", fails)
+    with pytest.raises(OSError, match="full"):
+        robot_model(replace(load_rig("psm")))
+    assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ from trocar.descriptions import names
 from trocar.interfaces.commands import Verb
 from trocar.interfaces.crtk.arm_messages import MAKERS
 from trocar.interfaces.crtk.figures import RigFigures
-from trocar.interfaces.crtk.messages.forms import CDR_PACKING, ROS1_PACKING, form, marks
+from trocar.interfaces.crtk.messages.forms import CDR_PACKING, FIRST, ROS1_PACKING, form, marks
 from trocar.interfaces.crtk.plan import Plan
 from trocar.interfaces.crtk.sample import Sample, take
 from trocar.interfaces.crtk.scene import look
@@ -116,3 +116,30 @@ def test_a_form_is_refused_where_a_mark_is_missing() -> None:
         form(ROS1_PACKING, "geometry_msgs/Vector3", message, (0, 1, 2))
     assert len(set(marks(1000))) == 1000
     assert WebSocketTransport.packing is PACKING
+
+
+@pytest.mark.parametrize("packing", PACKINGS)
+def test_a_frame_may_be_called_like_a_mark(packing: str) -> None:
+    served = Served("psm")
+    arm = served.world.arm("PSM1")
+    arm.set_base_frame(np.eye(4), f"{FIRST:.1f}")
+    served.run()
+    assert check(served, sampled(served), packing) >= 2
+
+
+def test_of_frames_that_change_only_the_newest_forms_are_kept() -> None:
+    served = Served("psm")
+    sheet = Sheet(Plan(served.world.rig), served.core.topics.values())
+    row = sheet.rows["PSM1/measured_cp"]
+    forms = [sheet.form(PACKING, row, {"PSM1": frame}) for frame in ("a", "b", "b")]
+    assert forms[0] is not forms[1] and forms[1] is forms[2]
+    assert len(sheet._forms) == 1
+
+
+def test_a_message_that_cannot_be_filled_in_ends_nobody_elses() -> None:
+    served = Served("psm", wanted=[])
+    served.world.arm("PSM1").set_base_frame(np.eye(4), "\ud800")
+    served.run()
+    sample, topics = sampled(served), frozenset({"PSM1/measured_cp", "PSM1/measured_js"})
+    (out,) = served.core._publishing.states(sample, [(PACKING, topics)])
+    assert {topic.name for topic, _ in out} == topics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
 import subprocess
@@ -88,6 +89,7 @@ def test_localhost_means_the_loopback_address() -> None:
         assert address(server).startswith("http://127.0.0.1:")
 
 
+@pytest.mark.usefixtures("strangers")
 def test_of_somebody_who_hangs_up_before_a_word_nothing_is_told(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
@@ -98,6 +100,25 @@ def test_of_somebody_who_hangs_up_before_a_word_nothing_is_told(
         with urllib.request.urlopen(address(server), timeout=10) as answer:
             assert "<html" in answer.read().decode().lower()  # all before it has been looked at
     assert not caplog.records
+
+
+@pytest.fixture
+def strangers(monkeypatch: pytest.MonkeyPatch) -> logging.Logger:
+    """Where the server tells of strangers, without the filters that viser leaves there."""
+    logger = logging.getLogger("websockets.server")
+    monkeypatch.setattr(logger, "filters", [])
+    return logger
+
+
+def test_of_another_failure_of_the_handshake_is_told(
+    strangers: logging.Logger, caplog: pytest.LogCaptureFixture
+) -> None:
+    with serving("127.0.0.1", 0, "test"):
+        try:
+            raise KeyError("a defect")
+        except KeyError:
+            strangers.exception("opening handshake failed")
+    assert len(caplog.records) == 1
 
 
 def test_the_page_cannot_be_tunnelled_to_the_outside() -> None:

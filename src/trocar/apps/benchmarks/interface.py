@@ -1,6 +1,7 @@
 """What other programs see of a running simulator: rates, lateness, latency, processor time.
 
-A simulator and a subscriber run in processes of their own; figures are medians of several runs.
+A simulator and a subscriber run in processes of their own; rates and
+times are medians of several runs, losses the most of any.
 """
 
 from __future__ import annotations
@@ -187,9 +188,9 @@ def _vanishing(transport: str, duration_s: float) -> list[Figure]:
     """Listen while others subscribe to the same and are killed."""
     topics = [f"PSM1/{state}" for state in STATES]
     with serving(transport, "--rig", "full_cart", "--rate", f"{RATE_HZ:g}") as server:
+        watcher = started("listen", transport, server.address, f"{duration_s:g}", *topics)
         others: list[subprocess.Popen[str]] = []
         try:
-            watcher = started("listen", transport, server.address, f"{duration_s:g}", *topics)
             pause = duration_s / PASSERS_BY
             for _ in range(PASSERS_BY):
                 others.append(started("listen", transport, server.address, "60", *topics))
@@ -198,7 +199,7 @@ def _vanishing(transport: str, duration_s: float) -> list[Figure]:
                     others.pop(0).kill()
             heard = read(watcher)
         finally:
-            for other in others:
+            for other in (watcher, *others):
                 other.kill()
     seen = arrived(heard, RATE_HZ)
     name = f"{transport}: {PASSERS_BY} subscribers come and are killed: lost by another one"
@@ -211,8 +212,11 @@ def _flooded(transport: str, duration_s: float) -> list[Figure]:
     with serving(transport, "--rig", "psm", "--rate", f"{RATE_HZ:g}") as server:
         watcher = started("listen", transport, server.address, f"{duration_s:g}", *topics)
         before = server.memory_mb()
-        sent = told("flood", transport, server.address, f"{FLOOD_HZ:g}", f"{duration_s:g}")
-        heard = read(watcher)
+        try:
+            sent = told("flood", transport, server.address, f"{FLOOD_HZ:g}", f"{duration_s:g}")
+            heard = read(watcher)
+        finally:
+            watcher.kill()
         grown = server.memory_mb() - before
     seen = arrived(heard, RATE_HZ)
     name = f"{transport}: a flood of commands"

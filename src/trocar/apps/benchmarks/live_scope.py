@@ -194,7 +194,10 @@ def running() -> Iterator[Run]:
         page.start()
         stack.callback(page.join)
         stack.enter_context(closing(loop))
-        url = urls.get(timeout=READY_S)
+        try:
+            url = urls.get(timeout=READY_S)
+        except queue.Empty:
+            raise TrocarError(f"the page was not served within {READY_S:g} s") from None
         gc.collect()
         stack.callback(gc.unfreeze)
         gc.freeze()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 from typing import Literal
@@ -38,6 +39,7 @@ class Stamper:
         if mode not in MODES:
             raise UnknownNameError("clock", mode, MODES)
         self.mode, self._wall_ns = mode, wall_ns
+        self._lock = threading.Lock()
         self._first = wall_ns() if mode == "wall" else first_ns
         self._began_s = 0.0
         self._last = 0
@@ -62,8 +64,9 @@ class Stamper:
 
     def now(self) -> Stamp:
         """Return the time that every stamp from now on is later than; from any thread."""
-        self._last = max(self._now, self._last)
-        return divmod(self._last, SECOND)
+        with self._lock:
+            self._last = max(self._now, self._last)
+            return divmod(self._last, SECOND)
 
     def stamp(self, wall_s: float | None = None) -> Stamp:
         """Return a stamp later than all before, a nanosecond at least.
@@ -75,8 +78,9 @@ class Stamper:
         now = self._now
         if wall_s is not None and self.mode == "wall" and self._seen_s is not None:
             now = max(now, self._first + round((wall_s - self._began_s) * SECOND))
-        self._last = max(now, self._last + 1)
-        return divmod(self._last, SECOND)
+        with self._lock:
+            self._last = max(now, self._last + 1)
+            return divmod(self._last, SECOND)
 
 
 class Beat:

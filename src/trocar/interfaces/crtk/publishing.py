@@ -99,7 +99,7 @@ class Publishing:
             page = self._pages[index] = Page(self._sheet, packing, names)
         try:
             return page.filled(rig, rig.sample.stamp), page.rest
-        except UNMAKEABLE:  # each is made alone then, and what cannot be is named
+        except (*UNMAKEABLE, ValueError):  # each is made alone then, and what cannot be is named
             return [], names
 
     def events(self, sample: Sample) -> Out:

@@ -79,10 +79,15 @@ def _tidy() -> None:
 def _write(rig: RigDescription) -> RobotModel:
     model = without_clashes(rig_links(rig), set(frames(rig)))
     names = mesh_names(model)
+    files = mesh_files(names, seen_materials(model))
     folder = Path(tempfile.mkdtemp(prefix="trocar-meshes-"))
-    text = urdf(model, {mesh: (folder / f"{n}.obj").as_uri() for mesh, n in names.items()})
-    for name, content in mesh_files(names, seen_materials(model)).items():
-        (folder / name).write_bytes(content)
+    try:
+        text = urdf(model, {mesh: (folder / f"{n}.obj").as_uri() for mesh, n in names.items()})
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
     return RobotModel(text.decode(), folder)
 
 

@@ -87,16 +87,17 @@ class Sheet:
         self._tips, self._poses = starts[-1], 4 * len(plan.tips)
         self._no_tips = np.zeros(7 * self._poses)
         self._objects = {f"scene/{prop.name}/measured_cp": k for k, prop in enumerate(objects)}
-        self._forms: dict[tuple[int, str, str], Form] = {}
+        self._forms: dict[tuple[int, str], tuple[str, Form]] = {}
         found = ((topic.name, self._row(topic, plan)) for topic in topics)
         self.rows = {name: row for name, row in found if row is not None}
 
     def form(self, packing: Packing, row: Row, frames: Mapping[str, str]) -> Form:
-        """Return the form of a row's messages, made once."""
-        key = id(packing), row.topic.name, frames.get(row.arm, "")
-        if key not in self._forms:
-            self._forms[key] = row.form(packing, frames)
-        return self._forms[key]
+        """Return the form of a row's messages, made once for a frame."""
+        key, frame = (id(packing), row.topic.name), frames.get(row.arm, "")
+        found = self._forms.get(key)
+        if found is None or found[0] != frame:
+            found = self._forms[key] = frame, row.form(packing, frames)
+        return found[1]
 
     def table(self, rig: RigFigures, tips: bool) -> Array:
         """Return the numbers of every row; those of tips are 0 where nobody wants them."""

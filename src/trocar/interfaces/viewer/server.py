@@ -104,7 +104,9 @@ def _checked_host(host: str) -> str:
 
 
 def _is_news(record: logging.LogRecord) -> bool:
-    return record.getMessage() != HUNG_UP
+    problem = record.exc_info[1] if record.exc_info else None
+    ended = isinstance((problem and problem.__cause__) or problem, EOFError | ConnectionError)
+    return not (ended and record.getMessage() == HUNG_UP)
 
 
 @contextlib.contextmanager

@@ -94,24 +94,30 @@ def form(packing: Packing, kind: str, message: Message, where: Sequence[int]) ->
         kind: its type
         message: written with `STAMP` and `marks`, in the order in which they are written
         where: which number of the table belongs at each mark
+
+    Raises:
+        ValueError: the message is not written with the marks
     """
-    head, rest = _split(packing.encode(kind, message), packing.stamp(*STAMP))
+    head, rest = _halved(packing.encode(kind, message).partition(packing.stamp(*STAMP)))
+    texts: list[bytes] = []
+    for mark in reversed(marks(len(where)).tolist()):  # words, which may be anything, come before
+        rest, behind = _halved(rest.rpartition(packing.number(mark)))
+        texts.append(behind)
     pieces, runs = [head], list[list[int]]()
-    for mark, index in zip(marks(len(where)).tolist(), where, strict=True):
-        piece, rest = _split(rest, packing.number(mark))
+    for piece, index in zip([rest, *reversed(texts[1:])], where, strict=True):
         if not piece and runs and runs[-1][1] == index:
             runs[-1][1] += 1
         else:
             runs.append([index, index + 1])
             pieces.append(piece)
-    pieces.append(rest)
+    pieces.append(texts[0] if texts else rest)
     cuts = [cut for first, last in runs for cut in packing.cut(first, last)]
     text = b"%b".join(piece.replace(b"%", b"%%") for piece in pieces)
     return Form(text, itemgetter(packing.stamp_cut, *cuts))
 
 
-def _split(data: bytes, mark: bytes) -> tuple[bytes, bytes]:
-    before, found, after = data.partition(mark)
-    if not found:
-        raise ValueError(f"the mark {mark!r} is not where it should be")
+def _halved(parts: tuple[bytes, bytes, bytes]) -> tuple[bytes, bytes]:
+    before, mark, after = parts
+    if not mark:
+        raise ValueError("a mark is not where it should be")
     return before, after

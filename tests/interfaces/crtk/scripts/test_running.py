@@ -207,7 +207,7 @@ def test_a_module_beside_the_script_is_taken_before_ours(
 
 
 ROSPY = """
-    import rospy
+    import rospy, threading
     from sensor_msgs.msg import JointState
     from crtk_msgs.srv import QueryForwardKinematics
     rospy.init_node("plain", anonymous=True)
@@ -244,6 +244,8 @@ ROSPY = """
     rospy.sleep(1.05)
     timer.shutdown()
     assert len(beats) == 10 and abs(beats[-1] - beats[0] - 0.9) < 1e-6, beats
+    timer.join()
+    assert isinstance(timer, threading.Thread) and not timer.is_alive() and len(beats) == 10
     rospy.on_shutdown(lambda: print("bye"))
     rospy.signal_shutdown("enough")
     try:
@@ -258,6 +260,55 @@ def test_a_script_may_use_rospy_itself(tmp_path: Path, capsys: pytest.CaptureFix
     said = capsys.readouterr()
     assert said.out.splitlines()[1:] == ["bye", "interrupted"]
     assert said.out.startswith("[INFO] [") and said.err.count("twice") == 1
+
+
+def test_a_timer_tells_its_callback_when_it_was_due_and_when_it_came(tmp_path: Path):
+    text = """
+    import rospy
+    period, told = rospy.Duration(0.1), []
+    def beat(event):
+        assert event.current_real == rospy.get_rostime()
+        told.append(event)
+        rospy.sleep(0.25 if len(told) == 2 else 0.02)
+    begun = rospy.get_rostime()
+    timer = rospy.Timer(period, beat)
+    rospy.sleep(1.0)
+    assert timer.is_alive()
+    first, *others = told
+    assert (first.last_expected, first.last_real, first.last_duration) == (None, None, None)
+    assert first.current_expected == begun + period
+    for before, event in zip(told, others):
+        assert event.last_expected == before.current_expected
+        assert event.last_real == before.current_real
+        assert event.current_expected == before.current_expected + period
+    lasted = [event.last_duration for event in others]
+    assert abs(lasted[0] - 0.02) < 1e-6 and abs(lasted[1] - 0.25) < 1e-6, lasted
+    late = [(event.current_real - event.current_expected).to_sec() for event in told]
+    tick = 1.1e-3  # what time passes by at least is 1 ms
+    assert max(map(abs, late[:2])) < tick and abs(late[2] - 0.15) < tick, late
+    """
+    assert play(tmp_path, text).status == 0
+
+
+def test_beside_the_wall_clock_a_timer_is_a_thread_that_is_told_of_its_calls(tmp_path: Path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import rospy, threading\n"
+        "told, enough = [], threading.Event()\n"
+        "def beat(event):\n"
+        "    told.append(event)\n"
+        "    if len(told) == 2:\n"
+        "        enough.set()\n"
+        "timer = rospy.Timer(rospy.Duration(0.01), beat)\n"
+        "assert isinstance(timer, threading.Thread) and timer.daemon\n"
+        "enough.wait()\n"
+        "timer.shutdown(); timer.join()\n"
+        "first, second, *_ = told\n"
+        "assert second.last_real == first.current_real <= second.current_real\n"
+        "assert first.last_duration is None and second.last_duration > 0.0\n",
+        encoding="utf-8",
+    )
+    assert run_script(script, [], Live(World("psm"), rate_hz=100.0), 60.0).status == 0
 
 
 def test_the_client_that_is_tested_with_ros_1_runs_without(

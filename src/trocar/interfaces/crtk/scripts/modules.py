@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import os
 import sys
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from importlib.machinery import PathFinder
@@ -31,13 +32,20 @@ CONVERSIONS = (
 )  # fmt: skip
 
 
-def script_modules(node: Node, folder: Path) -> dict[str, ModuleType]:
+def script_modules(
+    node: Node, folder: Path, thread: type[threading.Thread]
+) -> dict[str, ModuleType]:
     """Return {name: module} of all that stands in for ROS.
 
     An installed dvrk, crtk with it, or PyKDL is taken instead, and one that lies beside the script.
+
+    Args:
+        node: the script's
+        folder: where the script lies
+        thread: the class of the threads that the script starts
     """
     found = message_modules()
-    found["rospy"] = _module("rospy", rospy_names(node), "What scripts use of rospy.")
+    found["rospy"] = _module("rospy", rospy_names(node, thread), "What scripts use of rospy.")
     own = client_modules(type("ral", (ral,), {"_node_of_run": node}))
     specs = {name: PathFinder.find_spec(name, [str(folder), *sys.path]) for name in ROBOT}
     installed = {name for name, spec in specs.items() if spec is not None and spec.origin}

@@ -7,11 +7,13 @@ documentation (ROS 1 Noetic).
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from trocar.interfaces.crtk.scripts.node import Node, Publisher, ServiceError, Subscriber
 from trocar.interfaces.crtk.scripts.ral import own_arguments
+from trocar.interfaces.crtk.scripts.timers import timer_class
 from trocar.interfaces.crtk.scripts.times import Duration, Rate, Time
 
 LEVELS = {"debug": 1, "info": 2, "warn": 4, "err": 8, "error": 8, "fatal": 16}
@@ -31,8 +33,8 @@ class TransportTerminated(ROSException):
     """A connection ended; never raised here."""
 
 
-def rospy_names(node: Node) -> dict[str, Any]:
-    """Return {name: what a script finds under it in rospy}."""
+def rospy_names(node: Node, thread: type[threading.Thread]) -> dict[str, Any]:
+    """Return {name: what a script finds under it in rospy}; `thread` is the script's own."""
     ros = _Rospy(node)
     classes = _classes(ros)
     said = {f"log{word}": ros._logger(word) for word in LEVELS}
@@ -43,6 +45,7 @@ def rospy_names(node: Node) -> dict[str, Any]:
         **{name: getattr(ros, name) for name in dir(ros) if not name.startswith("_")},
         **classes,
         **said,
+        "Timer": timer_class(node, thread),
         "ROSException": ROSException,
         "ROSInterruptException": ROSInterruptException,
         "ServiceException": ServiceError,
@@ -257,29 +260,7 @@ def _classes(ros: _Rospy) -> dict[str, type]:
         def __init__(self, hz: float, reset: bool = False) -> None:  # noqa: ARG002
             super().__init__(hz, node.flow.now_ns, ros.sleep)
 
-    class Repeats:
-        """Calls a function again and again, after each period; "threading" is the script's own."""
-
-        def __init__(
-            self, period: Duration, callback: Callable[[Any], None], oneshot: bool = False, **_: Any
-        ) -> None:
-            self._over, self._oneshot = False, oneshot
-            self._rate, self._callback = node.rate(1.0 / period.to_sec()), callback
-            sys.modules["threading"].Thread(target=self._work, daemon=True).start()
-
-        def shutdown(self) -> None:
-            """Call it no longer."""
-            self._over = True
-
-        def _work(self) -> None:
-            while not (self._over or node.ended):
-                self._rate.sleep()
-                if not (self._over or node.ended):
-                    self._callback(None)
-                self._over |= self._oneshot
-
     return {
-        "Timer": Repeats,
         "Time": Now,
         "Rate": Keeps,
         "Publisher": Publishes,

@@ -80,10 +80,12 @@ def run_script(
     code = _compiled(script)
     began = time.perf_counter()
     node = Node(flow)
-    modules = script_modules(node, script.parent)
+    modules: dict[str, ModuleType] = {}
     if isinstance(flow, Stepped):
         flow.over = OverdueError
-        modules |= virtual_modules(flow)
+        modules = virtual_modules(flow)
+    thread = modules.get("threading", threading).Thread
+    modules |= script_modules(node, script.parent, thread)
     watchdog = Watchdog(script, flow, timeout_s)
     try:
         flow.start()

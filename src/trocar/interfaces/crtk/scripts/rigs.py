@@ -59,10 +59,28 @@ def _texts(tree: ast.AST) -> Iterator[str]:
 
 
 def _parts(tree: ast.AST) -> Iterator[str]:
-    """Yield the arms without which the classes that a script uses have no topics."""
+    """Yield the arms without which the classes that a script takes from dvrk have no topics."""
+    modules, names = _imported(tree)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            yield from PARTS.get(node.attr, ())
-        elif isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "dvrk":
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            names += [node.attr] if node.value.id in modules else []
+    for name in names:
+        yield from PARTS.get(name, ())
+
+
+def _imported(tree: ast.AST) -> tuple[set[str], list[str]]:
+    """Return what a script calls dvrk, and the names that it imports from it."""
+    modules: set[str] = set()
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
             for name in node.names:
-                yield from PARTS.get(name.name, ())
+                package, *below = name.name.split(".")
+                if package == "dvrk":
+                    modules.add(name.asname or package)
+                    names += below
+        elif isinstance(node, ast.ImportFrom):
+            package, *below = (node.module or "").split(".")
+            if package == "dvrk":
+                names += [*below, *(name.name for name in node.names)]
+    return modules, names

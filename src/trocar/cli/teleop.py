@@ -67,7 +67,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--arm", help="the instrument to begin with; default: the first")
     parser.add_argument(
-        "--scale", type=number, help="of a device's speeds, or of masters' motion: above 0 to 1"
+        "--scale", type=number, help="of a device's speeds, or of the way of masters: above 0 to 1"
     )
     parser.add_argument(
         "--motion", metavar="FILE", help="carry the masters as in a recording (with masters)"

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from trocar.apps.teleoperation.device import Device
+from trocar.apps.teleoperation.drive import Drive
 from trocar.apps.teleoperation.inputs import component_with_inputs
 from trocar.apps.teleoperation.mapping import AXES, TABLES, from_keys, from_pad, from_puck
 from trocar.errors import InputError
+from trocar.geometry import rotation_vector_from_matrix
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
@@ -55,11 +57,23 @@ class Session:
         assert self.core.receive("teleop/gamepad", {"axes": axes, "buttons": buttons})
         self.run(seconds)
 
-    def tip(self, arm: str = "PSM1") -> np.ndarray:
-        """Return the measured tip as the endoscope sees it: right, up, away [m]."""
+    def drive(self, drive: Drive, seconds: float = 0.4) -> None:
+        self.device.hear(drive)
+        self.run(seconds)
+
+    def tip_in_image(self, arm: str = "PSM1") -> np.ndarray:
+        """Return the measured tip in the endoscope's optical frame, (4, 4)."""
         camera = self.world.cameras()["endoscope"].T_world_camera
         T = self.world.reference_pose(arm) @ self.world.arm(arm).local_measured_cp().T
-        return (np.linalg.inv(camera) @ T)[:3, 3] * [1, -1, 1]
+        return np.linalg.inv(camera) @ T
+
+    def tip(self, arm: str = "PSM1") -> np.ndarray:
+        """Return the measured tip as the endoscope sees it: right, up, away [m]."""
+        return self.tip_in_image(arm)[:3, 3] * [1, -1, 1]
+
+    def pointing(self, arm: str = "PSM1") -> np.ndarray:
+        """Return where the jaws point as the endoscope sees it: right, up, away."""
+        return self.tip_in_image(arm)[:3, 2] * [1, -1, 1]
 
     @property
     def state(self) -> str:
@@ -126,6 +140,57 @@ def test_each_key_moves_the_tip_its_way_in_the_picture(key: str, way: tuple[int,
     session.press(key, seconds=0.4)
     moved = session.tip() - before
     assert moved @ way == pytest.approx(0.004, abs=5e-4)
+
+
+RIGHT, UP = (1, 0, 0), (0, 1, 0)
+LEFT, DOWN = (-1, 0, 0), (0, -1, 0)
+
+
+@pytest.mark.parametrize(
+    ("drive", "way"),
+    [
+        (from_keys(["ArrowUp"]), UP),
+        (from_keys(["ArrowDown"]), DOWN),
+        (from_keys(["ArrowLeft"]), LEFT),
+        (from_keys(["ArrowRight"]), RIGHT),
+        (from_pad([0.0, 0.0, 0.0, -1.0], []), UP),
+        (from_pad([0.0, 0.0, 0.0, 1.0], []), DOWN),
+        (from_pad([0.0, 0.0, -1.0, 0.0], []), LEFT),
+        (from_pad([0.0, 0.0, 1.0, 0.0], []), RIGHT),
+        (from_puck((0, 0, 0), (1.0, 0.0, 0.0), ()), UP),  # the cap's far edge is lifted
+        (from_puck((0, 0, 0), (0.0, 0.0, 1.0), ()), RIGHT),  # and goes right: clockwise from above
+    ],
+)
+def test_arrows_stick_and_cap_turn_the_jaws_their_way_in_the_picture(
+    drive: Drive, way: tuple[int, ...]
+) -> None:
+    session = Session()
+    session.press()
+    before = session.pointing()
+    session.drive(drive)
+    turned = session.pointing() - before
+    assert turned @ way > 0.1
+    assert turned @ way > 3.0 * np.abs(np.cross(turned, way)[2])  # that way, and not the other
+
+
+@pytest.mark.parametrize(
+    ("drive", "clockwise"),
+    [
+        (from_keys(["KeyE"]), 1),
+        (from_keys(["KeyQ"]), -1),
+        (from_pad([], [0.0] * 5 + [1.0]), 1),
+        (from_pad([], [0.0] * 4 + [1.0]), -1),
+        (from_puck((0, 0, 0), (0.0, -1.0, 0.0), ()), 1),  # its right edge is pressed
+    ],
+)
+def test_rolling_right_is_clockwise_in_the_picture(drive: Drive, clockwise: int) -> None:
+    session = Session()
+    session.press()
+    before = session.tip_in_image()[:3, :3]
+    session.drive(drive)
+    turned = rotation_vector_from_matrix(session.tip_in_image()[:3, :3] @ before.T)
+    assert clockwise * turned[2] > 0.1
+    assert clockwise * turned[2] > 0.9 * np.linalg.norm(turned)
 
 
 def test_keys_turn_and_grip_and_choose() -> None:
@@ -221,10 +286,11 @@ def test_the_same_keys_make_the_same_motion() -> None:
     np.testing.assert_array_equal(once(), once())
 
 
-def test_what_is_no_gamepad_is_refused() -> None:
+def test_what_is_no_gamepad_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     session = Session()
-    for buttons in ("abc", [[1]], ["a"], {"a": 1}):
+    for buttons in ("abc", [[1]], ["a"], {"a": 1}, [float("nan")], [float("inf")], [[1], [2, 3]]):
         assert not session.core.receive("teleop/gamepad", {"axes": [0.0], "buttons": buttons})
+    assert "got buttons[0] nan; allowed: finite" in caplog.text
     assert session.core.receive("teleop/gamepad", {"axes": [], "buttons": []})
 
 
@@ -254,6 +320,27 @@ def test_a_pad_and_a_puck_move_as_the_tables_say() -> None:
     assert from_puck((1.0, 0.0, 0.0), (0, 0, 0), ()).move == (1.0, 0.0, 0.0)
     assert from_puck((0.0, -1.0, 0.0), (0, 0, 0), ()).move == (0.0, 0.0, 1.0)
     assert from_puck((0.0, 0.0, -1.0), (0, 0, 0), ()).move == (0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("drive", "mm_s", "deg_s"),
+    [
+        (from_keys(["KeyW", "ArrowUp"]), 10, 30),
+        (from_pad([1.0, 0.0, 1.0, 0.0], []), 17, 52),
+        (from_puck((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), ()), 17, 52),
+    ],
+)
+def test_speeds_are_those_of_the_documentation(drive: Drive, mm_s: int, deg_s: int) -> None:
+    assert round(1e3 * np.linalg.norm(drive.linear)) == mm_s
+    assert round(np.degrees(np.linalg.norm(drive.angular))) == deg_s
+
+
+def test_the_fine_button_makes_sticks_slower_by_as_much_as_the_table_says() -> None:
+    stick, said = [1.0, 0.0, 1.0, 0.0], {x.touch: x.does for x in TABLES["gamepad"]}
+    full, fine = from_pad(stick, []), from_pad(stick, [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(fine.linear, 0.2 * full.linear)
+    np.testing.assert_allclose(fine.angular, 0.2 * full.angular)
+    assert "0.2 of the speed" in said["X (held)"]
 
 
 def test_every_key_is_in_the_table_that_people_see() -> None:

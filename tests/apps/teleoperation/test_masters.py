@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from trocar.apps.teleoperation import engine_and_components
+from trocar.apps.teleoperation import engine_and_components, polling
 from trocar.apps.teleoperation import gamepad as gamepad_module
 from trocar.apps.teleoperation import puck as puck_module
-from trocar.apps.teleoperation.motion import Player
+from trocar.apps.teleoperation.drive import STILL, Drive
+from trocar.apps.teleoperation.mapping import from_keys, from_puck
+from trocar.apps.teleoperation.motion import Motion, Player
+from trocar.apps.teleoperation.polling import Poll, Source
 from trocar.apps.teleoperation.session import Session
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
+from trocar.geometry import angle_between
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
@@ -77,6 +82,36 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
         loop.tick()
     moved = loop.world.arm("PSM1").setpoint_cp().T[:3, 3] - before
     assert np.linalg.norm(moved) == pytest.approx(0.2 * 0.03, rel=0.15)
+
+
+def test_a_reset_lets_a_recorded_motion_begin_anew_once_its_master_is_aligned() -> None:
+    bench = Bench()
+    rest = bench.world.arm("MTMR").setpoints()
+    times = np.linspace(0.0, 5.0, 501)
+    joints = np.tile(rest, (len(times), 1))
+    joints[:, 0] += 0.1 * np.sin(times)
+    player = Player(bench.engine, Motion(times, {"MTMR": joints}))
+    bench.engine.players.append(player)
+    bench.console.enable(True)
+    bench.console.see_operator(True)
+    one = bench.engine.components["MTMR_PSM1"]
+
+    def wait_until(done: Callable[[], bool]) -> None:
+        while not done():
+            assert bench.world.time < 15.0
+            bench.loop.tick()
+
+    wait_until(lambda: player.busy)
+    bench.run(0.5)
+    for _ in range(2):
+        bench.world.reset()
+        bench.loop.tick()
+        bench.loop.tick()
+        assert not player.busy and not bench.engine.carriers["MTMR"].busy
+        assert not one.following
+        wait_until(lambda: player.busy)
+        assert one.following
+        wait_until(lambda: player.over)
 
 
 class Away:
@@ -141,6 +176,32 @@ def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_p
     np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
 
 
+@pytest.mark.parametrize("key", ["KeyW", "KeyE", "KeyC"])
+def test_half_the_scale_of_a_device_halves_all_its_speeds(key: str) -> None:
+    def changed(scale: float) -> np.ndarray:
+        world = World("pegs")
+        world.reset(pose="work")
+        loop = Loop(world, tick_s=0.001, clock=Clock())
+        session = Session("keyboard", scale=scale)
+        Core(loop, components=session.components(loop)).begin()
+        device = session._device
+        assert device is not None
+        assert f"scale {scale:g}" in session.driving(None).tell()
+        arm, seen = world.arm("PSM1"), []
+        for keys in ([], [key]):
+            device.hear(from_keys(keys))
+            for _ in range(200):
+                loop.tick()
+            seen.append((arm.local_setpoint_cp().T, arm.setpoints()[-1]))
+        (A, shut), (B, now) = seen
+        turned = angle_between(A[:3, :3], B[:3, :3])
+        return np.array([np.linalg.norm(B[:3, 3] - A[:3, 3]), turned, now - shut])
+
+    whole = changed(1.0)
+    assert np.abs(whole).max() > 1e-3
+    np.testing.assert_allclose(changed(0.5), 0.5 * whole, rtol=1e-3, atol=1e-9)
+
+
 def test_what_a_session_cannot_be_is_refused() -> None:
     with pytest.raises(UnknownNameError, match="keyboard"):
         Session("piano")
@@ -150,6 +211,8 @@ def test_what_a_session_cannot_be_is_refused() -> None:
         Session("keyboard", motion="x.mcap")
     with pytest.raises(InputError, match=r"as full_cart_mtm"):
         Session("masters").components(Loop(World("psm")))
+    with pytest.raises(InputError, match=r"got 'ECM'; allowed: PSM1, PSM2$"):
+        Session("masters", "ECM").components(Loop(World("full_cart_mtm", setup_joints="locked")))
 
 
 @pytest.mark.parametrize(
@@ -166,7 +229,7 @@ class FakeHid:
 
     def __init__(self) -> None:
         self.reports: list[bytes] = []
-        self.plugged = True
+        self.plugged = self.open = True
 
     def enumerate(self, vendor: int, product: int) -> list[dict]:  # noqa: ARG002
         one = {"path": b"/dev/hidraw7", "product_id": 0xC635, "usage_page": 1, "usage": 8}
@@ -178,9 +241,95 @@ class FakeHid:
                 raise OSError("unplugged")
             return list(self.reports.pop(0)) if self.reports else []
 
+        def open_path(_path: bytes) -> None:
+            if not self.open:
+                raise OSError("open failed")
+
+        nothing = lambda *_: None  # noqa: E731
         return SimpleNamespace(
-            open_path=lambda _: None, set_nonblocking=lambda _: None, read=read, close=lambda: None
+            open_path=open_path, set_nonblocking=nothing, read=read, close=nothing
         )
+
+
+class Pauses(list):
+    """Stands for the end of a thread: notes how long it pauses, and comes after so many."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__()
+        self._count = count
+
+    def wait(self, seconds: float) -> bool:
+        self.append(seconds)
+        return len(self) > self._count
+
+
+def polled(source: Source, count: int) -> tuple[list[Drive], Pauses]:
+    """Return what a device says in so many looks, and the pauses before each of them."""
+    heard: list[Drive] = []
+    poll, pauses = Poll(source, heard.append), Pauses(count)
+    poll._over = pauses  # type: ignore[assignment]
+    poll._run()
+    return heard, pauses
+
+
+class Moody:
+    """A device that does in turn as it is told: says something, is not there or cannot be read."""
+
+    def __init__(self, *moods: Drive | OSError | None) -> None:
+        self.moods, self.opened = list(moods), 0
+
+    def open(self) -> None:
+        self.opened += 1
+
+    def look(self) -> Drive | None:
+        mood = self.moods.pop(0)
+        if isinstance(mood, OSError):
+            raise mood
+        return mood
+
+    def close(self) -> None:
+        self.opened -= 1
+
+
+def test_a_device_that_cannot_be_read_is_told_of_once_and_comes_back(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    bad = OSError("no answer")
+    source = Moody(STILL, bad, bad, bad, STILL, STILL)
+    heard, _ = polled(source, 6)
+    assert heard == [STILL] * 3
+    assert len(caplog.records) == 1
+    assert caplog.records[0].levelname == "WARNING"
+    assert "no answer" in caplog.text
+    assert source.opened == 0
+    polled(Moody(bad, STILL, bad), 3)
+    assert len(caplog.records) == 3  # it was well in between
+
+
+def test_a_device_that_is_not_there_is_looked_for_less_often() -> None:
+    bad = OSError("no answer")
+    _, pauses = polled(Moody(STILL, STILL, None, None, bad, STILL, STILL), 7)
+    often, seldom = polling.PERIOD_S, polling.RETRY_S
+    assert pauses[1:] == [often, often, seldom, seldom, seldom, often, often]
+    assert seldom > 10 * often
+
+
+def test_a_puck_that_cannot_be_opened_is_refused_and_one_that_comes_back_so_is_told_of(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    hid = FakeHid()
+    monkeypatch.setattr(puck_module, "find_spec", lambda _: True)
+    monkeypatch.setattr(puck_module, "import_module", lambda _: hid)
+    puck = puck_module.Puck()
+    hid.open = False
+    heard, _ = polled(puck, 3)
+    assert not heard
+    assert len(caplog.records) == 1
+    assert "open failed" in caplog.text
+    with pytest.raises(InputError, match=r"cannot be opened.*udev"):
+        puck_module.Puck()
+    hid.open = True
+    assert polled(puck, 2)[0] == [from_puck((0.0,) * 3, (0.0,) * 3, ())] * 2
 
 
 def test_a_puck_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -204,6 +353,10 @@ def test_a_puck_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) ->
         puck_module.Puck()
 
 
+def _fail(_index: int) -> int:
+    raise RuntimeError("just unplugged")
+
+
 def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -221,7 +374,7 @@ def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
         Controller=lambda _: one,
     )
     nothing = SimpleNamespace(init=lambda: None, pump=lambda: None)
-    library = SimpleNamespace(display=nothing, event=nothing)
+    library = SimpleNamespace(display=nothing, event=nothing, error=RuntimeError)
     monkeypatch.setattr(gamepad_module, "find_spec", lambda _: True)
     monkeypatch.setattr(
         gamepad_module, "import_module", lambda name: library if name == "pygame" else sdl
@@ -232,6 +385,11 @@ def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
     assert drive is not None
     assert drive.move == (1.0, 0.0, 1.0)
     assert drive.grip == 1.0
+    one.get_axis = sdl.Controller = _fail
+    with pytest.raises(OSError, match="just unplugged"):
+        pad.look()
+    with pytest.raises(InputError, match=r"just unplugged.*takes gamepads of the page"):
+        gamepad_module.Gamepad()
     there[0] = False
     assert pad.look() is None
     with pytest.raises(InputError, match="no gamepad is plugged in"):

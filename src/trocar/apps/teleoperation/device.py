@@ -29,6 +29,7 @@ class Device:
         loop: of a world with an instrument
         name: "KEYBOARD", "GAMEPAD", ...
         arm: the instrument to begin with; the rig's first when omitted
+        scale: factor of all its speeds
 
     Attributes:
         loop: as given
@@ -40,9 +41,9 @@ class Device:
         InputError: the rig has no instrument, or none of that name
     """
 
-    def __init__(self, loop: Loop, name: str, arm: str | None = None) -> None:
+    def __init__(self, loop: Loop, name: str, arm: str | None = None, scale: float = 1.0) -> None:
         self.loop, rig = loop, loop.world.rig
-        self.master = VirtualMaster(name, lambda: loop.now)
+        self.master = VirtualMaster(name, lambda: loop.now, scale)
         hands: list[Master] = [HandOf(self.master, left=left) for left in (True, False)]
         self.tools, teleops = _teleops(rig, name, [hand.name for hand in hands])
         wanted = self.tools[0] if arm is None else f"{name}_{arm}"

@@ -17,6 +17,9 @@ SPEED, TURN = 0.01, radians(30.0)
 GRIP = radians(60.0)
 #: How much slower and faster. Source: our own choice.
 FINE, FAST = 0.2, 3.0
+#: Of a stick or a cap that is pushed as far as it goes, which has no key to be faster. Source: our
+#: own choice, half way from usual to fast.
+STICK = FAST**0.5
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,10 @@ class Player(Protocol):
         """Go on by a period [s]."""
         ...
 
+    def begin_anew(self) -> None:
+        """Begin anew, after a reset put the masters somewhere else."""
+        ...
+
 
 class Teleoperation:
     """Every component of a rig, and the console that switches them.
@@ -127,6 +131,8 @@ class Teleoperation:
                 carrier.let_go()
             for component in self.components.values():
                 component.begin_anew()
+            for player in self.players:
+                player.begin_anew()
         elif passed:
             for player in self.players:
                 player.tick(passed * self.world.timestep)

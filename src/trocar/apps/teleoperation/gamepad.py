@@ -25,7 +25,7 @@ class Gamepad:
 
     Raises:
         MissingExtraError: the library is not installed
-        InputError: no gamepad is plugged in
+        InputError: no gamepad is plugged in, or SDL cannot use it
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,13 @@ class Gamepad:
         self._sdl: Any = import_module("pygame._sdl2.controller")
         self._pygame: Any = import_module("pygame")
         self._one: Any = None
-        self.open()
+        try:
+            self.open()
+        except OSError as problem:
+            raise InputError(
+                f"--device gamepad: SDL cannot use it ({problem}); plug it in again, or let a "
+                "browser read it: --device keyboard takes gamepads of the page"
+            ) from problem
         if self._one is None:
             raise InputError(
                 "--device gamepad: no gamepad is plugged in; a browser may know one: "
@@ -46,13 +52,35 @@ class Gamepad:
         self.close()
 
     def open(self) -> None:
-        """Take hold of the first one that is there."""
-        self._pygame.display.init()
-        self._sdl.init()
-        self._find()
+        """Take hold of the first one that is there.
+
+        Raises:
+            OSError: SDL cannot use it
+        """
+        try:
+            self._pygame.display.init()
+            self._sdl.init()
+            self._find()
+        except self._pygame.error as problem:
+            raise OSError(str(problem)) from problem
 
     def look(self) -> Drive | None:
-        """Return what sticks and buttons ask for."""
+        """Return what sticks and buttons ask for; None while it is unplugged.
+
+        Raises:
+            OSError: SDL cannot read it, as in the moment in which it is unplugged
+        """
+        try:
+            return self._read()
+        except self._pygame.error as problem:
+            raise OSError(str(problem)) from problem
+
+    def close(self) -> None:
+        """Let go."""
+        self._one = None
+        self._sdl.quit()
+
+    def _read(self) -> Drive | None:
         self._pygame.event.pump()
         if self._one is None or not self._one.attached():
             self._find()
@@ -61,11 +89,6 @@ class Gamepad:
         axes = [self._one.get_axis(index) / FULL for index in (*STICKS, *TRIGGERS)]
         buttons = [0.0 if b is None else float(self._one.get_button(b)) for b in BUTTONS]
         return from_pad(axes, buttons)
-
-    def close(self) -> None:
-        """Let go."""
-        self._one = None
-        self._sdl.quit()
 
     def _find(self) -> None:
         self._one = None

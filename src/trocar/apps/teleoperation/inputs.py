@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from trocar.apps.teleoperation.device import Device
 from trocar.apps.teleoperation.drive import Drive
 from trocar.apps.teleoperation.engine import Ask
@@ -16,7 +14,7 @@ from trocar.apps.teleoperation.served import component
 from trocar.interfaces.crtk import Component, Core, Topic
 from trocar.interfaces.crtk.arm_rows import JOY, STRING
 from trocar.interfaces.crtk.component import served
-from trocar.interfaces.crtk.fields import Message, RefusedError, field, text, vector
+from trocar.interfaces.crtk.fields import Message, text, vector
 from trocar.interfaces.crtk.topics import topics_from
 
 KEYS, PAD = "teleop/keys", "teleop/gamepad"
@@ -70,12 +68,7 @@ def _keys(message: Message) -> Drive | None:
 
 def _pad(message: Message) -> Drive | None:
     axes = vector(message, "axes")
-    value = field(message, "buttons")
-    buttons = np.asarray(value if isinstance(value, (list, tuple, np.ndarray)) else ["none"])
-    if buttons.ndim != 1 or buttons.size > 64 or not np.issubdtype(buttons.dtype, np.number):
-        if buttons.size:
-            raise RefusedError("buttons", "got buttons that are no list of numbers")
-        buttons = np.zeros(0)
+    buttons = vector(message, "buttons")
     if not axes.size and not buttons.size:
         return None
-    return from_pad(axes.tolist(), [float(b) for b in buttons])
+    return from_pad(axes.tolist(), buttons.tolist())

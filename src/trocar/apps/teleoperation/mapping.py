@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from trocar.apps.teleoperation.drive import FAST, FINE, Drive
+from trocar.apps.teleoperation.drive import FAST, FINE, STICK, Drive
 
 #: {key as a browser calls its place: (which of a drive, index, by how much)}. Source: KeyboardEvent
 #: code values of W3C UI Events, which name places and not letters.
@@ -16,10 +16,10 @@ AXES = {
     "KeyS": ("move", 1, -1.0),
     "KeyR": ("move", 2, 1.0),
     "KeyF": ("move", 2, -1.0),
-    "ArrowDown": ("turn", 0, 1.0),
-    "ArrowUp": ("turn", 0, -1.0),
-    "ArrowLeft": ("turn", 1, -1.0),
-    "ArrowRight": ("turn", 1, 1.0),
+    "ArrowUp": ("turn", 0, 1.0),
+    "ArrowDown": ("turn", 0, -1.0),
+    "ArrowLeft": ("turn", 1, 1.0),
+    "ArrowRight": ("turn", 1, -1.0),
     "KeyE": ("turn", 2, 1.0),
     "KeyQ": ("turn", 2, -1.0),
     "KeyO": ("grip", 0, 1.0),
@@ -113,9 +113,9 @@ def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
 
     return Drive(
         move=(axis(0), -axis(1), pulled(1) - pulled(0)),
-        turn=(axis(3), axis(2), pressed(5) - pressed(4)),
+        turn=(-axis(3), -axis(2), pressed(5) - pressed(4)),
         grip=pressed(1) - pressed(0),
-        pace=FINE if pressed(2) > 0.5 else FAST**0.5,
+        pace=STICK * (FINE if pressed(2) > 0.5 else 1.0),
         step=int(pressed(15) > 0.5) - int(pressed(14) > 0.5),
         camera=pressed(3) > 0.5,
     )
@@ -137,7 +137,7 @@ def from_puck(push: Sequence[float], turn: Sequence[float], buttons: Sequence[bo
         move=(right, -down, -near),
         turn=(about_right, -about_down, -about_near),
         grip=float(right_button) - float(left_button),
-        pace=FAST**0.5,
+        pace=STICK,
     )
 
 

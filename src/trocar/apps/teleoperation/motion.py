@@ -87,8 +87,8 @@ class Player:
             raise InputError(
                 f"--motion: got the masters {', '.join(motion.joints)}; allowed: {known}"
             )
-        self._time, self._waited = -1.0, 0.0
         self._from: dict[str, Array] = {}
+        self.begin_anew()
 
     @property
     def over(self) -> bool:
@@ -99,6 +99,10 @@ class Player:
     def busy(self) -> bool:
         """Whether it carries masters now."""
         return self._time >= 0.0 and not self.over
+
+    def begin_anew(self) -> None:
+        """Wait again until what these masters move is aligned, and then play from the start."""
+        self._time, self._waited = -1.0, 0.0
 
     def tick(self, period_s: float) -> None:
         """Go on by a period [s]."""

@@ -28,7 +28,7 @@ class Puck:
 
     Raises:
         MissingExtraError: the library is not installed
-        InputError: none is plugged in
+        InputError: none is plugged in, or it cannot be opened
     """
 
     def __init__(self) -> None:
@@ -38,14 +38,26 @@ class Puck:
         self._device: Any = None
         self._push, self._turn = (0.0,) * 3, (0.0,) * 3
         self._buttons = (False, False)
-        if self._path() is None:
+        try:
+            self.open()
+        except OSError as problem:
+            raise InputError(
+                f"--device spacemouse: it is plugged in and cannot be opened ({problem}); let this "
+                "user read it (Linux: a udev rule for hidraw), and end what else uses it"
+            ) from problem
+        if self._device is None:
             raise InputError(
                 "--device spacemouse: none is plugged in, or this user may not read it "
                 "(Linux: a udev rule for hidraw)"
             )
+        self.close()  # the thread that reads it opens it again
 
     def open(self) -> None:
-        """Take hold of it."""
+        """Take hold of it, where it is there.
+
+        Raises:
+            OSError: it is there and cannot be opened
+        """
         path = self._path()
         if path is None:
             return
@@ -55,12 +67,16 @@ class Puck:
         self._device = device
 
     def look(self) -> Drive | None:
-        """Return what the cap and the buttons ask for; None while it is unplugged."""
+        """Return what the cap and the buttons ask for; None while it is unplugged.
+
+        Raises:
+            OSError: it was plugged in again and cannot be opened
+        """
+        if self._device is None:
+            self.open()
+        if self._device is None:
+            return None
         try:
-            if self._device is None:
-                self.open()
-            if self._device is None:
-                return None
             for _ in range(READS):
                 report = bytes(self._device.read(64))
                 if not report:

@@ -34,7 +34,7 @@ class Session:
     Args:
         kind: "keyboard", "gamepad", "spacemouse" or "masters"
         arm: the instrument to begin with; the rig's first when omitted
-        scale: factor of a device's speeds, or share of the masters' motion; as usual when omitted
+        scale: factor of a device's speeds, or share of the way of masters; as usual when omitted
         motion: a recording whose masters' motion carries the simulated masters
 
     Raises:
@@ -71,8 +71,8 @@ class Session:
         """
         if self._kind == "masters":
             return self._masters(loop)
-        device = self._device = Device(loop, self._kind.upper(), self._arm)
-        self._set_scale(device.engine)
+        scale = 1.0 if self._scale is None else self._scale
+        device = self._device = Device(loop, self._kind.upper(), self._arm, scale)
         if self._source is not None:
             poll = Poll(self._source, partial(_post, device))
             poll.start()
@@ -101,7 +101,8 @@ class Session:
             )
         engine, parts = engine_and_components(loop)
         self._engine = engine
-        self._set_scale(engine)
+        if self._scale is not None:
+            engine.console.set_scale(self._scale)
         if self._arm is not None:
             engine.console.select(_of_slave(engine, self._arm))
         engine.console.enable(True)
@@ -110,10 +111,6 @@ class Session:
             engine.players.append(Player(engine, self._motion))
         return parts
 
-    def _set_scale(self, engine: Teleoperation) -> None:
-        if self._scale is not None:
-            engine.console.set_scale(self._scale)
-
 
 def _post(device: Device, drive: Drive | None) -> None:
     name = device.master.name
@@ -121,8 +118,10 @@ def _post(device: Device, drive: Drive | None) -> None:
 
 
 def _of_slave(engine: Teleoperation, arm: str) -> str:
-    for name, one in engine.components.items():
-        if one.says.slave == arm:
+    """Return the component that moves an instrument; the endoscope is the camera pedal's."""
+    tools = {n: one.says.slave for n, one in engine.components.items() if one.says.kind == "psm"}
+    for name, slave in tools.items():
+        if slave == arm:
             return name
-    able = ", ".join(one.says.slave for one in engine.components.values())
+    able = ", ".join(tools.values())
     raise InputError(f"--arm: got {arm!r}; allowed: {able}")

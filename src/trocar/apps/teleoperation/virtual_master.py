@@ -38,14 +38,17 @@ class VirtualMaster:
     Args:
         name: of the device: "KEYBOARD"
         now: wall time [s]
+        scale: factor of all its speeds
 
     Attributes:
         name: as given
         drive: what is asked for now
+        scale: as given
     """
 
-    def __init__(self, name: str, now: Callable[[], float]) -> None:
+    def __init__(self, name: str, now: Callable[[], float], scale: float = 1.0) -> None:
         self.name, self._now = name, now
+        self.scale = scale
         self.drive = STILL
         self._heard: float | None = None
         self._T = self._before = translation(PLACE)
@@ -88,12 +91,16 @@ class VirtualMaster:
         period = world.time - self._read_at
         self._read_at = world.time
         if period > 0.0:
-            drive, pace = self.drive, CAMERA_PACE if self.drive.camera else 1.0
-            turn = matrix_from_rotation_vector(pace * period * drive.angular)
-            place = self._T[:3, 3] + pace * period * drive.linear
-            self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
-            self._gripper = min(max(self._gripper + period * drive.opening, 0.0), WIDEST)
+            self._go_on(self.scale * period)
         return Reading(self._T, self._gripper, present=True)
+
+    def _go_on(self, period: float) -> None:
+        """Move as the device asks for, for a period at full scale [s]."""
+        drive, pace = self.drive, CAMERA_PACE if self.drive.camera else 1.0
+        turn = matrix_from_rotation_vector(pace * period * drive.angular)
+        place = self._T[:3, 3] + pace * period * drive.linear
+        self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
+        self._gripper = min(max(self._gripper + period * drive.opening, 0.0), WIDEST)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002  as every master
         """Turn at once: nothing is in the way."""

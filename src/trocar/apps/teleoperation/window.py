@@ -28,7 +28,7 @@ def driving_by_device(device: Device, kind: str, websocket: str | None) -> Drivi
     return Driving(
         "Drive",
         {table: _rows(TABLES[table]) for table in tables},
-        partial(_said, device.engine),
+        partial(_said, device.engine, device.master.scale),
         websocket,
         KEYS,
         PAD,
@@ -64,8 +64,13 @@ def _rows(lines: Sequence[Line]) -> list[tuple[str, str]]:
     return [(line.touch, line.does) for line in lines]
 
 
-def _said(engine: Teleoperation) -> str:
-    """Return a line for each component that is selected: its state, and what was said last."""
+def _said(engine: Teleoperation, scale: float = 1.0) -> str:
+    """Return a line for each component that is selected: its state, and what was said last.
+
+    Args:
+        engine: its components
+        scale: of what moves the masters
+    """
     console = engine.console
     found: list[str] = []
     for name in console.selected:
@@ -74,7 +79,7 @@ def _said(engine: Teleoperation) -> str:
         colour = COLOURS.get(one.current, "#e67700")
         found.append(
             f'<div><b>{escape(name)}</b> <span style="color:{colour}">{one.current}{follows}</span>'
-            f' <span style="opacity:.65">scale {one.scale:g}</span></div>'
+            f' <span style="opacity:.65">scale {scale * one.scale:g}</span></div>'
             + (f'<div style="opacity:.75">{escape(one.said)}</div>' if one.said else "")
         )
     return f'<div data-trocar="teleop" style="font-size:.9em;padding:0 11px">{"".join(found)}</div>'

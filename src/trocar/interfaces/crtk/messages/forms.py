@@ -103,14 +103,15 @@ def form(packing: Packing, kind: str, message: Message, where: Sequence[int]) ->
     for mark in reversed(marks(len(where)).tolist()):  # words, which may be anything, come before
         rest, behind = _halved(rest.rpartition(packing.number(mark)))
         texts.append(behind)
+    last, *texts = [*texts, rest]
     pieces, runs = [head], list[list[int]]()
-    for piece, index in zip([rest, *reversed(texts[1:])], where, strict=True):
+    for piece, index in zip(reversed(texts), where, strict=True):
         if not piece and runs and runs[-1][1] == index:
             runs[-1][1] += 1
         else:
             runs.append([index, index + 1])
             pieces.append(piece)
-    pieces.append(texts[0] if texts else rest)
+    pieces.append(last)
     cuts = [cut for first, last in runs for cut in packing.cut(first, last)]
     text = b"%b".join(piece.replace(b"%", b"%%") for piece in pieces)
     return Form(text, itemgetter(packing.stamp_cut, *cuts))

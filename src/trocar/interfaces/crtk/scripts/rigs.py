@@ -62,8 +62,12 @@ def _parts(tree: ast.AST) -> Iterator[str]:
     """Yield the arms without which the classes that a script takes from dvrk have no topics."""
     modules, names = _imported(tree)
     for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            names += [node.attr] if node.value.id in modules else []
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in modules
+        ):
+            names.append(node.attr)
     for name in names:
         yield from PARTS.get(name, ())
 

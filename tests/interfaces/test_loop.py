@@ -381,31 +381,16 @@ def test_a_pace_waits_for_several_ticks_and_ends_the_wait_when_it_is_told():
     assert pace.wait(2, told) == 2  # late: at once, but no more than asked for
 
 
-def test_a_pace_that_begins_makes_a_tick_before_anybody_looks():
+def test_a_pace_tells_when_the_last_tick_was_due_however_late_it_was():
     clock = FakeClock()
-    assert Pace(clock, 0.005).wait(0.4) == 1
-    assert clock.time == pytest.approx(100.0)
-
-
-def test_a_pace_may_wake_between_two_ticks():
-    clock, told = FakeClock(), threading.Event()
     pace = Pace(clock, 0.001)
     pace.wait()
+    assert pace.due_s == 100.0
+    assert pace.wait(3) == 3
+    assert pace.due_s == pytest.approx(100.003)
+    clock.time += 0.0025
     assert pace.wait(2) == 2
-    told.set()
-    assert pace.wait(0.4, told) == 0  # a tick's time has not come
-    assert clock.time == pytest.approx(100.0024)
-    assert pace.since_s() == pytest.approx(0.0004)
-    assert pace.wait(1.2, told) == 0  # one is due, and is done after the look
-    assert clock.time == pytest.approx(100.0032)
-    assert pace.since_s() == pytest.approx(0.0012)
-    assert pace.wait(2) == 2  # the one that is due waits for the other
-    assert clock.time == pytest.approx(100.004)
-    clock.time += 0.01
-    assert pace.since_s() == pytest.approx(0.01)
-    before = clock.time
-    assert pace.wait(0.9) == 1
-    assert clock.time == before
+    assert pace.due_s == pytest.approx(100.005)
 
 
 def test_the_state_shows_the_real_time_factor():

@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from math import ceil
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import InputError, UnknownNameError
@@ -257,34 +256,29 @@ class Loop:
         self._publisher.publish(self._ticks, self._paused, self._all_refused())
 
     def tick(self, due: int = 1) -> None:
-        """Step as many ticks as are due unless paused, and apply what waits before the last.
-
-        With none, only look.
-        """
-        if due:
-            self._step(due - 1)
-            self._posted.clear()
-            for command in self._inbox.drain():
-                self._apply(command)
-            self._step(1)
+        """Step as many ticks as are due unless paused, and apply what waits before the last."""
+        self._step(due - 1)
+        self._posted.clear()
+        for command in self._inbox.drain():
+            self._apply(command)
+        self._step(1)
         for watcher in self._watchers:
-            watcher.ticked(self._elapsed(look=due == 0))
+            watcher.ticked(self._elapsed())
 
     def quiet_ticks(self) -> int:
         """Return how many ticks may be due at once before somebody wants to look."""
-        return int(self._patience(None))
+        return self._patience(None)
 
     def _step(self, ticks: int) -> None:
         if ticks and not self._paused:
             self._world.step(ticks * self._substeps)
             self._ticks += ticks
 
-    def _patience(self, last: int | None) -> float:
+    def _patience(self, last: int | None) -> int:
         """Return how many ticks may follow each other without a look at the inbox."""
         most = 1 if self._posted.is_set() else self._longest
         ends = most if last is None else last - self._ticks
-        found = min(most, ends, *(w.patience() for w in self._watchers))
-        return ceil(found) if self._paused else found
+        return min(most, ends, *(w.patience() for w in self._watchers))
 
     def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
         try:
@@ -316,10 +310,10 @@ class Loop:
         if isinstance(command, Pause | Resume | Reset):
             self._restart()
 
-    def _elapsed(self, look: bool) -> Elapsed:
+    def _elapsed(self) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep
-        since = self._pace.since_s() if self._realtime and not self._paused else 0.0
-        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, since, look)
+        due_s = self._pace.due_s if self._realtime or self._paused else None
+        return Elapsed(simulated, self._pace.let_go_s, self._paused, self._stepped, due_s)
 
     def _restart(self) -> None:
         self._pace.restart()

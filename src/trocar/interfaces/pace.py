@@ -58,38 +58,36 @@ class Pace:
         self._start = self._clock.now()
         self._ticks = 0
 
-    def wait(self, most: float = 1, until: threading.Event | None = None) -> int:
+    def wait(self, most: int = 1, until: threading.Event | None = None) -> int:
         """Return how many ticks are due: once `most` are, and at once when several are late.
 
         Args:
-            most: how many to wait for, and the most that are returned; where it is no whole
-                number, somebody wants to look so many ticks from the last one: then 0 are, unless
-                several are late
+            most: how many to wait for, and the most that are returned
             until: an event that ends the wait for several as soon as one is due
         """
         due = self._due()
-        look = self._ticks > 0 and due < LATE and most % 1.0 > 0.0
-        if look or due < min(most, LATE):
-            last = self._start + (self._ticks + most - 1) * self._period
-            self._clock.sleep(last - self._clock.now(), None if look else until)
-            if look:
-                return 0
+        if due < min(most, LATE):
+            self._clock.sleep(self._due_s(most - 1) - self._clock.now(), until)
             due = self._due()
             if due < 1:
-                self._clock.sleep(self._start + self._ticks * self._period - self._clock.now())
+                self._clock.sleep(self._due_s(0) - self._clock.now())
                 due = 1
-        due = min(due, max(1, int(most)))
+        due = min(due, most)
         self._ticks += due
         return due
 
-    def since_s(self) -> float:
-        """Return how long ago the last tick was due; 0 before the first [s]."""
-        due = self._start + (self._ticks - 1) * self._period
-        return max(self._clock.now() - due, 0.0) if self._ticks else 0.0
+    @property
+    def due_s(self) -> float:
+        """When the last tick was due, by the clock [s]."""
+        return self._due_s(-1)
+
+    def _due_s(self, ahead: int) -> float:
+        """Return when the next tick is due, or one so many ahead of it [s]."""
+        return self._start + (self._ticks + ahead) * self._period
 
     def _due(self) -> int:
         """Return how many ticks are due now; let go of time that is too far behind."""
-        lag = self._clock.now() - (self._start + self._ticks * self._period)
+        lag = self._clock.now() - self._due_s(0)
         if lag > GIVE_UP_S:
             self.let_go_s += lag
             self._start += lag

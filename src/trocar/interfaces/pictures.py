@@ -151,7 +151,7 @@ class Pictures:
             return frozenset()
         return frozenset[str]().union(*(taker.wanted() for taker in self._takers))
 
-    def patience(self) -> float:
+    def patience(self) -> int:
         """Return in how many ticks a picture may be due."""
         return PATIENT if self.led else 1
 

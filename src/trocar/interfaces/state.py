@@ -43,16 +43,14 @@ class Elapsed:
         let_go_s: wall time that the loop was behind and gave up catching up [s]
         paused: True while time does not flow
         stepped: physics periods that were stepped while it did not
-        since_s: how long ago the last tick was due [s]
-        look: True between two ticks
+        due_s: when the last tick was due by the loop's clock; None where nobody waits for it [s]
     """
 
     simulated_s: float
     let_go_s: float
     paused: bool
     stepped: int = 0
-    since_s: float = 0.0
-    look: bool = False
+    due_s: float | None = None
 
 
 class Watcher(Protocol):
@@ -62,11 +60,8 @@ class Watcher(Protocol):
         """Look at the world after a tick or a few; while paused, after as long without one."""
         ...
 
-    def patience(self) -> float:
-        """Return after how many ticks to be called again, above 0; sooner does no harm.
-
-        Where it is no whole number, none is done before: it is to look between two of them.
-        """
+    def patience(self) -> int:
+        """Return after how many ticks to be called again, 1 at least; sooner does no harm."""
         ...
 
     def refused(self, command: Command, reason: str) -> None:

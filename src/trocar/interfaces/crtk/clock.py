@@ -104,6 +104,10 @@ class Beat:
         self._count = count
         return True
 
+    def since(self, elapsed_s: float) -> float:
+        """Return how long ago the last one was due [s]."""
+        return elapsed_s - self._count / self._rate
+
     def left(self, elapsed_s: float) -> float:
         """Return the time until the next one is due [s]."""
         return (self._count + 1) / self._rate - elapsed_s - self.SLACK_S

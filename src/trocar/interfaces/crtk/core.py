@@ -9,6 +9,7 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
@@ -266,6 +267,8 @@ class Core:
             threading.Thread(target=describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
         states = self._publishing.states(sample, [(t.packing, names) for t, names in wanted])
+        if sample.due_s is not None and self._thread is not None:
+            time.sleep(max(sample.due_s - self.loop.now, 0.0))
         for (transport, _), told in zip(wanted, states, strict=True):
             if batch := events + told:
                 self._carriers.send(transport, batch)

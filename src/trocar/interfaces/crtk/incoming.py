@@ -121,7 +121,7 @@ class Incoming:
         self._turns.tick(self._core.loop.world)
         self._setup.tick(self._core.loop.world)
 
-    def patience(self) -> float:
+    def patience(self) -> int:
         """Return 1 while something waits for its turn, or brakes for an arm to arrive."""
         return 1 if self._turns.restless or self._setup.restless else PATIENT
 

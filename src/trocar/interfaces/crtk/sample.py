@@ -43,6 +43,7 @@ class Sample:
         events: what happened since the sample before, oldest first
         scene: objects, and those contacts and sensors that somebody asked for
         cameras: {name: where it is}, when pictures of this moment are to come; tf is told then
+        due_s: when its messages are to go out, by the loop's clock; None: at once [s]
     """
 
     stamp: Stamp
@@ -53,6 +54,7 @@ class Sample:
     events: tuple[Event, ...] = ()
     scene: Scene | None = None
     cameras: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    due_s: float | None = None
 
 
 def take(

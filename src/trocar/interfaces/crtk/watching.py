@@ -6,7 +6,7 @@ import queue
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from math import floor
+from math import ceil
 from typing import Any
 
 from trocar.interfaces.commands import Command
@@ -14,7 +14,6 @@ from trocar.interfaces.crtk import happenings, sample, scene
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.crtk.sample import Event, Sample
 from trocar.interfaces.loop import Loop
-from trocar.interfaces.pace import LATE
 from trocar.interfaces.seldom import Seldom, more
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
@@ -22,17 +21,28 @@ from trocar.simulation.journal import Entry
 #: Samples that may wait to be published span this much time. Source: our own choice, longer than a
 #: hiccup of a busy machine. [s]
 WAITING_S = 0.5
-#: A tick that is due so shortly before a sample is done after it, so that none delays one, unless
-#: samples come about as often as ticks. Source: our own choice, twice what a tick of the full cart
-#: takes. [ticks]
-ROOM = 0.35
-#: So many ticks before a sample are done one by one, those before them together, when the sample
-#: before has been published. Source: our own choice.
-LAST = 1
-#: The shortest wait between two ticks, in ticks. Source: our own choice.
-SOON = 0.01
+#: Messages go out at least so long after the tick that they show, or half a period where that is
+#: shorter: what they are made from is computed meanwhile, and how long that took this time nobody
+#: sees. Source: measured, the six arms and twenty objects of `trocar bench interface` are ready in
+#: it but for one time in a hundred. [s]
+READY_S = 0.0018
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024
+
+
+def behind_s(rate_hz: float, tick_s: float) -> float:
+    """Return how long after they are due by their rate samples' messages go out [s].
+
+    A sample shows the first tick from then on. Sent a fixed time later, and not as soon as it is
+    ready, it comes as evenly as its rate, not as ticks and threads happen to come.
+
+    Args:
+        rate_hz: of samples
+        tick_s: time between two ticks [s]
+    """
+    ticks = 1.0 / (rate_hz * tick_s)
+    wait = 0.0 if abs(ticks - round(ticks)) < 1e-6 else tick_s
+    return wait + min(READY_S, 0.5 / rate_hz)
 
 
 class Watch:
@@ -62,7 +72,7 @@ class Watch:
         self._loop, self._prefixes, self._stamper = loop, prefixes, stamper
         self._beat, self._samples, self._waits = Beat(rate_hz), samples, waits
         self._room = max(1, round(WAITING_S * rate_hz))
-        self._fast = 1.0 / rate_hz < 2.0 * loop.tick_s
+        self._behind_s = behind_s(rate_hz, loop.tick_s)
         self._events: deque[Event] = deque(maxlen=EVENTS)
         self._moved: set[str] = set()
         self._stops: list[Callable[[], None]] = []
@@ -95,9 +105,7 @@ class Watch:
             self._paused = elapsed.paused
             self.put("scene/paused", {"data": elapsed.paused})
         stepped, self._stepped = elapsed.stepped != self._stepped, elapsed.stepped
-        late = elapsed.since_s >= LATE * self._loop.tick_s
-        ahead = elapsed.since_s if elapsed.look and not late else 0.0
-        if not self._beat.due(self._stamper.elapsed_s + ahead) and not stepped:
+        if not self._beat.due(self._stamper.elapsed_s) and not stepped:
             return
         if self._samples.qsize() >= self._room:
             self.skipped += 1
@@ -106,14 +114,19 @@ class Watch:
         events = tuple(self._drained())
         stamp, passed = self._stamper.stamp(), self._stamper.elapsed_s
         world, seen = self._loop.world, scene.look(self._loop.world, self.asked)
-        taken = sample.take(world, stamp, passed, (events, seen), self._waits)
-        self._samples.put(self.look(taken))
+        taken = self.look(sample.take(world, stamp, passed, (events, seen), self._waits))
+        if elapsed.due_s is not None and not stepped:  # who steps waits for what comes of it
+            out_s = elapsed.due_s - self._beat.since(passed) + self._behind_s
+            taken = replace(taken, due_s=out_s)
+        self._samples.put(taken)
 
-    def patience(self) -> float:
-        """Return how many ticks to be done before the next sample, or when it is due."""
-        left = max(SOON, self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
-        before = floor(left + SOON if self._fast else left - ROOM)
-        return max(before - LAST, 1) if before >= 1 else left
+    def patience(self) -> int:
+        """Return in how many ticks the next sample is due: where somebody waits for it, no tick.
+
+        Several at once would be late for it.
+        """
+        left = ceil(self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
+        return 1 if self.asked else max(left, 1)
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

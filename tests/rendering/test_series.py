@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 
+from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.se3 import transform
 from trocar.rendering import Look, Renderer, Series, StereoFrame
 from trocar.rendering.painter import Painter
+from trocar.rendering.series import STILL
 
 EYES = {"eye": camera(stereo())}
 
@@ -58,11 +60,13 @@ def test_while_nothing_moves_no_picture_is_drawn(monkeypatch: pytest.MonkeyPatch
     plain = series(Look(exposure=0.0))
     first, count = shot(plain, 0.0, 0.0)
     assert count == 1
-    again, count = shot(plain, 0.5e-7, 0.02)
+    again, count = shot(plain, 0.5 * STILL, 0.02)
     assert count == 0 and again.left is first.left and (again.time, first.time) == (0.02, 0.0)
     # it creeps on: what counts is how far it is from where it was drawn
-    assert [shot(plain, k * 0.5e-7, 0.02 * k)[1] for k in range(2, 6)] == [1, 0, 1, 0]
+    assert [shot(plain, k * 0.5 * STILL, 0.02 * k)[1] for k in range(2, 6)] == [1, 0, 1, 0]
     assert shot(plain, 0.002, 0.2)[1] == 1
     assert (shot(plain, 0.002, 0.22, beside=("depth",))[0].depth is not None) and drawn
+    largest = load_stereo_camera("hd_1920x1080")
+    assert STILL / 0.010 * largest.left.K[0, 0] < 0.1  # px, 10 mm ahead of the eye
     grainy = series(Look(exposure=0.0, noise=0.02))
     assert [shot(grainy, 0.0, 0.02 * k)[1] for k in range(3)] == [1, 1, 1]

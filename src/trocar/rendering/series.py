@@ -16,9 +16,9 @@ from trocar.simulation.records import Snapshot
 
 #: After a gap of this much a series begins anew [s]. Source: our own choice.
 GAP_S = 1.0
-#: What moves less since it was drawn stands still [m, and rad]. Source: our own choice: a hundredth
-#: of a pixel is more, at any distance.
-STILL = 1e-7
+#: What moves less since it was drawn stands still [m, and rad]. Source: our own choice: 10 mm ahead
+#: of an eye that is a tenth of a pixel of 1920x1080, and joints that settle are drawn seldom.
+STILL = 5e-7
 
 
 def stands_still(before: Snapshot, now: Snapshot) -> bool:

@@ -7,10 +7,14 @@ name of such a frame ends in `_link` here.
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
+import sys
 import tempfile
 import threading
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -32,6 +36,10 @@ LINK = "_link"
 WORLD = "world"
 #: Folders of meshes that are kept: viewers read them soon. Source: our own choice.
 KEPT = 4
+PREFIX = "trocar-meshes-"
+#: Folders younger than this are nobody's leavings, though nobody may hold them yet. Source: our own
+#: choice. [s]
+YOUNG_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -41,10 +49,18 @@ class RobotModel:
     Attributes:
         urdf: the text; meshes are named by `file://` and a path on this machine
         folder: where the meshes are
+        hold: a descriptor that tells others that the folder is in use, -1 where there are none
     """
 
     urdf: str
     folder: Path
+    hold: int = -1
+
+    def throw_away(self) -> None:
+        """Remove the folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        if self.hold >= 0:
+            os.close(self.hold)
 
 
 _lock = threading.Lock()
@@ -55,7 +71,7 @@ def robot_model(rig: RigDescription) -> RobotModel:
     """Write a rig's meshes into a folder, and its URDF.
 
     The same rig's are written once. A folder is there until KEPT others were asked for since, or
-    the process ends.
+    the process ends; one that was killed leaves its own to the next that writes one.
 
     Raises:
         MissingExtraError: lxml is not installed
@@ -66,29 +82,60 @@ def robot_model(rig: RigDescription) -> RobotModel:
         _written[id(rig)] = found
         if len(_written) > KEPT:
             _, oldest = _written.pop(next(iter(_written)))
-            shutil.rmtree(oldest.folder, ignore_errors=True)
+            oldest.throw_away()
         return found[1]
 
 
 @atexit.register
 def _tidy() -> None:
-    for _, model in _written.values():
-        shutil.rmtree(model.folder, ignore_errors=True)
+    while _written:
+        _written.popitem()[1][1].throw_away()
+
+
+def _hold(folder: Path) -> int:
+    """Return a descriptor that holds a folder while this process lives; -1 on Windows.
+
+    Raises:
+        OSError: it is held by another process, or is not ours
+    """
+    if sys.platform == "win32":
+        return -1
+    import fcntl
+
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _tidy_after_others() -> None:
+    """Remove the folders of processes that were killed: nobody holds them."""
+    if sys.platform == "win32":
+        return
+    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
+        with suppress(OSError):
+            if time.time() - folder.stat().st_mtime > YOUNG_S:
+                os.close(_hold(folder))
+                shutil.rmtree(folder)
 
 
 def _write(rig: RigDescription) -> RobotModel:
+    _tidy_after_others()
     model = without_clashes(rig_links(rig), set(frames(rig)))
     names = mesh_names(model)
     files = mesh_files(names, seen_materials(model))
-    folder = Path(tempfile.mkdtemp(prefix="trocar-meshes-"))
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
     try:
         text = urdf(model, {mesh: (folder / f"{n}.obj").as_uri() for mesh, n in names.items()})
         for name, content in files.items():
             (folder / name).write_bytes(content)
+        return RobotModel(text.decode(), folder, _hold(folder))
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
-    return RobotModel(text.decode(), folder)
 
 
 def without_clashes(model: LinkModel, taken: set[str]) -> LinkModel:

@@ -49,7 +49,7 @@ class RobotModel:
     Attributes:
         urdf: the text; meshes are named by `file://` and a path on this machine
         folder: where the meshes are
-        hold: a descriptor that tells others that the folder is in use, -1 where there are none
+        hold: a descriptor that tells others that the folder is in use, -1 where there is none
     """
 
     urdf: str
@@ -93,33 +93,33 @@ def _tidy() -> None:
 
 
 def _hold(folder: Path) -> int:
-    """Return a descriptor that holds a folder while this process lives; -1 on Windows.
+    """Return a descriptor that holds a folder while this process lives.
 
-    Raises:
-        OSError: it is held by another process, or is not ours
+    It is -1 where another process holds it, or the folder or the system has no such locks.
     """
     if sys.platform == "win32":
         return -1
     import fcntl
 
-    descriptor = os.open(folder, os.O_RDONLY)
+    descriptor = -1
     try:
+        descriptor = os.open(folder, os.O_RDONLY)
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
-        os.close(descriptor)
-        raise
+        if descriptor >= 0:
+            os.close(descriptor)
+        return -1
     return descriptor
 
 
 def _tidy_after_others() -> None:
     """Remove the folders of processes that were killed: nobody holds them."""
-    if sys.platform == "win32":
-        return
     for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with suppress(OSError):
-            if time.time() - folder.stat().st_mtime > YOUNG_S:
-                os.close(_hold(folder))
-                shutil.rmtree(folder)
+            old = time.time() - folder.stat().st_mtime > YOUNG_S
+            if old and (hold := _hold(folder)) >= 0:
+                shutil.rmtree(folder, ignore_errors=True)
+                os.close(hold)
 
 
 def _write(rig: RigDescription) -> RobotModel:

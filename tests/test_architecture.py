@@ -54,6 +54,7 @@ HOMES = {
     "PyKDL": ("interfaces/crtk/scripts",),
     "rosgraph": ("interfaces/crtk/transports/ros1",),
     "genpy": ("interfaces/crtk/transports/ros1",),
+    "rclpy": ("interfaces/crtk/transports/rclpy_node",),
     "cyclonedds": ("interfaces/crtk/transports/ros2", "apps/benchmarks"),
     "foxglove": ("interfaces/crtk/transports/foxglove",),
     "moderngl": ("rendering",),

@@ -7,6 +7,7 @@ A transport is added in three places here: its option, `_transports`, and nothin
 from __future__ import annotations
 
 import gc
+import logging
 import os
 import sys
 from argparse import ArgumentParser, Namespace
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from trocar.simulation import World
 
     Adds = _ArgumentGroup
+
+_log = logging.getLogger("trocar")
 
 PORT = 8080
 WEBSOCKET_PORT = 9090
@@ -71,7 +74,13 @@ def add_serving(parser: ArgumentParser) -> None:
         "--ros1", action="store_true", help="join the ROS 1 master at ROS_MASTER_URI (rospy)"
     )
     sockets.add_argument(
-        "--ros2", action="store_true", help="speak ROS 2, without it (extra ros2; DDS has no token)"
+        "--ros2",
+        nargs="?",
+        const="auto",
+        choices=("auto", "rclpy", "dds"),
+        metavar="auto|rclpy|dds",
+        help="speak ROS 2: by rclpy where it can be imported, else without ROS (extra ros2); no"
+        " token there",
     )
     _add_foxglove(sockets)
     _add_rates(sockets)
@@ -162,10 +171,8 @@ def _transports(args: Namespace) -> list[Transport]:
 
         token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE) or None
         found.append(WebSocketTransport(args.host, args.websocket_port, token))
-    if args.ros2:
-        from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
-
-        found.append(Ros2Transport())
+    if args.ros2 is not None:
+        found.append(_ros2(args.ros2))
     if args.ros1:
         from trocar.interfaces.crtk.transports.ros1 import Ros1Transport
 
@@ -176,6 +183,24 @@ def _transports(args: Namespace) -> list[Transport]:
         record = args.foxglove_record
         found.append(FoxgloveTransport(args.foxglove_port, record, images=args.record_images))
     return found
+
+
+def _ros2(way: str) -> Transport:
+    """Return ROS 2 by rclpy, or by Cyclone DDS without ROS; "auto": by rclpy if there is one."""
+    if way != "dds":
+        from trocar.interfaces.crtk.transports.rclpy_node import MissingRclpyError, RclpyTransport
+
+        try:
+            return RclpyTransport()
+        except MissingRclpyError as error:
+            if way == "rclpy":
+                raise
+            if error.there:
+                reason = f"{error.python} cannot import it ({error.reason})"
+                _log.warning("ROS 2: there is an rclpy, but %s; so it goes without", reason)
+    from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
+
+    return Ros2Transport()
 
 
 def _loop(world: World, args: Namespace, *, shared: bool) -> Loop:

@@ -99,7 +99,7 @@ def test_the_twin_follows_a_robot_on_ros_2() -> None:
     from trocar.interfaces.crtk.transports.ros2.network import network
 
     alone = {"ROS_DOMAIN_ID": "87"}
-    words = ["--no-page", "--rig", "psm", "--ros2", "--websocket-port", "0"]
+    words = ["--no-page", "--rig", "psm", "--ros2", "dds", "--websocket-port", "0"]
     with served(words, r"ROS 2.*|.*loopback.*", alone):
         source = LiveSource(Ros2Listener(network(alone)), "ROS 2")
         with twin(source) as (own, mirror):

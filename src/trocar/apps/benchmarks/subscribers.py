@@ -50,7 +50,7 @@ WAYS = {
         ("rospy", "start a rosmaster and use the Python of `make ros1-venv` (docs/ros.md)"),
     ),
     "ros2": Way(
-        ("--no-websocket", "--ros2"),
+        ("--no-websocket", "--ros2", "dds"),
         r"ROS 2.*",
         ("cyclonedds", "install the extra: pip install 'trocar[ros2]'"),
         {

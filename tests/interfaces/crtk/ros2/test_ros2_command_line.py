@@ -33,7 +33,7 @@ def start(*options: str, code: str = TROCAR, **variables: str) -> subprocess.Pop
 def test_it_says_where_it_speaks_and_what_to_set_and_is_heard() -> None:
     where = private_network()
     domain = str(where.domain)
-    simulator = start("--ros2", CYCLONEDDS_URI=str(where.config), ROS_DOMAIN_ID=domain)
+    simulator = start("--ros2", "dds", CYCLONEDDS_URI=str(where.config), ROS_DOMAIN_ID=domain)
     try:
         assert simulator.stdout is not None
         told = [simulator.stdout.readline() for _ in range(3)]
@@ -49,7 +49,7 @@ def test_it_says_where_it_speaks_and_what_to_set_and_is_heard() -> None:
 
 def test_without_the_extra_one_line_names_it() -> None:
     hidden = f"import sys; sys.modules['cyclonedds'] = None; {TROCAR}"
-    simulator = start("--ros2", code=hidden)
+    simulator = start("--ros2", "dds", code=hidden)
     _, said = simulator.communicate(timeout=60)
     assert simulator.returncode == 1
     assert said.strip().endswith(
@@ -58,7 +58,7 @@ def test_without_the_extra_one_line_names_it() -> None:
 
 
 def test_an_impossible_domain_is_named() -> None:
-    simulator = start("--ros2", ROS_DOMAIN_ID="1000")
+    simulator = start("--ros2", "dds", ROS_DOMAIN_ID="1000")
     _, said = simulator.communicate(timeout=60)
     assert simulator.returncode == 2
     assert "ROS_DOMAIN_ID: got '1000'; allowed: 0 to 232" in said
@@ -66,7 +66,7 @@ def test_an_impossible_domain_is_named() -> None:
 
 def test_a_network_that_is_none_is_told_in_one_line() -> None:
     where = replace(private_network(), config="<General><Interfaces><NetworkInterface/>")
-    simulator = start("--ros2", CYCLONEDDS_URI=str(where.config))
+    simulator = start("--ros2", "dds", CYCLONEDDS_URI=str(where.config))
     _, said = simulator.communicate(timeout=60)
     assert simulator.returncode == 1
     assert "ROS 2: a participant of domain 0: Cyclone DDS says" in said

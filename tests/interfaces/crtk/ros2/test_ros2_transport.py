@@ -14,12 +14,12 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.errors import InputError
+from trocar.interfaces.crtk.lane import Lane
 from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.topics import Service, Topic
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
 from trocar.interfaces.crtk.transports.ros2.bus import Taken
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
-from trocar.interfaces.crtk.transports.ros2.lane import Lane
 from trocar.interfaces.crtk.transports.ros2.service import HEADER, Served
 
 from .ros2_side import Program, private_network, program

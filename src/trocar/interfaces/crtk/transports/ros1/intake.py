@@ -22,9 +22,9 @@ from trocar.interfaces.crtk.messages import (
     ros1_encode,
     service_type,
 )
+from trocar.interfaces.crtk.sorter import Sent, Sorter
 from trocar.interfaces.crtk.transports.ros1.classes import message_class, service_class
 from trocar.interfaces.crtk.transports.ros1.library import inner
-from trocar.interfaces.crtk.transports.ros1.sorter import Sent, Sorter
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core

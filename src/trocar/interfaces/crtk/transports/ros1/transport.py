@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.crtk.messages.forms import ROS1_PACKING
+from trocar.interfaces.crtk.sorter import Sorter
 from trocar.interfaces.crtk.transports.ros1 import library as ros
 from trocar.interfaces.crtk.transports.ros1.intake import greet_in_threads, serve, subscribe
 from trocar.interfaces.crtk.transports.ros1.master import MasterError, find_master, settle_address
 from trocar.interfaces.crtk.transports.ros1.outlets import Outlet
 from trocar.interfaces.crtk.transports.ros1.parameters import Parameters
 from trocar.interfaces.crtk.transports.ros1.sender import Sender
-from trocar.interfaces.crtk.transports.ros1.sorter import Sorter
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core

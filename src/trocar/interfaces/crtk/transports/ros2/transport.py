@@ -9,13 +9,13 @@ from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from trocar.errors import InputError
+from trocar.interfaces.crtk.lane import Lane
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.messages.forms import CDR_PACKING
 from trocar.interfaces.crtk.transports.ros2 import graph, library, names
 from trocar.interfaces.crtk.transports.ros2.bus import TAKEN, Bus, Reader, Taken, Writer
 from trocar.interfaces.crtk.transports.ros2.calls import Calls
 from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
-from trocar.interfaces.crtk.transports.ros2.lane import Lane
 from trocar.interfaces.crtk.transports.ros2.network import Network, network
 from trocar.interfaces.crtk.transports.ros2.quality import Quality
 from trocar.interfaces.crtk.transports.ros2.service import Served, open_service

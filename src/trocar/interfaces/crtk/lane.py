@@ -31,9 +31,7 @@ class Lane:
             self.overtaken += name in self._waiting
             self._waiting[name] = parcel
             if self._thread is None and self._open:
-                self._thread = threading.Thread(
-                    target=self._run, name="trocar-ros2-images", daemon=True
-                )
+                self._thread = threading.Thread(target=self._run, name="trocar-images", daemon=True)
                 self._thread.start()
             self._changed.notify()
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import threading
 
-from trocar.interfaces.crtk.transports.ros1 import sorter
-from trocar.interfaces.crtk.transports.ros1.sorter import Sent, Sorter, in_order
+from trocar.interfaces.crtk import sorter
+from trocar.interfaces.crtk.sorter import Sent, Sorter, in_order
 
 
 def sent(name: str, stamp: int = 0, peer: str = "/a") -> Sent:

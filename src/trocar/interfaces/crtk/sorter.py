@@ -1,8 +1,9 @@
 """Commands that come over several topics, in the order in which they were sent.
 
-ROS 1 has a connection for each topic, so `enable`, `home` and a move that are sent in one go arrive
-in any order. Commands that all count are therefore kept for a moment: those with stamps are then
-obeyed by their stamps; of the others, those of the operating state come first.
+ROS 1 has a connection for each topic, and rclpy takes one message of each topic in turn, so
+`enable`, `home` and a move that are sent in one go arrive in any order. Commands that all count are
+therefore kept for a moment: those with stamps are then obeyed by their stamps; of the others, those
+of the operating state come first.
 """
 
 from __future__ import annotations
@@ -54,11 +55,16 @@ def in_order(commands: Sequence[Sent]) -> list[Sent]:
 
 
 class Sorter:
-    """Keep commands for a moment, then obey them in order, in a thread of its own."""
+    """Keep commands for a moment, then obey them in order, in a thread of its own.
 
-    def __init__(self) -> None:
+    Args:
+        moment_s: how long [s]
+    """
+
+    def __init__(self, moment_s: float = MOMENT_S) -> None:
+        self._moment_s = moment_s
         self._waiting: queue.Queue[Sent | None] = queue.Queue(WAITING)
-        self._thread = threading.Thread(target=self._run, name="trocar-ros1-order", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="trocar-order", daemon=True)
 
     def start(self) -> None:
         """Begin."""
@@ -80,7 +86,7 @@ class Sorter:
 
     def _run(self) -> None:
         while (first := self._waiting.get()) is not None:
-            time.sleep(MOMENT_S)
+            time.sleep(self._moment_s)
             commands, over = [first], False
             while not self._waiting.empty():
                 command = self._waiting.get()

@@ -37,6 +37,8 @@ ARMS = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 #: Images of both eyes, what they are beside each state, and how often they come. Source: the
 #: project's own goal.
 CAMERA_HZ, PRESET = 60.0, "dvrk_sd_640x480"
+#: The first image takes a second, and arms that settle are drawn anew now and then. [s]
+COME_TO_REST_S = 8.0
 #: Share of what would come or go in a time if nothing was lost: ends are cut off.
 CAME = 0.99
 EYES = ("endoscope/left/image_raw", "endoscope/right/image_raw")
@@ -141,7 +143,7 @@ def _images(transport: str, duration_s: float) -> list[Figure]:
         TemporaryDirectory() as folder,
         serving(transport, "--rig", busy_rig(folder), *options) as server,
     ):
-        told("listen", transport, server.address, "1", *eyes)  # the first one takes a second
+        told("listen", transport, server.address, f"{COME_TO_REST_S:g}", *eyes)
         before, began = server.processor_s(), time.monotonic()
         words = (server.address, f"{RUNS * duration_s:g}", *topics, *eyes)
         heard = told("listen", transport, *words)
@@ -149,7 +151,7 @@ def _images(transport: str, duration_s: float) -> list[Figure]:
     seen = arrived({eye: heard.pop(eye) for eye in eyes}, CAMERA_HZ, 1.0 / CAMERA_HZ)
     states = arrived(heard, RATE_HZ)
     expected = len(eyes) * CAMERA_HZ * RUNS * duration_s
-    name = f"{transport}: 2 images of 640 x 480 at 60 Hz beside them"
+    name = f"{transport}: 2 images of 640 x 480 at 60 Hz beside them, at rest"
     return [
         Figure(f"{name}: came", seen.received, "images", CAME * expected, True),
         Figure(f"{name}: lost, or late by a period", seen.lost + seen.late, "images", 0.0),

@@ -35,8 +35,10 @@ class Program:
     def __init__(self, address: str) -> None:  # noqa: ARG002  the master's is in the environment
         self._rospy: Any = rospy
         self._joint_state: Any = JointState
+        self._written: dict[tuple[float, ...], Any] = {}
         self._rospy.init_node("listener", anonymous=True, disable_signals=True)
         self._servo: Any = self._rospy.Publisher(SERVO, JointState, queue_size=1, tcp_nodelay=True)
+        self._servo.impl.set_queue_size(None)  # rospy would send the newest of a flood only
 
     def hear(self, topics: Sequence[str], told: Told) -> None:
         """As `Peer`; messages are bytes: only what is asked for is read."""
@@ -63,8 +65,26 @@ class Program:
         """As `Peer`: an arm that begins homed needs none, so none is sent."""
 
     def servo(self, position: Sequence[float]) -> None:
-        """As `Peer`."""
-        self._servo.publish(self._joint_state(position=position))
+        """As `Peer`; a message that is sent again is not written again."""
+        key = tuple(position)
+        if key not in self._written:
+            self._written[key] = _Written(position=position)
+        self._servo.publish(self._written[key])
+
+
+class _Written(JointState):
+    """A message that is written once."""
+
+    _text: bytes | None = None
+
+    def serialize(self, buff: Any) -> None:
+        """Put the message's bytes into a buffer, as every message of rospy."""
+        if self._text is None:
+            begin = buff.tell()
+            super().serialize(buff)
+            self._text = buff.getvalue()[begin:]
+        else:
+            buff.write(self._text)
 
 
 def _subscribed(topic: str) -> tuple[socket.socket, bytearray]:

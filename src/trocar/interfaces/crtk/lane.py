@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
+
+#: Time from one large message to the next: two at once are more than a socket's buffer holds, and
+#: what is lost there is sent again 20 ms later. Source: measured with two raw images of 640x480. [s]
+APART_S = 0.002
 
 
 class Lane:
@@ -52,3 +57,4 @@ class Lane:
                 parcels, self._waiting = self._waiting, {}
             for parcel in parcels.values():
                 self._deliver(parcel)
+                time.sleep(APART_S)

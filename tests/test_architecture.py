@@ -52,7 +52,7 @@ HOMES = {
     ),
     "rospy": ("interfaces/crtk/transports/ros1", "apps/benchmarks"),
     "PyKDL": ("interfaces/crtk/scripts",),
-    "rosgraph": ("interfaces/crtk/transports/ros1",),
+    "rosgraph": ("interfaces/crtk/transports/ros1", "apps/benchmarks"),
     "genpy": ("interfaces/crtk/transports/ros1",),
     "rclpy": ("interfaces/crtk/transports/rclpy_node",),
     "cyclonedds": ("interfaces/crtk/transports/ros2", "apps/benchmarks"),

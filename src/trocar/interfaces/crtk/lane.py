@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 #: Time from one large message to the next: two at once are more than a socket's buffer holds, and
-#: what is lost there is sent again 20 ms later. Source: measured with two raw images of 640x480. [s]
+#: what is lost is sent again 20 ms later. Source: measured with two raw images of 640x480. [s]
 APART_S = 0.002
 
 

@@ -28,6 +28,9 @@ from trocar.modeling.links import LinkModel, own_joints, rig_links
 from trocar.modeling.mesh_files import mesh_files, mesh_names, seen_materials
 from trocar.modeling.urdf import urdf
 
+if sys.platform != "win32":
+    import fcntl
+
 Array = NDArray[np.float64]
 
 #: What a link's name ends in where it would have the name of a frame.
@@ -99,8 +102,6 @@ def _hold(folder: Path) -> int:
     """
     if sys.platform == "win32":
         return -1
-    import fcntl
-
     descriptor = -1
     try:
         descriptor = os.open(folder, os.O_RDONLY)

@@ -78,6 +78,23 @@ def test_nothing_is_held_back_where_nobody_keeps_time() -> None:
     assert {sample.due_s for sample in taken(220.0, speed="max")} == {None}
 
 
+@pytest.mark.parametrize(("speed", "asked", "ticks"), [
+    ("realtime", True, {1}), ("realtime", False, {1, 2, 3, 4, 5}), ("max", True, {1, 2, 3, 4, 5}),
+])  # fmt: skip
+def test_ticks_follow_one_by_one_only_where_somebody_waits_for_samples_in_time(
+    speed: Literal["realtime", "max"], asked: bool, ticks: set[int]
+) -> None:
+    loop = Loop(World("psm"), speed=speed, tick_s=TICK_S, clock=HandClock())
+    watch = Watch(loop, {}, Stamper(), 220.0, queue.SimpleQueue(), lambda _: False)
+    watch.asked = frozenset({"PSM1/measured_js"} if asked else ())
+    watch.start()
+    found: set[int] = set()
+    for _ in range(50):
+        loop.tick()
+        found.add(watch.patience())
+    assert found == ticks
+
+
 def test_who_steps_a_paused_world_gets_what_comes_of_it_at_once() -> None:
     served = Served("psm", rate_hz=1.0)
     served.loop.post(Pause())

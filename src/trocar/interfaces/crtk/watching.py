@@ -78,6 +78,7 @@ class Watch:
         self._stops: list[Callable[[], None]] = []
         self._seldom = Seldom()
         self._paused: bool | None = None
+        self._timed = False
         self._stepped = 0
         self.skipped = 0
         #: Topics that somebody wants, as of the sample before: what costs is only then looked at.
@@ -101,6 +102,7 @@ class Watch:
     def ticked(self, elapsed: Elapsed) -> None:
         """Take a sample when one is due."""
         self._stamper.advance(elapsed, self._loop.now)
+        self._timed = elapsed.due_s is not None
         if elapsed.paused != self._paused:
             self._paused = elapsed.paused
             self.put("scene/paused", {"data": elapsed.paused})
@@ -121,12 +123,12 @@ class Watch:
         self._samples.put(taken)
 
     def patience(self) -> int:
-        """Return in how many ticks the next sample is due: where somebody waits for it, no tick.
+        """Return in how many ticks the next sample is due; 1 where somebody waits for it.
 
-        Several at once would be late for it.
+        Ticks that are due are done at once then: several together would hold a sample up.
         """
         left = ceil(self._beat.left(self._stamper.elapsed_s) / self._loop.tick_s)
-        return 1 if self.asked else max(left, 1)
+        return 1 if self.asked and self._timed else max(left, 1)
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

@@ -187,3 +187,21 @@ def test_what_was_written_first_is_obeyed_first_on_whatever_topic(wire: Wire) ->
         time.sleep(0.005)
     transport.close()
     assert heard == ["two", "two", "one", "one", "one"]
+
+
+def test_set_points_do_not_wait_to_be_put_in_order(wire: Wire) -> None:
+    rows = Rows(
+        Topic("move", "std_msgs/Empty", "sub"), Topic("servo", "std_msgs/Empty", "sub", depth=1)
+    )
+    heard: list[str] = []
+    rows.receive = lambda name, *_: heard.append(name)  # type: ignore[attr-defined]
+    transport = RclpyTransport()
+    transport.start(rows)  # type: ignore[arg-type]
+    with wire.bell:
+        wire.write("/move", b"\0\1\0\0\0", 1)
+        wire.write("/servo", b"\0\1\0\0\0", 2)
+    end = time.monotonic() + 10.0
+    while len(heard) < 2 and time.monotonic() < end:
+        time.sleep(0.005)
+    transport.close()
+    assert heard == ["servo", "move"]

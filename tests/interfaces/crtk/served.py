@@ -2,11 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.transport import Transport
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
 from trocar.interfaces.loop import SERVER_TICK_S
 from trocar.simulation import World
+
+Own = TypeVar("Own", bound=Transport)
+
+
+@contextmanager
+def running(transport: Own, rig: str = "psm") -> Iterator[tuple[Core, Own]]:
+    """Run a rig in real time on a transport for as long as the block."""
+    loop = Loop(World(rig), tick_s=SERVER_TICK_S)
+    core = Core(loop)
+    core.attach(transport)
+    core.start()
+    loop.start()
+    try:
+        yield core, transport
+    finally:
+        loop.stop()
+        core.close()
 
 
 class HandClock:

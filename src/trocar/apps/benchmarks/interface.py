@@ -37,7 +37,8 @@ ARMS = ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")
 #: Images of both eyes, what they are beside each state, and how often they come. Source: the
 #: project's own goal.
 CAMERA_HZ, PRESET = 60.0, "dvrk_sd_640x480"
-#: The first image takes a second, and arms that settle are drawn anew now and then. [s]
+#: The first image takes a second, and arms that settle are drawn anew now and then. Source: our own
+#: choice. [s]
 COME_TO_REST_S = 8.0
 #: Share of what would come or go in a time if nothing was lost: ends are cut off.
 CAME = 0.99

@@ -28,7 +28,7 @@ from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table, topic_table
-from trocar.interfaces.crtk.transport import Message, Transport
+from trocar.interfaces.crtk.transport import Batch, Message, Transport
 from trocar.interfaces.crtk.watching import Watch
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
@@ -243,7 +243,7 @@ class Core:
         while not self._samples.empty():
             sample = self._samples.get()
             if sample is not None:
-                self._publish(sample)
+                self._send(self._made(sample))
                 count += 1
         return count
 
@@ -256,9 +256,13 @@ class Core:
 
     def _run(self) -> None:
         while (sample := self._samples.get()) is not None:
-            self._publish(sample)
+            batches = self._made(sample)
+            if sample.due_s is not None:
+                time.sleep(max(sample.due_s - self.loop.now, 0.0))
+            self._send(batches)
 
-    def _publish(self, sample: Sample) -> None:
+    def _made(self, sample: Sample) -> list[tuple[Transport, Batch]]:
+        """Return what each transport is to send of a sample."""
         wanted = self._carriers.wanted()
         asked = self._watch.asked = frozenset[str]().union(*(names for _, names in wanted))
         if DESCRIPTION in asked and self._thread is not None and self._described is not sample.rig:
@@ -267,10 +271,12 @@ class Core:
             threading.Thread(target=describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
         states = self._publishing.states(sample, [(t.packing, names) for t, names in wanted])
-        if sample.due_s is not None and self._thread is not None:
-            time.sleep(max(sample.due_s - self.loop.now, 0.0))
-        for (transport, _), told in zip(wanted, states, strict=True):
-            if batch := events + told:
+        told = zip(wanted, states, strict=True)
+        return [(transport, events + own) for (transport, _), own in told]
+
+    def _send(self, batches: Sequence[tuple[Transport, Batch]]) -> None:
+        for transport, batch in batches:
+            if batch:
                 self._carriers.send(transport, batch)
 
     def _describe(self, rig: RigDescription) -> None:

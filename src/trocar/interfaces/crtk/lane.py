@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-#: Time from one large message to the next: two at once are more than a socket's buffer holds, and
-#: what is lost is sent again 20 ms later. Source: measured with two raw images of 640x480. [s]
+#: Time from one large message to the next: two at once may be more than a subscriber's socket
+#: holds, and what is lost there comes late. Source: our own choice, by the images that
+#: `trocar bench interface --transport ros2` counts. [s]
 APART_S = 0.002
 
 

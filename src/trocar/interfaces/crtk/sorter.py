@@ -13,7 +13,12 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from trocar.interfaces.crtk.core import Core
+    from trocar.interfaces.crtk.topics import Topic
+    from trocar.interfaces.crtk.transport import Message
 
 MOMENT_S = 0.002
 """How long a command is kept [s]. Source: our own choice, some times what a connection is ahead of
@@ -69,6 +74,23 @@ class Sorter:
     def start(self) -> None:
         """Begin."""
         self._thread.start()
+
+    def take(
+        self,
+        core: Core,
+        topic: Topic,
+        message: Message,
+        peer: str,
+        stamp: tuple[int, int] | None,
+    ) -> None:
+        """Hand a command to the core: set-points at once, the rest in order by their stamps."""
+        if topic.depth == 1:
+            core.receive(topic.name, message, peer)
+            return
+        state = topic.key == "state_command"
+        sent = Sent(peer, stamp, state, lambda: core.receive(topic.name, message, peer))
+        if not self.put(sent):
+            core.refuse(topic, topic.name, f"{WAITING} commands wait already", peer)
 
     def put(self, command: Sent) -> bool:
         """Let a command be obeyed soon; return False when too many wait."""

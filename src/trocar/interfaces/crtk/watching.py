@@ -22,9 +22,8 @@ from trocar.simulation.journal import Entry
 #: hiccup of a busy machine. [s]
 WAITING_S = 0.5
 #: Messages go out at least so long after the tick that they show, or half a period where that is
-#: shorter: what they are made from is computed meanwhile, and how long that took this time nobody
-#: sees. Source: measured, the six arms and twenty objects of `trocar bench interface` are ready in
-#: it but for one time in a hundred. [s]
+#: shorter: they are made meanwhile, and how long that took this time nobody sees. Source: our own
+#: choice, by the lateness that `trocar bench interface` tells of six arms and twenty objects. [s]
 READY_S = 0.0018
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 
 import pytest
+from tests.interfaces.crtk.served import running
 
-from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport
 from trocar.interfaces.crtk.transports.rclpy_node.reach import SAID
-from trocar.interfaces.loop import SERVER_TICK_S
-from trocar.simulation import World
 
 from .stand_in import Wire, modules, packages
 
@@ -34,18 +32,4 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
 @pytest.fixture
 def serving(wire: Wire) -> Serving:  # noqa: ARG001  rclpy has to be there
     """Run a PSM on rclpy for as long as a block."""
-
-    @contextmanager
-    def serve() -> Iterator[tuple[Core, RclpyTransport]]:
-        loop = Loop(World("psm"), tick_s=SERVER_TICK_S)
-        core, transport = Core(loop), RclpyTransport()
-        core.attach(transport)
-        core.start()
-        loop.start()
-        try:
-            yield core, transport
-        finally:
-            loop.stop()
-            core.close()
-
-    return serve
+    return lambda: running(RclpyTransport())

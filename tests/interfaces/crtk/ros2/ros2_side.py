@@ -8,16 +8,15 @@ import subprocess
 import sys
 import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from trocar.interfaces import Loop
+from tests.interfaces.crtk.served import running
+
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.ros2 import Network, Ros2Transport, network
-from trocar.interfaces.loop import SERVER_TICK_S
-from trocar.simulation import World
 
 PEER = Path(__file__).parent / "peer.py"
 
@@ -70,17 +69,8 @@ def program(action: str, where: Network) -> Iterator[Program]:
         peer.end()
 
 
-@contextmanager
-def served(rig: str = "psm", where: Network | None = None) -> Iterator[tuple[Core, Ros2Transport]]:
+def served(
+    rig: str = "psm", where: Network | None = None
+) -> AbstractContextManager[tuple[Core, Ros2Transport]]:
     """Run a rig on ROS 2 for as long as the block."""
-    loop = Loop(World(rig), tick_s=SERVER_TICK_S)
-    core = Core(loop)
-    transport = Ros2Transport(where or private_network())
-    core.attach(transport)
-    core.start()
-    loop.start()
-    try:
-        yield core, transport
-    finally:
-        loop.stop()
-        core.close()
+    return running(Ros2Transport(where or private_network()), rig)

@@ -14,7 +14,6 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.errors import InputError
-from trocar.interfaces.crtk.lane import APART_S, Lane
 from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.topics import Service, Topic
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
@@ -96,40 +95,6 @@ def test_a_subscriber_that_stands_still_holds_up_nobody(transport: Ros2Transport
         assert not sender.is_alive()
     finally:
         peer.end()
-
-
-def test_a_lane_delivers_the_newest_of_each_name() -> None:
-    began, go_on = threading.Event(), threading.Event()
-    seen: list[int] = []
-
-    def deliver(parcel: int) -> None:
-        seen.append(parcel)
-        began.set()
-        go_on.wait(10)
-
-    lane = Lane(deliver)
-    lane.put("left", 1)
-    began.wait(10)
-    for parcel in (2, 3, 4):
-        lane.put("left", parcel)
-    go_on.set()
-    while len(seen) < 2:
-        time.sleep(0.001)
-    lane.close()
-    assert seen == [1, 4]
-    assert lane.overtaken == 2
-
-
-def test_a_lane_leaves_time_between_two_parcels() -> None:
-    """Two raw images at once are more than a subscriber's socket holds."""
-    came: list[float] = []
-    lane = Lane(lambda _: came.append(time.monotonic()))
-    for number in range(6):
-        lane.put(f"eye {number}", number)
-    while len(came) < 6:
-        time.sleep(0.001)
-    lane.close()
-    assert (np.diff(came) >= APART_S).all()
 
 
 class Box:

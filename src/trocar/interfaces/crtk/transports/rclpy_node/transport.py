@@ -12,7 +12,7 @@ from trocar.errors import InputError, TrocarError
 from trocar.interfaces.crtk.lane import Lane
 from trocar.interfaces.crtk.messages import cdr_decode, cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.messages.forms import CDR_PACKING
-from trocar.interfaces.crtk.sorter import Sent, Sorter
+from trocar.interfaces.crtk.sorter import Sorter
 from trocar.interfaces.crtk.transports.rclpy_node import library
 from trocar.interfaces.crtk.transports.rclpy_node.answering import LONGEST, answering
 from trocar.interfaces.crtk.transports.rclpy_node.classes import (
@@ -152,7 +152,7 @@ class RclpyTransport:
     # ------------------------------------------------------------------ in
 
     def _take(self, topic: Topic, data: bytes, info: Mapping[str, Any]) -> None:
-        """Hand a command to the core: set-points at once, the rest in the order of writing."""
+        """Hand a command to the core, in the order of writing."""
         core, peer = self._core, "ROS 2"
         try:
             if len(data) > LONGEST:
@@ -161,14 +161,8 @@ class RclpyTransport:
         except InputError as problem:
             core.refuse(topic, topic.name, str(problem), peer)
             return
-        if topic.depth == 1:
-            core.receive(topic.name, fields, peer)
-            return
         written = divmod(int(info.get("source_timestamp") or 0), NS)
-        state = topic.key == "state_command"
-        sent = Sent(peer, written, state, lambda: core.receive(topic.name, fields, peer))
-        if not self._sorter.put(sent):
-            core.refuse(topic, topic.name, "too many commands wait already", peer)
+        self._sorter.take(core, topic, fields, peer, written)
 
     # ------------------------------------------------------------------ inside
 

@@ -22,7 +22,7 @@ from trocar.interfaces.crtk.messages import (
     ros1_encode,
     service_type,
 )
-from trocar.interfaces.crtk.sorter import Sent, Sorter
+from trocar.interfaces.crtk.sorter import Sorter
 from trocar.interfaces.crtk.transports.ros1.classes import message_class, service_class
 from trocar.interfaces.crtk.transports.ros1.library import inner
 
@@ -60,14 +60,8 @@ def subscribe(library: Library, core: Core, topic: Topic, sorter: Sorter) -> Any
         except MessageError as error:
             core.refuse(topic, topic.name, str(error), peer)
             return
-        if topic.depth == 1:
-            core.receive(topic.name, fields, peer)
-            return
         stamp = fields["header"]["stamp"] if "header" in fields else None
-        state = topic.key == "state_command"
-        sent = Sent(peer, stamp, state, lambda: core.receive(topic.name, fields, peer))
-        if not sorter.put(sent):
-            core.refuse(topic, topic.name, "too many commands wait already", peer)
+        sorter.take(core, topic, fields, peer, stamp)
 
     subscriber = library.rospy.Subscriber(
         f"/{topic.name}",

@@ -26,6 +26,7 @@ from trocar.interfaces import (
     SetGains,
     SetGravityCompensation,
     SetMode,
+    Verb,
 )
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.pace import GIVE_UP_S, Pace, Speedometer
@@ -278,6 +279,17 @@ def test_a_bad_command_is_refused_with_a_warning_and_the_loop_goes_on(caplog):
     assert world.time == pytest.approx(0.1)
     assert "unknown pose 'nowhere'" in caplog.text and "SUJ1 has no jaw" in caplog.text
     assert loop.state.refused == 2
+
+
+def test_an_exception_that_no_command_should_raise_is_logged_once_and_the_loop_goes_on(caplog):
+    world = FakeWorld()
+    loop = loop_of(world)
+    for _ in range(3):
+        loop.post(Verb("PSM1", "no_such_verb", {"q": GOAL}))
+    loop.run(duration_s=0.1)
+    assert world.time == pytest.approx(0.1)
+    assert loop.state.refused == 3
+    assert [r.exc_info is not None for r in caplog.records if "refused" in r.message] == [True]
 
 
 def test_a_diverged_world_stops_the_loop_and_tells_whoever_waits():

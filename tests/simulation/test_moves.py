@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trocar.descriptions import load_arm, names
+from trocar.errors import InputError
 from trocar.simulation import World
+from trocar.simulation.motion import RATIO_MIN, Profile
 
 GOAL = np.array([0.6, -0.4, 0.19, 1.0, 0.4, -0.3])
 
@@ -48,6 +51,23 @@ def test_a_move_is_as_fast_as_its_slowest_joint_may_be():
     motion = world.arm("PSM1").move_jp([0, 0, 0.22, 0, 0, 0])
     assert motion.wait()
     assert world.time == pytest.approx(2 * np.sqrt(0.1 / 0.2), abs=2e-3)
+
+
+@pytest.mark.parametrize("name", names("arms"))
+def test_every_arm_crosses_its_whole_range_at_the_least_ratio(name):
+    joints = [j for j in load_arm(name).joints if np.isfinite(j.velocity_max)]  # motors alone
+    lower, upper = (np.array([getattr(j, k) for j in joints]) for k in ("lower", "upper"))
+    speed = RATIO_MIN * np.array([j.velocity_max for j in joints])
+    rate = RATIO_MIN * np.array([j.acceleration_max for j in joints])
+    path = Profile((lower, np.zeros(len(joints))), upper, (speed, rate), 0.0)
+    np.testing.assert_allclose(path.at(path.duration)[0], upper)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-13, 5e-324])
+def test_a_move_that_takes_too_long_to_plan_is_refused(scale):
+    zero, one = np.zeros(2), np.ones(2)
+    with pytest.raises(InputError, match="no trajectory from"):
+        Profile((zero, zero), np.array([1.0, 0.5]), (scale * one, scale * one), 0.0)
 
 
 def test_set_point_velocities_are_the_paths():

@@ -16,7 +16,7 @@ from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from trocar.errors import InputError, UnknownNameError
+from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameError
 from trocar.interfaces.commands import Command, Pause, Reset, Resume, Step
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
@@ -295,13 +295,12 @@ class Loop:
             if isinstance(command, Step) and not self._paused:
                 raise InputError("step: time flows; allowed: while it is paused")
             command.apply(self._world)
-        except InputError as error:
-            self._refused += 1
-            unsaid = self._seldom.due(str(error), self._clock.now())
-            if unsaid is not None:
-                _log.warning("refused: %s%s", error, more(unsaid))
-            for watcher in self._watchers:
-                watcher.refused(command, str(error))
+        except DivergedError:
+            raise
+        except TrocarError as error:
+            self._refuse(command, str(error))
+        except Exception as error:  # noqa: BLE001  one command must not end the simulation
+            self._refuse(command, f"{type(error).__name__}: {error}", error)
         else:
             if isinstance(command, Step):
                 self._stepped += command.periods
@@ -309,6 +308,15 @@ class Loop:
             self._paused = isinstance(command, Pause)
         if isinstance(command, Pause | Resume | Reset):
             self._restart()
+
+    def _refuse(self, command: Command, reason: str, defect: Exception | None = None) -> None:
+        """Count a refused command and say so, with a traceback where trocar did not expect it."""
+        self._refused += 1
+        unsaid = self._seldom.due(reason, self._clock.now())
+        if unsaid is not None:
+            _log.warning("refused: %s%s", reason, more(unsaid), exc_info=defect)
+        for watcher in self._watchers:
+            watcher.refused(command, reason)
 
     def _elapsed(self) -> Elapsed:
         simulated = self._ticks * self._tick_s + self._stepped * self._world.timestep

@@ -6,11 +6,15 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from ruckig import InputParameter, Result, Ruckig, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory
 
 from trocar.errors import InputError
 
 Array = NDArray[np.float64]
+
+RATIO_MIN = 0.002
+"""Least trajectory ratio of a move. Source: Ruckig plans at most 7600 s; at this ratio the longest
+move of the catalogue, suj_psm3 over its whole range, takes 6600 s. The dVRK accepts ]0, 1]."""
 
 
 class Motion:
@@ -76,7 +80,13 @@ class Profile:
         wanted.max_velocity = most.tolist()
         wanted.max_acceleration = rate.tolist()
         self._path = Trajectory(count)
-        result = Ruckig(count).calculate(wanted, self._path)
+        try:
+            result = Ruckig(count).calculate(wanted, self._path)
+        except (RuckigError, ValueError) as error:  # ValueError: a result that its enum lacks
+            raise InputError(
+                f"no trajectory from {position.tolist()} to {goal.tolist()} within velocities"
+                f" {most.tolist()} and accelerations {rate.tolist()}"
+            ) from error
         if result not in (Result.Working, Result.Finished):
             raise InputError(f"no trajectory to {goal.tolist()}: {result}")
         self.goal = goal.copy()

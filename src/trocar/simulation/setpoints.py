@@ -28,7 +28,7 @@ class SetPoints:
 
     Attributes:
         position, velocity, effort: (n,) [rad or m, per s, N m or N]
-        velocity_ratio, acceleration_ratio: shares of the limits that moves keep to, above 0 to 1
+        velocity_ratio, acceleration_ratio: shares of the limits that moves keep to, RATIO_MIN to 1
     """
 
     def __init__(

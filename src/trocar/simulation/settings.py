@@ -12,6 +12,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import check_transform
 from trocar.simulation.drives import Drives
 from trocar.simulation.journal import Journal, command
+from trocar.simulation.motion import RATIO_MIN
 from trocar.simulation.records import Mode
 from trocar.simulation.verbs import Verbs
 
@@ -111,7 +112,7 @@ class Settings:
 
     @property
     def trajectory_ratio(self) -> tuple[float, float]:
-        """Shares of the velocity and acceleration limits that moves keep to, above 0 to 1."""
+        """Shares of the velocity and acceleration limits that moves keep to, RATIO_MIN to 1."""
         return self._verbs.setpoints.velocity_ratio, self._verbs.setpoints.acceleration_ratio
 
     @command
@@ -119,7 +120,7 @@ class Settings:
         """Slow down the moves that begin from now on.
 
         Args:
-            ratio: share of the limits, above 0 to 1
+            ratio: share of the limits, RATIO_MIN to 1
             of: "both", "velocity" or "acceleration"
 
         Raises:
@@ -127,8 +128,8 @@ class Settings:
         """
         if of not in SHARES:
             raise InputError(f"{self.name}: got ratio of {of!r}; allowed: {', '.join(SHARES)}")
-        if not isinstance(ratio, (int, float, np.number)) or not 0.0 < ratio <= 1.0:
-            raise InputError(f"{self.name}: got ratio {ratio!r}; allowed: above 0 to 1")
+        if not isinstance(ratio, (int, float, np.number)) or not RATIO_MIN <= ratio <= 1.0:
+            raise InputError(f"{self.name}: got ratio {ratio!r}; allowed: {RATIO_MIN:g} to 1")
         if of != "acceleration":
             self._verbs.setpoints.velocity_ratio = float(ratio)
         if of != "velocity":

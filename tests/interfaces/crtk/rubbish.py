@@ -12,7 +12,8 @@ from .asking import joints, pose, quaternion, stamped, wrench, xyz
 
 STATES = ("enable", "disable", "home", "unhome", "pause", "resume")
 LEAVES: Sequence[object] = (
-    None, True, -1, 0, 10**400, float("nan"), float("inf"), -1e308, "", "x" * 5000, b"\x00",
+    None, True, -1, 0, 10**400, float("nan"), float("inf"), "", "x" * 5000, b"\x00",
+    -1e308, 1e308, 1e150, -1e9, 1e-6, 1e-13, 1e-300, 5e-324, -5e-324,
     [], {}, [[1.0]], {"x": {}}, np.zeros((2, 2)), np.full(6, np.nan), (1, 2, 3), object(),
 )  # fmt: skip
 

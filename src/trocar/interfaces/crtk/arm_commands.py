@@ -21,6 +21,7 @@ from trocar.interfaces.crtk.fields import (
 )
 from trocar.interfaces.crtk.places import point, pose, rotation, wrench
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+from trocar.simulation.motion import RATIO_MIN
 from trocar.simulation.state_verbs import STATE_COMMANDS
 
 Array = NDArray[np.float64]
@@ -153,8 +154,8 @@ def _switch(verb: str, argument: str = "on") -> Reader:
 def _ratio(of: str) -> Reader:
     def read(message: Message, arm: ArmDescription) -> Wish:  # noqa: ARG001
         ratio = number(message, "data")
-        if not 0.0 < ratio <= 1.0:
-            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: above 0 to 1")
+        if not RATIO_MIN <= ratio <= 1.0:
+            raise RefusedError("ratio", f"got a ratio of {ratio:g}; allowed: {RATIO_MIN:g} to 1")
         return "set_trajectory_ratio", {"ratio": ratio, "of": of}
 
     return read

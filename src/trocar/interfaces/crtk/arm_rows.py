@@ -91,9 +91,15 @@ MOVERS: tuple[Row, ...] = (
         "",
         "wrenches in axes of measured_cp's frame",
     ),
-    ("sub", "trajectory_j/set_ratio", FLOAT, "]0, 1]", "slow down moves that begin from now on"),
-    ("sub", "trajectory_j/set_ratio_v", FLOAT, "]0, 1]", "their velocities alone"),
-    ("sub", "trajectory_j/set_ratio_a", FLOAT, "]0, 1]", "their accelerations alone"),
+    (
+        "sub",
+        "trajectory_j/set_ratio",
+        FLOAT,
+        "0.002 to 1",
+        "slow down moves that begin from now on",
+    ),
+    ("sub", "trajectory_j/set_ratio_v", FLOAT, "0.002 to 1", "their velocities alone"),
+    ("sub", "trajectory_j/set_ratio_a", FLOAT, "0.002 to 1", "their accelerations alone"),
     ("sub", "set_base_frame", POSE, PLACE, "where the arm's base stands in measured_cp's frame"),
 )
 

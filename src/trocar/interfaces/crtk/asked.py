@@ -10,18 +10,21 @@ The same queues hold what comes faster than it can be obeyed.
 
 from __future__ import annotations
 
+import logging
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from trocar.errors import TrocarError
+from trocar.errors import DivergedError, TrocarError
 from trocar.interfaces.commands import Verb
 from trocar.interfaces.inbox import CAPACITY, SUPERSEDING
 
 if TYPE_CHECKING:
     from trocar.simulation import World
     from trocar.simulation.arm import Arm
+
+_log = logging.getLogger("trocar")
 
 Warn = Callable[[str, str, str], None]
 
@@ -158,8 +161,13 @@ class Turns:
         try:
             self._before(world, asked)
             asked.do(world)
-        except (TrocarError, ArithmeticError, ValueError) as problem:  # the loop goes on
+        except DivergedError:
+            raise
+        except TrocarError as problem:
             self._warn(asked.arm, asked.topic, str(problem))
+        except Exception as problem:  # noqa: BLE001  one command must not end the simulation
+            _log.debug("%s %s", asked.arm, asked.name, exc_info=problem)
+            self._warn(asked.arm, asked.topic, f"{type(problem).__name__}: {problem}")
         if not asked.streamed:
             self._used_s += self._now() - began
 

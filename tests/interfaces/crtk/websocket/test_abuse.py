@@ -109,6 +109,24 @@ def yaw(served: Served) -> float:
     return float(served.loop.latest.arms["PSM1"].setpoint[0])
 
 
+@pytest.mark.parametrize("ratio", [5e-324, 1e-300, 1e-13, 1e-6])
+def test_a_trajectory_ratio_too_small_for_any_move_is_refused_and_the_simulator_goes_on(
+    served: Served, meet: Callable[..., Talk], ratio: float
+) -> None:
+    served.core.tell_refusals_anew()
+    talk = meet()
+    talk.send(op="subscribe", topic="/PSM1/warning")
+    talk.wait_for_server()
+    for topic in ("set_ratio", "set_ratio_v", "set_ratio_a"):
+        talk.send(op="publish", topic=f"/PSM1/trajectory_j/{topic}", msg={"data": ratio})
+    assert "allowed: 0.002 to 1" in talk.hear_on("/PSM1/warning")["data"]
+    for goal in (0.1, 0.0):
+        message = {"position": [goal, *HOME[1:]]}
+        talk.send(op="publish", topic="/PSM1/move_jp", msg=message)
+        assert until(lambda goal=goal: abs(yaw(served) - goal) < 1e-9)
+    assert moves_on(served)
+
+
 def test_a_reader_that_sleeps_misses_old_states_and_no_memory_grows(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:

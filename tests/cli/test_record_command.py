@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -50,6 +52,53 @@ def test_a_live_run_is_recorded(trocar, tmp_path):
     assert trocar(*live, "--record", file).status == 0
     recorded = open_recording(file)
     assert recorded.problem == "" and recorded.end == pytest.approx(0.1)
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    """A port that something else listens on."""
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        yield other.getsockname()[1]
+
+
+SCRIPT = "import crtk\ncrtk.ral('idle')\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("sim", "--no-page", "--websocket-port"),
+        ("sim", "--no-websocket", "--port"),
+        ("teleop", "--websocket-port", "0", "--port"),
+        ("run", "--page", "--port"),
+    ],
+    ids=lambda words: " ".join(words[:2]),
+)
+def test_a_start_that_is_refused_for_its_port_leaves_a_recording_alone(
+    trocar, file, taken, tmp_path, words
+):
+    command, *more = words
+    (tmp_path / "idle.py").write_text(SCRIPT)
+    script = [tmp_path / "idle.py"] if command == "run" else []
+    rig = ("--rig", "psm") if command != "teleop" else ("--rig", "two_psm_ecm")
+    before = file.read_bytes()
+    record = ("--record", file, "--overwrite")
+    answer = trocar(command, *rig, *record, *more, taken, *script)
+    assert (answer.status, "port" in answer.err) == (2, True)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("way", [("--headless",), ("--port", "0", "--websocket-port", "0")])
+def test_a_file_that_exists_is_replaced_only_with_overwrite(trocar, file, way):
+    before = file.read_bytes()
+    words = ("sim", "--rig", "psm", "--duration", "0.1", *way, "--record", file)
+    answer = trocar(*words)
+    assert answer.status == 2
+    assert f"{file}: exists already; allowed: a new file" in answer.err
+    assert "--overwrite" in answer.err
+    assert file.read_bytes() == before
+    assert trocar(*words, "--overwrite").status == 0
+    assert open_recording(file).end == pytest.approx(0.1)
 
 
 def test_people_are_told_that_the_motion_is_the_same(trocar, file):

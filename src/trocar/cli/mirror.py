@@ -17,6 +17,7 @@ from trocar.cli.arguments import add_json, number
 from trocar.cli.cameras import add_look, open_pictures
 from trocar.cli.output import print_json, table
 from trocar.cli.serving import PORT
+from trocar.cli.worlds import add_record, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("realtime", "max"),
         help="of a bag; default: realtime with the page, max without",
     )
-    parser.add_argument("--record", metavar="FILE", help="write what the arms did to an MCAP file")
+    add_record(parser)
     parser.add_argument(
         "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
     )
@@ -89,13 +90,12 @@ def run(args: Namespace) -> int:
     world = World(args.rig)
     speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
     loop = Loop(world, speed=speed, tick_s=SERVER_TICK_S)
+    loop.while_running = recording(world, args)
     arms = [name.strip() for name in args.arms.split(",") if name.strip()] if args.arms else None
     mirror = Mirror(loop, source, arms, args.by)
     if mirror.twins.missing and args.bag:
         print(f"not in {args.bag}: {', '.join(mirror.twins.missing)}", file=sys.stderr)
     with ExitStack() as stack:
-        if args.record:
-            stack.enter_context(world.record(args.record))
         stack.enter_context(closing(mirror))
         pictures = _pictures(loop, args, stack)
         address = _served(loop, args, pictures, stack)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import Parser, number
 from trocar.cli.serving import PORT
-from trocar.cli.worlds import add_world, make_world
+from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError, TrocarError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 #: Source: dVRK 2.4, system_ROS publishes every 10 ms. [Hz]
 RATE_HZ = 100.0
 #: Options without a value.
-FLAGS = ("-h", "--help", "--page")
+FLAGS = ("-h", "--help", "--page", "--overwrite")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -71,9 +71,7 @@ def _add_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
     )
-    parser.add_argument(
-        "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
-    )
+    add_record(parser)
     parser.add_argument(
         "--rate",
         type=number,
@@ -85,7 +83,7 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the script."""
-    from trocar.interfaces.crtk.scripts import rig_for, run_script
+    from trocar.interfaces.crtk.scripts import Live, rig_for, run_script
 
     if args.timeout is not None and not 0.0 < args.timeout < float("inf"):
         raise InputError(f"--timeout: got {args.timeout:g}; allowed: above 0 s")
@@ -98,8 +96,8 @@ def run(args: Namespace) -> int:
         raise InputError("--page: only at the wall clock's pace; leave out --speed max")
     world = make_world(args)
     page = ScriptPage(world, args.port) if args.page else None
-    with world.record(args.record) if args.record else nullcontext():
-        flow, linger = _flow(world, args, page), page and page.linger
+    flow, linger = _flow(world, args, page), page and page.linger
+    with nullcontext() if isinstance(flow, Live) else recording(world, args)():
         outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger)
     sys.stdout.flush()
     print(
@@ -119,7 +117,9 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     if args.speed == "max":
         return Stepped(world, args.timeout, components, rate_hz=args.rate)
     begin = Loop.start if page is None else page.begin
-    return Live(world, begin, components, rate_hz=args.rate)
+    live = Live(world, begin, components, rate_hz=args.rate)
+    live.loop.while_running = recording(world, args)
+    return live
 
 
 class ScriptPage:

@@ -17,6 +17,7 @@ from urllib.parse import urlencode
 
 from trocar.cli.arguments import number
 from trocar.cli.cameras import add_cameras, open_pictures, record_images
+from trocar.cli.worlds import recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -143,6 +144,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
         )
     shared = bool(transports) or session is not None
     loop = _loop(world, args, shared=shared)
+    loop.while_running = recording(world, args)
     with ExitStack() as stack:
         pictures = open_pictures(loop, args)
         if pictures is not None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
@@ -19,7 +18,7 @@ from trocar.cli.arguments import add_json, number
 from trocar.cli.cameras import images_of_headless
 from trocar.cli.output import print_json, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_world, make_world
+from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,9 +42,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("realtime", "max"),
         help="default: realtime in the browser, max headless",
     )
-    parser.add_argument(
-        "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
-    )
+    add_record(parser)
     add_json(parser)
     add_serving(parser)
 
@@ -68,7 +65,7 @@ def run(args: Namespace) -> int:
             world,
             HEADLESS_DURATION_S if args.duration is None else args.duration,
             realtime=args.speed == "realtime",
-            record=args.record,
+            record=recording(world, args) if args.record else None,
         )
     if args.json:
         print_json(asdict(report))
@@ -80,8 +77,7 @@ def run(args: Namespace) -> int:
 def _live(args: Namespace) -> int:
     world = make_world(args, args.tip_load)
     print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
-    with world.record(args.record) if args.record else nullcontext():
-        serve(world, args)
+    serve(world, args)
     return 0
 
 

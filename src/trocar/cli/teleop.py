@@ -39,12 +39,12 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
-from contextlib import closing, nullcontext
+from contextlib import closing
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import number
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_world, make_world
+from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -78,9 +78,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--duration", type=number, metavar="S", help="stop after this much simulated time"
     )
-    parser.add_argument(
-        "--record", metavar="FILE", help="write states, commands and events to an MCAP file"
-    )
+    add_record(parser)
     parser.set_defaults(speed="realtime")
     add_serving(parser)
 
@@ -105,8 +103,7 @@ def run(args: Namespace) -> int:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
         for line in TABLES[kind]:
             print(f"  {line.touch:<26} {line.does}")
-        with world.record(args.record) if args.record else nullcontext():
-            serve(world, args, session)
+        serve(world, args, session)
     return 0
 
 

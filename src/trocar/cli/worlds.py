@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibrations, number
@@ -43,6 +46,23 @@ def add_world(parser: ArgumentParser, rig: str | None = "full_cart") -> None:
     parser.add_argument(
         "--timestep", type=number, default=0.001, metavar="S", help="physics period"
     )
+
+
+def add_record(parser: ArgumentParser) -> None:
+    """Let the user record the run."""
+    parser.add_argument(
+        "--record", metavar="FILE", help="write states, commands and events to a new MCAP file"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="--record: replace a file that exists"
+    )
+
+
+def recording(world: World, args: Namespace) -> Callable[[], AbstractContextManager[object]]:
+    """Return what opens the recording that the options ask for, and closes it again."""
+    if args.record is None:
+        return nullcontext
+    return partial(world.record, args.record, overwrite=args.overwrite)
 
 
 def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:

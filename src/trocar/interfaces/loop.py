@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameError
@@ -73,6 +74,10 @@ class Loop:
             when omitted, the one nearest to TICK_S
         clock: the wall clock; tests bring their own
         on_apply: called with (tick, command) for every command that is applied, e.g. to record them
+
+    Attributes:
+        while_running: makes the context that `start` enters before the first tick, and that is left
+            after the last; a recording is opened here, when every port is bound
     """
 
     def __init__(
@@ -107,6 +112,7 @@ class Loop:
         self._publisher = Publisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
         self._seldom = Seldom()
+        self.while_running: Callable[[], AbstractContextManager[object]] = nullcontext
 
     # What other threads may call.
 
@@ -189,9 +195,14 @@ class Loop:
         if self.running:
             raise InputError("the loop runs already")
         self._stopping.clear()
+        context = ExitStack()
+        context.enter_context(self.while_running())
         self._outcome = Future()
         thread = threading.Thread(
-            target=self._main, args=(duration_s, self._outcome), name="trocar-loop", daemon=True
+            target=self._main,
+            args=(duration_s, context, self._outcome),
+            name="trocar-loop",
+            daemon=True,
         )
         thread.start()
 
@@ -280,9 +291,10 @@ class Loop:
         ends = most if last is None else last - self._ticks
         return min(most, ends, *(w.patience() for w in self._watchers))
 
-    def _main(self, duration_s: float | None, outcome: Future[None]) -> None:
+    def _main(self, duration_s: float | None, context: ExitStack, outcome: Future[None]) -> None:
         try:
-            self.run(duration_s)
+            with context:
+                self.run(duration_s)
         except Exception as error:  # noqa: BLE001  handed over whole to whoever waits
             outcome.set_exception(error)
         else:

@@ -134,7 +134,7 @@ def time_recording(
         begin_trajectory(world, trajectory)
         without, alone = played()
         begin_trajectory(world, trajectory)
-        with world.record(file) as recorder:
+        with world.record(file, overwrite=True) as recorder:
             with_it, busy = played()
         size = recorder.size
         spent.append((with_it, without))

@@ -185,19 +185,20 @@ class World:
         self._watchers.append(watcher)
         return lambda: self._watchers.remove(watcher) if watcher in self._watchers else None
 
-    def record(self, file: str | Path | IO[bytes]) -> Recorder:
+    def record(self, file: str | Path | IO[bytes], *, overwrite: bool = False) -> Recorder:
         """Record states, commands and events into an MCAP file, from now on.
 
         `with world.record("run.mcap"): ...`, or keep what is returned and call its `stop`.
 
         Args:
             file: a path, or a binary file that is open for writing
+            overwrite: replace a file that exists
 
         Raises:
-            InputError: the file cannot be written, or the world is recorded already
+            InputError: the file exists or cannot be written, or the world is recorded already
             MissingExtraError: the library for MCAP is not installed
         """
-        return Recorder(self, file)
+        return Recorder(self, file, overwrite=overwrite)
 
     def step(self, n: int = 1) -> None:
         """Advance n physics periods.

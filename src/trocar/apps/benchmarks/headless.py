@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from trocar.interfaces.loop import WallClock
@@ -42,14 +43,14 @@ def run_headless(
     duration_s: float,
     passes: int = 5,
     realtime: bool = False,
-    record: str | None = None,
+    record: Callable[[], AbstractContextManager[object]] | None = None,
 ) -> HeadlessReport:
     """Drive every arm of a world but its setup joints along the test trajectory.
 
     The timed passes sample every 5 ms; loop health is that of a separate, untimed pass that
     samples every physics period. In real time another pass keeps to the wall clock, and it is
     that one's wall time and factor that are reported. With `record` one more pass, the first and
-    untimed, is written to that file.
+    untimed, runs inside the context that it returns.
 
     Raises:
         InputError: the duration, a timestep that 5 ms is no whole multiple of, or a file that
@@ -59,7 +60,7 @@ def run_headless(
     every = periods_per_tick(world)
     trajectory = paper_sine(world.rig, duration_s, TICK_S)
     if record is not None:
-        with world.record(record):
+        with record():
             begin_trajectory(world, trajectory)
             world.play(trajectory.positions, trajectory.velocities, every=every, record=False)
     timing = time_beside_bare(world, trajectory, every, passes)

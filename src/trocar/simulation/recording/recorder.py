@@ -36,13 +36,16 @@ class Recorder:
     Args:
         world: is recorded; commands and steps go on as always
         file: what to write to: a path, or a binary file that is open for writing
+        overwrite: replace a file that exists
 
     Raises:
-        InputError: the file cannot be written, or the world is being recorded already
+        InputError: the file exists or cannot be written, or the world is being recorded already
         MissingExtraError: the library for MCAP is not installed
     """
 
-    def __init__(self, world: World, file: str | Path | IO[bytes]) -> None:
+    def __init__(
+        self, world: World, file: str | Path | IO[bytes], *, overwrite: bool = False
+    ) -> None:
         mcap_library("recording")
         self.file = _label(file)
         if world.recorder is not None:
@@ -50,11 +53,16 @@ class Recorder:
         try:
             about = _about(world), world.time, world.timestep
             writer = (
-                ProcessWriter(Path(file).expanduser(), *about)
+                ProcessWriter(Path(file).expanduser(), *about, overwrite=overwrite)
                 if isinstance(file, str | Path)
                 else ThreadWriter(file, self.file, *about)
             )
             writer.past(world.past.entries if world.past.complete else ())
+        except FileExistsError as error:
+            raise InputError(
+                f"{self.file}: exists already; allowed: a new file, or overwriting it"
+                " (--overwrite, overwrite=True)"
+            ) from error
         except OSError as error:
             raise InputError(
                 f"{self.file}: cannot be written: {error.strerror or error}"

@@ -158,12 +158,22 @@ class ProcessWriter(Writer):
     """Writes to a path, in a process of its own.
 
     Raises:
+        FileExistsError: the file exists and is not to be replaced
         OSError: the file cannot be opened, or the process did not start
     """
 
-    def __init__(self, path: Path, about: dict[str, str], start: float, timestep: float) -> None:
+    def __init__(
+        self,
+        path: Path,
+        about: dict[str, str],
+        start: float,
+        timestep: float,
+        *,
+        overwrite: bool,
+    ) -> None:
         super().__init__(str(path))
-        path.open("wb").close()
+        device = path.exists() and not path.is_file()  # nothing is lost there
+        path.open("wb" if overwrite or device else "xb").close()
         self._path = path
         self._shape: Shape | None = None
         self._child = subprocess.Popen(

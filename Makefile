@@ -18,8 +18,8 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 ROS1_PYTHON ?= /usr/bin/python3
 
 # What is installed beside trocar itself, for each thing one may want to do.
-EXTRAS_run := [record,plot,scope]
-EXTRAS_test := [record,bags,plot,export,convex,test,browser]
+EXTRAS_run := [all]
+EXTRAS_test := [all,test,browser]
 EXTRAS_cad := [cad]
 EXTRAS_dev := [dev]
 
@@ -30,7 +30,7 @@ $(BIN)/python -m pytest -m browser $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile $(ARGS)
 endef
 
-.PHONY: help venv run test check lint bench cad ros1-venv clean
+.PHONY: help venv run test check skipped lint bench cad ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -38,6 +38,11 @@ help: ## say what can be made
 venv: .venv/.ready-dev ## build the environment in .venv, with everything that make check needs
 
 run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and the like)
+	@echo "In another terminal, beside it: . .venv/bin/activate, and then for instance"
+	@echo "  trocar --help                                 all commands; README.md has a tour of them"
+	@echo "  trocar render -o scope.png                    the endoscope's picture"
+	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
+	@echo "  python examples/09_websocket_client.py        a client that moves this robot"
 	$(BIN)/trocar sim $(ARGS)
 
 test: .venv/.ready-test ## run all tests (browser tests where there is a Chromium)
@@ -45,6 +50,11 @@ test: .venv/.ready-test ## run all tests (browser tests where there is a Chromiu
 
 check: lint ## format, lint, types, then all tests with the wheel's among them
 	$(tests)
+
+skipped: .venv/.ready-dev ## run what the last make test skipped, where all judges are installed
+	$(BIN)/python -m pytest --skipped-before -m browser $(ARGS) || [ $$? = 5 ]
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --skipped-before -m "not browser" -n $(JOBS) \
+		--dist loadfile $(ARGS) || [ $$? = 5 ]
 
 lint: .venv/.ready-dev ## format, lint and types alone
 	$(BIN)/ruff format --check .
@@ -64,6 +74,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
 .venv/.ready-%: .venv/.created pyproject.toml constraints.txt src/trocar/__init__.py
+	@echo "Installing trocar$(EXTRAS_$*) into .venv from pinned versions (about a minute) ..."
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt \
 		--build-constraint constraints.txt --editable '.$(EXTRAS_$*)'
 	@touch $@

@@ -15,7 +15,67 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import Overlay, overlay_between
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
 from trocar.descriptions.records import ArmDescription
+from trocar.errors import TrocarError
 from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
+
+SKIPPED = "trocar/skipped"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--skipped-before",
+        action="store_true",
+        help="run only the tests that the last run skipped, for instance after more is installed",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if not hasattr(config, "workerinput"):  # the controller of pytest-xdist sees every report
+        config.pluginmanager.register(Skipped(config))
+
+
+class Skipped:
+    """Remembers in pytest's cache which tests, or whole files, were skipped."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._cache = config.cache
+        self._skipped: dict[str, bool] = {}
+
+    def pytest_collectreport(self, report: pytest.CollectReport) -> None:
+        if report.skipped:
+            self._skipped[report.nodeid] = True
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        self._skipped[report.nodeid] = self._skipped.get(report.nodeid, False) or report.skipped
+
+    def pytest_sessionfinish(self) -> None:
+        if self._cache is not None and self._skipped:
+            before = dict.fromkeys(self._cache.get(SKIPPED, []), True)
+            now = {**before, **self._skipped}
+            self._cache.set(SKIPPED, sorted(name for name, skipped in now.items() if skipped))
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if not config.getoption("--skipped-before") or config.cache is None:
+        return
+    skipped = set(config.cache.get(SKIPPED, []))
+    chosen = [i for i in items if i.nodeid in skipped or i.nodeid.split("::")[0] in skipped]
+    config.hook.pytest_deselected(items=[i for i in items if i not in chosen])
+    items[:] = chosen
+
+
+@pytest.fixture(scope="session")
+def opengl() -> str:
+    """Return who draws, or skip the test: no extra `scope`, or no OpenGL."""
+    from trocar.rendering.library import open_context
+
+    try:
+        context = open_context()
+    except TrocarError as problem:
+        pytest.skip(str(problem))
+    name = str(context.info["GL_RENDERER"])
+    context.release()
+    return name
 
 
 @pytest.fixture

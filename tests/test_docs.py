@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from trocar.cli import main
+from trocar.cli.program import COMMANDS
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -83,6 +84,71 @@ def test_every_command_of_the_readme_exists() -> None:
 @pytest.mark.parametrize("line", [c for c in commands() if c.split()[1] in QUICK])
 def test_a_quick_command_of_the_readme_answers(line: str) -> None:
     assert trocar(*shlex.split(line)[1:]).strip()
+
+
+#: Longer than a test may take, or ended by Ctrl-C alone; each has tests of its own.
+LONG = ("trocar bench", "trocar verify")
+#: What a command that serves is given as well: any free ports, and an end.
+SERVES = {
+    "sim": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
+    "teleop": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
+}
+
+
+def tour() -> list[list[str]]:
+    """The paragraphs of the tour that needs no file of one's own, a list of commands each."""
+    (block,) = [b for b in blocks(README, "") if "trocar show psm " in b]
+    return [
+        [line.split(" #")[0].strip() for line in paragraph.splitlines()]
+        for paragraph in block.strip().split("\n\n")
+    ]
+
+
+def run_as_typed(line: str, folder: Path) -> None:
+    words = shlex.split(line)
+    more = () if "--headless" in words else SERVES.get(words[1], ())
+    done = subprocess.run(
+        [sys.executable, "-m", *words, *more],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", tour(), ids=lambda lines: lines[0])
+def test_the_tour_of_the_readme_works_as_it_is_typed(
+    lines: list[str], tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    for library in ("mcap", "matplotlib", "lxml", "trimesh", "coacd"):
+        pytest.importorskip(library, reason="the extra `all` is not installed")
+    if any(" render " in line for line in lines):
+        pytest.importorskip("imageio_ffmpeg", reason="the extra `all` is not installed")
+        request.getfixturevalue("opengl")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    for line in lines:
+        if not line.startswith(LONG):
+            run_as_typed(line, tmp_path)
+
+
+def test_make_run_installs_what_the_tour_needs_and_says_how_to_type_its_commands() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "EXTRAS_run := [all]" in makefile
+    assert ". .venv/bin/activate" in README.split("## What there is")[0]
+    said = subprocess.run(
+        ["make", "--dry-run", "run"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    hints = re.findall(r'echo "  (trocar|python) ([^"]*?)   +[^"]*"', said)
+    assert len(hints) >= 4
+    for program, words in hints:
+        if program == "python":
+            assert (ROOT / words).is_file()
+        else:
+            assert words.split()[0] in (*COMMANDS, "--help")
 
 
 def shown() -> list[tuple[str, str]]:

@@ -36,9 +36,12 @@ def test_the_python_of_a_page_runs_from_top_to_bottom(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
+    request: pytest.FixtureRequest,
 ) -> None:
     monkeypatch.chdir(tmp_path)  # some pages write files
     blocks = python(page.name)
+    if any("trocar.rendering" in block for block in blocks):
+        request.getfixturevalue("opengl")
     names: dict[str, object] = {}
     for number, block in enumerate(blocks):
         exec(compile(block, f"{page.name}, block {number}", "exec"), names)

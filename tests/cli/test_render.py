@@ -10,19 +10,6 @@ import pytest
 from PIL import Image
 
 from trocar.cli import main
-from trocar.errors import TrocarError
-
-
-@pytest.fixture(scope="session")
-def opengl() -> None:
-    """Skip a test where nothing can draw."""
-    pytest.importorskip("moderngl", reason="the extra `scope` is not there")
-    from trocar.rendering.library import open_context
-
-    try:
-        open_context().release()
-    except TrocarError as problem:
-        pytest.skip(str(problem))
 
 
 @pytest.mark.usefixtures("opengl")

@@ -12,7 +12,6 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from trocar.descriptions.catalogue import DATA
-from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.kinematics.forward import poses
@@ -23,10 +22,11 @@ from .test_images import EYES, Filmed, frames, in_world
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
 from trocar.rendering import Look, Renderer, Series
-from trocar.rendering.library import open_context
 from trocar.rendering.primitives import surface
 
 #: Edge of boxes before the scope, and where they hang in the camera's frame at first [m].
+pytestmark = pytest.mark.usefixtures("opengl")
+
 EDGE = 0.010
 COLUMNS, ROWS = (-0.036, -0.012, 0.012, 0.036), (-0.015, 0.015)
 HANGING = [(x, y, 0.09 + 0.3 * abs(x)) for x in COLUMNS for y in ROWS]
@@ -39,14 +39,6 @@ MOVE = np.array([0.02, 0.02, -0.004, 0.4, 0.3, 0.0])
 #: What tf says and an image shows: of each box, and in the mean. Source: the project's own goal,
 #: and a tenth of it.
 MOST_PX, MEAN_PX = 0.1, 0.01
-
-
-@pytest.fixture(scope="module", autouse=True)
-def opengl() -> None:
-    try:
-        open_context().release()
-    except TrocarError as problem:
-        pytest.skip(str(problem))
 
 
 def begun(rig: Path, places: dict[str, tuple[float, float, float]], more: str) -> Filmed:

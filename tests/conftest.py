@@ -38,7 +38,7 @@ class Skipped:
     """Remembers in pytest's cache which tests, or whole files, were skipped."""
 
     def __init__(self, config: pytest.Config) -> None:
-        self._cache = config.cache
+        self._cache = getattr(config, "cache", None)  # none with -p no:cacheprovider
         self._skipped: dict[str, bool] = {}
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
@@ -56,7 +56,7 @@ class Skipped:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if not config.getoption("--skipped-before") or config.cache is None:
+    if not config.getoption("--skipped-before"):
         return
     skipped = set(config.cache.get(SKIPPED, []))
     chosen = [i for i in items if i.nodeid in skipped or i.nodeid.split("::")[0] in skipped]

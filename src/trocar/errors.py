@@ -80,6 +80,20 @@ class TracksError(InputError):
         super().__init__(f"{place}: {problem}")
 
 
+class FarFromNominalError(TracksError):
+    """Tracks of a mechanism that is no robot of the described kind.
+
+    Args:
+        file: the tracks
+        problem: what is too far off, with what is allowed and what is the likely cause
+        off: {distance, angle or place: (measured, nominal)} of what is too far off [m or rad]
+    """
+
+    def __init__(self, file: str, problem: str, off: Mapping[str, tuple[float, float]]) -> None:
+        self.off = dict(off)
+        super().__init__(file, problem)
+
+
 class UndeterminedError(InputError):
     """Measurements that do not fix what is sought.
 

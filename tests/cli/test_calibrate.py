@@ -25,6 +25,26 @@ def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.fixture(scope="module")
+def takes(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A robot's sweep of the pitch, and that of the remote centre, in files of their own."""
+    robot = perturbed(load_arm("psm"), np.random.default_rng(5))
+    folder = tmp_path_factory.mktemp("takes")
+    for part in ("axes", "rcm"):
+        made = simulate_tracks(robot, MocapSettings("kinematic", part, 6.0, 0.6, 40.0, seed=5))
+        write_tracks(folder / f"{part}.csv", made)
+    return folder / "axes.csv", folder / "rcm.csv"
+
+
+def exchanged(path: Path, one: str, two: str, folder: Path) -> Path:
+    """Write tracks again, in which two bodies have each other's name."""
+    text = path.read_text(encoding="utf-8")
+    text = text.replace(f",{one},", ",?,").replace(f",{two},", f",{one},")
+    out = folder / path.name
+    out.write_text(text.replace(",?,", f",{two},"), encoding="utf-8")
+    return out
+
+
 def test_calibrate_writes_an_overlay_and_prints_one_document(
     tracks: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -66,3 +86,84 @@ def test_a_refused_file_leaves_no_overlay(
     error = capsys.readouterr().err
     assert error.startswith("trocar: error: ") and "psm_yaw" in error and "ecm_yaw" in error
     assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "off"),
+    [
+        # Measured: sides of the robot of `takes`; nominal: those of the description.
+        ("psm_pitch_back", "psm_pitch_end", "3-4 416.9 mm (nominal 96.0)"),
+        ("psm_pitch_bottom", "psm_pitch_top", "3-6 184.3 mm (nominal 150.0)"),
+    ],
+)
+@pytest.mark.parametrize("closure", ["parallelogram", "general"])
+def test_exchanged_labels_are_refused_with_the_distances_that_they_make(
+    takes: tuple[Path, Path],
+    one: str,
+    two: str,
+    off: str,
+    closure: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    axes, rcm = (exchanged(take, one, two, tmp_path) for take in takes)
+    output, page = tmp_path / "overlay.toml", tmp_path / "page"
+    words = ["calibrate", str(axes), "--rcm", str(rcm), "--arm", "psm", "--closure", closure]
+    assert main([*words, "-o", str(output), "--report", str(page)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"trocar: error: {axes}: too far from the description: axis distances")
+    assert off in error and "within 10 mm" in error
+    assert "labelled wrongly" in error and one in error and two in error and "--bodies" in error
+    assert not output.exists() and not page.exists()
+    # The same files, their bodies put right.
+    words += ["--bodies", f"{one}={two},{two}={one}"]
+    assert main([*words, "-o", str(output)]) == 0
+    assert output.exists()
+
+
+def test_exchanged_names_on_the_command_line_are_refused_as_the_file_has_them(
+    takes: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["calibrate", str(takes[0]), "--arm", "psm", "--bodies"]
+    names = "psm_pitch_front=psm_pitch_end,psm_pitch_end=psm_pitch_front"
+    assert main([*words, names]) == 2
+    error = capsys.readouterr().err
+    assert "6-8 97.8 mm (nominal 516.0)" in error and "psm_pitch_front ('psm_pitch_end')" in error
+
+
+@pytest.mark.parametrize(
+    ("one", "two", "off"),
+    [
+        ("psm_pitch_front", "psm_pitch_end", "remote centre from axis 3 97.9 mm (nominal 516.0)"),
+        ("psm_pitch_back", "psm_pitch_front", "remote centre at (1.5, -416.9, 0.0) mm"),
+        ("psm_base", "psm_pitch_end", "joint axes at 0.000 rad (nominal 1.571)"),
+    ],
+)
+def test_labels_exchanged_in_the_sweep_of_the_remote_centre_are_refused(
+    takes: tuple[Path, Path],
+    one: str,
+    two: str,
+    off: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    axes, rcm = takes[0], exchanged(takes[1], one, two, tmp_path)
+    assert main(["calibrate", str(axes), "--rcm", str(rcm), "--arm", "psm"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"trocar: error: {rcm}: too far from the description")
+    assert off in error and "labelled wrongly" in error
+
+
+def test_exchanged_links_of_a_small_linkage_are_refused_by_a_smaller_bound(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = Path(__file__).parents[2] / "examples" / "mechanisms" / "four_bar_gripper.toml"
+    made = simulate_tracks(load_arm(arm), MocapSettings("kinematic", "axes", 6.0, 0.6, 40.0))
+    path = tmp_path / "gripper.csv"
+    write_tracks(path, made)
+    assert main(["calibrate", str(path), "--arm", str(arm)]) == 0
+    out = exchanged(path, "four_bar_gripper_crank", "four_bar_gripper_rocker", tmp_path)
+    capsys.readouterr()
+    assert main(["calibrate", str(out), "--arm", str(arm)]) == 2
+    error = capsys.readouterr().err
+    assert "A-B 46.0 mm (nominal 40.0)" in error and "within 4.6 mm" in error

@@ -16,7 +16,7 @@ from trocar.apps.calibration.linkage import linkage
 from trocar.apps.calibration.motion import marker_poses, mechanism_of
 from trocar.apps.calibration.start import Robot
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.errors import InputError, UndeterminedError
+from trocar.errors import FarFromNominalError, InputError, UndeterminedError
 from trocar.geometry import matrix_from_rotation_vector, transform
 
 Array = NDArray[np.float64]
@@ -42,11 +42,13 @@ def random_robot(seed: int, parallelogram: bool, off: float, tilt: float = 0.0) 
     return Robot(loops, moved, tilts, markers)
 
 
-def swept(robot: Robot, amplitude: float = 0.6, noise: float = 0.0, seed: int = 0) -> Tracks:
-    """Tracks of a robot: a second of rest, then two swings of its joint."""
+def swept(
+    robot: Robot, amplitude: float = 0.6, noise: float = 0.0, seed: int = 0, start: float = 0.0
+) -> Tracks:
+    """Tracks of a robot: a second of rest at a joint position, then two swings of its joint."""
     rng = np.random.default_rng(seed)
     times = np.arange(int(9 * RATE)) / RATE
-    q = np.where(times < 1.0, 0.0, amplitude * np.sin(np.pi * (times - 1.0) / 2.0))[:, None]
+    q = np.where(times < 1.0, 0.0, amplitude * np.sin(np.pi * (times - 1.0) / 2.0))[:, None] + start
     at = marker_poses(robot, mechanism_of(robot), q)
     camera = transform(matrix_from_rotation_vector(rng.normal(size=3)), rng.normal(size=3))
     seen = camera @ at
@@ -117,6 +119,15 @@ def test_a_small_sweep_is_warned_of_and_a_tiny_one_refused() -> None:
     assert any("swept by 0.1" in text for text in found.warnings)
     with pytest.raises(InputError, match=r"swept by 0\.0\d+ rad, condition number .*needed: 0\.05"):
         calibrate(swept(robot, 0.02, noise=0.1), psm())
+
+
+def test_a_still_start_away_from_joint_positions_0_is_refused() -> None:
+    robot = random_robot(3, True, 1e-3)
+    words = r"angles at the still start beta1 .*within 0\.1 rad.*joint positions 0"
+    with pytest.raises(FarFromNominalError, match=words) as caught:
+        calibrate(swept(robot, 0.3, start=0.2), psm())
+    assert set(caught.value.off) == {"beta1", "beta2"}
+    assert calibrate(swept(robot, 0.3, start=0.02), psm()).betas
 
 
 def test_the_first_frame_is_a_worse_home_than_the_still_start() -> None:

@@ -126,6 +126,12 @@ def test_the_condition_number_grows_as_the_sweep_shrinks():
     assert conditions[0] == pytest.approx(1.912005 / 0.087995, rel=1e-3)
 
 
+def test_bodies_that_do_not_turn_at_all_span_no_angle():
+    fit = fit_hinge(np.tile(np.eye(4), (40, 1, 1)))
+    assert fit.span == 0.0
+    assert fit.condition > 1e300
+
+
 def test_a_hinge_is_found_from_any_pose_of_the_camera_and_of_the_markers():
     rng = np.random.default_rng(10)
     T, *_ = one_hinge(rng, **NOISE)

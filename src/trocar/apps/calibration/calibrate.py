@@ -29,6 +29,7 @@ from trocar.apps.calibration.home import find_home
 from trocar.apps.calibration.level import level_of, levelled
 from trocar.apps.calibration.linkage import Linkage, linkage
 from trocar.apps.calibration.motion import mechanism_of
+from trocar.apps.calibration.nominal import check_axes, check_centre, named, nominal_betas
 from trocar.apps.calibration.patches import patches
 from trocar.apps.calibration.placement import Centre, calibrated, remote_centre_of, still_point
 from trocar.apps.calibration.records import Calibration, ClosureKind
@@ -67,6 +68,8 @@ def calibrate(
 
     Raises:
         InputError: tracks that cannot be used, with what was got and what is needed
+        FarFromNominalError: distances or angles that no robot of this kind has, as exchanged names
+            of bodies make them
     """
     if arm.overlay is not None:
         raise InputError(f"{arm.name}: is calibrated already; give its description without overlay")
@@ -85,13 +88,23 @@ def calibrate(
     measured = distances(axes, pairs, None if closure == "parallelogram" else datum.points)
     found_betas = betas(axes, home, lines, datum.at_home) if home.still else {}
     guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
+    nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
+    names = named(list(tracks.poses), bodies or {})
+    at_start = nominal_betas(arm, loops.first, lines)
+    check_axes(
+        tracks.file,
+        {label: (value.value, nominal[label]) for label, value in measured.items()},
+        {name: (value.value, at_start[name]) for name, value in found_betas.items()},
+        names,
+    )
+    if seen is not None:
+        check_centre((rcm_tracks or tracks).file, seen, arm, loops, names)
     samples, enough = seen_samples(tracks, axes, home, guess)
     first = first_positions(axes, home)[enough]
     level = level_of(guess, datum.points)
     refined = refine(guess, samples, first, closure == "parallelogram", level, watch)
     if refined.robot.tilts:
         refined = replace(refined, robot=levelled(refined.robot, level))
-    nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
     warnings = (

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.apps import pages
 from trocar.apps.calibration import report_draw as draw
+from trocar.apps.calibration.nominal import distance_bound
 from trocar.apps.calibration.rcm import RcmReport
 from trocar.apps.calibration.rcm_cloud import over_cells
 from trocar.apps.calibration.rcm_split import Split, split_centre
@@ -80,6 +81,7 @@ def _set_up(found: Calibration) -> str:
 
 def _sides(found: Calibration) -> str:
     described = found.nominal_distances
+    bound = distance_bound(described[label] for label in found.axis_distances)
     rows = [
         [
             label,
@@ -103,7 +105,9 @@ def _sides(found: Calibration) -> str:
     )
     text = (
         "<h2>Axis distances (Table 6 of the paper)</h2>"
-        "<p>Measured: each by itself, inside one link that carries both axes.</p>"
+        "<p>Measured: each by itself, inside one link that carries both axes. Tracks with a"
+        f" distance more than {MM * bound:.3g} mm off the description"
+        " are refused.</p>"
         f"<p>{how} What no such linkage explains: {MM * found.refined.misfit_m:.3g} mm (RMS),"
         f" chi-squared {found.refined.misfit:.3g} per degree of freedom.</p>"
     ) + pages.table(head, rows)

@@ -126,7 +126,10 @@ class Normal:
         C = self.C[used].reshape(-1, FREE)
         square = C.T @ C
         square[np.diag_indices(FREE)] += np.diag(square) == 0.0  # what counts for nothing stays
-        inverse = np.asarray(np.linalg.inv(square), dtype=np.float64)
+        try:
+            inverse = np.asarray(np.linalg.inv(square), dtype=np.float64)
+        except np.linalg.LinAlgError:  # exact poses of two bodies that do not turn
+            inverse = np.asarray(np.linalg.pinv(square, hermitian=True), dtype=np.float64)
         return -inverse @ (C.T @ self.r[used].reshape(-1)), inverse
 
 

@@ -178,6 +178,12 @@ RIG_FAULTS = [
     ("share = ", "share = 7", "share", "above 0 to 1"),
     ('on = "SUJ_PSM1"', 'on = "HRSV"', "on", "got 'HRSV'; allowed: world, SUJ_PSM1"),
     ('name = "PSM1"\ndescription', 'name = "HRSV"\ndescription', "name", "the stereo display"),
+    (
+        "schema = 1",
+        'schema = 1\nreference_arm = "PSM4"',
+        "reference_arm",
+        "'PSM4'; allowed: PSM1",
+    ),
 ]
 
 

@@ -137,11 +137,11 @@ def test_setup_tip_and_remote_centre_are_the_dvrks(name: str) -> None:
     for q in samples(arm, 100):
         found = poses(arm.mechanism, q, "cart")
         wanted = setup_chain(name, q)
-        np.testing.assert_allclose(found["tip"], wanted, rtol=0, atol=EXACT)
+        np.testing.assert_allclose(found["suj_6"], wanted, rtol=0, atol=EXACT)
+        origin = np.array([[0, 1, 0, along], [-1, 0, 0, 0], [0, 0, 1, up], [0, 0, 0, 1.0]])
+        np.testing.assert_allclose(found["tip"], wanted @ origin, rtol=0, atol=EXACT)
         centre = found["mount"] @ np.array([0.0, along, 0.0, 1.0])
-        np.testing.assert_allclose(
-            centre, wanted @ np.array([along, 0.0, up, 1.0]), rtol=0, atol=EXACT
-        )
+        np.testing.assert_allclose(centre, found["tip"][:, 3], rtol=0, atol=EXACT)
 
 
 def test_ecm_stands_where_the_mended_table_puts_it() -> None:

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 from trocar.simulation import World
@@ -76,7 +77,7 @@ def test_the_cart_is_the_frame_of_setup_joints_and_of_the_scope_that_they_carry(
     """The cart's own frame, which stands 167 mm above the floor."""
     world = World("full_cart")
     setup, scope = world.arm("SUJ_ECM"), world.arm("ECM")
-    assert setup.measured_cp().frame_id == scope.measured_cp().frame_id == "cart"
+    assert setup.measured_cp().frame_id == scope.measured_cp().frame_id == "Cart"
     np.testing.assert_array_equal(setup.measured_cp().T, setup.local_measured_cp().T)
     cart = world.reference_pose("SUJ_ECM")
     assert cart[2, 3] == pytest.approx(0.167458)
@@ -103,3 +104,9 @@ def test_set_points_are_seen_in_the_same_frame():
 def test_lone_arms_have_their_remote_centre_where_the_rig_says():
     for rig, name in (("psm", "PSM1"), ("ecm", "ECM")):
         np.testing.assert_allclose(World(rig).remote_centres()[name], [0.0, 0.0, 0.3], atol=1e-12)
+
+
+def test_a_reference_arm_that_no_setup_joints_are_made_for_is_refused():
+    for rig, allowed in (("full_cart", "PSM1, PSM2, PSM3, ECM"), ("psm", "none, for the rig has")):
+        with pytest.raises(InputError, match=f"reference arm: got 'PSM4'; allowed: {allowed}"):
+            World(rig).set_reference_arm("PSM4")

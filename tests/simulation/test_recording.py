@@ -56,9 +56,13 @@ def test_standard_tools_read_joint_states_and_poses(tmp_path: Path) -> None:
     world.arm("PSM2").set_base_frame(translation(np.array([0.1, 0.0, 0.0])), "ECM")
     with world.record(file):
         for row in range(61):
+            if row == 30:
+                world.set_reference_arm("PSM1")
             if row == 1:
                 world.arm("ECM").move_jp([0.1, 0.1, 0.1, 0.2])
-                world.arm("SUJ_PSM1").release_brakes()
+                setup = world.arm("SUJ_PSM1")
+                setup.release_brakes()
+                setup.move_jp(setup.measured_js().position + 0.05)
                 world.arm("PSM3").set_base_frame(translation(np.array([0.1, 0.2, 0.3])), "table")
                 world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
             if row % 20 == 0:

@@ -80,7 +80,8 @@ def run(args: Namespace) -> int:
     gap = found.agreement
     print(
         f"against the files: {gap.bases} base frames {gap.base_m:.1e} m, {gap.base_rad:.1e} rad;"
-        f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad"
+        f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad;"
+        f" {gap.setups} setup joints {gap.setup_m:.1e} m, {gap.setup_rad:.1e} rad"
     )
     print("written:", *found.files, sep="\n  ")
     return 0

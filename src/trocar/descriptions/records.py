@@ -27,6 +27,10 @@ ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 #: Name of the stereo display's frame, in which the poses of masters are told. Source: the dVRK's
 #: console files.
 DISPLAY = "HRSV"
+#: Name of the patient cart's frame, and the arm in whose tip frame the poses of the others on its
+#: setup joints are. Source: the dVRK's mtsIntuitiveResearchKitSUJ.cpp, constructor and Configure.
+CART = "Cart"
+REFERENCE_ARM = "ECM"
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,6 +299,11 @@ class RigArm:
     pose: Array
     base_frame: BaseFrame | None = None
 
+    @property
+    def own_frame(self) -> str:
+        """Name of the arm's reference frame in messages: the cart for setup joints."""
+        return CART if self.arm.type == "SUJ" else f"{self.name}_base"
+
 
 @dataclass(frozen=True, eq=False)
 class Movable:
@@ -345,6 +354,7 @@ class RigDescription:
         sensors: what `World.sensor` reads, in the order of the file
         teleops: which master moves which arm, in the order of the file
         cameras: what `World.cameras` tells of, in the order of the file
+        reference_arm: arm on setup joints whose tip frame the poses of the others are in
     """
 
     name: str
@@ -359,6 +369,12 @@ class RigDescription:
     sensors: tuple[SensorDescription, ...] = ()
     teleops: tuple[TeleopDescription, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
+    reference_arm: str = REFERENCE_ARM
+
+    @property
+    def setup_joints(self) -> tuple[str, ...]:
+        """What each of the setup joints was made for: "PSM1" of SUJ_PSM1."""
+        return tuple(a.name.removeprefix("SUJ_") for a in self.arms if a.arm.type == "SUJ")
 
     @property
     def objects(self) -> tuple[Prop, ...]:
@@ -375,3 +391,24 @@ class RigDescription:
             if arm.name == name:
                 return arm
         raise UnknownNameError("arm", name, (a.name for a in self.arms), f"rig {self.name}")
+
+    def pose_frame(self, name: str, reference_arm: str) -> str:
+        """Return the name of the frame that the poses of an arm are in.
+
+        The arm's `base_frame`, if it has one. Setup joints and the arms that they carry: the tip
+        of the arm on the setup joints of `reference_arm`; the cart for these joints and this arm,
+        and for all where the rig has no such arm. Source: the dVRK's
+        mtsIntuitiveResearchKitSUJ.cpp, update_forward_kinematics. Otherwise the ECM's tip for a
+        PSM, the stereo display for an MTM, and the arm's own frame without these.
+        """
+        arm = self.arm(name)
+        if arm.base_frame is not None:
+            return arm.base_frame.name
+        setup = name if arm.arm.type == "SUJ" else arm.on
+        if setup and self.arm(setup).arm.type == "SUJ":
+            reference = f"SUJ_{reference_arm}"
+            tip = next((a.name for a in self.arms if a.on == reference), CART)
+            return CART if setup == reference else tip
+        if arm.arm.type == "PSM":
+            return next((a.name for a in self.arms if a.arm.type == "ECM"), arm.own_frame)
+        return DISPLAY if arm.arm.type == "MTM" and self.display is not None else arm.own_frame

@@ -15,6 +15,7 @@ from trocar.descriptions.frames import read_pose
 from trocar.descriptions.props import check_object_name, read_prop
 from trocar.descriptions.records import (
     DISPLAY,
+    REFERENCE_ARM,
     ArmDescription,
     BaseFrame,
     RigArm,
@@ -62,11 +63,16 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     teleops = read_teleops(table.tables("teleop"), arms)
     cameras = read_cameras(table.tables("camera"), arms)
     share = _read_test_share(table)
+    reference = table.text("reference_arm", REFERENCE_ARM)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    return RigDescription(name, title, source, str(path), *parts)
+    rig = RigDescription(name, title, source, str(path), *parts, reference)
+    if "reference_arm" in table and reference not in rig.setup_joints:
+        known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
+        raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")
+    return rig
 
 
 def _read_display(table: Table) -> Array | None:

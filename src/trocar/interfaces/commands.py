@@ -262,6 +262,17 @@ class ExchangeTool:
 
 
 @dataclass(frozen=True)
+class SetReferenceArm:
+    """Choose the arm whose tip frame the poses of the others on setup joints are in."""
+
+    arm: str
+
+    def apply(self, world: World) -> None:
+        """Call `set_reference_arm`."""
+        world.set_reference_arm(self.arm)
+
+
+@dataclass(frozen=True)
 class Reset:
     """Put the whole rig back to a named start pose at time zero."""
 

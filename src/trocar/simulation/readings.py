@@ -145,7 +145,7 @@ class Readings:
     def base_frame(self) -> tuple[Array, str]:
         """Return T (4, 4) of the arm's reference frame in the frame of its poses, and its name.
 
-        A PSM's is the ECM's where the rig has one, unless `set_base_frame` said otherwise.
+        It is the one of `RigDescription.pose_frame`, unless `set_base_frame` set another.
         """
         return self._base or self._clock.base_pose(self.name)
 

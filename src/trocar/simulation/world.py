@@ -105,6 +105,8 @@ class World:
         self.rig = calibrated_rig(nominal, calibration)
         #: The rig that the world was built with, whatever tools were exchanged since.
         self.first_rig = self.rig
+        #: Arm on setup joints whose tip frame the poses of the others on setup joints are in.
+        self.reference_arm = self.rig.reference_arm
         self.timestep = _checked_period(timestep_s)
         for got, name, allowed in (
             (control, "control", ("dvrk", "paper")),
@@ -338,6 +340,24 @@ class World:
         """
         exchange(self, name, str(tool))
 
+    @command
+    def set_reference_arm(self, name: str) -> None:
+        """Choose the arm whose tip frame the poses of the others on setup joints are in.
+
+        Its own poses and those of its setup joints are in the cart's frame from now on. A reset
+        keeps the choice.
+
+        Args:
+            name: of the arm that setup joints are made for: "ECM", "PSM1", ...
+
+        Raises:
+            InputError: the rig has no setup joints for such an arm; nothing changes
+        """
+        if name not in self.rig.setup_joints:
+            known = ", ".join(self.rig.setup_joints) or "none, for the rig has no setup joints"
+            raise InputError(f"reference arm: got {name!r}; allowed: {known}")
+        self.reference_arm = name
+
     # ------------------------------------------------------------------ looking
 
     def arm(self, name: str) -> Arm:
@@ -427,7 +447,7 @@ class World:
 
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name."""
-        return self._places.base_pose(name)
+        return self._places.base_pose(name, self.reference_arm)
 
     def health(self) -> Health:
         """Return how well every arm's loops hold now."""
@@ -473,7 +493,7 @@ class World:
 
     def _wire(self) -> None:
         """Make what looks into the physics and keeps nothing of its own."""
-        self._places = Places(self.rig, self.arms)
+        self._places = Places(self.rig, lambda name: self.arms[name].positions())
         self._player = Player(self._model, self._data, self._state, self._servos, self._drives)
         self._gravity = GravityCompensation(
             self._model, self._data, self._servos, self._drives.values()

@@ -137,6 +137,11 @@ OTHERS: list[tuple[str, dict[str, Any], str]] = [
         r"arms\[1\].simulated_position: got \[0.0, 1.0\]; allowed: 6 numbers",
     ),
     (
+        "reference arm",
+        {"arm/suj.json": {"reference_arm": "PSM4", "arms": lab.CLASSIC}},
+        r"suj.json: reference_arm: got 'PSM4'; allowed: ECM, PSM1, PSM2, PSM3",
+    ),
+    (
         "column",
         setups(lambda a: a[1]["world_origin_to_SUJ"].update(Translation=[1.0])),
         r"world_origin_to_SUJ.Translation: got \[1.0\]; allowed: 3 numbers",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 
 from trocar.apps.labs import LabOrder, import_dvrk
+from trocar.apps.labs.agreement import agreement
+from trocar.apps.labs.system_file import Reader
 from trocar.descriptions import RigDescription, load_rig
 from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
@@ -54,8 +57,31 @@ def test_bases_and_tips_agree_with_the_file_at_any_joints(tmp_path: Path, genera
                 tip = lab.chain([*psm, *lab.TOOL[generation]], q[:6]) @ lab.TOOLTIP
             np.testing.assert_allclose(pose(arm, q), tip, atol=EXACT)
     gap = found.agreement
-    assert (gap.bases, gap.chains) == (6, 4)
+    assert (gap.bases, gap.chains, gap.setups) == (6, 4, 4)
     assert max(gap.base_m, gap.base_rad, gap.chain_m, gap.chain_rad) < EXACT
+    assert max(gap.setup_m, gap.setup_rad) < EXACT
+
+
+@pytest.mark.parametrize("generation", ["Classic", "Si"])
+def test_the_comparison_sees_setup_joints_that_leave_out_the_tool_origin(
+    tmp_path: Path, generation: str
+) -> None:
+    path = lab.lab(tmp_path / "in", generation)
+    rig = import_dvrk(path, tmp_path / "rig.toml").rig
+    arms = []
+    for each in rig.arms:
+        arm = each.arm
+        if arm.type == "SUJ":  # their last row, as trocar once published
+            last = [f.name for f in arm.mechanism.frames if f.name.startswith("suj_")][-1]
+            arm = replace(arm, mechanism=replace(arm.mechanism, tip=last))
+        arms.append(replace(each, arm=arm))
+    read = Reader(path, (), False).read()
+    gap = agreement(read, replace(rig, arms=tuple(arms)))
+    assert gap.base_m < EXACT
+    assert gap.setup_m > 0.4
+    assert gap.setup_rad == pytest.approx(np.pi / 2, abs=1e-6)
+    in_the_cart = agreement(replace(read, reference_arm="PSM1"), rig)
+    assert in_the_cart.setup_m > 0.4  # the rig's reference arm is another than the file's
 
 
 @pytest.mark.parametrize("generation", ["Classic", "Si"])

@@ -122,12 +122,6 @@ def test_setup_joints_move_as_in_the_dvrks_simulation_and_hold_again():
     assert "enable it first" in served.last("SUJ/PSM1/warning")["data"]
 
 
-def test_the_reference_arm_of_setup_joints_is_the_endoscopes():
-    served = Served("full_cart", wanted=())
-    assert served.core.receive("SUJ/set_reference_arm", {"data": "ECM"})
-    assert not served.core.receive("SUJ/set_reference_arm", {"data": "PSM1"})
-
-
 def test_a_masters_orientation_is_locked_by_a_quaternion():
     served = Served("mtm", wanted=())
     arm = served.world.arm("MTML")

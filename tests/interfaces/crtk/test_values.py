@@ -173,7 +173,7 @@ def test_the_frames_of_tf_hang_together_in_one_tree(rig: str) -> None:
         assert each["child_frame_id"] not in parents
         parents[each["child_frame_id"]] = each["header"]["frame_id"]
     for name, arm in served.world.arms.items():
-        base = "cart" if arm.type == "SUJ" else f"{name}_base"
+        base = "Cart" if arm.type == "SUJ" else f"{name}_base"
         assert {name, base, arm.measured_cp().frame_id} <= parents.keys()
     for frame in parents:
         while frame in parents:

@@ -170,7 +170,7 @@ def _flange() -> Link:
 def _hanger(m: Mechanism) -> Link:
     """Return the bent post that the endoscope's arm hangs from, and the plate that it stands on."""
     start = _face_of_upper_arm(m)
-    seat = pose(m, np.zeros(len(m.joints)), "tip", "suj_4")
+    seat = pose(m, np.zeros(len(m.joints)), "suj_6", "suj_4")
     plate = kit.rounded_box((-14, 0, -13), (124, 104, 26), 8.0, 20.0)
     at = kit.location(seat)
     bends = [(0.0, start - 56.0, 42.0)]

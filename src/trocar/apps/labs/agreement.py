@@ -18,6 +18,7 @@ from trocar.descriptions import RigDescription
 from trocar.descriptions.records import ArmDescription, RigArm
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.forward import pose
+from trocar.simulation.places import Places
 
 Array = NDArray[np.float64]
 
@@ -28,22 +29,27 @@ class Agreement:
 
     Attributes:
         bases, chains: of how many arms the file says where they stand, and has the chain
+        setups: of how many setup joints the file has the chain
         base_m, base_rad: of the arms' bases in the frame that the file gives them in
         chain_m, chain_rad: of the end of the arms' chains in their bases
+        setup_m, setup_rad: of measured_cp and local/measured_cp of setup joints
     """
 
     bases: int
     chains: int
+    setups: int
     base_m: float
     base_rad: float
     chain_m: float
     chain_rad: float
+    setup_m: float
+    setup_rad: float
 
 
 def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
     """Compare a rig with the file, at random positions of all joints."""
     rng = np.random.default_rng(0)
-    bases, chains = [np.zeros(2)], [np.zeros(2)]
+    bases, chains, setups = [np.zeros(2)], [np.zeros(2)], [np.zeros(2)]
     placed = {arm.name: arm for arm in rig.arms}
     told = [arm for arm in lab.arms if arm.name in placed]
     for arm in told:
@@ -51,10 +57,12 @@ def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
             bases.append(_base_gap(arm, lab, rig, rng))
             if arm.chain is not None:
                 chains.append(_chain_gap(arm.chain, placed[arm.name].arm, rng))
+    chained = [setup for setup in lab.setup if setup.chain is not None]
+    setups += [_setup_pose_gap(setup, lab, rig, rng) for setup in chained for _ in range(count)]
     stand = sum(1 for arm in told if arm.base.on != "nothing")
     have = sum(1 for arm in told if arm.chain is not None)
-    base, chain = np.max(bases, axis=0), np.max(chains, axis=0)
-    return Agreement(stand, have, *(float(v) for v in (*base, *chain)))
+    gaps = [float(v) for found in (bases, chains, setups) for v in np.max(found, axis=0)]
+    return Agreement(stand, have, len(chained), *gaps)
 
 
 def _random(arm: ArmDescription, rng: np.random.Generator) -> Array:
@@ -101,6 +109,31 @@ def _setup_gap(
     q = _random(carrier, rng)
     seen = pose(carrier.mechanism, q, here.frame) @ here.pose @ _reference(here)
     return _gap(seen, setup_base(setup, q))
+
+
+def _setup_pose_gap(
+    setup: SetupArm, lab: Lab, rig: RigDescription, rng: np.random.Generator
+) -> Array:
+    """Return how far poses of setup joints are from what the dVRK publishes, (2,) [m, rad].
+
+    local/measured_cp is T_cart_base of the carried arm; measured_cp is that in the tip frame of the
+    arm on the setup joints of the reference arm, but for these setup joints themselves. Source:
+    mtsIntuitiveResearchKitSUJ.cpp and mtsIntuitiveResearchKitSUJSi.cpp, update_forward_kinematics.
+    """
+    name, q = f"SUJ_{setup.name}", {arm.name: _random(arm.arm, rng) for arm in rig.arms}
+    seen, held = pose(rig.arm(name).arm.mechanism, q[name]), setup_base(setup, q[name])
+    gap = _gap(seen, held)
+    on = {arm.base.name: arm.name for arm in lab.arms if arm.base.on == "setup"}
+    if lab.reference_arm in on and setup.name != lab.reference_arm:
+        reference = next(suj for suj in lab.setup if suj.name == lab.reference_arm)
+        holder = on[reference.name]
+        tip = pose(rig.arm(holder).arm.mechanism, q[holder])
+        at = q[f"SUJ_{reference.name}"]
+        own = rig.arm(f"SUJ_{reference.name}").arm.mechanism
+        base = pose(own, at) if reference.chain is None else setup_base(reference, at)
+        held = inverse(base @ tip) @ held
+    cart, _ = Places(rig, q.__getitem__).base_pose(name, rig.reference_arm)
+    return np.maximum(gap, _gap(cart @ seen, held))
 
 
 def _chain_gap(chain: Chain, arm: ArmDescription, rng: np.random.Generator) -> Array:

@@ -152,6 +152,7 @@ class Lab:
     Attributes:
         file: the system's file
         arms, setup, teleops: what it has
+        reference_arm: arm on setup joints whose tip frame the poses of the others are in
         said: what the reader should know
         idle, unknown: "FILE: KEY" that have no counterpart, and that nobody knows
     """
@@ -159,6 +160,7 @@ class Lab:
     file: str
     arms: tuple[LabArm, ...]
     setup: tuple[SetupArm, ...]
+    reference_arm: str
     teleops: tuple[LabTeleop, ...]
     said: tuple[str, ...]
     idle: tuple[str, ...]

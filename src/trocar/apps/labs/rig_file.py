@@ -13,7 +13,7 @@ from trocar.apps.labs.arm_files import Files, arm_entry
 from trocar.apps.labs.records import Lab, LabArm, SetupArm
 from trocar.apps.labs.setup_arms import setup_entry
 from trocar.descriptions import load_arm
-from trocar.descriptions.records import DISPLAY
+from trocar.descriptions.records import DISPLAY, REFERENCE_ARM
 from trocar.errors import DescriptionError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import transform
@@ -133,8 +133,7 @@ def _place(
             T = transform(np.eye(3), np.array(CART)) @ suj.fixed
             return {"place": "rcm", **documents.pose_entries(T), "source": "SUJ_Fixed"}, ""
         if not origins[base.name] and (arm.type == "ECM") != (base.name == "ECM"):
-            there: documents.Document = {"on": f"SUJ_{base.name}", "frame": "tip", "place": "rcm"}
-            return there | documents.pose_entries(suj.tool_origin), ""
+            return {"on": f"SUJ_{base.name}", "frame": "tip", "place": "rcm"}, ""
         entry: documents.Document = {"on": f"SUJ_{base.name}", "frame": "mount"}
         return (entry | {"place": "rcm"} if origins[base.name] else entry), ""
     pose = base.pose if base.pose is not None else np.eye(4)
@@ -199,6 +198,8 @@ def _whole(
         "title": f"{Path(lab.file).name}, imported",
         "source": "trocar import-dvrk of " + Path(lab.file).name,
     }
+    if cart and lab.reference_arm != REFERENCE_ARM:
+        rig["reference_arm"] = lab.reference_arm
     if console:
         rig["display"] = model["display"]
     rig["arm"] = entries

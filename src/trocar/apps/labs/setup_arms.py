@@ -109,7 +109,8 @@ def _classic_setup(arm: SetupArm, own: str) -> documents.Document:
             )
         documents.set_row(frames[name], row)
     _place(frames["column"], arm.column)
-    _place(frames["mount"], arm.tool_origin)
+    for name in ("mount", "tip"):
+        _place(frames[name], arm.tool_origin)
     document["name"] = f"{own}_lab"
     if arm.q is not None:
         for joint, q in zip(document["joint"], arm.q.tolist(), strict=True):
@@ -155,8 +156,8 @@ def _serial_setup(arm: SetupArm, files: Files) -> documents.Document:
             joints.append(_setup_joint(name, row.kind, at))
         frames.append(frame)
     last = frames[-1]["name"]
-    frames.append({"name": "tip", "parent": last})
-    frames.append({"name": "mount", "parent": "tip", **documents.pose_entries(arm.tool_origin)})
+    frames.append({"name": "mount", "parent": last, **documents.pose_entries(arm.tool_origin)})
+    frames.append({"name": "tip", "parent": "mount"})
     document: documents.Document = {
         "schema": 1,
         "name": f"suj_{arm.name.lower()}_{arm.generation.lower()}",

@@ -12,6 +12,7 @@ from trocar.apps.labs import published
 from trocar.apps.labs.json_file import Node
 from trocar.apps.labs.numbers import read_chain, read_place, read_transform
 from trocar.apps.labs.records import Chain, Generation, SetupArm
+from trocar.descriptions.records import REFERENCE_ARM
 
 Array = NDArray[np.float64]
 
@@ -22,24 +23,18 @@ CLASSIC_JOINTS = {"ECM": 4, "PSM1": 6, "PSM2": 6, "PSM3": 6}
 POTENTIOMETERS = ("primary_offsets", "primary_scales", "secondary_offsets", "secondary_scales")
 
 
-def read_setup_file(root: Node, kind: str, literal: bool, said: list[str]) -> list[SetupArm]:
+def read_setup_file(root: Node, kind: str, literal: bool) -> list[SetupArm]:
     """Return the setup joints of every arm.
 
     Args:
         root: the file
         kind: SUJ_Classic, SUJ_Si or SUJ_Fixed
         literal: take angles as they are printed
-        said: takes what the reader should know
 
     Raises:
         DescriptionError: an arm that nobody holds, or numbers that make no chain
     """
     root.without_use("base_arduino_mac")
-    if "reference_arm" in root and root.text("reference_arm") != "ECM":
-        said.append(
-            f"{root.file}: reference_arm is {root.raw('reference_arm')!r}; here poses of PSMs are"
-            " told in the ECM's frame"
-        )
     found: list[SetupArm] = []
     for node in root.nodes("arms"):
         name = node.text("name", allowed=HELD)
@@ -52,6 +47,29 @@ def read_setup_file(root: Node, kind: str, literal: bool, said: list[str]) -> li
     if not found:
         raise root.fail("arms", f"is missing; a list with {', '.join(HELD)} is needed")
     return found
+
+
+def read_reference_arm(root: Node, kind: str, arms: list[SetupArm], said: list[str]) -> str:
+    """Return the arm whose tip frame the poses of the others on setup joints are in.
+
+    Args:
+        root: the setup joints' file
+        kind: SUJ_Classic, SUJ_Si or SUJ_Fixed
+        arms: what the file has
+        said: takes what the reader should know
+
+    Raises:
+        DescriptionError: it names an arm that the file does not have
+    """
+    name = root.text(
+        "reference_arm", REFERENCE_ARM, dict.fromkeys([REFERENCE_ARM, *(a.name for a in arms)])
+    )
+    if kind == "SUJ_Fixed" and name != REFERENCE_ARM:
+        said.append(
+            f"{root.file}: reference_arm is {name!r}; here poses of PSMs on fixed mounts are in the"
+            " ECM's frame"
+        )
+    return name
 
 
 def own_setup_arms(generation: str) -> list[SetupArm]:

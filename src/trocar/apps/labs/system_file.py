@@ -13,9 +13,10 @@ from trocar.apps.labs.json_file import Node, read_json
 from trocar.apps.labs.numbers import read_chain, read_transform
 from trocar.apps.labs.pid_file import read_gains
 from trocar.apps.labs.records import Base, Gains, Generation, Instrument, Lab, LabArm, SetupArm
-from trocar.apps.labs.setup_file import own_setup_arms, read_setup_file
+from trocar.apps.labs.setup_file import own_setup_arms, read_reference_arm, read_setup_file
 from trocar.apps.labs.teleop_entries import read_consoles
 from trocar.apps.labs.tool_file import read_tool_file
+from trocar.descriptions.records import REFERENCE_ARM
 
 #: Kinds of arms. Source: schema dvrk-system-arm.
 KINDS = (
@@ -49,6 +50,7 @@ class Reader:
         self._absent: list[str] = []
         self._taken: dict[str, str] = {}
         self._setup_names: dict[str, list[SetupArm]] = {}
+        self._reference_arm = REFERENCE_ARM
         self._files: dict[Path, Node] = {}
         self._gains: dict[Path, Mapping[str, Gains]] = {}
 
@@ -89,6 +91,7 @@ class Reader:
             root.file,
             tuple(arms),
             tuple(setup),
+            self._reference_arm,
             tuple(teleops),
             tuple(dict.fromkeys(self.said)),
             tuple(_without_use(node) for node in self.nodes if node.all_idle()),
@@ -126,7 +129,10 @@ class Reader:
             raise entry.fail("arm_file", "is missing; setup joints need their file")
         path = self.finder.find(wanted)
         if path is not None:
-            return read_setup_file(self._open(path), kind, self.literal, self.said)
+            file = self._open(path)
+            arms = read_setup_file(file, kind, self.literal)
+            self._reference_arm = read_reference_arm(file, kind, arms, self.said)
+            return arms
         own = published.SETUP_FILES.get(wanted)
         if own is None:
             raise self.finder.missing(entry.file, entry.place("arm_file"), wanted)

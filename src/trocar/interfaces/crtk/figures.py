@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import DISPLAY, ArmDescription, RigArm
+from trocar.descriptions.records import CART, DISPLAY, ArmDescription, RigArm
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.interfaces.crtk.plan import Plan, own_base
 from trocar.interfaces.crtk.sample import Sample
@@ -48,7 +48,7 @@ class RigFigures:
     def __init__(self, sample: Sample, plan: Plan | None = None) -> None:
         self.sample, self.plan = sample, plan or Plan(sample.rig)
         self._arms: dict[str, ArmFigures] = {}
-        self._scope = next((a.name for a in sample.rig.arms if a.arm.type == "ECM"), None)
+        self._world_in_tips: dict[str, Array] = {}
 
     def arm(self, name: str) -> ArmFigures:
         """Return an arm's figures."""
@@ -86,23 +86,14 @@ class RigFigures:
         told = scene.objects
         return list(zip(told.positions.tolist(), told.quaternions.tolist(), strict=True))
 
-    @cached_property
-    def world_in_scope(self) -> Array | None:
-        """The world seen from the tip of the endoscope's arm, (4, 4); None without one."""
-        return None if self.scope_in_world is None else _inverse(self.scope_in_world)
-
-    @cached_property
-    def scope_in_world(self) -> Array | None:
-        """The tip of the endoscope's arm in the world, (4, 4); None without one."""
-        if self._scope is None:
-            return None
-        scope = self.arm(self._scope)
-        return scope.reference_in_world @ scope.local_measured
-
-    @property
-    def scope(self) -> str | None:
-        """Name of the endoscope's arm."""
-        return self._scope
+    def world_in_tip(self, name: str) -> Array:
+        """Return the pose of the world in the tip frame of an arm, (4, 4)."""
+        found = self._world_in_tips.get(name)
+        if found is None:
+            arm = self.arm(name)
+            found = _inverse(arm.reference_in_world @ arm.local_measured)
+            self._world_in_tips[name] = found
+        return found
 
 
 class ArmFigures:
@@ -117,7 +108,7 @@ class ArmFigures:
     @property
     def own_frame(self) -> str:
         """Name of the arm's own base frame: that of local/measured_cp."""
-        return self.arm.mechanism.reference if self.arm.type == "SUJ" else f"{self.name}_base"
+        return self.rig_arm.own_frame
 
     @property
     def local_measured(self) -> Array:
@@ -202,16 +193,15 @@ class ArmFigures:
 
     def _placed(self) -> tuple[Array, str]:
         """As `Places.base_pose` says."""
-        kind, rig = self.arm.type, self._rig
+        rig, display = self._rig, self._rig.sample.rig.display
         if (told := self.rig_arm.base_frame) is not None:
             return told.pose, told.name
-        if kind == "PSM" and rig.scope is not None and rig.world_in_scope is not None:
-            return rig.world_in_scope @ self.reference_in_world, rig.scope
-        if kind == "ECM" and self.rig_arm.on:
-            carrier = rig.arm(self.rig_arm.on)
-            seen = _inverse(carrier.reference_in_world) @ self.reference_in_world
-            return seen, carrier.arm.mechanism.reference
-        display = rig.sample.rig.display
-        if kind == "MTM" and display is not None:
-            return _inverse(display) @ self.reference_in_world, DISPLAY
-        return np.eye(4), self.own_frame
+        frame = rig.plan.pose_frame(self.name, rig.sample.reference_arm)
+        if frame == self.own_frame:
+            return np.eye(4), frame
+        if frame == DISPLAY and display is not None:
+            return _inverse(display) @ self.reference_in_world, frame
+        if frame == CART:
+            cart = rig.arm(self.rig_arm.on).reference_in_world
+            return _inverse(cart) @ self.reference_in_world, frame
+        return rig.world_in_tip(frame) @ self.reference_in_world, frame

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError
-from trocar.interfaces.commands import Command
+from trocar.interfaces.commands import Command, SetReferenceArm
 from trocar.interfaces.crtk import console
 from trocar.interfaces.crtk.arm_commands import READERS, state_verb, wish
 from trocar.interfaces.crtk.asked import Asked, Call, Turns
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 SILENCE_S = 5.0
 #: How many streams are remembered. Source: our own choice: many times what a lab has.
 STREAMS = 1024
-#: The arm whose frame those of the instruments are told in. Source: the dVRK's setup joints.
-REFERENCE_ARM = "ECM"
 #: Ticks until a look at what waits, where nothing does. Source: our own choice.
 PATIENT = 1000
 
@@ -160,12 +158,11 @@ class Incoming:
         console.DEEDS[topic.name](message, self._core.emit)
 
     def _reference_arm(self, topic: Topic, message: Message) -> None:  # noqa: ARG002
-        """Accept the one that is: measured_cp of instruments is in the endoscope's frame."""
-        name = text(message, "data")
-        if name != REFERENCE_ARM or name not in self._core.loop.world.arms:
-            raise RefusedError(
-                "arm", f"got {name!r}; allowed: {REFERENCE_ARM}, where the rig has one"
-            )
+        """Refuse an arm that no setup joints are made for, as the dVRK does, and post others."""
+        name, known = text(message, "data"), self._core.loop.world.rig.setup_joints
+        if name not in known:
+            raise RefusedError("arm", f"got {name!r}; allowed: {', '.join(known)}")
+        self.post(SetReferenceArm(name))
 
     # ------------------------------------------------------------------ stamps
 

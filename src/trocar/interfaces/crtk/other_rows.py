@@ -61,5 +61,6 @@ def topics_of(rig: RigDescription) -> tuple[Row, ...]:
     """Return the rows of a rig beside those of its arms."""
     rows = VIEWERS + SYSTEM + CONSOLE
     if any(arm.arm.type == "SUJ" for arm in rig.arms):
-        rows += (("sub", "SUJ/set_reference_arm", STRING, "", "whose base the others are told in"),)
+        says = "arm in whose tip frame the poses of the others on setup joints are: ECM, PSM1, ..."
+        rows += (("sub", "SUJ/set_reference_arm", STRING, "", says),)
     return rows

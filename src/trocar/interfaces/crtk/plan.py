@@ -36,6 +36,7 @@ class Plan:
 
     def __init__(self, rig: RigDescription) -> None:
         self.rig = rig
+        self._frames: dict[tuple[str, str], str] = {}
         self._told: list[tuple[str, bool]] = []
         chains: list[ChainPose] = []
         self.tips: dict[str, int] = {}
@@ -55,6 +56,14 @@ class Plan:
         self._before = np.array([rig.arm(arm.on).pose for arm in mounts] or none)
         self._after = np.array([arm.pose @ own_base(arm.arm) for arm in mounts] or none)
         self._chains = ChainPoses([*chains, *mounts.values()])
+
+    def pose_frame(self, name: str, reference_arm: str) -> str:
+        """Return what the rig's `pose_frame` does, looked up once."""
+        found = self._frames.get((name, reference_arm))
+        if found is None:
+            found = self.rig.pose_frame(name, reference_arm)
+            self._frames[name, reference_arm] = found
+        return found
 
     def poses(self, arms: Mapping[str, ArmSample]) -> tuple[Array, Array]:
         """Return tips in their arms' own bases, and own bases in the world, (k, 4, 4) each."""

@@ -1,6 +1,6 @@
 """The rig as viewers of ROS want it: a URDF with its meshes, and where its hinges stand.
 
-Frames of CRTK (`cart`, `PSM1_base`) are not the links of these names: a link that would have the
+Frames of CRTK (`Cart`, `PSM1_base`) are not the links of these names: a link that would have the
 name of such a frame ends in `_link` here.
 """
 
@@ -154,8 +154,7 @@ def without_clashes(model: LinkModel, taken: set[str]) -> LinkModel:
 
 def frames(rig: RigDescription) -> tuple[str, ...]:
     """Return the names of every frame that poses are told in or of."""
-    own = [arm.arm.mechanism.reference if arm.arm.type == "SUJ" else f"{arm.name}_base"
-           for arm in rig.arms]  # fmt: skip
+    own = (arm.own_frame for arm in rig.arms)
     return tuple(dict.fromkeys([*own, *(arm.name for arm in rig.arms), DISPLAY]))
 
 
@@ -171,7 +170,7 @@ def fixed_frames(rig: RigDescription) -> dict[str, Array]:
             continue
         rest = np.zeros(len(mechanism.joints))
         at = arm.pose @ pose(mechanism, rest, mechanism.reference, arm.arm.root)
-        found[mechanism.reference if kind == "SUJ" else f"{arm.name}_base"] = at
+        found[arm.own_frame] = at
     return found
 
 

@@ -43,6 +43,7 @@ class Sample:
         events: what happened since the sample before, oldest first
         scene: objects, and those contacts and sensors that somebody asked for
         cameras: {name: where it is}, when pictures of this moment are to come; tf is told then
+        reference_arm: arm on setup joints whose tip frame the poses of the others are in
         due_s: when its messages are to go out, by the loop's clock; None: at once [s]
     """
 
@@ -51,6 +52,7 @@ class Sample:
     time: float
     rig: RigDescription
     arms: Mapping[str, ArmSample]
+    reference_arm: str
     events: tuple[Event, ...] = ()
     scene: Scene | None = None
     cameras: Mapping[str, Any] = field(default_factory=dict[str, Any])
@@ -68,4 +70,4 @@ def take(
     events, scene = beside
     arms = world.samples()
     arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
-    return Sample(stamp, elapsed, world.time, world.rig, arms, events, scene)
+    return Sample(stamp, elapsed, world.time, world.rig, arms, world.reference_arm, events, scene)

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import RigDescription
+from trocar.descriptions.records import CART, RigDescription
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
@@ -110,10 +110,8 @@ class _Carriers:
         if frame_id in self._drives:
             return self.of(frame_id, self._rig.arm(frame_id).arm.mechanism.tip)
         rig_arm = self._rig.arm(name)
-        if rig_arm.arm.type == "ECM" and rig_arm.on:  # the cart, which does not move
-            cart = self._rig.arm(rig_arm.on).arm.mechanism.reference
-            if frame_id == cart:
-                return self.of(rig_arm.on, cart)
+        if frame_id == CART and rig_arm.on:
+            return self.of(rig_arm.on, self._rig.arm(rig_arm.on).arm.mechanism.reference)
         return self.fixed(name, base)
 
     def fixed(self, name: str, base: Array) -> Carrier:

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 BLOCK_S = 0.4
 BUFFERS = 2
 #: Commands after which poses are told in another frame.
-MOVES_BASES = ("set_base_frame",)
+MOVES_BASES = ("set_base_frame", "set_reference_arm")
 
 
 @dataclass(frozen=True, eq=False)

@@ -125,7 +125,8 @@ class Stepped:
             return None
         if self._figures is None:
             arms, stamp = self.world.samples(), self.core.stamper.now()
-            seen = Sample(stamp, self.simulated_s, self.world.time, self.world.rig, arms)
+            world = self.world
+            seen = Sample(stamp, self.simulated_s, world.time, world.rig, arms, world.reference_arm)
             if self._plan.rig is not seen.rig:  # a tool was exchanged
                 self._plan = Plan(seen.rig)
             self._figures = RigFigures(seen, self._plan)

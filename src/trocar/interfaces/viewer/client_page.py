@@ -113,7 +113,8 @@ def _policy(nonce: str, sockets: Sequence[str]) -> str:
     directives = {
         "default-src": "'none'",
         # viser's client is packed, and its unpacker and its messages' are WebAssembly. Scripts from
-        # messages, which viser uses for plotly alone, would need 'unsafe-eval'.
+        # messages, which viser uses for plotly alone, would need 'unsafe-eval', and so would its
+        # sorter of Gaussian splats: its one refusal in the browser's console is expected.
         "script-src": f"'nonce-{nonce}' 'wasm-unsafe-eval'",
         # viser's socket lives in a worker that the client makes of itself.
         "worker-src": "blob:",

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-import viser
 
 from trocar.interfaces import ExchangeTool, JawMove, Loop, MoveTo
 from trocar.interfaces.viewer.instrument import NONE, InstrumentChoice
 from trocar.interfaces.viewer.page import Page
 from trocar.interfaces.viewer.scene import Bodies
-from trocar.interfaces.viewer.server import serving
+from trocar.interfaces.viewer.server import LocalServer, serving
 from trocar.interfaces.viewer.sheet import read_sheet
 from trocar.interfaces.viewer.tuning import SETTLED
 from trocar.simulation import World
@@ -22,7 +21,7 @@ PROGRASP = "PROGRASP_FORCEPS:420093"
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[viser.ViserServer]:
+def server() -> Iterator[LocalServer]:
     with serving("127.0.0.1", 0, "test") as found:
         yield found
 
@@ -45,7 +44,7 @@ def test_an_exchange_is_applied_between_two_ticks() -> None:
     )
 
 
-def test_only_the_bodies_that_look_otherwise_are_sent_again(server: viser.ViserServer) -> None:
+def test_only_the_bodies_that_look_otherwise_are_sent_again(server: LocalServer) -> None:
     world = World("three_psm")
     bodies = Bodies(server.scene, world.shapes())
     assert bodies.renew(world.shapes()) == 0
@@ -61,7 +60,7 @@ def test_a_sheet_tells_which_instruments_fit() -> None:
     assert read_sheet(World("ecm"), "ECM").tools == ()
 
 
-def test_a_person_chooses_an_instrument(server: viser.ViserServer) -> None:
+def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
     world, posted = World("psm"), []
     sheet = read_sheet(world, "PSM1")
 
@@ -83,7 +82,7 @@ def test_a_person_chooses_an_instrument(server: viser.ViserServer) -> None:
 
 
 def test_the_page_shows_the_new_instrument_and_its_limits(
-    server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+    server: LocalServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world = World("psm")
     loop = Loop(world, speed="max")
@@ -121,7 +120,7 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
 
 
 def test_another_arm_s_controls_wait_for_its_sheet(
-    server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+    server: LocalServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An arm that lost its jaw while another one was on the panel, and is chosen then."""
     world = World("three_psm")

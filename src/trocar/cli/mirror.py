@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, number
 from trocar.cli.cameras import add_look, open_pictures
 from trocar.cli.output import print_json, table
-from trocar.cli.serving import PORT
+from trocar.cli.serving import PORT, add_origin
 from trocar.cli.worlds import add_record, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.apps.mirroring import BagSource, LiveSource, Mirror, MirrorReport
     from trocar.interfaces import Loop
+    from trocar.interfaces.origins import PageAccess
     from trocar.interfaces.pictures import Pictures
     from trocar.simulation import World
 
@@ -63,6 +64,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N",
         help="the twin's own topics and images over rosbridge's WebSocket at this port; 0: any",
     )
+    add_origin(parser)
     cameras = parser.add_argument_group("what the twin's cameras see")
     cameras.add_argument("--no-cameras", action="store_true", help="draw nothing")
     cameras.add_argument("--camera-rate", type=number, metavar="HZ", help="default: 60")
@@ -84,8 +86,10 @@ def run(args: Namespace) -> int:
     from trocar.apps.mirroring import Mirror
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
+    from trocar.interfaces.origins import PageAccess
     from trocar.simulation import World
 
+    access = PageAccess(args.origin)
     source = _source(args)
     world = World(args.rig)
     speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
@@ -98,14 +102,14 @@ def run(args: Namespace) -> int:
     with ExitStack() as stack:
         stack.enter_context(closing(mirror))
         pictures = _pictures(loop, args, stack)
-        address = _served(loop, args, pictures, stack)
+        address = _served(loop, args, (pictures, access), stack)
         mirror.start()
         if args.no_page:
             if address:
                 print(address, file=sys.stderr if args.json else sys.stdout, flush=True)
             _follow(loop, mirror, args.duration)
         else:
-            _show(world, loop, mirror, args, (pictures, address))
+            _show(world, loop, mirror, args, (pictures, access, address))
     report = mirror.report()
     if args.json:
         print_json(asdict(report))
@@ -152,16 +156,19 @@ def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
     return pictures
 
 
-def _served(loop: Loop, args: Namespace, pictures: Pictures | None, stack: ExitStack) -> str:
+def _served(
+    loop: Loop, args: Namespace, shared: tuple[Pictures | None, PageAccess], stack: ExitStack
+) -> str:
     """Serve the twin's own topics, where that is asked for; return what to tell the user."""
     if args.serve is None:
         return ""
     from trocar.interfaces.crtk import Core
     from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
 
+    pictures, access = shared
     rate = {} if args.camera_rate is None else {"camera_rate_hz": args.camera_rate}
     core = stack.enter_context(closing(Core(loop, pictures=pictures, **rate)))
-    transport = WebSocketTransport("127.0.0.1", args.serve, None)
+    transport = WebSocketTransport("127.0.0.1", args.serve, None, access)
     core.attach(transport)
     core.start()
     return str(transport.greeting)
@@ -172,11 +179,11 @@ def _show(
     loop: Loop,
     mirror: Mirror,
     args: Namespace,
-    more: tuple[Pictures | None, str],
+    more: tuple[Pictures | None, PageAccess, str],
 ) -> None:
     from trocar.interfaces.viewer import serve
 
-    pictures, address = more
+    pictures, access, address = more
     told = f"\n{address}" if address else ""
     serve(
         world,
@@ -186,6 +193,7 @@ def _show(
         loop=loop,
         pictures=pictures,
         note=mirror.page,
+        access=access,
     )
 
 

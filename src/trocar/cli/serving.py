@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from trocar.apps.teleoperation.session import Session
     from trocar.interfaces import Loop
     from trocar.interfaces.crtk import Core, Transport
+    from trocar.interfaces.origins import PageAccess
     from trocar.interfaces.pictures import Pictures
     from trocar.simulation import World
 
@@ -71,6 +72,7 @@ def add_serving(parser: ArgumentParser) -> None:
     sockets.add_argument(
         "--token", help=f"what WebSocket clients have to show; default: ${TOKEN_VARIABLE}, if set"
     )
+    add_origin(sockets)
     sockets.add_argument(
         "--ros1", action="store_true", help="join the ROS 1 master at ROS_MASTER_URI (rospy)"
     )
@@ -86,6 +88,17 @@ def add_serving(parser: ArgumentParser) -> None:
     _add_foxglove(sockets)
     _add_rates(sockets)
     add_cameras(parser.add_argument_group("cameras (docs/endoscope.md)"))
+
+
+def add_origin(parser: ArgumentParser | Adds) -> None:
+    """Add the option that lets web pages of the user's own connect."""
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="let pages of this origin connect, such as http://localhost:3000; may be repeated",
+    )
 
 
 def _add_foxglove(sockets: Adds) -> None:
@@ -137,7 +150,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
         InputError: a port, host or token that cannot be used, or nothing to serve
         DivergedError: the simulation left the finite numbers
     """
-    transports = _transports(args)
+    from trocar.interfaces.origins import PageAccess
+
+    access = PageAccess(args.origin)
+    transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
             "nothing would be served: leave out --no-page or --no-websocket, or use --headless"
@@ -162,17 +178,17 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
         stack.callback(gc.set_threshold, *gc.get_threshold())
         gc.freeze()  # going through all that was set up takes as long as thirty ticks
         gc.set_threshold(YOUNG)
-        _run(world, loop, args, (transports, pictures, session))
+        _run(world, loop, args, (transports, pictures, session, access))
 
 
-def _transports(args: Namespace) -> list[Transport]:
+def _transports(args: Namespace, access: PageAccess) -> list[Transport]:
     """Return what the options ask for, not started yet."""
     found: list[Transport] = []
     if not args.no_websocket:
         from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
 
         token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE) or None
-        found.append(WebSocketTransport(args.host, args.websocket_port, token))
+        found.append(WebSocketTransport(args.host, args.websocket_port, token, access))
     if args.ros2 is not None:
         found.append(_ros2(args.ros2))
     if args.ros1:
@@ -235,9 +251,9 @@ def _run(
     world: World,
     loop: Loop,
     args: Namespace,
-    served: tuple[list[Transport], Pictures | None, Session | None],
+    served: tuple[list[Transport], Pictures | None, Session | None, PageAccess],
 ) -> None:
-    transports, pictures, session = served
+    transports, pictures, session, access = served
     told = [str(getattr(transport, "greeting", transport.name)) for transport in transports]
 
     def tell(*addresses: str) -> None:
@@ -259,12 +275,15 @@ def _run(
         on_ready=lambda url: tell(url, *told),
         loop=loop,
         pictures=pictures,
-        driving=None if session is None else session.driving(_socket(transports, args)),
+        driving=None if session is None else session.driving(_socket(transports, args, access)),
+        access=access,
     )
 
 
-def _socket(transports: list[Transport], args: Namespace) -> str | None:
-    """Return where a page reaches the WebSocket, None without one."""
+def _socket(transports: list[Transport], args: Namespace, access: PageAccess) -> str | None:
+    """Return where our page reaches the WebSocket and what it shows there, None without one."""
     address = next((str(t.address) for t in transports if hasattr(t, "address")), None)  # type: ignore[attr-defined]
     token = args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE)
-    return f"{address}/?{urlencode({'token': token})}" if address and token else address
+    if address is None:
+        return None
+    return f"{address}/?{access.query}" + (f"&{urlencode({'token': token})}" if token else "")

@@ -104,6 +104,11 @@ class Browser:
         """Press a button."""
         self._focus(self._all(f"//button[normalize-space()='{button}']")[0])
 
+    def violations(self) -> list[str]:
+        """Return what the console says that the page's Content-Security-Policy blocked."""
+        told = [entry["message"] for entry in self.tab.get_log("browser")]  # type: ignore[index]
+        return [line for line in told if "Content Security Policy" in line]
+
     def picture(self, path: Path) -> None:
         """Save what is seen, without the notice about software rendering."""
         close = "document.querySelectorAll('[class*=Notification-closeButton]')"
@@ -136,6 +141,7 @@ def chromium(profile: Path) -> Iterator[Browser]:
         pytest.skip("chromium or chromedriver is not installed")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     tab = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))

@@ -22,12 +22,39 @@ from .browser import Browser, chromium
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Script = list[tuple[int, Command]]
+#: Whether the largest canvas has a size.
+DRAWN = "return [...document.querySelectorAll('canvas')].some((c) => c.width > 300)"
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     with chromium(tmp_path_factory.mktemp("profile")) as found:
         yield found
+
+
+def test_the_policy_blocks_nothing_that_the_page_needs(browser: Browser) -> None:
+    browser.violations()  # those of pages before
+
+    def act() -> None:
+        browser.wait(lambda: browser.read("PSM1/yaw/measured") is not None, "the table")
+        browser.wait(lambda: bool(browser.tab.execute_script(DRAWN)), "the scene is drawn")
+
+    Stage("psm").play(browser, act)
+    # viser's sorter of Gaussian splats, of which the page has none, compiles scripts at its start.
+    assert [line for line in browser.violations() if "as JavaScript" not in line] == []
+
+
+def test_a_page_that_was_left_open_shows_the_next_run(browser: Browser) -> None:
+    with serving("127.0.0.1", 0, "before") as server:
+        port = server.get_port()
+        browser.tab.get(address(server))
+        browser.wait(lambda: "before" in body(browser), "the first run is shown")
+    with serving("127.0.0.1", port, "afterwards"):
+        browser.wait(lambda: "afterwards" in body(browser), "the next run is shown")
+
+
+def body(browser: Browser) -> str:
+    return browser.tab.execute_script("return document.body.innerText")
 
 
 class Stage:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import viser
 from PIL import Image
 
 from trocar.interfaces import Loop
@@ -27,7 +26,7 @@ from trocar.interfaces.viewer.endoscope import (
 )
 from trocar.interfaces.viewer.own_thread import run_there
 from trocar.interfaces.viewer.page import Page
-from trocar.interfaces.viewer.server import serving
+from trocar.interfaces.viewer.server import LocalServer, serving
 from trocar.simulation import World
 
 from ..fake_renderer import FakeRenderer
@@ -36,7 +35,7 @@ LIGHT, DARK = 220, 40
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[viser.ViserServer]:
+def server() -> Iterator[LocalServer]:
     with serving("127.0.0.1", 0, "test") as found:
         yield found
 
@@ -47,7 +46,7 @@ def world() -> World:
 
 
 @pytest.fixture
-def window(server: viser.ViserServer, world: World) -> EndoscopeWindow:
+def window(server: LocalServer, world: World) -> EndoscopeWindow:
     pictures = Pictures(Loop(world), FakeRenderer)
     eyes = {"endoscope": 2, "room": 1}
     return run_there(server, lambda: EndoscopeWindow(server.gui, pictures, eyes))
@@ -64,7 +63,7 @@ def shot(window: EndoscopeWindow, camera: str = "endoscope") -> Shot:
     return Shot(camera, order, frame, window._pictures._packer)
 
 
-def shown(server: viser.ViserServer, window: EndoscopeWindow) -> np.ndarray:
+def shown(server: LocalServer, window: EndoscopeWindow) -> np.ndarray:
     run_there(server, lambda: window.show(time.perf_counter()))
     data = window._image._data
     assert data is not None
@@ -85,7 +84,7 @@ def test_a_view_shows_the_eyes_that_it_says(
     size: tuple[int, int],
     red: float,
     blue: float,
-    server: viser.ViserServer,
+    server: LocalServer,
     window: EndoscopeWindow,
 ) -> None:
     window._choose(view)
@@ -99,7 +98,7 @@ def test_a_view_shows_the_eyes_that_it_says(
 
 
 def test_nothing_is_asked_for_unless_somebody_looks(
-    server: viser.ViserServer, window: EndoscopeWindow
+    server: LocalServer, window: EndoscopeWindow
 ) -> None:
     assert window.wanted() == ()
     run_there(server, lambda: window.show(time.perf_counter()))
@@ -114,7 +113,7 @@ def test_nothing_is_asked_for_unless_somebody_looks(
     assert window.wanted() == ()
 
 
-def test_off_is_off(server: viser.ViserServer, window: EndoscopeWindow) -> None:
+def test_off_is_off(server: LocalServer, window: EndoscopeWindow) -> None:
     window._choose(OFF)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ()
@@ -124,9 +123,7 @@ def test_off_is_off(server: viser.ViserServer, window: EndoscopeWindow) -> None:
     assert ">off<" in window._line.content
 
 
-def test_another_camera_can_be_looked_through(
-    server: viser.ViserServer, window: EndoscopeWindow
-) -> None:
+def test_another_camera_can_be_looked_through(server: LocalServer, window: EndoscopeWindow) -> None:
     window._choose(BOTH)
     window._look_through("room")
     run_there(server, lambda: window.show(time.perf_counter()))
@@ -138,7 +135,7 @@ def test_another_camera_can_be_looked_through(
 
 
 def test_the_line_says_how_many_come_and_what_went_wrong(
-    server: viser.ViserServer, window: EndoscopeWindow
+    server: LocalServer, window: EndoscopeWindow
 ) -> None:
     run_there(server, window.tell)
     assert "no picture yet" in window._line.content
@@ -152,7 +149,7 @@ def test_the_line_says_how_many_come_and_what_went_wrong(
 
 
 def test_the_page_has_the_window_and_shows_what_is_drawn(
-    server: viser.ViserServer, world: World, monkeypatch: pytest.MonkeyPatch
+    server: LocalServer, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loop = Loop(world, speed="max")
     pictures = Pictures(loop, FakeRenderer)

@@ -17,7 +17,7 @@ from trocar.interfaces.viewer.history import SPAN_S, History
 from trocar.interfaces.viewer.page import Page
 from trocar.interfaces.viewer.plots import LINES, Span, wide_enough
 from trocar.interfaces.viewer.scene import Bodies
-from trocar.interfaces.viewer.server import serving
+from trocar.interfaces.viewer.server import LocalServer, serving
 from trocar.interfaces.viewer.sheet import ANGLE, LENGTH, JointSheet, read_sheet
 from trocar.interfaces.viewer.sliders import (
     HANDS_OFF,
@@ -33,7 +33,7 @@ from ..fake_world import FakeWorld
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[viser.ViserServer]:
+def server() -> Iterator[LocalServer]:
     with serving("127.0.0.1", 0, "test") as found:
         yield found
 
@@ -62,11 +62,11 @@ class Desk:
 
 
 @pytest.fixture
-def desk(server: viser.ViserServer) -> Desk:
+def desk(server: LocalServer) -> Desk:
     return Desk(server.gui)
 
 
-def test_sliders_start_at_the_set_points(server: viser.ViserServer) -> None:
+def test_sliders_start_at_the_set_points(server: LocalServer) -> None:
     desk = Desk(server.gui)
     desk.world.arms["PSM1"].setpoint[:] = [0.1, -0.2, 0.1, 1.0, 0.5]
     sliders = JointSliders(server.gui, desk.loop, desk.sheet, desk.now)
@@ -120,7 +120,7 @@ def test_in_effort_mode_sliders_are_efforts_from_zero(desk: Desk) -> None:
     assert desk.posted == [ServoJf("PSM1", (0.5, 0.0, 0.0, 0.0))]
 
 
-def test_a_locked_brake_greys_its_slider_out(server: viser.ViserServer) -> None:
+def test_a_locked_brake_greys_its_slider_out(server: LocalServer) -> None:
     desk = Desk(server.gui)
     sheet = read_sheet(desk.world, "SUJ1")
     arm = desk.world.snapshot().arms["SUJ1"]
@@ -129,7 +129,7 @@ def test_a_locked_brake_greys_its_slider_out(server: viser.ViserServer) -> None:
     assert [handle.disabled for handle in sliders._handles] == [True, False]
 
 
-def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: viser.ViserServer) -> None:
+def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: LocalServer) -> None:
     table = GainsTable(server.gui, desk.loop, desk.sheet)
     for gains in ((1.0, 0.0, 5.0), (15.0, 0.0, 5.0), (150.0, 0.0, 5.0)):
         table._rows["yaw"]._impl.value = gains
@@ -209,7 +209,7 @@ def test_an_axis_holds_its_values_between_round_numbers(middle: float, height: f
     assert LINES > 2
 
 
-def test_bodies_send_only_what_moved(server: viser.ViserServer) -> None:
+def test_bodies_send_only_what_moved(server: LocalServer) -> None:
     world: Any = FakeWorld()
     bodies = Bodies(server.scene, world.shapes())
     assert bodies.show(world.snapshot()) == 7
@@ -218,7 +218,7 @@ def test_bodies_send_only_what_moved(server: viser.ViserServer) -> None:
     assert bodies.show(world.snapshot()) == 2
 
 
-def test_small_moves_add_up_until_they_are_sent(server: viser.ViserServer) -> None:
+def test_small_moves_add_up_until_they_are_sent(server: LocalServer) -> None:
     world: Any = FakeWorld()
     bodies = Bodies(server.scene, world.shapes())
     bodies.show(world.snapshot())
@@ -230,7 +230,7 @@ def test_small_moves_add_up_until_they_are_sent(server: viser.ViserServer) -> No
 
 
 def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(
-    server: viser.ViserServer, monkeypatch: pytest.MonkeyPatch
+    server: LocalServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world: Any = FakeWorld()
     loop = Loop(world, speed="max")
@@ -281,7 +281,7 @@ def test_the_last_warnings_are_kept_newest_first() -> None:
     assert notices.count == 6
 
 
-def test_a_message_cannot_smuggle_markup_into_the_page(server: viser.ViserServer) -> None:
+def test_a_message_cannot_smuggle_markup_into_the_page(server: LocalServer) -> None:
     world: Any = FakeWorld()
     page = Page(server, world, Loop(world))
     with page.notices.listening():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import os
 import socket
@@ -15,18 +14,13 @@ from typing import Any
 
 import pytest
 import viser
-import websockets.sync.client
-from viser.infra import Message
 from viser.infra._async_message_buffer import AsyncMessageBuffer
-from websockets.exceptions import ConnectionClosedError
-from websockets.sync.client import ClientConnection
-from websockets.typing import Origin, Subprotocol
 
 import trocar
 from trocar.errors import DivergedError, InputError
 from trocar.interfaces import Loop
 from trocar.interfaces.viewer import serve
-from trocar.interfaces.viewer.server import LocalServer, address, serving
+from trocar.interfaces.viewer.server import address, serving
 
 from ..fake_world import FakeWorld
 
@@ -184,56 +178,6 @@ def test_ctrl_c_ends_it_cleanly(tmp_path: Path) -> None:
         out, err = process.communicate(timeout=30)
     assert first.startswith("http://127.0.0.1:")
     assert (process.returncode, out, err) == (0, "ended\n", "")
-
-
-def connect(server: LocalServer, origin: str | None) -> ClientConnection:
-    protocol = Subprotocol(f"viser-v{viser.__version__}")
-    given = None if origin is None else Origin(origin)
-    url = address(server).replace("http", "ws")
-    return websockets.sync.client.connect(
-        url, origin=given, subprotocols=[protocol], compression=None, max_size=None
-    )
-
-
-@pytest.mark.parametrize("origin", ["https://example.org", "null", "http://127.0.0.1.evil.org"])
-def test_a_page_of_another_site_hears_nothing_and_is_not_heard(
-    origin: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    heard: list[bytes] = []
-    monkeypatch.setattr(Message, "deserialize", heard.append)
-    with serving("127.0.0.1", 0, "test") as server, connect(server, origin) as page:
-        with contextlib.suppress(ConnectionClosedError):
-            page.send(b"any")
-        with pytest.raises(ConnectionClosedError, match=r"1008.*other sites"):
-            page.recv(timeout=10)
-    assert not heard
-
-
-def test_what_a_stranger_says_with_its_first_breath_is_not_heard(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    heard: list[bytes] = []
-    monkeypatch.setattr(Message, "deserialize", heard.append)
-    greeting = (
-        "GET / HTTP/1.1\r\nHost: localhost\r\nOrigin: https://example.org\r\n"
-        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n"
-    ).encode()
-    with serving("127.0.0.1", 0, "test") as server:
-        where = ("127.0.0.1", server.get_port())
-        with socket.create_connection(where, timeout=30) as stranger:
-            stranger.sendall(greeting + b"\x82\x83\0\0\0\0any" + b"\x88\x80\0\0\0\0")
-            while stranger.recv(4096):
-                pass
-    assert not heard
-
-
-def test_the_page_itself_and_programs_are_welcome() -> None:
-    with serving("127.0.0.1", 0, "test") as server:
-        for origin in (address(server), "http://localhost:3000", None):
-            with connect(server, origin) as page:
-                assert page.recv(timeout=10)
 
 
 def test_a_loop_that_others_talk_to_is_run_and_ended() -> None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.interfaces.viewer.own_thread import when_touched
+from trocar.interfaces.viewer.server import LocalServer
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class DrivingTab:
         driving: what is offered
     """
 
-    def __init__(self, server: viser.ViserServer, driving: Driving) -> None:
+    def __init__(self, server: LocalServer, driving: Driving) -> None:
         self._driving = driving
         self._looks, self._said = 0, ""
         gui = server.gui
@@ -76,7 +77,8 @@ class DrivingTab:
         for name, act in driving.pedals.items():
             box = gui.add_checkbox(name, driving.pressed.get(name, False))
             when_touched(box, act)
-        gui.add_html(_frame(driving) if driving.websocket else _tables(driving))
+        nonce = server.page.nonce
+        gui.add_html(_frame(driving, nonce) if driving.websocket else _tables(driving))
         self._handles = Handles(server.scene, driving) if driving.handles else None
 
     def show(self, tips: Mapping[str, Floats]) -> None:
@@ -142,7 +144,7 @@ def _table(lines: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _frame(driving: Driving) -> str:
+def _frame(driving: Driving, nonce: str) -> str:
     """Return a frame of its own: it takes the keys while it is clicked on, and no others."""
     page = files("trocar.interfaces.viewer").joinpath("driving.html").read_text(encoding="utf-8")
     told = {
@@ -151,6 +153,7 @@ def _frame(driving: Driving) -> str:
         "gamepad": f"/{driving.gamepad}",
     }
     page = page.replace("{{TABLE}}", _tables(driving)).replace("{{TOLD}}", dumps(told))
+    page = page.replace("{{NONCE}}", nonce)
     return (
         f'<iframe data-trocar="keys" title="keys" allow="gamepad" srcdoc="{escape(page)}"'
         f' style="width:100%;height:{HEIGHT_PX}px;border:0;border-radius:6px"></iframe>'

@@ -30,11 +30,10 @@ WIDTH, GAP = 345, 12
 
 LEFT, RIGHT, BOTH, GLASSES, OFF = "left", "right", "both", "anaglyph", "off"
 
-#: The button finds the picture beside it; the browser does the rest, and Escape ends it.
+#: client.js finds the picture beside the button; Escape ends the full screen.
 FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
 <button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
-border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer" onclick="let e=this,i;
-while(!(i=e.querySelector('img')))e=e.parentElement; i.requestFullscreen()">Full screen</button>
+border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full screen</button>
 <span style="opacity:.62" data-trocar="scope">{said}</span></div>"""
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Literal
+from urllib.parse import urlsplit
 
 import numpy as np
 import viser
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.interfaces.loop import Loop
+from trocar.interfaces.origins import PageAccess
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.viewer.driving import Driving, DrivingTab
 from trocar.interfaces.viewer.endoscope import EndoscopeWindow
@@ -55,7 +57,7 @@ class Page:
 
     def __init__(
         self,
-        server: viser.ViserServer,
+        server: LocalServer,
         world: World,
         loop: Loop,
         pictures: Pictures | None = None,
@@ -164,6 +166,7 @@ def serve(
     pictures: Pictures | None = None,
     note: Callable[[], str] | None = None,
     driving: Driving | None = None,
+    access: PageAccess | None = None,
 ) -> None:
     """Run a world and serve the page that shows and drives it, until Ctrl-C or the time is over.
 
@@ -177,13 +180,15 @@ def serve(
         loop: the world's loop, when others talk to it, too; not running yet, and ended here
         pictures: draws what the cameras of the loop's world see; None: the page shows none
         driving: what it offers to hands: keys, handles, pedals
+        access: which web pages may connect; when omitted, the page itself
         note: HTML that is shown above the table of joints, asked for five times a second
 
     Raises:
         InputError: the host or the port cannot be used
         DivergedError: the simulation left the finite numbers
     """
-    with serving(host, port, label=f"trocar: {world.rig.name}") as server:
+    sockets = [] if driving is None or driving.websocket is None else [_socket(driving.websocket)]
+    with serving(host, port, f"trocar: {world.rig.name}", access, sockets) as server:
         loop = loop or Loop(world, speed=speed)
         page = run_there(server, lambda: Page(server, world, loop, pictures, driving))
         page.note(note)
@@ -192,6 +197,11 @@ def serve(
             if on_ready is not None:
                 on_ready(address(server))
             _show_until_the_end(server, page, loop)
+
+
+def _socket(url: str) -> str:
+    """Return where a WebSocket is, without what is shown to it."""
+    return "{0.scheme}://{0.netloc}".format(urlsplit(url))
 
 
 def _show_until_the_end(server: LocalServer, page: Page, loop: Loop) -> None:

@@ -7,15 +7,20 @@ import io
 import logging
 import socket
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from types import SimpleNamespace
+from typing import Any
 
 import viser
-from viser.infra import WebsockClientConnection
-from websockets.asyncio.server import ServerConnection
-from websockets.exceptions import ConnectionClosed
+import viser.infra._infra as viser_infra
+import websockets
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.http11 import Request, Response
 
-from trocar.errors import InputError
-from trocar.interfaces.origins import may_come_from
+from trocar.errors import InputError, TrocarError
+from trocar.interfaces.origins import PageAccess
+from trocar.interfaces.viewer.client_page import ClientPage
 
 #: Where viser's server tells of whoever hangs up before a word, as browsers and scanners do.
 _strangers = logging.getLogger("websockets.server")
@@ -23,28 +28,25 @@ HUNG_UP = "opening handshake failed"
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
-
-POLICY_VIOLATION = 1008
-"""Why a WebSocket is closed. Source: RFC 6455, section 7.4.1."""
+_constructing = threading.Lock()
 
 
 class LocalServer(viser.ViserServer):
-    """viser's server without its tunnel to the outside: the page has no password.
+    """viser's server behind our own answers to requests, and without its tunnel to the outside.
 
-    viser lets every page of the web connect, so those that do not come from this machine are sent
-    away before anything is said or heard. It has no place to do so before the handshake.
+    Args:
+        host, port: where it listens
+        label: what the page's panel is called
+        page: answers requests, from the first on
+
+    Attributes:
+        page: as given
     """
 
-    def __init__(self, host: str, port: int, label: str) -> None:
-        super().__init__(host=host, port=port, label=label, verbose=False)
-        server = self._websock_server
-        connections = server._live_connections  # nowhere else does viser tell who connects
-
-        async def send_strangers_away(client: WebsockClientConnection) -> None:
-            await _send_away_unless_ours(connections[client.client_id])
-
-        server.on_client_connect(send_strangers_away)
-        server.disconnect_all_clients()  # a page that was left open may have been faster
+    def __init__(self, host: str, port: int, label: str, page: ClientPage) -> None:
+        self.page = page
+        with _answered_by(page.respond):
+            super().__init__(host=host, port=port, label=label, verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
@@ -52,25 +54,65 @@ class LocalServer(viser.ViserServer):
 
 
 @contextlib.contextmanager
-def serving(host: str, port: int, label: str) -> Iterator[LocalServer]:
+def _answered_by(
+    respond: Callable[[ServerConnection, Request], Response | None],
+) -> Iterator[None]:
+    """Let viser open its port with our answers to requests in place of its own.
+
+    viser listens before its constructor returns, and takes no other answers.
+
+    Raises:
+        TrocarError: this version of viser opens its port in another way
+    """
+    opened: list[int] = []
+
+    def serve_ours(*args: Any, **options: Any) -> serve:
+        opened.append(1)
+        return serve(*args, **{**options, "process_request": respond})
+
+    theirs = SimpleNamespace(server=SimpleNamespace(serve=serve_ours))
+    with _constructing:
+        for_viser = SimpleNamespace(**{**vars(websockets), "asyncio": theirs})
+        setattr(viser_infra, "websockets", for_viser)  # noqa: B010  viser exports no such name
+        try:
+            yield
+        finally:
+            setattr(viser_infra, "websockets", websockets)  # noqa: B010
+    if not opened:
+        raise TrocarError(f"viser {viser.__version__} serves in another way than 1.1; use 1.1")
+
+
+@contextlib.contextmanager
+def serving(
+    host: str,
+    port: int,
+    label: str,
+    access: PageAccess | None = None,
+    sockets: Sequence[str] = (),
+) -> Iterator[LocalServer]:
     """Serve while the `with` block lasts.
 
     Args:
         host: a loopback address; the page lets everybody drive, so no other is accepted
         port: port to listen on; 0 takes any free one
         label: what the page's panel is called
+        access: which web pages may connect; when omitted, the page itself
+        sockets: addresses, as ws://127.0.0.1:9090, that the page reaches besides its own
 
     Raises:
         InputError: the host is not this machine's loopback, or the port is taken or forbidden
     """
     host = _checked_host(host)
     _check_free(host, port)
+    access = access or PageAccess()
+    page = ClientPage(access, sockets)
     with _quiet():
-        server = LocalServer(host, port, label)
+        server = LocalServer(host, port, label, page)
     _strangers.addFilter(_is_news)
     try:
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
+        access.viewer = frozenset((address(server), f"http://localhost:{server.get_port()}"))
         yield server
     finally:
         with _quiet():
@@ -82,16 +124,6 @@ def address(server: LocalServer) -> str:
     """Say where the page is."""
     host = server.get_host()
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
-
-
-async def _send_away_unless_ours(connection: ServerConnection) -> None:
-    request = connection.request
-    if request is not None and may_come_from(request.headers.get("Origin")):
-        return
-    await connection.close(POLICY_VIOLATION, "pages of other sites may not connect")
-    with contextlib.suppress(ConnectionClosed):
-        while True:  # what was said already is not heard
-            await connection.recv()
 
 
 def _checked_host(host: str) -> str:

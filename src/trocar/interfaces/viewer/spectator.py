@@ -10,7 +10,7 @@ import sys
 import msgspec
 import viser
 from websockets.sync.client import connect
-from websockets.typing import Origin, Subprotocol
+from websockets.typing import Subprotocol
 
 
 def look(url: str) -> None:
@@ -30,7 +30,6 @@ def look(url: str) -> None:
     spoken = Subprotocol(f"viser-v{viser.__version__}")
     with connect(
         url.replace("http", "ws", 1),
-        origin=Origin(url),
         subprotocols=[spoken],
         compression=None,
         max_size=None,

@@ -16,6 +16,7 @@ from trocar.errors import TrocarError
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport, node
 from trocar.interfaces.crtk.transports.rclpy_node.reach import reach
+from trocar.interfaces.origins import PageAccess
 
 from .stand_in import RCLError, Wire
 
@@ -25,7 +26,7 @@ QUIET = ["sim", "--rig", "psm", "--no-page", "--no-websocket"]
 def chosen(*words: str) -> list[str]:
     parser = ArgumentParser()
     serving.add_serving(parser)
-    found = serving._transports(parser.parse_args(["--no-websocket", *words]))
+    found = serving._transports(parser.parse_args(["--no-websocket", *words]), PageAccess())
     return [type(transport).__name__ for transport in found]
 
 

@@ -17,9 +17,11 @@ from contextlib import closing
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatus
 from websockets.sync.client import connect
+from websockets.typing import Origin
 
 from trocar.interfaces.crtk.transports.websocket import client as clients
 from trocar.interfaces.crtk.transports.websocket import server
+from trocar.interfaces.origins import PageAccess
 
 from .conftest import PATIENCE_S, Served, Talk, until
 
@@ -43,16 +45,31 @@ def gone(served: Served) -> bool:
     return until(lambda: not served.transport.wanted())
 
 
-@pytest.mark.parametrize("origin", ["https://example.org", "null", "http://127.0.0.1.evil.org"])
+@pytest.mark.parametrize(
+    "origin",
+    ["https://example.org", "null", "http://127.0.0.1.evil.org", "http://localhost:8080"],
+)
 def test_pages_of_other_sites_cannot_connect(served: Served, origin: str) -> None:
     with pytest.raises(InvalidStatus) as caught:
         connect(served.url, origin=origin)  # type: ignore[arg-type]
     assert caught.value.response.status_code == 403
 
 
-def test_pages_of_this_machine_can(served: Served) -> None:
-    with closing(Talk(served.url, origin="http://localhost:8080").socket) as it:
-        assert it.response is not None
+def test_a_name_that_another_site_lets_lead_here_is_refused(served: Served) -> None:
+    where = ("127.0.0.1", served.transport.port)
+    wire = socket.create_connection(where, timeout=20)
+    with pytest.raises(InvalidStatus) as caught:
+        connect(f"ws://example.org:{served.transport.port}", sock=wire)
+    assert caught.value.response.status_code == 403
+
+
+def test_a_page_that_is_named_can(served: Served) -> None:
+    named = PageAccess(["http://localhost:3000"])
+    with closing(Served(pages=named)) as other:
+        with closing(Talk(other.url, origin="http://localhost:3000").socket) as it:
+            assert it.response is not None
+        with pytest.raises(InvalidStatus):
+            connect(served.url, origin=Origin("http://localhost:3000"))
 
 
 def test_the_token_is_asked_for_on_the_wire() -> None:

@@ -8,8 +8,10 @@ import pytest
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.transports.websocket.door import Door
+from trocar.interfaces.origins import PageAccess
 
 TOKEN = "0123456789abcdef"
+HERE = {"Host": "127.0.0.1:9090"}
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.7", "robot"])
@@ -21,7 +23,7 @@ def test_beyond_this_machine_a_token_is_needed(host: str) -> None:
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
 def test_on_this_machine_none_is(host: str) -> None:
-    assert Door(host).objection("/", {}) is None
+    assert Door(host).objection("/", HERE) is None
 
 
 @pytest.mark.parametrize("token", ["", "short", "x" * 15])
@@ -59,7 +61,7 @@ def test_the_token_opens(path: str, headers: dict[str, str]) -> None:
 )
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
 def test_nothing_else_does(host: str, path: str, headers: dict[str, str]) -> None:
-    objection = Door(host, TOKEN).objection(path, headers)
+    objection = Door(host, TOKEN).objection(path, HERE | headers)
     assert objection is not None
     assert objection[0] == 401
     assert TOKEN not in objection[1]
@@ -79,12 +81,41 @@ def test_pages_of_other_sites_are_refused_even_with_the_token() -> None:
     assert objection[0] == 403
 
 
-def test_without_a_token_a_name_that_leads_here_does_not_help() -> None:
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_a_name_that_another_site_lets_lead_here_does_not_help(token: str | None) -> None:
     """A site may let its own name mean 127.0.0.1 (DNS rebinding)."""
-    headers = {"Origin": "http://example.org:9090", "Host": "example.org:9090"}
-    assert Door().objection("/", headers) is not None
+    headers = {"Host": "example.org:9090"}
+    for more in ({}, {"Origin": "http://example.org:9090"}):
+        objection = Door("127.0.0.1", token).objection(f"/?token={TOKEN}", headers | more)
+        assert objection is not None
+        assert objection[0] == 403
 
 
-def test_with_the_token_pages_of_the_same_machine_may_connect() -> None:
-    headers = {"Origin": "http://robot:8000", "Host": "robot:9090"}
-    assert Door("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", headers) is None
+@pytest.mark.parametrize("host", ["robot:9090", "192.168.1.7:9090", "robot.lab.example"])
+def test_beyond_this_machine_it_may_have_any_name(host: str) -> None:
+    assert Door("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", {"Host": host}) is None
+
+
+def test_a_page_that_is_named_needs_the_token_alone() -> None:
+    door = Door("0.0.0.0", TOKEN, PageAccess(["http://robot:8000/"]))
+    headers = {"Host": "robot:9090", "Origin": "http://robot:8000"}
+    assert door.objection(f"/?token={TOKEN}", headers) is None
+    assert (door.objection("/", headers) or (0,))[0] == 401
+    other = headers | {"Origin": "http://robot:8001"}
+    assert (door.objection(f"/?token={TOKEN}", other) or (0,))[0] == 403
+
+
+def test_the_page_of_the_viewer_needs_the_secret_of_the_run_and_the_token() -> None:
+    access = PageAccess()
+    headers = HERE | {"Origin": "http://127.0.0.1:8080"}
+    shown = f"{access.query}&token={TOKEN}"
+    door = Door("127.0.0.1", TOKEN, access)
+    assert (door.objection(f"/?{shown}", headers) or (0,))[0] == 403  # it is not served yet
+    access.viewer = frozenset({"http://127.0.0.1:8080"})
+    assert door.objection(f"/?{shown}", headers) is None
+    for path, status in (
+        (f"/?token={TOKEN}", 403),
+        (f"/?page=wrong&token={TOKEN}", 403),
+        (f"/?{access.query}", 401),
+    ):
+        assert (door.objection(path, headers) or (0,))[0] == status

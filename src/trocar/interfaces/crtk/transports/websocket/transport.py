@@ -17,6 +17,7 @@ from trocar.errors import InputError
 from trocar.interfaces.crtk.transports.websocket.door import Door
 from trocar.interfaces.crtk.transports.websocket.parcel import PACKING, Parcel
 from trocar.interfaces.crtk.transports.websocket.server import Server
+from trocar.interfaces.origins import PageAccess
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Core
@@ -47,6 +48,7 @@ class WebSocketTransport:
         host: address to listen on
         port: port to listen on; 0 takes any free one
         token: what clients have to show; needed beyond the loopback address
+        pages: which web pages may connect; when omitted, none
 
     Attributes:
         port: the one that is listened on, once started
@@ -58,10 +60,16 @@ class WebSocketTransport:
     name = "websocket"
     packing = PACKING
 
-    def __init__(self, host: str = "127.0.0.1", port: int = PORT, token: str | None = None) -> None:
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        token: str | None = None,
+        pages: PageAccess | None = None,
+    ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
-        self._door = Door(host, token)
+        self._door = Door(host, token, pages or PageAccess())
         self.port = port
         self._lock = threading.Lock()
         self._pending: list[Parcel] = []

@@ -138,7 +138,7 @@ def test_ratios_scale_velocity_and_acceleration_apart(arm):
     arm.set_trajectory_ratio(0.2, "acceleration")
     assert arm.trajectory_ratio == (0.5, 0.2)
     for wrong in (0.0, 1.1, np.nan, "fast"):
-        with pytest.raises(InputError, match="0.002 to 1"):
+        with pytest.raises(InputError, match=r"0\.002 to 1"):
             arm.set_trajectory_ratio(wrong)
     with pytest.raises(InputError, match="both, velocity, acceleration"):
         arm.set_trajectory_ratio(0.5, "jerk")

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from .asking import HOME, NEAR, joints, setpoints, state
@@ -30,6 +30,7 @@ STEPS = {
     ("PAUSED", "ENABLED"), ("PAUSED", "DISABLED"), ("ENABLED", "FAULT"),
     ("FAULT", "ENABLED"), ("FAULT", "DISABLED"),
 }  # fmt: skip
+POWERED = {"ENABLED", "PAUSED"}
 asked = st.lists(
     st.tuples(st.sampled_from([*COMMANDS, *COMMANDS, *OTHER]), st.integers(0, 40)), max_size=14
 )
@@ -48,11 +49,14 @@ def check_still(served: Served, ticks: int) -> None:
         served.run()
         now = arm.operating_state()
         may = any(s.state == "ENABLED" and (s.is_homed or s.is_busy) for s in (was, now))
-        if not may:  # a little is allowed: power on and off take set-points to where joints are
-            np.testing.assert_allclose(setpoints(served), before, atol=2e-3)
+        if not may:  # power on and off take set-points to where joints are, which sag a little
+            switched = len({was.state, now.state} & POWERED) == 1
+            wanted = arm.measured_js().position if switched else before
+            np.testing.assert_allclose(setpoints(served), wanted, atol=2e-3)
 
 
 @settings(max_examples=15, deadline=None)
+@example([("servo", 0), ("unhome", 1), ("disable", 1)], True)
 @given(asked, st.booleans())
 def test_states_follow_from_each_other_and_nothing_moves_in_between(commands, homed):
     served = Served(wanted=(), world={"homed": homed})

@@ -14,6 +14,7 @@ from trocar.apps.replay import ReplaySettings, replay
 from trocar.apps.replay.bags import is_bag, read_bag
 from trocar.descriptions import load_arm
 from trocar.errors import LogError, MissingExtraError
+from trocar.recording import record
 from trocar.simulation import World
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1")
@@ -125,7 +126,7 @@ def test_without_efforts_positions_are_compared_alone(tmp_path: Path) -> None:
 def test_a_recording_of_our_own_is_a_bag_that_a_lone_arm_follows(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     file, world = tmp_path / "run.mcap", World("psm")
-    with world.record(file):
+    with record(world, file):
         world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
         world.step(500)
     rows, has_efforts = read_bag(file, PSM, 50.0)

@@ -8,12 +8,11 @@ import pytest
 from trocar.apps.benchmarks import Figure, figures, run_headless, table9
 from trocar.apps.benchmarks.at_rest import drifts, rest_errors
 from trocar.apps.benchmarks.figures import dvrk_ecm, dvrk_psm
+from trocar.apps.trials import amplitudes, paper_sine, periods_per_tick
 from trocar.descriptions import load_arm, load_rig
 from trocar.errors import InputError
 from trocar.kinematics import forward
 from trocar.simulation import World
-from trocar.simulation.trajectories import amplitudes, paper_sine
-from trocar.simulation.trials import periods_per_tick
 
 
 @pytest.fixture(scope="module")

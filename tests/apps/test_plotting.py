@@ -13,8 +13,8 @@ from trocar.apps.plotting import plot
 from trocar.apps.plotting.figure import arm_figure
 from trocar.apps.plotting.thin import thinned
 from trocar.errors import InputError, LogError, MissingExtraError, UnknownNameError
+from trocar.recording import open_recording, record
 from trocar.simulation import World
-from trocar.simulation.recording import open_recording
 
 pytest.importorskip("mcap")
 pytest.importorskip("matplotlib")
@@ -25,7 +25,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     world = World("full_cart")
     path = tmp_path_factory.mktemp("plots") / "run.mcap"
-    with world.record(path):
+    with record(world, path):
         world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
         world.arm("PSM1").servo_jp([np.nan] * 6)
         world.arm("ECM").move_jp([0.1, 0.1, 0.1, 0.0])
@@ -91,7 +91,7 @@ def test_a_thinned_curve_reaches_as_far_as_the_whole_one() -> None:
 
 def test_a_truncated_recording_is_drawn_as_far_as_it_goes(tmp_path: Path) -> None:
     world, path = World("psm"), tmp_path / "run.mcap"
-    with world.record(path):
+    with record(world, path):
         world.step(1000)
     path.write_bytes(path.read_bytes()[:-3_000])
     report = plot(path, tmp_path / "x.html")

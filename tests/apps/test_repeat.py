@@ -11,9 +11,9 @@ import pytest
 from trocar.apps.replay import repeat
 from trocar.descriptions import load_rig
 from trocar.errors import LogError
+from trocar.recording import open_recording, record
 from trocar.simulation import World
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.recording import open_recording
 
 pytest.importorskip("mcap")
 GOAL = [0.3, 0.2, 0.15, 0.4, 0.2, -0.3]
@@ -23,7 +23,7 @@ def test_the_motion_is_identical_when_the_commands_are_repeated(tmp_path: Path) 
     file = tmp_path / "run.mcap"
     world = World("psm", tip_load_n=2.0)
     arm = world.arm("PSM1")
-    with world.record(file):
+    with record(world, file):
         arm.move_jp(GOAL)
         world.step(150)
         arm.set_gains("pitch", p=20.0)
@@ -53,7 +53,7 @@ def test_a_recording_that_begins_in_the_middle_of_a_move_is_repeated_too(tmp_pat
     world.reset()
     arm.move_jp(GOAL)
     world.step(123)
-    with world.record(file):
+    with record(world, file):
         world.step(200)
         arm.hold()
         world.step(20)
@@ -64,7 +64,7 @@ def test_states_faults_and_periodic_laws_are_repeated(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm", homed=False)
     arm = world.arm("PSM1")
-    with world.record(file):
+    with record(world, file):
         world.step(13)
         arm.enable()
         arm.home().wait()
@@ -95,7 +95,7 @@ def test_tools_that_are_exchanged_before_and_meanwhile_are_repeated(tmp_path: Pa
     world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
     arm.move_jp(GOAL)
     world.step(50)
-    with world.record(file):
+    with record(world, file):
         world.step(100)
         world.exchange_tool("PSM1", "none")
         other.move_jp(GOAL)
@@ -117,7 +117,7 @@ def test_played_tables_are_repeated(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm")
     table = 0.1 * np.sin(np.linspace(0.0, 3.0, 100))[:, None] * np.ones(7) + [0, 0, 0.1, 0, 0, 0, 0]
-    with world.record(file):
+    with record(world, file):
         world.play({"PSM1": table}, every=5)
         world.step(3)
     assert repeat(file).identical
@@ -126,14 +126,14 @@ def test_played_tables_are_repeated(tmp_path: Path) -> None:
 def test_what_moved_the_arm_behind_the_journals_back_is_found(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm")
-    with world.record(file):
-        world.step(500)
-        world._servos.table[2, 0] += 0.01
+    with record(world, file):
+        world.step(530)
+        world.servos.setpoint[2, 0] += 0.01
         world.step(500)
     report = repeat(file)
     assert not report.identical
     assert report.difference is not None
-    assert report.difference.time == pytest.approx(0.4)
+    assert report.difference.time == pytest.approx(0.5)
     assert report.difference.joint.startswith("PSM1/insertion")
     assert report.difference.largest > 0.001
 
@@ -141,9 +141,9 @@ def test_what_moved_the_arm_behind_the_journals_back_is_found(tmp_path: Path) ->
 def test_one_bit_is_a_difference(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm")
-    with world.record(file):
+    with record(world, file):
         world.step(10)
-        world._data.qvel[0] = np.nextafter(world._data.qvel[0], 1.0)
+        world.mj_data.qvel[0] = np.nextafter(world.mj_data.qvel[0], 1.0)
         world.step(10)
     assert not repeat(file).identical
 
@@ -151,7 +151,7 @@ def test_one_bit_is_a_difference(tmp_path: Path) -> None:
 def test_a_truncated_recording_is_repeated_as_far_as_it_goes(tmp_path: Path) -> None:
     file = tmp_path / "run.mcap"
     world = World("psm")
-    with world.record(file):
+    with record(world, file):
         world.arm("PSM1").move_jp(GOAL)
         world.step(1500)
     file.write_bytes(file.read_bytes()[:-60_000])
@@ -169,7 +169,7 @@ def test_another_description_of_the_rig_is_refused(tmp_path: Path) -> None:
     text = rig.read_text().replace('description = "psm"', 'description = "../arms/psm.toml"')
     own.write_text(text.replace('name = "psm"', 'name = "own"', 1))
     world = World(own)
-    with world.record(file):
+    with record(world, file):
         world.step(5)
     assert repeat(file).identical
     assert repeat(file, rig=str(own)).identical
@@ -184,9 +184,9 @@ def test_another_description_of_the_rig_is_refused(tmp_path: Path) -> None:
 def test_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "run.mcap"
     with monkeypatch.context() as older:
-        older.setattr("trocar.simulation.recording.recorder.__version__", "0.0.9")
+        older.setattr("trocar.recording.about.__version__", "0.0.9")
         world = World("psm")
-        with world.record(file):
+        with record(world, file):
             world.step(5)
     report = repeat(file)
     assert report.identical
@@ -196,7 +196,7 @@ def test_another_version_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_a_rig_that_was_built_in_python_is_handed_over(tmp_path: Path) -> None:
     file, rig = tmp_path / "run.mcap", load_rig("psm")
     world = World(rig)
-    with world.record(file):
+    with record(world, file):
         world.step(5)
     with pytest.raises(LogError, match="was built in Python and lies in no file"):
         repeat(file)
@@ -206,11 +206,11 @@ def test_a_rig_that_was_built_in_python_is_handed_over(tmp_path: Path) -> None:
 def test_too_long_a_past_cannot_be_repeated(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("trocar.simulation.recording.past.MOST_COMMANDS", 3)
+    monkeypatch.setattr("trocar.simulation.journal.MOST_COMMANDS", 3)
     world, file = World("psm"), tmp_path / "run.mcap"
     for _ in range(5):
         world.arm("PSM1").servo_jp([0, 0, 0.1, 0, 0, 0])
-    with world.record(file):
+    with record(world, file):
         world.step(5)
     with pytest.raises(LogError, match="cannot be repeated: it began after more than 3 commands"):
         repeat(file)
@@ -224,7 +224,7 @@ def test_an_exchange_of_tools_is_recorded_and_repeated(tmp_path: Path) -> None:
     arm = world.arm("PSM1")
     world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
     world.reset()
-    with world.record(file):
+    with record(world, file):
         arm.move_jp(GOAL)
         world.arm("PSM2").move_to("work")
         world.step(150)

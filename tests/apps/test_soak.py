@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from trocar.apps.benchmarks import Figure, soak
+from trocar.apps.trials import paper_sine
 from trocar.descriptions import load_rig
 from trocar.errors import InputError
 from trocar.simulation import World
-from trocar.simulation.engine import engine_warnings
-from trocar.simulation.trajectories import paper_sine
 
 # The room exports the function under the file's own name.
 file = importlib.import_module("trocar.apps.benchmarks.soak")
@@ -136,7 +135,7 @@ def test_refused_commands_and_the_engine_s_warnings_are_counted(monkeypatch) -> 
 
     def clumsy(world: World, begin: float, end: float) -> tuple[object, int]:
         world.arm("PSM1").servo_jp([float("nan")] * 6)
-        world._data.warning.number[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)] += 2
+        world.mj_data.warning.number[int(mujoco.mjtWarning.mjWARN_CNSTRFULL)] += 2
         return play(world, begin, end)[0], 3
 
     monkeypatch.setattr(file, "_play", clumsy)
@@ -148,11 +147,11 @@ def test_refused_commands_and_the_engine_s_warnings_are_counted(monkeypatch) -> 
 
 def test_the_engine_s_warnings_are_named_and_end_with_a_reset() -> None:
     world = World("psm")
-    assert engine_warnings(world) == {}
-    world._data.warning.number[int(mujoco.mjtWarning.mjWARN_CONTACTFULL)] = 3
-    assert engine_warnings(world) == {"contactfull": 3}
+    assert world.engine_warnings() == {}
+    world.mj_data.warning.number[int(mujoco.mjtWarning.mjWARN_CONTACTFULL)] = 3
+    assert world.engine_warnings() == {"contactfull": 3}
     world.reset()
-    assert engine_warnings(world) == {}
+    assert world.engine_warnings() == {}
 
 
 @pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])

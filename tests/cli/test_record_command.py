@@ -9,16 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from trocar.recording import open_recording, record
 from trocar.simulation import World
-from trocar.simulation.recording import open_recording
 
-pytest.importorskip("mcap")
+mcap_writer = pytest.importorskip("mcap.writer")
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     world, file = World("psm"), tmp_path / "run.mcap"
-    with world.record(file):
+    with record(world, file):
         world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])
         world.step(900)
     return file
@@ -110,8 +110,8 @@ def test_people_are_told_that_the_motion_is_the_same(trocar, file):
 
 def test_people_are_told_how_far_a_motion_is_off(trocar, tmp_path):
     file, world = tmp_path / "run.mcap", World("psm")
-    with world.record(file):
-        world._servos.table[0, 0] += 0.1
+    with record(world, file):
+        world.servos.setpoint[0, 0] += 0.1
         world.step(900)
     answer = trocar("replay", file)
     assert answer.status == 1
@@ -141,6 +141,20 @@ def test_bad_input_is_one_line(trocar, file, tmp_path, monkeypatch):
     answer = trocar("sim", "--headless", "--rig", "psm", "--record", tmp_path / "x.mcap")
     assert answer.status == 1
     assert "pip install 'trocar[record]'" in answer.complaint
+
+
+def test_a_recording_of_an_older_format_is_refused_with_both_formats(trocar, tmp_path):
+    old = tmp_path / "old.mcap"
+    with old.open("wb") as stream:
+        writer = mcap_writer.Writer(stream)
+        writer.start("ros2", "trocar 0.1.0")
+        writer.add_metadata("trocar", {"format": "2", "trocar": "0.1.0", "rig": "psm"})
+        writer.finish()
+    for command in ("replay", "plot"):
+        answer = trocar(command, old)
+        assert (answer.status, answer.out) == (2, "")
+        assert f"{old}: got recording format 2, written by trocar 0.1.0" in answer.complaint
+        assert answer.complaint.endswith("allowed: format 3")
 
 
 def test_a_recording_is_drawn(trocar, file, tmp_path):

@@ -184,6 +184,6 @@ def test_the_cost_of_recording_is_measured_when_it_is_asked_for(capsys):
     words = ["bench", "recording", "--duration", "0.5", "--passes", "1", "--json"]
     assert main(words) == 0
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
-    assert found["recording: loss of real-time factor"]["limit"] == 5.0
+    assert found["recording: added in the stepping thread"]["limit"] == 8.0
     minute = found["recording: a simulated minute"]
     assert 0.0 < minute["value"] <= minute["limit"] == 40.0

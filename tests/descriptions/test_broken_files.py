@@ -9,7 +9,7 @@ import pytest
 from trocar.descriptions import load_arm, load_rig, load_tool
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
-from trocar.modeling.mjcf import lone_rig
+from trocar.modeling.build import lone_rig
 from trocar.simulation import World
 
 PSM = DATA / "arms" / "psm.toml"

@@ -10,8 +10,8 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import RigDescription
 from trocar.errors import DescriptionError
+from trocar.recording.about import rig_fingerprint
 from trocar.simulation import World
-from trocar.simulation.recording.fingerprint import rig_fingerprint
 
 BOX = 'shape = [{ kind = "box", center_mm = [1, 2, 3], size_mm = [10, 20, 30] }]'
 FLAT = """solid flat
@@ -42,7 +42,7 @@ def test_an_object_weighs_what_its_shape_does_at_its_mass(tmp_path: Path) -> Non
     a, b, c = 0.01, 0.02, 0.03
     expected = 0.006 / 12.0 * np.diag([b * b + c * c, a * a + c * c, a * a + b * b])
     assert np.allclose(prop.movable.inertia, expected, rtol=1e-12)
-    model = World(rig)._model
+    model = World(rig).mj_model
     body = model.body("block")
     assert float(body.mass[0]) == pytest.approx(0.006)
     assert np.allclose(np.sort(body.inertia), np.sort(np.diag(expected)), rtol=1e-9)

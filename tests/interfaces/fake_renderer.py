@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from trocar.cameras.lens import project
 from trocar.errors import InputError, OvertakenError, TrocarError
-from trocar.geometry.lens import project
 from trocar.geometry.se3 import inverse
 
 

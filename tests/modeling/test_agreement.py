@@ -10,7 +10,7 @@ from trocar.descriptions import load_arm, names
 from trocar.descriptions.records import ArmDescription
 from trocar.kinematics import forward
 from trocar.modeling import naming
-from trocar.modeling.mjcf import lone_rig, rig_spec
+from trocar.modeling.build import build, lone_rig
 from trocar.modeling.options import ModelOptions
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).
@@ -41,7 +41,7 @@ def model_poses(
 def test_every_frame_is_where_the_compiled_model_has_it(name, rng, random_positions):
     arm = load_arm(name)
     mechanism = arm.mechanism
-    model = rig_spec(lone_rig(arm), ModelOptions(decoration=True)).compile()
+    model = build(lone_rig(arm), ModelOptions(decoration=True)).mj
     data = mujoco.MjData(model)
     for q in random_positions(arm, rng, 50):
         coordinate = forward.coordinates(mechanism, q)
@@ -66,7 +66,7 @@ def test_wrong_sign_of_one_coupling_is_seen(rng, random_positions):
     arm = load_arm("psm")
     q = random_positions(arm, rng, 1)[0]
     q[1] = 0.5
-    model = rig_spec(lone_rig(arm), ModelOptions(decoration=True)).compile()
+    model = build(lone_rig(arm), ModelOptions(decoration=True)).mj
     data = mujoco.MjData(model)
     coordinate = forward.coordinates(arm.mechanism, q)
     coordinate[arm.mechanism.frame_index["pitch_top"]] *= -1.0

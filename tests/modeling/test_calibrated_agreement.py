@@ -9,7 +9,7 @@ import pytest
 from trocar.descriptions import load_arm
 from trocar.kinematics import forward
 from trocar.modeling import naming
-from trocar.modeling.mjcf import lone_rig, rig_spec
+from trocar.modeling.build import build, lone_rig
 from trocar.modeling.options import LAYERS, ModelOptions
 
 #: As for nominal arms: twenty products of matrices of size 1; loops close to 1e-13 m besides.
@@ -23,7 +23,7 @@ def test_every_frame_of_a_calibrated_arm_is_where_the_compiled_model_has_it(
 ):
     arm = load_arm(name, calibration=request.getfixturevalue(kind)(name, rng))
     mechanism = arm.mechanism
-    model = rig_spec(lone_rig(arm), ModelOptions(decoration=True)).compile()
+    model = build(lone_rig(arm), ModelOptions(decoration=True)).mj
     data = mujoco.MjData(model)
     for q in random_positions(arm, rng, 30):
         coordinate = forward.coordinates(mechanism, q)
@@ -54,7 +54,7 @@ def test_every_frame_of_a_calibrated_arm_is_where_the_compiled_model_has_it(
 
 def test_a_loop_that_is_no_parallelogram_is_held_by_equal_layers_and_no_guard(skew_overlay, rng):
     def equalities(arm):
-        model = rig_spec(lone_rig(arm)).compile()
+        model = build(lone_rig(arm)).mj
         return [model.equality(k).name for k in range(model.neq)]
 
     found = equalities(load_arm("psm", calibration=skew_overlay("psm", rng)))

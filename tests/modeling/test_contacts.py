@@ -8,24 +8,24 @@ import mujoco
 import numpy as np
 import pytest
 
+from trocar.apps.trials import paper_sine
 from trocar.descriptions import load_rig, names
 from trocar.descriptions.catalogue import DATA
-from trocar.modeling.contacts import OBJECTS, contact_masks
+from trocar.modeling.geoms import OBJECTS, contact_masks
 from trocar.simulation import World
-from trocar.simulation.trajectories import paper_sine
 
 RIGS = names("rigs")
 
 
 def touching(world: World) -> set[tuple[str, str]]:
     """The pairs of bodies in contact in the present pose."""
-    mujoco.mj_kinematics(world._model, world._data)
-    mujoco.mj_collision(world._model, world._data)
+    mujoco.mj_kinematics(world.mj_model, world.mj_data)
+    mujoco.mj_collision(world.mj_model, world.mj_data)
     found = set()
-    for contact in world._data.contact:
+    for contact in world.mj_data.contact:
         if contact.dist <= 0.0:
-            bodies = (int(world._model.geom_bodyid[g]) for g in contact.geom)
-            found.add(tuple(sorted(world._model.body(b).name for b in bodies)))
+            bodies = (int(world.mj_model.geom_bodyid[g]) for g in contact.geom)
+            found.add(tuple(sorted(world.mj_model.body(b).name for b in bodies)))
     return found
 
 
@@ -44,7 +44,7 @@ def test_nothing_touches_along_the_test_trajectory(rig):
     sine = paper_sine(world.rig, 10.0, 0.05)
     for row in range(len(next(iter(sine.positions.values())))):
         for name in sine.positions:
-            world._drives[name].place(
+            world.arm(name).motors.place(
                 sine.positions[name][row], np.zeros_like(sine.positions[name][row])
             )
         assert not touching(world), row
@@ -109,14 +109,14 @@ def test_a_tool_that_is_driven_into_the_table_rests_on_it(tmp_path: Path):
 
 
 def test_without_collisions_there_is_nothing_to_collide():
-    model = World("full_cart", collisions=False)._model
+    model = World("full_cart", collisions=False).mj_model
     assert model.ngeom == 0
 
 
 def test_collision_geoms_carry_no_mass():
     """Mass is the description's; shapes only look and touch."""
     for rig in ("psm", "full_cart"):
-        on, off = World(rig)._model, World(rig, collisions=False)._model
+        on, off = World(rig).mj_model, World(rig, collisions=False).mj_model
         np.testing.assert_array_equal(on.body_mass, off.body_mass)
         np.testing.assert_array_equal(on.body_inertia, off.body_inertia)
         assert on.ngeom > 0

@@ -14,7 +14,7 @@ from trocar.errors import DescriptionError
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import gaps, loops_are_parallelograms
 from trocar.modeling import naming
-from trocar.modeling.mjcf import lone_rig, rig_spec
+from trocar.modeling.build import build, lone_rig
 from trocar.simulation import World
 
 
@@ -35,7 +35,7 @@ def equalities(model: mujoco.MjModel) -> list[str]:
 @pytest.mark.parametrize("name", ["psm", "ecm"])
 def test_parallelograms_have_a_connect_each_and_one_guard(name):
     arm = load_arm(name)
-    model = rig_spec(lone_rig(arm)).compile()
+    model = build(lone_rig(arm)).mj
     for closure in arm.mechanism.closures:
         connect = model.equality(naming.scoped("arm", closure.name))
         assert connect.type == mujoco.mjtEq.mjEQ_CONNECT
@@ -56,7 +56,7 @@ def test_a_loop_that_is_no_parallelogram_closes_by_newton_and_has_no_guard(pertu
     assert gaps(mechanism, found).max() < 1e-9
     ends = [mechanism.frame_index[n] for n in ("pitch_end", "pitch_back")]
     assert np.abs(found[:, ends[0]] - found[:, ends[1]]).max() > 1e-4  # a guard would fight
-    model = rig_spec(lone_rig(arm)).compile()
+    model = build(lone_rig(arm)).mj
     assert not [n for n in equalities(model) if "/guard/" in n]
 
 
@@ -81,7 +81,7 @@ def test_a_loop_that_is_no_parallelogram_moves_on_its_branch(perturbed):
 
 def test_every_moving_frame_that_no_motor_and_no_loop_moves_is_coupled():
     arm = load_arm("psm")
-    model = rig_spec(lone_rig(arm)).compile()
+    model = build(lone_rig(arm)).mj
     for frame, ratio in (("counterweight", 0.6025), ("finger_right", -1.0)):
         assert model.equality(naming.scoped("arm", frame)).data[1] == pytest.approx(ratio)
 
@@ -96,8 +96,8 @@ def opened(tmp_path: Path) -> Path:
 
 
 def test_an_open_hinge_is_left_out_with_the_guard_and_ties_nothing_instead(opened):
-    model = rig_spec(lone_rig(load_arm(opened))).compile()
-    sound = rig_spec(lone_rig(load_arm("psm"))).compile()
+    model = build(lone_rig(load_arm(opened))).mj
+    sound = build(lone_rig(load_arm("psm"))).mj
     assert set(equalities(sound)) - set(equalities(model)) == {
         naming.scoped("arm", "c2"),
         naming.guard("arm", "c2"),

@@ -10,9 +10,9 @@ import pytest
 
 from trocar.apps.exports.export import export
 from trocar.descriptions import load_rig
-from trocar.modeling.contacts import OBJECTS, contact_masks
+from trocar.modeling.build import build
+from trocar.modeling.geoms import OBJECTS, contact_masks
 from trocar.modeling.links import rig_links
-from trocar.modeling.mjcf import rig_spec
 
 
 def test_objects_touch_arms_props_and_each_other_and_nothing_else_changes() -> None:
@@ -30,8 +30,8 @@ def test_objects_touch_arms_props_and_each_other_and_nothing_else_changes() -> N
 
 def test_the_solver_takes_objects_apart() -> None:
     off = mujoco.mjtDisableBit.mjDSBL_ISLAND
-    assert not rig_spec(load_rig("pegs")).compile().opt.disableflags & off
-    assert rig_spec(load_rig("two_psm_ecm")).compile().opt.disableflags & off
+    assert not build(load_rig("pegs")).mj.opt.disableflags & off
+    assert build(load_rig("two_psm_ecm")).mj.opt.disableflags & off
 
 
 def test_links_and_joints_leave_objects_out() -> None:
@@ -44,7 +44,7 @@ def test_links_and_joints_leave_objects_out() -> None:
 def test_a_file_of_mjcf_has_objects_where_the_simulation_has_them(tmp_path: Path) -> None:
     pytest.importorskip("lxml", reason="files of MJCF are written with lxml")
     rig = load_rig("pegs")
-    ours = rig_spec(rig).compile()
+    ours = build(rig).mj
     export(rig, "mjcf", tmp_path / "pegs")
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "pegs" / "pegs_pid.xml"))
     data = mujoco.MjData(model)

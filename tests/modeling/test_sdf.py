@@ -19,9 +19,7 @@ from trocar.errors import UnknownNameError
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.modeling.links import LinkModel, rig_links
 from trocar.modeling.markup import element
-from trocar.modeling.sdf import VERSIONS, model_name, sdf
-from trocar.modeling.sdf_shapes import add_shape, exact
-from trocar.modeling.sdf_world import card, world
+from trocar.modeling.sdf import VERSIONS, add_shape, card, exact, model_name, sdf, world
 
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")
 

@@ -18,10 +18,9 @@ from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
 from trocar.kinematics.forward import coordinates, poses
-from trocar.modeling.contacts import contact_masks
+from trocar.modeling.geoms import contact_masks
 from trocar.modeling.links import LinkModel, rig_links
-from trocar.modeling.sdf import sdf
-from trocar.modeling.sdf_joints import joint_name
+from trocar.modeling.sdf import joint_name, sdf
 
 pydrake = pytest.importorskip("pydrake.all", reason="pydrake is not installed (extra: judges)")
 etree = pytest.importorskip("lxml.etree", reason="lxml is not installed (extra: export)")

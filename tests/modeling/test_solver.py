@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_rig
-from trocar.modeling.mjcf import rig_spec
+from trocar.modeling.build import build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation import World
 
@@ -18,7 +18,7 @@ SPARSE_FROM = 60
 @pytest.mark.parametrize("rig", ["psm", "full_cart"])
 def test_settings_are_the_measured_ones(rig):
     """Source: measured on these arms, docs/simulation.md."""
-    option = rig_spec(load_rig(rig)).compile().opt
+    option = build(load_rig(rig)).mj.opt
     assert option.integrator == mujoco.mjtIntegrator.mjINT_DISCRETE
     assert option.solver == mujoco.mjtSolver.mjSOL_NEWTON
     assert option.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
@@ -31,7 +31,7 @@ def test_settings_are_the_measured_ones(rig):
 @pytest.mark.parametrize("timestep", [0.0005, 0.001, 0.002])
 def test_the_timestep_is_the_one_that_was_asked_for(timestep):
     world = World("psm", timestep_s=timestep)
-    assert world._model.opt.timestep == world.timestep == timestep
+    assert world.mj_model.opt.timestep == world.timestep == timestep
     world.step(round(0.1 / timestep))
     assert world.time == pytest.approx(0.1)
     assert world.health().loop_gap_m < 1e-6
@@ -39,10 +39,10 @@ def test_the_timestep_is_the_one_that_was_asked_for(timestep):
 
 def test_the_cart_stays_finite_with_the_dense_jacobian():
     world = World("full_cart")
-    assert world._model.nv >= SPARSE_FROM
-    assert not mujoco.mj_isSparse(world._model)
+    assert world.mj_model.nv >= SPARSE_FROM
+    assert not mujoco.mj_isSparse(world.mj_model)
     world.step(50)
-    assert np.isfinite(world._data.qpos).all()
+    assert np.isfinite(world.mj_data.qpos).all()
     assert world.health().branch_ok
     assert world.health().loop_gap_m < 1e-7
 
@@ -59,10 +59,10 @@ def test_the_sparse_jacobian_of_this_mujoco_is_the_reason(tmp_path, monkeypatch)
         ("SPARSE", mujoco.mjtJacobian.mjJAC_SPARSE),
     ):
         world = World("full_cart")
-        world._model.opt.jacobian = jacobian
-        assert mujoco.mj_isSparse(world._model) == (kind == "SPARSE")
-        mujoco.mj_step(world._model, world._data, nstep=100)
-        fastest[kind] = np.abs(world._data.qvel).max()
+        world.mj_model.opt.jacobian = jacobian
+        assert mujoco.mj_isSparse(world.mj_model) == (kind == "SPARSE")
+        mujoco.mj_step(world.mj_model, world.mj_data, nstep=100)
+        fastest[kind] = np.abs(world.mj_data.qvel).max()
     assert fastest["DENSE"] < 1e-3
     if fastest["SPARSE"] < 1e-2:
         pytest.skip(f"MuJoCo {mujoco.__version__} keeps this chain with a sparse Jacobian too")
@@ -71,11 +71,10 @@ def test_the_sparse_jacobian_of_this_mujoco_is_the_reason(tmp_path, monkeypatch)
 
 def test_options_reach_the_model():
     rig = load_rig("psm")
-    spec = rig_spec(rig, ModelOptions(timestep=0.002, collisions=False))
-    model = spec.compile()
+    model = build(rig, ModelOptions(timestep=0.002, collisions=False)).mj
     assert model.opt.timestep == 0.002
     assert model.ngeom == 0
-    drawn = rig_spec(rig, ModelOptions(decoration=True)).compile()
+    drawn = build(rig, ModelOptions(decoration=True)).mj
     shapes = [s for a in rig.arms for b in a.arm.bodies for s in b.shapes]
     shapes += [s for prop in rig.props for s in prop.shapes]
     assert drawn.ngeom == sum(s.visible or s.collide for s in shapes)

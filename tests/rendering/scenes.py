@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Calibration, Intrinsics, StereoCalibration
+from trocar.cameras import Calibration, Intrinsics, StereoCalibration
 from trocar.geometry.se3 import inverse
 from trocar.rendering import Channels, Look, Renderer, StereoFrame
 from trocar.simulation.cameras import CameraRecord

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.descriptions.cameras import Intrinsics, StereoCalibration, load_stereo_camera
+from trocar.cameras import Intrinsics, StereoCalibration
+from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform
 from trocar.rendering import Endoscope, Look, StereoFrame

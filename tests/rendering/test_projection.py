@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 
-from trocar.geometry.lens import plane_from_pixels, undistort
+from trocar.cameras.lens import plane_from_pixels, undistort
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.rendering import Look

@@ -39,7 +39,7 @@ def qpos_after(commands) -> np.ndarray:
     world.step(50)
     commands(arm)
     world.step(100)
-    return np.concatenate([world._data.qpos, world._data.qvel])
+    return np.concatenate([world.mj_data.qpos, world.mj_data.qvel])
 
 
 UNDISTURBED = qpos_after(lambda _arm: None)
@@ -175,10 +175,10 @@ def test_each_argument_of_a_world_says_what_is_allowed(argument, value, allowed)
 @pytest.mark.parametrize("bad", [[0.0] * 6, [np.nan] * 7, "here", None])
 def test_a_state_that_cannot_be_is_refused(bad):
     world = World("psm")
-    before = world._data.qpos.copy()
+    before = world.mj_data.qpos.copy()
     with pytest.raises(InputError, match="allowed: 7 finite numbers"):
         world.set_state("PSM1", bad)
-    np.testing.assert_array_equal(world._data.qpos, before)
+    np.testing.assert_array_equal(world.mj_data.qpos, before)
 
 
 def test_a_diverged_simulation_says_when_where_and_what_it_was_told(tmp_path, monkeypatch):
@@ -187,8 +187,8 @@ def test_a_diverged_simulation_says_when_where_and_what_it_was_told(tmp_path, mo
     arm = world.arm("PSM1")
     arm.servo_jp(GOOD)
     world.step(100)
-    hinge = int(world._model.joint("PSM1/pitch_back").dofadr[0])
-    world._data.qvel[hinge] = np.nan
+    hinge = int(world.mj_model.joint("PSM1/pitch_back").dofadr[0])
+    world.mj_data.qvel[hinge] = np.nan
     with pytest.raises(DivergedError) as caught:
         world.step(50)
     error = caught.value
@@ -204,16 +204,16 @@ def test_a_diverged_simulation_says_when_where_and_what_it_was_told(tmp_path, mo
 def test_reset_recovers_from_a_divergence(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     broken, new = World("psm"), World("psm")
-    broken._data.qpos[0] = np.nan
+    broken.mj_data.qpos[0] = np.nan
     for _ in range(3):  # until gravity compensation has seen it too
         with pytest.raises(DivergedError):
             broken.step(20)
     broken.reset()
-    assert not broken._data.warning.number.any()
+    assert not broken.mj_data.warning.number.any()
     for world in (broken, new):
         world.arm("PSM1").move_jp(GOOD)
         world.step(200)
-    np.testing.assert_array_equal(broken._data.qpos, new._data.qpos)
+    np.testing.assert_array_equal(broken.mj_data.qpos, new.mj_data.qpos)
     assert broken.health().branch_ok
 
 
@@ -223,7 +223,7 @@ def test_a_divergence_in_a_played_table_names_the_row_it_was_told(tmp_path, monk
     q = np.zeros((20, 7))
     q[:, 0] = np.linspace(0, 0.19, 20)
     q[:, 2] = 0.12
-    world._data.qvel[int(world._model.joint("PSM1/yaw").dofadr[0])] = np.nan
+    world.mj_data.qvel[int(world.mj_model.joint("PSM1/yaw").dofadr[0])] = np.nan
     with pytest.raises(DivergedError) as caught:
         world.play({"PSM1": q}, every=5)
     assert caught.value.target == q[0, 0]
@@ -233,4 +233,4 @@ def test_no_numbers_that_are_no_longer_finite_pass_unnoticed():
     """MuJoCo's own reset of a bad state is off: it would hide the divergence."""
     world = World("psm")
     off = int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-    assert world._model.opt.disableflags & off
+    assert world.mj_model.opt.disableflags & off

@@ -13,6 +13,7 @@ from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import Overlay, write_overlay
 from trocar.errors import LogError
 from trocar.kinematics.forward import coordinates
+from trocar.recording import record
 from trocar.simulation import World
 from trocar.simulation.health import arm_health, remote_centre_error, remote_centre_wander
 
@@ -79,7 +80,7 @@ def test_the_same_calibration_gives_the_same_motion_to_the_last_bit(skew_overlay
         world = World("psm", calibration=overlay, tip_load_n=5.0)
         world.arm("PSM1").move_jp([0.3, 0.4, 0.1, 0.0, 0.2, 0.1])
         world.step(300)
-        return world._state.values.tobytes()
+        return world.save().row.tobytes()
 
     assert state() == state()
 
@@ -90,7 +91,7 @@ def test_an_empty_overlay_moves_as_the_nominal_arm_to_the_last_bit():
         world = World("psm", calibration=calibration)
         world.arm("PSM1").move_jp([0.3, 0.4, 0.1, 0.0, 0.2, 0.1])
         world.step(300)
-        states.append(world._state.values.tobytes())
+        states.append(world.save().row.tobytes())
     assert states[0] == states[1]
 
 
@@ -99,7 +100,7 @@ def test_measured_poses_are_those_of_the_calibrated_kinematics(skew_overlay, rng
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.4, 0.5, 0.1, 0.3, 0.2, 0.1, 0.3]))
     body = world.snapshot()
-    index = world._drives["PSM1"].binding.frame_bodies["wrist_yaw"]
+    index = arm.motors.index.bodies["wrist_yaw"]
     told = world.reference_pose("PSM1") @ arm.local_measured_cp().T
     assert np.abs(body.positions[index] - told[:3, 3]).max() < 1e-9
 
@@ -109,7 +110,7 @@ def test_a_recording_keeps_the_calibration_when_its_file_is_gone(tmp_path, skew_
     file = tmp_path / "o.toml"
     write_overlay(file, skew_overlay("psm", rng))
     world = World("two_psm_ecm", calibration=[f"PSM2={file}"])
-    with world.record(tmp_path / "run.mcap"):
+    with record(world, tmp_path / "run.mcap"):
         world.arm("PSM2").move_jp([0.2, 0.3, 0.1, 0.0, 0.1, 0.1])
         world.step(200)
         world.exchange_tool("PSM2", "PROGRASP_FORCEPS:420093")

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trocar.cameras import MonoCalibration
+from trocar.cameras.lens import project
 from trocar.descriptions import load_rig
-from trocar.descriptions.cameras import MonoCalibration, load_camera, load_stereo_camera
+from trocar.descriptions.cameras import load_camera, load_stereo_camera
 from trocar.errors import InputError, UnknownNameError
-from trocar.geometry.lens import project
 from trocar.geometry.se3 import inverse, transform_points
+from trocar.recording.about import rig_fingerprint
 from trocar.simulation import World
-from trocar.simulation.recording.fingerprint import rig_fingerprint
 
 
 @pytest.fixture(scope="module")

@@ -181,7 +181,7 @@ def test_an_impedance_pulls_the_tip_back_to_its_pose(world, arm):
     world.step(300)
     wanted = springs(arm)
     assert arm.servo_ci(wanted)
-    world._data.qvel[world._model.jnt_dofadr[world._model.joint("PSM1/yaw").id]] += 0.3
+    world.mj_data.qvel[world.mj_model.jnt_dofadr[world.mj_model.joint("PSM1/yaw").id]] += 0.3
     world.step(30)
     away = np.linalg.norm(arm.measured_cp().T[:3, 3] - wanted.force_position)
     world.step(2000)

@@ -154,7 +154,7 @@ def test_servo_jf_persists_until_a_position_command_takes_the_arm_back(world, ar
     world.step(100)
     second = arm.measured_js()
     assert before[0] < first.position[0] < second.position[0]
-    assert second.effort[0] - arm._drives.load()[0] == pytest.approx(0.4, abs=1e-9)
+    assert second.effort[0] - arm.motors.load()[0] == pytest.approx(0.4, abs=1e-9)
     arm.hold()
     world.step(1)
     stopped = arm.setpoint_js().position

@@ -11,7 +11,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.descriptions.catalogue import DATA
-from trocar.modeling.mjcf import lone_rig
+from trocar.modeling.build import lone_rig
 from trocar.simulation import World
 
 
@@ -31,7 +31,7 @@ def frictionless(tmp_path: Path):
         assert all(f.viscous == f.coulomb == 0.0 for f in arm.friction["paper"].values())
         world = World(lone_rig(arm), friction="paper", gravity_compensation=False)
         world.arm("arm").set_mode("effort")
-        world._model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        world.mj_model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
         return world
 
     return make
@@ -49,8 +49,8 @@ def energies(world: World, steps: int) -> np.ndarray:
     """Potential and kinetic energy at each period [J]."""
     found = []
     for _ in range(steps):
-        mujoco.mj_forward(world._model, world._data)
-        found.append(world._data.energy.copy())
+        mujoco.mj_forward(world.mj_model, world.mj_data)
+        found.append(world.mj_data.energy.copy())
         world.step()
     return np.array(found)
 
@@ -65,7 +65,7 @@ STARTS = {
 def test_kinetic_energy_stays_without_gravity(frictionless, name):
     """First-order integration at 1 ms over 1 s: a few parts in a thousand."""
     world = frictionless(name)
-    world._model.opt.gravity[:] = 0.0
+    world.mj_model.opt.gravity[:] = 0.0
     q, v = (np.array(x, dtype=float) for x in STARTS[name])
     world.set_state("arm", q, v)
     kinetic = energies(world, 1000)[:, 1]
@@ -90,8 +90,8 @@ def test_total_energy_stays_as_the_arm_falls(frictionless, name):
 def test_the_paper_damping_takes_energy_away():
     world = World("psm", friction="paper", gravity_compensation=False)
     world.arm("PSM1").set_mode("effort")
-    world._model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-    world._model.opt.gravity[:] = 0.0
+    world.mj_model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    world.mj_model.opt.gravity[:] = 0.0
     q, v = (np.array(x, dtype=float) for x in STARTS["psm"])
     world.set_state("PSM1", q, v)
     kinetic = energies(world, 300)[:, 1]

@@ -46,7 +46,7 @@ def busy_cart() -> World:
 
 def physics_of(world: World, without: str) -> dict[str, list[float]]:
     """All that the physics holds of every joint and servo but one arm's, by name."""
-    model, data = world._model, world._data
+    model, data = world.mj_model, world.mj_data
     found: dict[str, list[float]] = {"": [data.time, float(model.opt.disableactuator)]}
     for k in range(model.njnt):
         joint, at, dof = model.joint(k).name, model.jnt_qposadr[k], model.jnt_dofadr[k]
@@ -58,10 +58,10 @@ def physics_of(world: World, without: str) -> dict[str, list[float]]:
         servo = model.actuator(k).name
         if not servo.startswith(without):
             act = data.act[model.actuator_actadr[k]]
-            told = world._servos.table[k].tolist()
-            effort = [world._servos.commanded[k], world._servos.balanced[k]]
+            told = world.servos.setpoint[k].tolist()
+            effort = [world.servos.commanded[k], world.servos.balanced[k]]
             gains = [*model.actuator_gainprm[k], *model.actuator_biasprm[k]]
-            limits = [*model.actuator_forcerange[k], world._servos.tolerance[k]]
+            limits = [*model.actuator_forcerange[k], world.servos.servoed[k]]
             found[f"servo {servo}"] = [act, *told, *effort, *gains, *limits]
     return found
 
@@ -194,8 +194,10 @@ def test_gravity_is_compensated_for_the_new_weight_at_once() -> None:
     world = World("psm")
     world.arm("PSM1").move_to("work").wait(5.0)
     world.exchange_tool("PSM1", PROGRASP)
-    fed = world._servos.table[:, 2].copy()
-    np.testing.assert_allclose(fed, world._gravity.efforts(), rtol=0, atol=1e-12)
+    fed = world.servos.setpoint[:, 2].copy()
+    np.testing.assert_allclose(
+        fed, world.frames.holding_efforts(np.zeros(len(fed))), rtol=0, atol=1e-12
+    )
 
 
 def test_reset_keeps_the_tool_and_goes_to_the_rig_s_pose() -> None:
@@ -264,11 +266,11 @@ def test_a_tool_that_cannot_be_mounted_changes_nothing(
     world = World("two_psm_ecm")
     motion = world.arm("PSM1").move_to("work")
     world.step(20)
-    before, model = world.snapshot(), world._model
+    before, model = world.snapshot(), world.mj_model
     with pytest.raises(error, match=message):
         world.exchange_tool(arm, tool)
     after = world.snapshot()
-    assert world._model is model and not motion.done
+    assert world.mj_model is model and not motion.done
     np.testing.assert_array_equal(after.arms["PSM1"].q, before.arms["PSM1"].q)
     assert world.arm("PSM1").tool == "LARGE_NEEDLE_DRIVER:400006"
 

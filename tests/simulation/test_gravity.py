@@ -17,9 +17,9 @@ AGREED = 1e-9
 
 def fed_forward(world: World, name: str) -> np.ndarray:
     """What compensation feeds each servo of an arm now, (n,)."""
-    world._gravity.renew()
-    used = world._drives[name].binding.actuators
-    return (world._servos.balanced * world._servos.holding)[used]
+    motors, servos = world.arm(name).motors, world.servos
+    holding = world.frames.holding_efforts(np.zeros(len(servos.table)))
+    return (servos.balanced * holding)[motors.index.rows]
 
 
 @pytest.mark.parametrize(("rig", "name"), [("psm", "PSM1"), ("ecm", "ECM")])
@@ -64,10 +64,10 @@ def test_setup_joints_carry_themselves_and_the_arm_that_hangs_on_them():
 def test_turning_setup_joints_feel_the_arm_by_finite_differences():
     """Effort = d (potential energy) / d q, by moving the compiled model a little."""
     world = World("full_cart")
-    model, data = world._model, world._data
-    binding = world._drives["SUJ_ECM"].binding
+    model, data = world.mj_model, world.mj_data
+    index = world.arm("SUJ_ECM").motors.index
     wanted = fed_forward(world, "SUJ_ECM")
-    for index, address in enumerate(binding.qpos):
+    for joint, address in enumerate(index.qpos):
         energy = []
         here = data.qpos[address]
         for step in (1e-5, -1e-5):
@@ -77,7 +77,7 @@ def test_turning_setup_joints_feel_the_arm_by_finite_differences():
             energy.append(9.81 * float(model.body_mass @ data.xipos[:, 2]))
         data.qpos[address] = here
         slope = (energy[0] - energy[1]) / 2e-5
-        assert wanted[index] == pytest.approx(slope, abs=1e-5)  # of 200 N
+        assert wanted[joint] == pytest.approx(slope, abs=1e-5)  # of 200 N
 
 
 @pytest.mark.parametrize("rig", ["psm", "ecm", "full_cart"])
@@ -101,7 +101,7 @@ def test_compensation_follows_an_arm_that_moves():
     goal = np.array([0.8, 0.5, 0.2, 0.0, 0.0, 0.0])
     arm.move_jp(goal)
     passed = [arm.readings()[0]]
-    fed = world._servos.table[:, 2]
+    fed = world.servos.setpoint[:, 2]
     for _ in range(60):
         world.step(21)
         passed.append(arm.readings()[0])
@@ -126,7 +126,7 @@ def test_compensation_is_switched_at_once_and_says_so():
     world = World("psm")
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
-    fed = world._servos.table[:, 2]
+    fed = world.servos.setpoint[:, 2]
     assert arm.gravity_compensation
     assert np.abs(fed[:2]).min() > 0.05
     arm.use_gravity_compensation(False)

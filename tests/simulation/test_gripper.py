@@ -67,7 +67,7 @@ def test_both_levers_open_alike(world, arm):
     arm.gripper.squeeze_to(0.5)
     world.step(500)
     at = arm.description.mechanism.frame_index
-    seen = {frame: world._drives["MTML"].frame_coordinates()[k] for frame, k in at.items()}
+    seen = {frame: world.arm("MTML").frame_coordinates()[k] for frame, k in at.items()}
     assert seen["gripper_left"] == pytest.approx(0.25, abs=1e-3)
     assert seen["gripper_right"] == pytest.approx(-seen["gripper_left"], abs=1e-6)
 

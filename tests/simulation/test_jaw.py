@@ -9,7 +9,7 @@ import pytest
 from trocar.descriptions import load_arm
 from trocar.geometry.dh import modified_dh
 from trocar.geometry.rotations import rotation_vector_from_matrix
-from trocar.modeling.mjcf import lone_rig
+from trocar.modeling.build import lone_rig
 from trocar.simulation import World
 
 
@@ -26,12 +26,14 @@ def jaw_of(world: World):
 
 def turns(world: World) -> np.ndarray:
     """How far each finger's body is turned from the wrist's, (2,) [rad]; both are 0 when shut."""
-    mujoco.mj_kinematics(world._model, world._data)
-    wrist = world._data.body("PSM1/wrist_pitch").xmat.reshape(3, 3)
+    mujoco.mj_kinematics(world.mj_model, world.mj_data)
+    wrist = world.mj_data.body("PSM1/wrist_pitch").xmat.reshape(3, 3)
     return np.array(
         [
             rotation_vector_from_matrix(
-                FROM_WRIST.T @ wrist.T @ world._data.body(f"PSM1/finger_{side}").xmat.reshape(3, 3)
+                FROM_WRIST.T
+                @ wrist.T
+                @ world.mj_data.body(f"PSM1/finger_{side}").xmat.reshape(3, 3)
             )[2]
             for side in ("left", "right")
         ]

@@ -85,11 +85,11 @@ def test_the_same_commands_before_the_same_periods_make_bit_identical_motion():
             second.step(1)
         apply_command(second, entry)
     second.step(first.periods - second.periods)
-    np.testing.assert_array_equal(second._data.qpos, first._data.qpos)
-    np.testing.assert_array_equal(second._data.qvel, first._data.qvel)
+    np.testing.assert_array_equal(second.mj_data.qpos, first.mj_data.qpos)
+    np.testing.assert_array_equal(second.mj_data.qvel, first.mj_data.qvel)
 
 
-@pytest.mark.parametrize("name", ["measured_js", "_drives.place", "nothing", "jaw._verbs.write"])
+@pytest.mark.parametrize("name", ["measured_js", "motors.place", "nothing", "jaw._control.put"])
 def test_only_verbs_can_be_repeated(name):
     world = World("psm")
     with pytest.raises(InputError, match="does not have"):

@@ -10,7 +10,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.kinematics.loops import gaps, residual_jacobian, residuals
-from trocar.modeling.mjcf import lone_rig
+from trocar.modeling.build import lone_rig
 from trocar.simulation import World
 from trocar.simulation.health import arm_health
 
@@ -67,7 +67,7 @@ def test_the_constraints_residual_is_the_analytic_gap(rig, name):
     world = World(rig, tip_load_n=10.0)
     world.arm(name).move_jp(world.arm(name).measured_js().position + 0.1)
     world.step(300)
-    model, data = world._model, world._data
+    model, data = world.mj_model, world.mj_data
     health = world.arm(name).health()
     mujoco.mj_forward(model, data)
     for closure in world.rig.arm(name).arm.mechanism.closures:
@@ -77,7 +77,7 @@ def test_the_constraints_residual_is_the_analytic_gap(rig, name):
         rows &= data.efc_type[: data.nefc] == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
         assert np.linalg.norm(data.efc_pos[: data.nefc][rows]) == pytest.approx(residual, abs=1e-15)
         assert residual <= health.loop_gap_m + 1e-15
-    found = gaps(world.rig.arm(name).arm.mechanism, world._drives[name].frame_coordinates())
+    found = gaps(world.rig.arm(name).arm.mechanism, world.arm(name).frame_coordinates())
     worst = max(
         np.linalg.norm(data.site(f"{name}/{c.name}/a").xpos - data.site(f"{name}/{c.name}/b").xpos)
         for c in world.rig.arm(name).arm.mechanism.closures

@@ -101,7 +101,7 @@ def test_efforts_of_joints_in_other_modes_are_ignored():
     still.arm("PSM1").servo_jf([0.1, 0, 0, 0, 0, 0])
     for w in (world, still):
         w.step(100)
-    np.testing.assert_array_equal(world._data.qpos, still._data.qpos)
+    np.testing.assert_array_equal(world.mj_data.qpos, still.mj_data.qpos)
 
 
 def test_switching_back_to_position_starts_where_the_arm_is():
@@ -163,12 +163,12 @@ def test_a_set_arm_is_where_its_kinematics_say():
     arm.set_mode("set")
     arm.servo_jp(TARGET)
     mechanism = world.rig.arm("PSM1").arm.mechanism
-    mujoco.mj_kinematics(world._model, world._data)
+    mujoco.mj_kinematics(world.mj_model, world.mj_data)
     poses = forward.poses(mechanism, np.append(TARGET, 0.0), relative_to="base")
-    root = world._data.body("PSM1/base")
+    root = world.mj_data.body("PSM1/base")
     for frame in ("pitch_top", "pitch_front", "pitch_end", "counterweight", "finger_left"):
         there = root.xmat.reshape(3, 3) @ poses[frame][:3, 3] + root.xpos
-        np.testing.assert_allclose(world._data.body(f"PSM1/{frame}").xpos, there, atol=1e-9)
+        np.testing.assert_allclose(world.mj_data.body(f"PSM1/{frame}").xpos, there, atol=1e-9)
 
 
 def test_unknown_modes_and_joints_are_told_with_the_known_ones():

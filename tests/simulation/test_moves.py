@@ -8,7 +8,7 @@ import pytest
 from trocar.descriptions import load_arm, names
 from trocar.errors import InputError
 from trocar.simulation import World
-from trocar.simulation.motion import RATIO_MIN, Profile
+from trocar.simulation.moves import RATIO_MIN, Profile
 
 GOAL = np.array([0.6, -0.4, 0.19, 1.0, 0.4, -0.3])
 
@@ -217,3 +217,37 @@ def test_a_move_in_set_mode_is_followed_exactly():
     arm.set_mode("set")
     assert arm.move_jp(GOAL).wait(5.0)
     np.testing.assert_allclose(arm.measured_js().position, GOAL, atol=1e-6)
+
+
+def test_set_points_go_on_at_a_velocity_until_a_limit_or_the_next_command():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    before = arm.setpoint_js().position
+    assert arm.servo_jv([0.2, -0.1, 0.01, 0.0, 0.0, 0.0])
+    assert not arm.busy
+    world.step(500)
+    told = arm.setpoint_js()
+    np.testing.assert_allclose(told.position - before, [0.1, -0.05, 0.005, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(told.velocity[:3], [0.2, -0.1, 0.01])
+    np.testing.assert_allclose(arm.measured_js().velocity[:2], [0.2, -0.1], atol=5e-3)
+    world.step(12_000)
+    limits = [arm.upper[0], arm.lower[1], arm.upper[2]]
+    np.testing.assert_allclose(arm.setpoint_js().position[:3], limits, atol=1e-9)
+    assert arm.setpoint_js().velocity[0] == 0.0
+    assert arm.servo_jv(np.zeros(6))
+    here = arm.setpoint_js().position
+    world.step(100)
+    np.testing.assert_array_equal(arm.setpoint_js().position, here)
+    arm.servo_jv([-0.1, 0, 0, 0, 0, 0])
+    arm.move_jp(GOAL).wait(10.0)
+    np.testing.assert_array_equal(arm.setpoint_js().position, GOAL)
+
+
+def test_a_velocity_beyond_the_limit_is_clipped_with_a_warning():
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert arm.servo_jv([9.0, 0, 0, 0, 0, 0])
+    assert "clipped" in arm.last_warning
+    world.step(100)
+    most = arm.description.joints[0].velocity_max
+    assert arm.setpoint_js().position[0] == pytest.approx(0.1 * most)

@@ -12,6 +12,7 @@ from trocar.descriptions import load_rig
 from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform
+from trocar.recording import record
 from trocar.simulation import World
 
 GRAVITY = 9.81
@@ -233,7 +234,7 @@ def test_a_recording_with_objects_repeats_to_the_last_bit(tmp_path: Path) -> Non
     world, file = World("pegs"), tmp_path / "run.mcap"
     T = transform(matrix_from_rpy(0.5, 0.2, 0.1), np.array([0.07, 0.085, 0.16]))
     world.object("ring2").set_cp(T)
-    with world.record(file):
+    with record(world, file):
         world.step(150)
         world.object("ring1").set_cp(T @ transform(np.eye(3), np.array([0.001, 0.0, 0.03])))
         world.step(300)

@@ -30,8 +30,8 @@ def test_playing_is_servoing_at_the_same_ticks_bit_for_bit(rig):
         np.testing.assert_array_equal(recording.positions["PSM1"][row], arm.readings()[0])
         np.testing.assert_allclose(recording.efforts["PSM1"][row], arm.readings()[2], atol=1e-12)
     for one, other in (
-        (played._data.qpos, served._data.qpos),
-        (played._data.qvel, served._data.qvel),
+        (played.mj_data.qpos, served.mj_data.qpos),
+        (played.mj_data.qvel, served.mj_data.qvel),
         (played.arm("PSM1").setpoint_js().position, arm.setpoint_js().position),
         (played.arm("PSM1").setpoint_js().velocity, arm.setpoint_js().velocity),
     ):
@@ -44,7 +44,7 @@ def test_playing_in_pieces_is_playing_at_once():
     whole.play({"PSM1": q}, {"PSM1": v})
     for part in (slice(0, 7), slice(7, 40), slice(40, 60)):
         pieces.play({"PSM1": q[part]}, {"PSM1": v[part]}, record=False)
-    np.testing.assert_array_equal(whole._data.qpos, pieces._data.qpos)
+    np.testing.assert_array_equal(whole.mj_data.qpos, pieces.mj_data.qpos)
 
 
 def test_samples_beyond_a_limit_are_clipped_and_counted():
@@ -58,7 +58,7 @@ def test_samples_beyond_a_limit_are_clipped_and_counted():
     inside = np.clip(q, world.arm("PSM1").lower, world.arm("PSM1").upper)
     other = World("psm")
     assert other.play({"PSM1": inside}).clipped == {"PSM1": 0}
-    np.testing.assert_array_equal(world._data.qpos, other._data.qpos)
+    np.testing.assert_array_equal(world.mj_data.qpos, other.mj_data.qpos)
 
 
 def test_a_recording_has_a_row_for_each_and_none_when_not_wanted():
@@ -84,7 +84,7 @@ def test_played_efforts_drive_joints_in_effort_mode_and_persist():
     assert arm.jaw is not None
     arm.set_mode("effort", ["jaw"])
     arm.jaw.servo_jf([0.0])  # a command for the jaw leaves the arm's efforts alone
-    assert world._servos.commanded[0] == 0.3
+    assert world.servos.commanded[0] == 0.3
 
 
 def test_moves_of_other_arms_end_where_they_are():
@@ -134,12 +134,12 @@ BAD[2, 3] = np.nan
 )
 def test_a_table_that_cannot_be_played_is_refused_and_nothing_moves(arguments, message):
     world = World("psm")
-    before = world._data.qpos.copy(), world._data.ctrl.copy()
+    before = world.mj_data.qpos.copy(), world.mj_data.ctrl.copy()
     with pytest.raises(InputError, match=message):
         world.play(**arguments)
     assert world.time == 0.0
-    np.testing.assert_array_equal(world._data.qpos, before[0])
-    np.testing.assert_array_equal(world._data.ctrl, before[1])
+    np.testing.assert_array_equal(world.mj_data.qpos, before[0])
+    np.testing.assert_array_equal(world.mj_data.ctrl, before[1])
 
 
 def test_arms_that_cannot_follow_a_table_are_told():

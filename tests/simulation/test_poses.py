@@ -14,8 +14,8 @@ from trocar.simulation import World
 
 def body_pose(world: World, name: str) -> np.ndarray:
     """Pose of a body in the world, from the physics state."""
-    mujoco.mj_kinematics(world._model, world._data)
-    body = world._data.body(name)
+    mujoco.mj_kinematics(world.mj_model, world.mj_data)
+    body = world.mj_data.body(name)
     found = np.eye(4)
     found[:3, :3], found[:3, 3] = body.xmat.reshape(3, 3), body.xpos
     return found

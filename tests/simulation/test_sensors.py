@@ -113,7 +113,7 @@ def hold(world: World, q: list[float], periods: int) -> Array:
 
 
 def state(world: World) -> Array:
-    return np.concatenate([world._data.qpos, world._data.qvel, world._data.act])
+    return np.concatenate([world.mj_data.qpos, world.mj_data.qvel, world.mj_data.act])
 
 
 # ------------------------------------------------------------------ joint_effort
@@ -150,8 +150,8 @@ def test_a_known_force_at_the_tip_is_read_in_the_tips_own_axes(
     world = World(rig_with(tmp_path, TIP))
     world.set_state("PSM1", np.array(q))
     force, torque = np.array([0.3, -0.5, 0.4]), np.array([2e-3, -1e-3, 3e-3])
-    number = world._model.body(f"PSM1/{body}").id
-    world._data.xfrc_applied[number] = [*force, *torque]
+    number = world.mj_model.body(f"PSM1/{body}").id
+    world.mj_data.xfrc_applied[number] = [*force, *torque]
     world.step(50)
     at = world.arm("PSM1").readings()[0]
     tip = frame_in_world(world, "tip", at)
@@ -218,7 +218,7 @@ def test_a_wrench_is_moved_to_where_the_sensor_stands(tmp_path: Path) -> None:
     turn, shift = [0.3, -0.2, 0.5], [0.01, 0.0, -0.02]
     moved = TIP.replace('"tip"', '"moved"', 1) + f"xyz_m = {shift}\nrpy_rad = {turn}\n"
     world = World(rig_with(tmp_path, TIP + moved))
-    world._data.xfrc_applied[world._model.body("PSM1/finger_left").id, :3] = [0.2, 0.1, -0.3]
+    world.mj_data.xfrc_applied[world.mj_model.body("PSM1/finger_left").id, :3] = [0.2, 0.1, -0.3]
     world.step(20)
     there, here = wrench(world, "moved"), wrench(world)
     change = adjoint(transform(matrix_from_rpy(*turn), np.array(shift))).T
@@ -237,7 +237,7 @@ def test_only_what_lies_beyond_is_counted(tmp_path: Path) -> None:
         ("insertion", set[str]()),
     ):
         world.reset()
-        world._data.xfrc_applied[world._model.body(f"PSM1/{body}").id, 2] = 0.1
+        world.mj_data.xfrc_applied[world.mj_model.body(f"PSM1/{body}").id, 2] = 0.1
         world.step(2)
         assert {n for n in world.sensors if wrench(world, n).force.any()} == counted
 
@@ -419,7 +419,7 @@ def test_a_moving_imu_reads_the_second_derivative_of_where_it_is(tmp_path: Path)
     arm = world.arm("PSM1")
     arm.move_jp([0.8, -0.6, 0.2, 0.5, 0.2, -0.2])
     world.step(100)
-    body = world._model.body("PSM1/insertion").id
+    body = world.mj_model.body("PSM1/insertion").id
     told: list[ImuReading] = []
     at: list[Array] = []
     for _ in range(300):
@@ -486,7 +486,7 @@ def test_reading_changes_no_bit_of_the_motion(tmp_path: Path) -> None:
 
 def test_sensors_are_no_part_of_the_physics(tmp_path: Path) -> None:
     """The same model to the last byte, so that a step costs the same."""
-    models = [World(rig)._model for rig in (rig_with(tmp_path, ALL), "psm")]
+    models = [World(rig).mj_model for rig in (rig_with(tmp_path, ALL), "psm")]
     sizes = [mujoco.mj_sizeModel(model) for model in models]
     assert sizes[0] == sizes[1]
     buffers = [np.zeros(size, dtype=np.uint8) for size in sizes]
@@ -499,8 +499,8 @@ def test_the_mark_of_an_arm_that_was_put_somewhere_changes_no_bit_of_the_motion(
     marked, bare = World("psm"), World("psm")
     for world in (marked, bare):
         world.set_state("PSM1", np.array(POSES[1]))
-        assert np.isnan(world._data.qacc).any()
-    bare._data.qacc[:] = 0.0
+        assert np.isnan(world.mj_data.qacc).any()
+    bare.mj_data.qacc[:] = 0.0
     for world in (marked, bare):
         world.step(100)
     np.testing.assert_array_equal(state(marked), state(bare))
@@ -597,7 +597,11 @@ def test_sensors_stay_when_another_tool_is_mounted(tmp_path: Path) -> None:
             assert not wrench(world).force.any()
             assert near(world).time == world.time
             world.step(300)
-        world._data.xfrc_applied[world._model.body("PSM1/finger_right").id, :3] = [0.1, 0.0, 0.0]
+        world.mj_data.xfrc_applied[world.mj_model.body("PSM1/finger_right").id, :3] = [
+            0.1,
+            0.0,
+            0.0,
+        ]
         world.step()
         assert np.linalg.norm(wrench(world).force) == pytest.approx(0.1)
     with pytest.raises(InputError, match=r"PSM1: sensor 'tip' needs tip, which the bare arm"):

@@ -57,7 +57,7 @@ def test_compiled_gains_are_the_descriptions(rig, control):
 
 
 def compiled_gains(world: World, arm: str, joint: str) -> tuple[float, float, float]:
-    servo = world._model.actuator(naming.scoped(arm, joint))
+    servo = world.mj_model.actuator(naming.scoped(arm, joint))
     return -servo.biasprm[1], servo.gainprm[0], -servo.biasprm[2]
 
 
@@ -110,5 +110,5 @@ def test_the_motors_limits_are_as_the_control_set_has_them(control):
     else:
         assert (limits[:-1] > 1e3).all()
     for joint, limit in zip(described, limits, strict=True):
-        servo = world._model.actuator(naming.scoped("PSM1", joint.name))
+        servo = world.mj_model.actuator(naming.scoped("PSM1", joint.name))
         np.testing.assert_array_equal(servo.forcerange, [-limit, limit])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trocar.descriptions.places import Places
 from trocar.errors import InputError, UnknownNameError
 from trocar.kinematics.forward import pose
 from trocar.simulation import World
@@ -60,9 +61,13 @@ def test_released_joints_move_and_what_hangs_on_them_follows(world):
     np.testing.assert_allclose(reached, goal, atol=2e-3)  # dry friction over the servo's stiffness
     seen = world.snapshot().arms["PSM1"].remote_centre
     np.testing.assert_allclose(seen, carried_centre(world, "PSM1", reached), atol=1e-12)
-    body = world._model.body("PSM1/base").id
+    body = world.mj_model.body("PSM1/base").id
     root = world.snapshot().positions[body]
-    np.testing.assert_allclose(root, world._places.root_pose("PSM1")[:3, 3], atol=1e-9)
+    np.testing.assert_allclose(
+        root,
+        Places(world.rig, lambda name: world.arm(name).positions()).root_pose("PSM1")[:3, 3],
+        atol=1e-9,
+    )
     world.step(1000)
     np.testing.assert_allclose(setup.measured_js().position, reached, atol=1e-5)
 
@@ -176,14 +181,14 @@ def test_only_setup_joints_have_brakes(world):
 def test_welded_setup_joints_stand_where_braked_ones_start(world):
     """Every body of the rig is at the same pose in both models."""
     welded = World(RIG, setup_joints="locked")
-    assert welded._model.nv < world._model.nv
+    assert welded.mj_model.nv < world.mj_model.nv
     one, other = world.snapshot(), welded.snapshot()
-    bodies = [{w._model.body(k).name for k in range(w._model.nbody)} for w in (world, welded)]
+    bodies = [{w.mj_model.body(k).name for k in range(w.mj_model.nbody)} for w in (world, welded)]
     common = bodies[0] & bodies[1]
     assert common > {"PSM1/finger_left", "ECM/roll", "table"}
     for name in common:
-        a = world._model.body(name).id
-        b = welded._model.body(name).id
+        a = world.mj_model.body(name).id
+        b = welded.mj_model.body(name).id
         np.testing.assert_allclose(one.positions[a], other.positions[b], atol=1e-12)
         same = np.abs(one.quaternions[a] @ other.quaternions[b])
         assert same == pytest.approx(1.0, abs=1e-12)

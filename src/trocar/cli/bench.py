@@ -2,10 +2,10 @@
 
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
-Measured only when asked for: recording, the cost of recording the full cart in motion; interface,
-what a program in another process sees of it (--transport); scope, how many pictures of the
-endoscope a second, beside MuJoCo's own renderer; and soak, an hour of it (some minutes of the
-machine's time).
+Measured only when asked for: core, the cost of verbs and readings in physics steps; recording, the
+cost of recording the full cart in motion; interface, what a program in another process sees of it
+(--transport); scope, how many pictures of the endoscope a second, beside MuJoCo's own renderer; and
+soak, an hour of it (some minutes of the machine's time).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 #: What is measured unless parts are asked for, and all that may be.
 PARTS = ("speed", "figures", "startup")
-ALL_PARTS = (*PARTS, "recording", "interface", "scope", "soak")
+ALL_PARTS = (*PARTS, "core", "recording", "interface", "scope", "soak")
 #: As `trocar.apps.benchmarks.live_scope` has it [s].
 LIVE_S = 60.0
 TRANSPORTS = ("websocket", "ros1", "ros2")
@@ -90,7 +90,16 @@ def run(args: Namespace) -> int:
     timed = timed and (args.live is None or 0.0 < args.live < float("inf"))
     if not timed or (args.passes is not None and args.passes < 1) or args.poses < 1:
         raise InputError("--duration, --live, --passes and --poses: allowed: above 0")
-    from trocar.apps.benchmarks import figures, interface, recording, scope, soak, startup, table9
+    from trocar.apps.benchmarks import (
+        core,
+        figures,
+        interface,
+        recording,
+        scope,
+        soak,
+        startup,
+        table9,
+    )
     from trocar.descriptions.overlay import read_overlay
 
     overlays = [read_overlay(file) for file in args.calibration]
@@ -105,6 +114,7 @@ def run(args: Namespace) -> int:
     rows = table9(*each, **passes, watch=_watch, overlays=overlays) if "speed" in parts else []
     found = figures(_watch, args.poses) if "figures" in parts else []
     found += startup(_watch) if "startup" in parts else []
+    found += core(_watch) if "core" in parts else []
     found += recording(*each, **passes, watch=_watch) if "recording" in parts else []
     if "interface" in parts:
         found += interface(tuple(args.transport) or ("websocket",), *each, watch=_watch)

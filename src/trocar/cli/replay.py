@@ -72,7 +72,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Replay and print what was found."""
-    from trocar.simulation.recording import is_recording
+    from trocar.recording import is_recording
 
     return _repeat(args) if is_recording(args.log) else _replay(args)
 

@@ -62,7 +62,9 @@ def recording(world: World, args: Namespace) -> Callable[[], AbstractContextMana
     """Return what opens the recording that the options ask for, and closes it again."""
     if args.record is None:
         return nullcontext
-    return partial(world.record, args.record, overwrite=args.overwrite)
+    from trocar.recording import record
+
+    return partial(record, world, args.record, overwrite=args.overwrite)
 
 
 def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import tempfile
 from pathlib import Path
 from typing import Any, cast
 
@@ -9,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.overlay_records import ClosureKind, ClosurePatch, FramePatch, Overlay
-from trocar.descriptions.table import Table, parse_table, read_table
-from trocar.descriptions.toml_text import key_text, value_text, write_whole
+from trocar.descriptions.table import Table, parse_table, read_table, toml_text
+from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -45,12 +47,27 @@ def parse_overlay(text: str, file: str) -> Overlay:
 
 
 def write_overlay(path: str | Path, overlay: Overlay) -> None:
-    """Write an overlay; the file is there whole or not at all.
+    """Write an overlay; until the file is whole, what was there before stays.
 
     Raises:
         InputError: numbers that are not finite, or a file that cannot be written
     """
-    write_whole(Path(path).expanduser(), overlay_text(overlay))
+    text, path = overlay_text(overlay), Path(path).expanduser()
+    beside = ""
+    try:
+        handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(beside, 0o666 & ~umask)
+        os.replace(beside, path)
+    except OSError as problem:
+        if beside:
+            Path(beside).unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
 
 
 def overlay_text(overlay: Overlay) -> str:
@@ -59,37 +76,36 @@ def overlay_text(overlay: Overlay) -> str:
     Raises:
         InputError: numbers that are not finite
     """
-    lines = [HEADER]
-    head = {"schema": SCHEMA, "arm": overlay.arm, "closure": overlay.closure}
-    lines += _lines("", head)
-    if overlay.warnings:
-        lines += ["warnings = ["]
-        lines += [f"    {value_text(text, 'warnings')}," for text in overlay.warnings]
-        lines += ["]"]
-    lines += _block("source", overlay.source) if overlay.source else []
-    for name, patch in overlay.frames.items():
-        entries = {"xyz_m": patch.xyz, "xyz_sigma_m": patch.xyz_sigma}
-        entries |= {"rpy_rad": patch.rpy, "rpy_sigma_rad": patch.rpy_sigma}
-        lines += _block(f"frames.{key_text(name)}", entries)
-    for name, hinge in overlay.closures.items():
-        entries = {"point_a_m": hinge.point_a, "point_a_sigma_m": hinge.point_a_sigma}
-        entries |= {"point_b_m": hinge.point_b, "point_b_sigma_m": hinge.point_b_sigma}
-        lines += _block(f"closures.{key_text(name)}", {**entries, "slides": hinge.slides})
-    lines += _block("measured", overlay.measured) if overlay.measured else []
-    return "\n".join(lines) + "\n"
-
-
-def _block(name: str, entries: Any) -> list[str]:
-    return ["", f"[{name}]", *_lines(name, entries)]
-
-
-def _lines(where: str, entries: Any) -> list[str]:
-    """Return `key = value` of every entry that is there."""
-    return [
-        f"{key_text(key)} = {value_text(value, f'{where}.{key}'.strip('.'))}"
-        for key, value in entries.items()
-        if value is not None
-    ]
+    frames = {
+        name: {
+            "xyz_m": patch.xyz,
+            "xyz_sigma_m": patch.xyz_sigma,
+            "rpy_rad": patch.rpy,
+            "rpy_sigma_rad": patch.rpy_sigma,
+        }
+        for name, patch in overlay.frames.items()
+    }
+    closures = {
+        name: {
+            "point_a_m": hinge.point_a,
+            "point_a_sigma_m": hinge.point_a_sigma,
+            "point_b_m": hinge.point_b,
+            "point_b_sigma_m": hinge.point_b_sigma,
+            "slides": hinge.slides,
+        }
+        for name, hinge in overlay.closures.items()
+    }
+    document = {
+        "schema": SCHEMA,
+        "arm": overlay.arm,
+        "closure": overlay.closure,
+        "warnings": overlay.warnings or None,
+        "source": overlay.source or None,
+        "frames": frames or None,
+        "closures": closures or None,
+        "measured": overlay.measured or None,
+    }
+    return f"{HEADER}\n{toml_text(document)}"
 
 
 def _read(table: Table) -> Overlay:

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
-from trocar.descriptions.cameras.records import CameraDescription
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.sensor_records import SensorDescription

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.arms import SCHEMA
-from trocar.descriptions.cameras.mounts import read_cameras
+from trocar.descriptions.cameras import read_cameras
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.props import check_object_name, read_prop

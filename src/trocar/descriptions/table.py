@@ -1,17 +1,19 @@
-"""Read TOML tables strictly: units from the key's suffix, every unknown key an error."""
+"""TOML tables, read strictly and written: units from the key's suffix, unknown keys are errors."""
 
 from __future__ import annotations
 
 import math
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+import tomli_w
 from numpy.typing import NDArray
 
-from trocar.errors import DescriptionError
+from trocar.errors import DescriptionError, InputError
 
 Array = NDArray[np.float64]
 
@@ -35,6 +37,9 @@ UNITS: dict[str, dict[str, float]] = {
     "position": {"rad_m": 1.0},
     "frequency": {"hz": 1.0},
 }
+
+#: A list of numbers as tomli_w writes it, one on each line.
+NUMBERS = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 
 
 class Table:
@@ -239,3 +244,35 @@ def parse_table(text: str, file: str) -> Table:
         return Table(tomllib.loads(text), file)
     except tomllib.TOMLDecodeError as problem:
         raise DescriptionError(file, "", f"is not TOML: {problem}") from problem
+
+
+def toml_text(document: Mapping[str, Any]) -> str:
+    """Return a document as TOML, vectors on one line; numbers come back to the last bit.
+
+    Args:
+        document: texts, numbers, true or false, lists, arrays and tables of these; entries that are
+            None are left out
+
+    Raises:
+        InputError: a number that is not finite, or a value that TOML does not have; names the key
+    """
+    text = tomli_w.dumps(_plain(document, ""))
+    return NUMBERS.sub(lambda found: f"[{', '.join(found[1].replace(',', ' ').split())}]", text)
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Return a value without arrays and Nones."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = cast(Any, value).tolist()
+    if isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise InputError(f"{where}: got {value}; allowed: a finite number")
+        return value
+    if isinstance(value, Mapping):
+        entries = cast(Mapping[str, Any], value).items()
+        return {k: _plain(v, f"{where}.{k}".strip(".")) for k, v in entries if v is not None}
+    if isinstance(value, Sequence):
+        return [_plain(v, where) for v in cast(Sequence[Any], value)]
+    raise InputError(f"{where}: got {value!r}; allowed: texts, numbers, lists and tables")

@@ -28,7 +28,7 @@ from trocar.simulation.journal import WORLD
 
 if TYPE_CHECKING:
     from trocar.simulation import World
-    from trocar.simulation.motion import Motion
+    from trocar.simulation.moves import Motion
     from trocar.simulation.records import Snapshot
 
 _log = logging.getLogger("trocar")

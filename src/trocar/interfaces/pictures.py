@@ -23,7 +23,7 @@ from trocar.interfaces.shots import Order, Renderer, Shot, Taker
 from trocar.interfaces.shutter import Shutter
 
 if TYPE_CHECKING:
-    from trocar.descriptions.cameras.records import Calibration
+    from trocar.cameras.records import Calibration
     from trocar.interfaces.loop import Loop
     from trocar.interfaces.state import Elapsed
     from trocar.simulation import World

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from trocar.interfaces.packing import Packer, Picture
 
 if TYPE_CHECKING:
-    from trocar.descriptions.cameras.records import Calibration
+    from trocar.cameras.records import Calibration
     from trocar.simulation.cameras import CameraRecord
     from trocar.simulation.records import Snapshot
 

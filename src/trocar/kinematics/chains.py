@@ -6,8 +6,9 @@ axis may be one that no hinge sits on, such as that of a linkage with a remote c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +19,12 @@ from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.screws import nearest_point_to_lines
 from trocar.geometry.se3 import transform
 from trocar.kinematics.inverse_gimbal_arm import GimbalArmGeometry, inverse_gimbal_arm
-from trocar.kinematics.inverse_rcm_arm import RcmArmGeometry, inverse_rcm_arm
+from trocar.kinematics.inverse_rcm_arm import (
+    Limits,
+    RcmArmGeometry,
+    inverse_rcm_arm,
+    nearest_rcm_arm,
+)
 from trocar.kinematics.inverse_rcm_scope import RcmScopeGeometry, inverse_rcm_scope
 
 Array = NDArray[np.float64]
@@ -51,6 +57,9 @@ class Solver(Protocol):
         ...
 
 
+Nearest = Callable[[Array, Limits, Sequence[float]], tuple[float, ...] | None]
+
+
 @dataclass(frozen=True, eq=False)
 class Chain:
     """A serial chain with a closed-form inverse.
@@ -59,11 +68,14 @@ class Chain:
         base: T_reference_0, where its frame 0 stands (4, 4)
         forward: from joint positions (..., n) to T_0_last (..., 4, 4)
         solve: from T_0_last to joint positions
+        nearest: the same for the solution nearest to a seed alone, quickly; None where there is no
+            quicker way
     """
 
     base: Array
     forward: Callable[[Array], Array]
     solve: Solver
+    nearest: Nearest | None = None
 
 
 def rcm_arm(axes: JointAxes) -> Chain:
@@ -84,7 +96,7 @@ def rcm_arm(axes: JointAxes) -> Chain:
         _refuse_platform(platform)
         return inverse_rcm_arm(geometry, T, lower, upper, seed)
 
-    return Chain(base, forward, solve)
+    return Chain(base, forward, solve, partial(nearest_rcm_arm, geometry))
 
 
 def rcm_scope(axes: JointAxes) -> Chain:

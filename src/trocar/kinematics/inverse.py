@@ -8,6 +8,7 @@ Newton's method starts, on the mechanism's own forward kinematics.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -97,6 +98,49 @@ def inverse_kinematics(
     if len(solutions) == 0:
         raise out_of_limits(polished, joints)
     return nearest_first(solutions, joints, start)
+
+
+def nearest_solution(
+    mechanism: Mechanism,
+    structure: str,
+    T: Array,
+    seed: Array,
+    *,
+    platform_angle: float | None = None,
+) -> Array:
+    """Find the joint positions nearest to a seed that bring the tip to a pose, (n,).
+
+    The first row of `inverse_kinematics`, quickly where the structure has a quick way. The pose
+    (4, 4) and the seed (n,) are checked by the caller.
+
+    Raises:
+        UnreachableError, SingularError, InputError: as `inverse_kinematics`
+    """
+    fit = fit_chain(mechanism, structure)
+    if fit.chain.nearest is not None and fit.deviation <= EXACT and platform_angle is None:
+        ends = _ends(mechanism, structure)
+        found = fit.chain.nearest(ends.before @ T @ ends.after, ends.limits, seed.tolist())
+        if found is not None:
+            return np.array(found)
+    return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform_angle)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Ends:
+    """What stands before and behind a chain, inverted, and the limits of its joints."""
+
+    before: Array
+    after: Array
+    limits: tuple[tuple[float, float], ...]
+
+
+@lru_cache(maxsize=64)
+def _ends(mechanism: Mechanism, structure: str) -> _Ends:
+    fit = fit_chain(mechanism, structure)
+    limits = zip(
+        mechanism.lower[: fit.count].tolist(), mechanism.upper[: fit.count].tolist(), strict=True
+    )
+    return _Ends(inverse(fit.chain.base), inverse(fit.tip), tuple(limits))
 
 
 def _range(mechanism: Mechanism, count: int) -> JointRange:

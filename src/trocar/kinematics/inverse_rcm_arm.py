@@ -9,7 +9,9 @@ side of the remote centre. The angles follow without a further choice.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import atan2, cos, floor, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +20,8 @@ from trocar.errors import SingularError
 from trocar.geometry.se3 import check_transform
 from trocar.kinematics.rcm_shaft import shaft_angles, shaft_axes
 from trocar.kinematics.solutions import (
+    LIMIT_TOLERANCE,
+    TURN,
     JointRange,
     inside,
     joint_range,
@@ -27,6 +31,7 @@ from trocar.kinematics.solutions import (
 )
 
 Array = NDArray[np.float64]
+Limits = Sequence[tuple[float, float]]
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 SLIDES = (False, False, True, False, False, False)
@@ -110,6 +115,89 @@ def inverse_rcm_arm(
         _refuse_singular(branches, joints)
         raise out_of_limits(branches.q, joints)
     return nearest_first(solutions, joints, seed)
+
+
+def nearest_rcm_arm(
+    geometry: RcmArmGeometry, T: Array, limits: Limits, seed: Sequence[float]
+) -> tuple[float, ...] | None:
+    """Find the solution of `inverse_rcm_arm` that is nearest to a seed, in plain numbers.
+
+    Branches that pass a limit are left early and each angle takes the whole turn nearest to the
+    seed, so that this costs a fortieth of all solutions (measured).
+
+    Args:
+        geometry: as for `inverse_rcm_arm`, with the tip's axes those of frame 6
+        T: pose of the tip in frame 0, (4, 4)
+        limits: lower and upper of each joint, six pairs
+        seed: six numbers [rad, insertion m]
+
+    Returns:
+        six numbers; None where there is no solution, or joints are not determined:
+        `inverse_rcm_arm` then says why
+    """
+    (a00, _, a02, px), (a10, _, a12, py), (a20, _, a22, pz), _ = T.tolist()
+    along = px * a02 + py * a12 + pz * a22
+    cx, cy, cz = px - along * a02, py - along * a12, pz - along * a22
+    distance = sqrt(cx * cx + cy * cy + cz * cz)
+    if distance < TIP_ON_AXIS:
+        return None
+    cx, cy, cz = cx / distance, cy / distance, cz / distance
+    wrist_length, shift = geometry.wrist_length, geometry.insertion_offset - geometry.tool_length
+    (_low1, _high1), (_low2, _high2), (low3, high3) = limits[:3]
+    best, found = inf, None
+    for sign in (1.0, -1.0):
+        bx, by, bz = sign * cx, sign * cy, sign * cz  # x5
+        wx, wy, wz = px - wrist_length * bx, py - wrist_length * by, pz - wrist_length * bz
+        norm = sqrt(wx * wx + wy * wy + wz * wz)
+        if norm < WRIST_AT_CENTRE:
+            return None
+        ex, ey, ez = by * a22 - bz * a12, bz * a02 - bx * a22, bx * a12 - by * a02  # x5 x z6
+        turn = atan2(bx * a00 + by * a10 + bz * a20, ex * a00 + ey * a10 + ez * a20)
+        q6 = _near(turn, seed[5], limits[5])
+        if q6 is None:
+            continue
+        for depth in (norm, -norm):
+            q3 = depth + shift
+            if not low3 - LIMIT_TOLERANCE <= q3 <= high3 + LIMIT_TOLERANCE:
+                continue
+            ux, uy, uz = wx / depth, wy / depth, wz / depth
+            turn = atan2(-(ux * a02 + uy * a12 + uz * a22), ux * bx + uy * by + uz * bz)
+            q5 = _near(turn, seed[4], limits[4])
+            if q5 is None:
+                continue
+            level = hypot(ux, uz)
+            if level < SHAFT_ON_YAW_AXIS:
+                return None
+            yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
+            for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
+                q1, q2 = _near(q1, seed[0], limits[0]), _near(q2, seed[1], limits[1])
+                if q1 is None or q2 is None:
+                    continue
+                s1, c1, s2, c2 = sin(q1), cos(q1), sin(q2), cos(q2)
+                turn = atan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
+                q4 = _near(turn, seed[3], limits[3])
+                if q4 is None:
+                    continue
+                q = (q1, q2, min(max(q3, low3), high3), q4, q5, q6)
+                far = 0.0
+                for a, b, (low, high) in zip(q, seed, limits, strict=True):
+                    far += ((a - b) / (high - low)) ** 2
+                if far < best:
+                    best, found = far, q
+    return found
+
+
+def _near(q: float, seed: float, limits: tuple[float, float]) -> float | None:
+    """Return q plus the whole turns that bring it nearest to a seed inside limits, or None."""
+    low, high = limits
+    q += TURN * floor((seed - q) / TURN + 0.5)
+    if q > high + LIMIT_TOLERANCE:
+        q -= TURN
+    elif q < low - LIMIT_TOLERANCE:
+        q += TURN
+    if low - LIMIT_TOLERANCE <= q <= high + LIMIT_TOLERANCE:
+        return min(max(q, low), high)
+    return None
 
 
 def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:

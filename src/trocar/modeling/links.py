@@ -24,6 +24,8 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.errors import InputError
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import transform
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism, Motion
@@ -203,6 +205,34 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
     return LinkModel(
         rig.name, rig.title, tuple(links), tuple(joints), tuple(loops), start, zero, errors
     )
+
+
+def joint_values(model: LinkModel, own: Mapping[str, float]) -> dict[str, float]:
+    """Return every joint's coordinate.
+
+    Args:
+        own: coordinates of the joints that follow none [rad or m]
+    """
+    found = dict(own)
+    for joint in model.joints:
+        if joint.follows:
+            found[joint.name] = joint.offset + sum(r * found[n] for n, r in joint.follows)
+    return found
+
+
+def link_poses(model: LinkModel, values: Mapping[str, float]) -> dict[str, Array]:
+    """Return where links stand in the world, {link: (4, 4)}.
+
+    Args:
+        values: coordinates of all joints that move [rad or m]
+    """
+    found = {model.links[0].name: np.eye(4)}
+    for joint in model.joints:
+        at = values.get(joint.name, 0.0)
+        turn = rotation_z(at if joint.kind == "revolute" else 0.0)
+        slide = np.array([0.0, 0.0, at if joint.kind == "prismatic" else 0.0])
+        found[joint.child] = found[joint.parent] @ joint.pose @ transform(turn, slide)
+    return found
 
 
 def _fixed(name: str, parent: str, child: str, pose: Array) -> LinkJoint:

@@ -18,6 +18,11 @@ def closing_site(arm: str, closure: str, side: str) -> str:
     return f"{arm}/{closure}/{side}"
 
 
+def frame_site(arm: str, frame: str) -> str:
+    """Return the name of the site at an arm's tip or reference frame, which poses are read from."""
+    return f"{arm}/site/{frame}"
+
+
 def connect(arm: str, closure: str, layer: int) -> str:
     """Return the name of one of the equalities that close a loop: the closure's for the first."""
     return scoped(arm, closure if layer == 0 else f"{closure}/{layer + 1}")

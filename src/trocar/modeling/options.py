@@ -1,4 +1,4 @@
-"""What can be chosen when a rig becomes a model."""
+"""Choices for a model, and the solver's constants."""
 
 from __future__ import annotations
 
@@ -18,17 +18,29 @@ class ModelOptions:
 
     Attributes:
         timestep: physics period [s]
+        servo: one actuator a joint: "pid" has the inputs position, velocity and effort, and its
+            gains are written into the compiled model; "position" has the gains of `control` and
+            one input (`build.position_inputs`), which GPUs accept
+        control: the preset of gains, "dvrk" or "paper"; an arm without it has its first
+        gravity_compensation: whether servos feed gravity forward; None: as the preset has it
         friction: "identified" (dry and viscous, from recordings) or "paper" (damping 0.1)
         collisions: whether bodies touch
         decoration: whether shapes that collide with nothing, and sites at fixed frames, are in
             the model (for renderers and comparisons; a physics step is faster without)
+        standalone: whether the model is for scenes of others: geoms that are seen apart from those
+            that collide, sites at fixed frames, and a lone arm that touches whatever has MuJoCo's
+            default contact bits
         locked: {arm: q (n,)}: arms that are welded at these joint positions
     """
 
     timestep: float = 0.001
+    servo: Literal["pid", "position"] = "pid"
+    control: str = "dvrk"
+    gravity_compensation: bool | None = None
     friction: Literal["identified", "paper"] = "identified"
     collisions: bool = True
     decoration: bool = False
+    standalone: bool = False
     locked: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 

@@ -5,6 +5,7 @@ Source: the specification of URDF (wiki.ros.org/urdf/XML), and MuJoCo's extensio
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,16 +18,20 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.geometry.se3 import transform
-from trocar.modeling.arm_model import capsule_about
-from trocar.modeling.links import Link, LinkJoint, LinkModel
+from trocar.modeling.geoms import capsule_about
+from trocar.modeling.links import SLACK, Link, LinkJoint, LinkModel
 from trocar.modeling.markup import child, document, element, number, numbers
-from trocar.modeling.trees import leaders_first, single_leaders
 
 Array = NDArray[np.float64]
 
 #: What stands for no limit, as URDF wants a number [N m, N, rad/s, m/s]. Source: our own choice,
 #: beyond what anything here does.
 UNLIMITED = 1000.0
+#: What a link between two joints takes from the link behind it, as a share of its mass and
+#: inertia: engines refuse a moving link without any. Source: our own choice, a micro of the whole.
+SHARE = 1e-6
+#: Between a joint's own name and that of the one that it is to stand behind.
+BEHIND = "_and_"
 
 
 def urdf_tree(model: LinkModel) -> LinkModel:
@@ -152,3 +157,127 @@ def _joint(joint: LinkJoint, friction: bool) -> Any:
         follows = {"joint": name, "multiplier": number(ratio), "offset": number(joint.offset)}
         child(made, "mimic", follows)
     return made
+
+
+def single_leaders(model: LinkModel) -> LinkModel:
+    """Return a model whose joints follow one joint at most: the others get a link of their own.
+
+    A joint that follows two becomes two joints about the same axis, one behind the other; each has
+    the damping and the friction of the one. The link between them has a millionth of the mass.
+    """
+    links: list[Link] = []
+    joints: list[LinkJoint] = []
+    start: dict[str, float] = dict(model.start)
+    by_child = {joint.child: joint for joint in model.joints}
+    for link in model.links:
+        joint = by_child.get(link.name)
+        if joint is None or len(joint.follows) < 2:
+            links.append(link)
+            joints += [joint] if joint else []
+            continue
+        parts = list(_split(model, joint))
+        between = [replace(_share(link), name=part.child) for part in parts[:-1]]
+        left = 1.0 - SHARE * len(between)
+        links += [*between, replace(link, mass=left * link.mass, inertia=left * link.inertia)]
+        joints += parts
+        del start[joint.name]
+        start |= {p.name: p.offset + sum(r * start[n] for n, r in p.follows) for p in parts}
+    return replace(model, links=tuple(links), joints=tuple(joints), start=start)
+
+
+def _share(link: Link) -> Link:
+    return replace(link, frame="", mass=SHARE * link.mass, inertia=SHARE * link.inertia, shapes=())
+
+
+def _split(model: LinkModel, joint: LinkJoint) -> Iterator[LinkJoint]:
+    last = len(joint.follows) - 1
+    parent, pose, offset = joint.parent, joint.pose, joint.offset
+    for k, (name, ratio) in enumerate(joint.follows):
+        leader = model.joint(name)
+        own = joint.name if k == last else f"{joint.name}_{k + 1}"
+        child = joint.child if k == last else f"{joint.child}_{k + 1}"
+        lower, upper = np.sort(offset + ratio * np.array([leader.lower, leader.upper]))
+        yield replace(
+            joint,
+            name=own,
+            parent=parent,
+            child=child,
+            pose=pose,
+            lower=float(lower) - SLACK,
+            upper=float(upper) + SLACK,
+            velocity=abs(ratio) * leader.velocity,
+            offset=offset,
+            follows=((name, ratio),),
+        )
+        parent, pose, offset = child, np.eye(4), 0.0
+
+
+def leaders_first(model: LinkModel) -> LinkModel:
+    """Return a model in which sorting joints by name brings each behind the joint that it follows.
+
+    Readers that sort the joints of a link by name, and then go down each branch, want to know a
+    joint before those that follow it. A joint whose branch comes too early is renamed: behind the
+    name of the branch that must come first comes its own. Joints that move on their own keep their
+    names, so a model in which two of them wait for one another stays as it is.
+    """
+    for _ in model.joints:
+        renamed = dict(_to_rename(model))
+        if not renamed:
+            break
+        joints = tuple(replace(j, name=renamed.get(j.name, j.name)) for j in model.joints)
+        start = {renamed.get(name, name): value for name, value in model.start.items()}
+        model = replace(model, joints=joints, start=start)
+    return model
+
+
+def _to_rename(model: LinkModel) -> Iterator[tuple[str, str]]:
+    """Yield (old, new) names of joints that come too early, at most one of each link's."""
+    for joints in _branches(model).values():
+        for joint in sorted(joints, key=lambda joint: joint.name):
+            later = [other.name for other in joints if other.name > joint.name
+                     and _waits_for(model, joint, other)]  # fmt: skip
+            if later and (joint.follows or joint.kind == "fixed"):
+                yield joint.name, f"{max(later)}{BEHIND}{joint.name.split(BEHIND)[-1]}"
+                break
+
+
+def late_leaders(model: LinkModel) -> tuple[tuple[str, str], ...]:
+    """Return (follower, leader) of each joint that sorting by name brings ahead of its leader."""
+    order: dict[str, int] = {}
+    branches = _branches(model)
+
+    def visit(link: str) -> None:
+        for joint in sorted(branches.get(link, ()), key=lambda joint: joint.name):
+            order[joint.name] = len(order)
+            visit(joint.child)
+
+    visit(model.links[0].name)
+    return tuple(
+        (joint.name, name)
+        for joint in model.joints
+        for name, _ in joint.follows
+        if order[name] > order[joint.name]
+    )
+
+
+def _branches(model: LinkModel) -> Mapping[str, list[LinkJoint]]:
+    """Return the joints that hang on each link."""
+    found: dict[str, list[LinkJoint]] = defaultdict(list)
+    for joint in model.joints:
+        found[joint.parent].append(joint)
+    return found
+
+
+def _waits_for(model: LinkModel, joint: LinkJoint, other: LinkJoint) -> bool:
+    """Tell whether a joint behind `joint`, or itself, follows one behind `other`, or itself."""
+    mine, theirs = _behind(model, joint), {j.name for j in _behind(model, other)}
+    return any(name in theirs for j in mine for name, _ in j.follows)
+
+
+def _behind(model: LinkModel, root: LinkJoint) -> list[LinkJoint]:
+    found, reached = [root], {root.child}
+    for joint in model.joints:  # parents come before children
+        if joint.parent in reached:
+            found.append(joint)
+            reached.add(joint.child)
+    return found

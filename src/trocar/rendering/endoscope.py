@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trocar.descriptions.cameras import Calibration, load_camera
+from trocar.cameras import Calibration
+from trocar.descriptions.cameras import load_camera
 from trocar.errors import UnknownNameError
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import Look

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Calibration
+from trocar.cameras import Calibration
 from trocar.rendering.frames import Picture
 
 #: Median brightness that is aimed at, as a share of white. Source: chosen by eye.

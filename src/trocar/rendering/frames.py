@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Calibration, StereoCalibration
+from trocar.cameras import Calibration, StereoCalibration
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]

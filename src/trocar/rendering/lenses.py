@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Intrinsics
-from trocar.geometry.lens import distort, plane_from_pixels, undistort, view_bounds
+from trocar.cameras import Intrinsics
+from trocar.cameras.lens import distort, plane_from_pixels, undistort, view_bounds
 from trocar.rendering.sight import Frustum
 
 Array = NDArray[np.float64]

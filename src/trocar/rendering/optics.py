@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Calibration
+from trocar.cameras import Calibration
 from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
 from trocar.rendering.lenses import Pinhole, pinhole, sources, wide_pinhole

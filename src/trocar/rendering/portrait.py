@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigDescription
 from trocar.errors import TrocarError
-from trocar.modeling.mjcf import rig_spec
+from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ def portrait(
         TrocarError: there is no OpenGL to draw with
     """
     stand = {**rig.poses["start"], **{k: np.asarray(v, np.float64) for k, v in (q or {}).items()}}
-    spec = rig_spec(rig, ModelOptions(collisions=False, decoration=True, locked=stand))
+    spec = Draft(rig, ModelOptions(collisions=False, decoration=True, locked=stand)).spec
     width, height = FINER * size[0], FINER * size[1]
     _light(spec, (width, height))
     model = spec.compile()

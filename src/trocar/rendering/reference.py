@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Intrinsics
+from trocar.cameras import Intrinsics
 from trocar.descriptions.records import RigDescription
 from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.modeling.mjcf import rig_spec
+from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
 from trocar.rendering.library import PACKAGES
 from trocar.rendering.portrait import context_class
@@ -40,7 +40,7 @@ class Reference:
     """
 
     def __init__(self, rig: RigDescription, size: tuple[int, int], shadow_size: int = 1024) -> None:
-        spec = rig_spec(rig, ModelOptions(collisions=False, decoration=True))
+        spec = Draft(rig, ModelOptions(collisions=False, decoration=True)).spec
         visual = cast(Any, spec.visual)
         visual.global_.offwidth, visual.global_.offheight = size
         visual.quality.shadowsize, visual.quality.offsamples = shadow_size, 0

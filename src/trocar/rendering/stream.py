@@ -58,7 +58,7 @@ class Stream:
     def __enter__(self) -> Stream:
         self._thread.start()
         self._look()
-        self._leave = self._world.watch(self._look)
+        self._leave = self._world.observe(self._look, every=5)
         return self
 
     def __exit__(

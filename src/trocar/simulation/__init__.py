@@ -1,5 +1,6 @@
 """The model in time."""
 
+from trocar.simulation.batch import Batch, Readings
 from trocar.simulation.sensor_readings import (
     Contact,
     ContactsReading,
@@ -8,14 +9,17 @@ from trocar.simulation.sensor_readings import (
     ProximityReading,
     WrenchReading,
 )
-from trocar.simulation.world import World
+from trocar.simulation.world import State, World
 
 __all__ = [
+    "Batch",
     "Contact",
     "ContactsReading",
     "EffortReading",
     "ImuReading",
     "ProximityReading",
+    "Readings",
+    "State",
     "World",
     "WrenchReading",
 ]

@@ -1,45 +1,107 @@
-"""An arm in time: the dVRK's states and verbs."""
+"""An arm in time: the dVRK's states, verbs and readings."""
 
 from __future__ import annotations
+
+import copy
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigArm
-from trocar.errors import InputError, UnknownNameError
-from trocar.simulation.controllers import Law
-from trocar.simulation.drives import Drives
+from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
+from trocar.geometry.se3 import adjoint, check_transform, inverse, transform
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.inverse import nearest_solution
+from trocar.kinematics.inverse_gimbal_arm import PLATFORM
+from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+from trocar.kinematics.structures import fit_chain
+from trocar.simulation.control import Clock, ControlState, JointControl
+from trocar.simulation.controllers import (
+    CartesianForce,
+    CartesianImpedance,
+    Law,
+    TipState,
+    WrenchFrame,
+)
 from trocar.simulation.gripper import Gripper
-from trocar.simulation.homing import Homing
-from trocar.simulation.jaw import Jaw, NoJaw
+from trocar.simulation.health import arm_health
+from trocar.simulation.jaw import Jaw
 from trocar.simulation.journal import command
-from trocar.simulation.locking import Locking
-from trocar.simulation.motion import Motion
-from trocar.simulation.records import ArmSample
-from trocar.simulation.settings import Settings
-from trocar.simulation.state_verbs import StateVerbs
-from trocar.simulation.states import OperatingState
-from trocar.simulation.tip_verbs import TipVerbs
-from trocar.simulation.verbs import Clock, Verbs
+from trocar.simulation.masters import (
+    GIMBAL,
+    GimbalLimits,
+    OrientationLock,
+    PlatformEffort,
+    check_orientation,
+)
+from trocar.simulation.motors import MODES, Motors
+from trocar.simulation.moves import RATIO_MIN, Motion
+from trocar.simulation.records import (
+    ArmHealth,
+    ArmSample,
+    ArmSnapshot,
+    JointState,
+    Mode,
+    Pose,
+    Twist,
+    Wrench,
+)
+from trocar.simulation.servos import EFFORT
+from trocar.simulation.states import Homing, OperatingState, State
 
 Array = NDArray[np.float64]
+Share = Literal["both", "velocity", "acceleration"]
+log = logging.getLogger("trocar")
+
+SHARES: tuple[Share, ...] = ("both", "velocity", "acceleration")
+FRAMES: tuple[WrenchFrame, ...] = ("body", "spatial")
+STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
+#: Cartesian commands need the first wrist joint this far past the remote centre. Source:
+#: mtsIntuitiveResearchKit.h, SafeDistanceFromRCM. [m]
+SAFE_DEPTH_M = 0.045
+#: The closed form of masters, whose wrist platform is free and whose gimbal can be locked.
+GIMBAL_ARM = "gimbal_arm"
 
 
-class Arm(StateVerbs, Locking, TipVerbs, Settings):
+@dataclass(frozen=True, eq=False)
+class ArmState:
+    """What an arm keeps beside the physics and the servos, as `Arm.save` returns it."""
+
+    state: State
+    homed: bool
+    told: tuple[State, bool, bool] | None
+    control: ControlState
+    laws: dict[str, Law]
+    lock: Array | None
+    absolute: bool
+    push: Array
+    base: tuple[Array, str] | None
+    homing: tuple[Array, Array, bool, bool] | None
+    gripper: tuple[bool, int, float | None] | None
+
+
+class Arm:
     """One arm of a rig. Commands that cannot be used are refused with a warning; nothing moves.
 
     Attributes:
         name: "PSM1", ...
         type: PSM, ECM, SUJ or MTM
+        description: the arm with its tool
         joint_names: every joint, the jaw last where there is one
         lower, upper: limits, (n,) [rad or m]
         poses: {name: q (n,)}
         jaw: the jaw's own verbs, None without one
         gripper: a master's gripper, None without one
+        motors: set-points, modes, gains and brakes of its joints
+        control: joint commands for any part of its joints
         journal: where its commands and events are told
     """
 
-    def __init__(self, rig_arm: RigArm, drives: Drives, clock: Clock) -> None:
+    def __init__(self, rig_arm: RigArm, motors: Motors, clock: Clock) -> None:
         self.name, self.type = rig_arm.name, rig_arm.arm.type
         self.journal = self._journal = clock.journal
         self._source, self._prefix = rig_arm.name, ""
@@ -50,32 +112,32 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         self._laws: dict[str, Law] = {}
         self._lock: Array | None = None
         self._absolute = False
-        self._told: OperatingState | None = None
+        self._told: tuple[State, bool, bool] | None = None
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
-        self._jaw: Jaw | None = None
-        self._fit(rig_arm, drives)
+        self._jaw = Jaw(self.name, self.journal, self.tell_state)
+        self._fit(rig_arm, motors, None)
 
-    def _fit(self, rig_arm: RigArm, drives: Drives) -> None:
+    def _fit(self, rig_arm: RigArm, motors: Motors, before: JointControl | None) -> None:
         """Take what the mounted tool determines."""
         self.description = rig_arm.arm
         self.joint_names = rig_arm.arm.mechanism.joint_names
         self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
         self.poses = dict(rig_arm.arm.poses)
-        self._drives = drives
-        self._verbs = Verbs(self.name, self.description, drives, self._clock)
-        self._states = self._verbs.states
+        self.motors = motors
+        #: Whether poses are those of MuJoCo's frames: loops are parallelograms, joints simulated.
+        self._direct = motors.index.parallel and not motors.welded
+        self.control = JointControl(self.name, motors, self._clock, before)
+        self._states = self.control.states
         self._push = np.zeros(rig_arm.arm.own_joints)
         jaw, last = rig_arm.arm.has_jaw, len(self.joint_names) - 1
         self._own = slice(0, rig_arm.arm.own_joints)
+        self._all = slice(0, len(self.joint_names))
         self._parts = [self._own, slice(last, last + 1)] if jaw else [self._own]
-        if jaw and self._jaw is None:
-            self._jaw = Jaw(self, self._verbs, last)
-        elif self._jaw is not None:
-            self._jaw.fit(self._verbs if jaw else NoJaw(self.name), last)
+        self._jaw.fit(self.control if jaw else None)
         self.jaw = self._jaw if jaw else None
         grips = rig_arm.arm.has_gripper
-        told = (self.journal, self.name, lambda: self._clock.time)
-        self.gripper = Gripper(self._verbs, rig_arm.arm.joints[last], last, told) if grips else None
+        now = lambda: self._clock.time  # noqa: E731
+        self.gripper = Gripper(self.name, self.control, self.journal, now) if grips else None
 
     @command
     def set_tool_type(self, name: str) -> None:
@@ -99,12 +161,25 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         Returns:
             whether the command was accepted
         """
-        return self._ended(self._verbs.servo(q, v, self._own, "servo_jp"))
+        return self._ended(self.control.servo(q, v, self._own, "servo_jp"))
 
     @command
     def servo_jr(self, dq: ArrayLike) -> bool:
         """Add to the set-points now, (n,) [rad or m]; tell whether it was accepted."""
-        return self._ended(self._verbs.servo_relative(dq, self._own, "servo_jr"))
+        return self._ended(self.control.servo_relative(dq, self._own, "servo_jr"))
+
+    @command
+    def servo_jv(self, v: ArrayLike) -> bool:
+        """Let the set-points go on at velocities until the next command, each up to its limit.
+
+        Args:
+            v: (n,) [rad/s or m/s], the jaw not included; beyond a joint's velocity limit it is
+                clipped with a warning; zeros stop
+
+        Returns:
+            whether the command was accepted
+        """
+        return self._ended(self.control.servo_velocity(v, self._own, "servo_jv"))
 
     @command
     def servo_jf(self, effort: ArrayLike) -> bool:
@@ -117,7 +192,7 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         Returns:
             whether the command was accepted
         """
-        return self._pushed(self._verbs.servo_effort(effort, self._own, "servo_jf"))
+        return self._pushed(self.control.servo_effort(effort, self._own, "servo_jf"))
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
@@ -126,12 +201,12 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         Args:
             q: (n,) [rad or m], the jaw not included; beyond a limit it is clipped with a warning
         """
-        return self._begun(self._verbs.move(q, self._own, "move_jp"))
+        return self._begun(self.control.move(q, [self._own], "move_jp"))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:
         """Move on by (n,) [rad or m] from the goal of the move under way, or the set-points."""
-        return self._begun(self._verbs.move_relative(dq, self._own, "move_jr"))
+        return self._begun(self.control.move_relative(dq, self._own, "move_jr"))
 
     @command
     def move_to(self, name: str) -> Motion:
@@ -143,21 +218,633 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         if name not in self.poses:
             raise UnknownNameError("pose", name, self.poses, self.name)
         goal = self.poses[name][: self._parts[-1].stop]
-        return self._begun(self._verbs.move_parts(goal, self._parts, "move_to"))
+        return self._begun(self.control.move(goal, self._parts, "move_to"))
 
     @command
     def hold(self) -> None:
         """End every move and law, and stay at the set-points."""
-        if self._verbs.ready("hold"):
+        if self.control.ready("hold"):
             self._stop()
 
     @command
     def free(self) -> bool:
         """Exert nothing but gravity compensation, until the next command; the jaw holds."""
         zero = np.zeros(len(self._push))
-        return self._pushed(self._verbs.servo_effort(zero, self._own, "free"))
+        return self._pushed(self.control.servo_effort(zero, self._own, "free"))
 
-    # ------------------------------------------------------------------ looking
+    # ------------------------------------------------------------------ tip
+
+    @command
+    def servo_cp(self, T: ArrayLike) -> bool:
+        """Bring the tip to a pose (4, 4) in the frame of `measured_cp` now."""
+        q = self._solved(T, "servo_cp")
+        return q is not None and self._ended(self.control.servo(q, None, self._own, "servo_cp"))
+
+    @command
+    def servo_cr(self, T: ArrayLike) -> bool:
+        """Move the tip from its set-point by a translation and a rotation, (4, 4), now.
+
+        Both in axes of the frame of `measured_cp`: p + dp, dR @ R.
+        """
+        change = np.asarray(T, dtype=np.float64)
+        told = self.setpoint_cp().T
+        if change.shape == (4, 4):
+            told = transform(change[:3, :3] @ told[:3, :3], told[:3, 3] + change[:3, 3])
+        else:
+            told = change
+        q = self._solved(told, "servo_cr")
+        return q is not None and self._ended(self.control.servo(q, None, self._own, "servo_cr"))
+
+    @command
+    def move_cp(self, T: ArrayLike) -> Motion:
+        """Move to a pose (4, 4) in the frame of `measured_cp`: solved once, then joint by joint."""
+        q = self._solved(T, "move_cp")
+        if q is None:
+            return self.control.refused(self._own)
+        return self._begun(self.control.move(q, [self._own], "move_cp"))
+
+    @command
+    def servo_cf(self, wrench: ArrayLike, frame: WrenchFrame = "body") -> bool:
+        """Exert a wrench (force; torque), (6,) [N, N m], that persists until the next command.
+
+        Args:
+            wrench: what the arm exerts on its surroundings
+            frame: "body": at the tip in its axes; "spatial": about the reference frame's origin
+        """
+        names = ("fx", "fy", "fz", "tx", "ty", "tz")
+        wanted = self.control.refusals.vector(wrench, names, "servo_cf", "forces")
+        if wanted is None:
+            return False
+        if frame not in FRAMES:
+            self.control.refusals.warn(
+                "servo_cf frame", f"servo_cf: got frame {frame!r}; allowed: {', '.join(FRAMES)}"
+            )
+            return False
+        return self._follow_law(CartesianForce(wanted, frame, self._absolute), "servo_cf")
+
+    @command
+    def set_cf_orientation_absolute(self, on: bool) -> None:
+        """Take the wrenches of `servo_cf` in the axes of `measured_cp`'s frame, at the tip."""
+        self._absolute = bool(on)
+
+    @command
+    def servo_ci(self, impedance: CartesianImpedance) -> bool:
+        """Be a spring and damper about a pose, until the next command."""
+        return self._follow_law(impedance, "servo_ci")
+
+    # ------------------------------------------------------------------ states
+
+    @command
+    def state_command(self, name: str) -> bool:
+        """Obey "enable", "disable", "home", "unhome", "pause" or "resume".
+
+        As on the hardware, "home" lets an arm that is on and home already stay where it is.
+
+        Returns:
+            whether it was accepted
+        """
+        if name not in STATE_COMMANDS:
+            self.control.refusals.warn(
+                "state_command",
+                f"state_command: got {name!r}; allowed: {', '.join(STATE_COMMANDS)}",
+            )
+            return False
+        if name == "home":
+            motion = self.home(anew=False)
+            return not motion.done or motion.goal_reached
+        return bool(getattr(self, name)())
+
+    @command
+    def enable(self) -> bool:
+        """Give the motors power, from DISABLED or FAULT; the arm holds where it is."""
+        if not self._states.powered:
+            self._states.state = "ENABLED"
+            self._settle()
+            self.motors.switch(True)
+            self.motors.follow()
+            self.tell_state()
+        return True
+
+    @command
+    def disable(self) -> bool:
+        """End everything and take the motors' power; the arm is held where it is."""
+        self._switch_off()
+        self._states.state = "DISABLED"
+        self.tell_state()
+        return True
+
+    @command
+    def pause(self) -> bool:
+        """End moves and hold; no command moves the arm until `resume`."""
+        if not self._may("pause"):
+            return False
+        self._stop()
+        self._states.state = "PAUSED"
+        self.tell_state()
+        return True
+
+    @command
+    def resume(self) -> bool:
+        """Take commands again after `pause`."""
+        if not self._may("resume"):
+            return False
+        self._states.state = "ENABLED"
+        self.tell_state()
+        return True
+
+    @command
+    def home(self, anew: bool = True) -> Motion:
+        """Bring the arm to its home pose, with power if it has none; the jaw stays.
+
+        The motion is over when the joints are measured there; if they are not within two seconds,
+        the arm is in FAULT.
+
+        Args:
+            anew: whether an arm that is on and home already goes there once more. On the hardware
+                it stays as it is, moving or not. Source: SAW, mtsIntuitiveResearchKitArm: the
+                state that is desired, HOMED, is the current one
+        """
+        own = self.motors.position[self._own]
+        if not self._may("home"):
+            return self.control.refused(self._own)
+        if self._states.homed and self._states.powered and not anew:
+            self.tell_state()
+            return self._over(own)
+        self._states.homed = False
+        self.enable()
+        self._stop()
+        goal = self.poses["home"][self._own] if "home" in self.poses else own
+        motion = Motion(goal.copy(), self._clock.wait)
+        moves = "home" in self.poses and not self.motors.welded and not self.motors.brakes
+        way = (
+            self.control.moves.begin(goal, [self._own], self._clock.time)
+            if moves
+            else self._over(own)
+        )
+        kinds = [j.kind == "prismatic" for j in self.description.joints[self._own]]
+        self._homing = Homing(motion, way, np.array(kinds))
+        self.tell_state()
+        return motion
+
+    @command
+    def unhome(self) -> bool:
+        """Forget that the arm was homed; it holds where it is."""
+        if self._states.state == "ENABLED":
+            self._stop()
+        self._states.homed = False
+        self.tell_state()
+        return True
+
+    def fault(self, reason: str) -> None:
+        """Take the motors' power because something went wrong (the world calls this)."""
+        self._switch_off()
+        self._states.state = "FAULT"
+        log.error("%s: FAULT: %s", self.name, reason)
+        self.control.refusals.last = f"FAULT: {reason}"
+        self.control.tell("error", text=reason)
+        self.tell_state()
+
+    # ------------------------------------------------------------------ servos
+
+    def mode(self, joint: str) -> Mode:
+        """Return a joint's control mode."""
+        return self.motors.mode(self._index(joint))
+
+    @command
+    def set_mode(self, mode: Mode, joints: Sequence[str] | None = None) -> None:
+        """Switch joints (all when omitted) to "position", "effort" or "set", from where they are.
+
+        Moves end; joints that change hold where they are, or exert nothing in mode "effort".
+        Refused with a warning while the arm has power but may not move (PAUSED, not homed).
+
+        Raises:
+            InputError: no such mode, or an arm that is welded into the model
+            UnknownNameError: no such joint
+        """
+        if mode not in MODES:
+            raise InputError(f"{self.name}: got mode {mode!r}; allowed: {', '.join(MODES)}")
+        self._check_movable("change its mode")
+        which = self._which(joints)
+        if self._states.powered and not self.control.ready("set_mode"):
+            return
+        self._end_laws()
+        self.control.under_position(self._all)
+        self.control.stay(which)
+        self.motors.effort[which] = 0.0
+        self.motors.set_mode(MODES.index(mode), which)
+
+    def gains(self, joint: str) -> tuple[float, float, float]:
+        """Return (P, I, D) of a joint."""
+        p, i, d = self.motors.gains[self._index(joint)]
+        return float(p), float(i), float(d)
+
+    @command
+    def set_gains(
+        self, joint: str, p: float | None = None, i: float | None = None, d: float | None = None
+    ) -> None:
+        """Change gains of a joint; those omitted stay.
+
+        Raises:
+            InputError: a gain that is negative or not finite
+            UnknownNameError: no such joint
+        """
+        row = self.motors.gains[self._index(joint)].copy()
+        for column, value in enumerate((p, i, d)):
+            if value is None:
+                continue
+            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
+                raise InputError(f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more")
+            row[column] = value
+        self.motors.set_gains(self._index(joint), row)
+
+    @property
+    def gravity_compensation(self) -> bool:
+        """Whether gravity compensation is on."""
+        return self.motors.gravity_compensated
+
+    @command
+    def use_gravity_compensation(self, on: bool) -> None:
+        """Switch gravity compensation; setup joints are counterbalanced and always have it."""
+        self.motors.compensate_gravity(on)
+
+    # ------------------------------------------------------------------ moves
+
+    @property
+    def strict_limits(self) -> bool:
+        """Whether targets beyond a limit are refused; else they are clipped, as on the dVRK."""
+        return self.control.strict_limits
+
+    @command
+    def use_strict_limits(self, on: bool) -> None:
+        """Refuse targets beyond a limit, or clip them."""
+        self.control.strict_limits = bool(on)
+
+    @property
+    def trajectory_ratio(self) -> tuple[float, float]:
+        """Shares of the velocity and acceleration limits that moves keep to, RATIO_MIN to 1."""
+        return self.control.moves.velocity_ratio, self.control.moves.acceleration_ratio
+
+    @command
+    def set_trajectory_ratio(self, ratio: float, of: Share = "both") -> None:
+        """Slow down the moves that begin from now on.
+
+        Args:
+            ratio: share of the limits, RATIO_MIN to 1
+            of: "both", "velocity" or "acceleration"
+
+        Raises:
+            InputError: another ratio or limit
+        """
+        if of not in SHARES:
+            raise InputError(f"{self.name}: got ratio of {of!r}; allowed: {', '.join(SHARES)}")
+        if not isinstance(ratio, (int, float, np.number)) or not RATIO_MIN <= ratio <= 1.0:
+            raise InputError(f"{self.name}: got ratio {ratio!r}; allowed: {RATIO_MIN:g} to 1")
+        if of != "acceleration":
+            self.control.moves.velocity_ratio = float(ratio)
+        if of != "velocity":
+            self.control.moves.acceleration_ratio = float(ratio)
+        velocity, acceleration = self.trajectory_ratio
+        self.control.tell("trajectory_ratio", velocity=velocity, acceleration=acceleration)
+
+    @command
+    def set_base_frame(self, T: ArrayLike | None, frame_id: str = "") -> None:
+        """Say where the arm's reference frame stands in the frame of `measured_cp`.
+
+        Args:
+            T: (4, 4); None: where the rig has it, by the measured joints of what carries it
+            frame_id: name of the frame that T is in; "<ARM>_base" when omitted
+
+        Raises:
+            InputError: T is no pose
+        """
+        if T is None:
+            self._base = None
+            return
+        base = check_transform(T)
+        if base.shape != (4, 4):
+            raise InputError(f"{self.name}: got a pose of shape {base.shape}; allowed: (4, 4)")
+        self._base = base.copy(), frame_id or f"{self.name}_base"
+
+    # ------------------------------------------------------------------ brakes of setup joints
+
+    @property
+    def brakes(self) -> dict[str, bool]:
+        """{joint: whether its brake is locked}; empty for arms without brakes."""
+        if not self.motors.brakes:
+            return {}
+        return {name: bool(v) for name, v in zip(self.joint_names, self.motors.locked, strict=True)}
+
+    @command
+    def release_brakes(self, joints: Sequence[str] | None = None) -> None:
+        """Release brakes (all when omitted); the joints then follow their servos from here.
+
+        Raises:
+            InputError: an arm without brakes, or one that is welded into the model
+            UnknownNameError: no such joint
+        """
+        self._set_brakes(False, joints)
+
+    @command
+    def lock_brakes(self, joints: Sequence[str] | None = None) -> None:
+        """Lock brakes (all when omitted) where the joints are.
+
+        Raises:
+            InputError: an arm without brakes, or one that is welded into the model
+            UnknownNameError: no such joint
+        """
+        self._set_brakes(True, joints)
+
+    def potentiometers(
+        self,
+        noise: float = 0.0,
+        offset: ArrayLike = 0.0,
+        rng: np.random.Generator | None = None,
+    ) -> Array:
+        """Return what the setup joints' potentiometers read, (n,) [rad or m].
+
+        Args:
+            noise: standard deviation on request [rad or m]
+            offset: of each reading, () or (n,) [rad or m]
+            rng: generator of the noise, needed when there is some
+
+        Raises:
+            InputError: noise that is no number from 0 on or has no generator, a wrong offset
+        """
+        clean = self.motors.positions()
+        shift = np.asarray(offset, dtype=np.float64)
+        if shift.shape not in ((), clean.shape):
+            raise InputError(
+                f"{self.name}: got offsets of shape {shift.shape}; allowed: () or {clean.shape}"
+            )
+        if not 0.0 <= noise < np.inf:
+            raise InputError(f"{self.name}: got noise {noise!r}; allowed: 0 or more")
+        if noise == 0.0:
+            return clean + shift
+        if rng is None:
+            raise InputError(f"{self.name}: potentiometer noise needs a random generator")
+        return clean + shift + noise * rng.standard_normal(len(clean))
+
+    # ------------------------------------------------------------------ orientation of a master
+
+    @property
+    def orientation_locked(self) -> bool:
+        """Whether the gimbal holds an orientation, or will under the next force command."""
+        return self._lock is not None
+
+    @command
+    def lock_orientation(self, R: ArrayLike | None = None) -> bool:
+        """Let the gimbal hold an orientation while the tip is under force control.
+
+        It does so under `servo_cf` and `servo_ci`, at once or when one of them comes; the first
+        three joints stay free. `unlock_orientation`, `free` and every other command end it.
+
+        Args:
+            R: (3, 3) or a quaternion wxyz, in the frame of `measured_cp`; as it is when omitted
+
+        Returns:
+            whether the command was accepted
+        """
+        if not self.control.ready("lock_orientation"):
+            return False
+        if self.description.inverse_kinematics != GIMBAL_ARM:
+            self._refuse("only masters can")
+            return False
+        try:
+            wanted = self.measured_cp().T[:3, :3] if R is None else check_orientation(R)
+        except TrocarError as problem:
+            self._refuse(str(problem))
+            return False
+        self._lock = wanted.copy()
+        if "wrench" in self._laws:
+            self._begin_lock()
+        self.control.tell("orientation_locked", locked=True)
+        return True
+
+    @command
+    def unlock_orientation(self) -> bool:
+        """Let the gimbal go; under force control it floats again."""
+        if "lock" in self._laws:
+            del self._laws["lock"]
+            self.control.lend(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
+        self._forget_lock()
+        return True
+
+    # ------------------------------------------------------------------ state
+
+    def operating_state(self) -> OperatingState:
+        """Return the state as CRTK has it."""
+        busy = self.busy or self._homing is not None
+        return OperatingState(self._states.state, self._states.homed, busy, self._clock.time)
+
+    def tell_state(self) -> None:
+        """Tell the journal of the operating state, when it changed."""
+        states = self._states
+        now = states.state, states.homed, self.busy or self._homing is not None
+        if now != self._told:
+            self._told = now
+            self.control.tell("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
+
+    @property
+    def effort_limit(self) -> Array:
+        """Largest effort of each motor, (n,) [N m or N]."""
+        return self.motors.limit.copy()
+
+    @property
+    def busy(self) -> bool:
+        """Whether a move is under way."""
+        return bool(self.control.moves.legs)
+
+    @property
+    def warnings(self) -> int:
+        """How many commands were refused or clipped."""
+        return self.control.refusals.count
+
+    @property
+    def last_warning(self) -> str:
+        """Why the last of them was."""
+        return self.control.refusals.last
+
+    @property
+    def tool(self) -> str:
+        """Name of the mounted tool, "" without one."""
+        return self.description.tool
+
+    # ------------------------------------------------------------------ joints
+
+    def measured_js(self) -> JointState:
+        """Return measured positions, velocities and efforts, jaw or gripper not included."""
+        return self.control.measured(self._own)
+
+    def setpoint_js(self) -> JointState:
+        """Return the set-points that the servos follow, the jaw not included."""
+        return self.control.setpoint(self._own)
+
+    def positions(self) -> Array:
+        """Return measured positions of every joint, the jaw included, (n,) [rad or m]."""
+        return self.motors.positions()
+
+    def readings(self) -> tuple[Array, Array, Array]:
+        """Return (positions, velocities, efforts) of every joint, the jaw included, (n,) each."""
+        q, qd, effort = self.motors.read()
+        return q, qd, effort
+
+    def frame_coordinates(self) -> Array:
+        """Return every frame's own coordinate, with the loops as they gape, (n_frames,)."""
+        return self.motors.frame_coordinates()
+
+    def health(self) -> ArmHealth:
+        """Return how well the arm's loops hold now."""
+        return arm_health(self.description, self.motors.frame_coordinates())
+
+    def snapshot(self, remote_centre: Array | None) -> ArmSnapshot:
+        """Return a frozen copy of everything about this arm."""
+        q, qd, effort = self.readings()
+        told = self.motors.position.copy()
+        if self.description.has_gripper and self.motors.modes[-1] == EFFORT:
+            told[-1] = q[-1]  # nothing holds its levers
+        return ArmSnapshot(
+            self.joint_names,
+            q,
+            qd,
+            effort,
+            told,
+            tuple(MODES[mode] for mode in self.motors.modes),
+            tuple(bool(v) for v in self.motors.locked),
+            self.busy,
+            remote_centre,
+            self.warnings,
+            self.last_warning,
+            self._states.state,
+            self._states.homed,
+            self.tool,
+        )
+
+    # ------------------------------------------------------------------ tip
+
+    def base_frame(self) -> tuple[Array, str]:
+        """Return T (4, 4) of the arm's reference frame in the frame of its poses, and its name.
+
+        It is the one of `RigDescription.pose_frame`, unless `set_base_frame` set another.
+        """
+        return self._base or self._clock.base_pose(self.name)
+
+    def pose_view(self) -> tuple[int, Array, str]:
+        """Return where `measured_cp` is seen from, as `Frames.view` does."""
+        frames = self._clock.frames
+        if self._base is not None:
+            return frames.own_view(self.name), *self._base
+        return frames.view(self.name, self._clock.reference_arm)
+
+    def measured_cp(self) -> Pose:
+        """Return the tip's pose, a PSM's in the ECM's frame where there is one."""
+        if self._base is not None or not self._direct:
+            base, frame = self.base_frame()
+            return Pose(base @ self.local_measured_cp().T, frame, self._clock.time)
+        T, frame = self._clock.frames.public(self.name, self._clock.reference_arm)
+        return Pose(T, frame, self._clock.time)
+
+    def setpoint_cp(self) -> Pose:
+        """Return the pose of the tip at the set-points, in the frame of `measured_cp`."""
+        if self._base is not None or not self._direct:
+            base, frame = self.base_frame()
+            return Pose(base @ self.local_setpoint_cp().T, frame, self._clock.time)
+        clock, told = self._clock, self.motors.position
+        T, frame = clock.frames.public_at(self.name, told, clock.reference_arm)
+        return Pose(T, frame, clock.time)
+
+    def local_measured_cp(self) -> Pose:
+        """Return the tip's pose in the arm's own reference frame (the remote centre's)."""
+        if not self._direct:
+            return self._local_pose(self.positions())
+        T, frame = self._clock.frames.measured(self.name), self.description.mechanism.reference
+        return Pose(T, frame, self._clock.time)
+
+    def local_setpoint_cp(self) -> Pose:
+        """Return the pose of the tip at the set-points in the arm's own reference frame."""
+        return self._local_pose(self.motors.position)
+
+    def measured_cv(self) -> Twist:
+        """Return the velocity of the tip's origin and its rotation, in axes of `measured_cp`."""
+        base, frame = self.base_frame()
+        own = self.local_measured_cv()
+        R = base[:3, :3]
+        return Twist(R @ own.linear, R @ own.angular, frame, own.time)
+
+    def local_measured_cv(self) -> Twist:
+        """Return the same in axes of the arm's own reference frame [m/s, rad/s]."""
+        q, qd, _ = self.readings()
+        mechanism = self.description.mechanism
+        twist = jacobian_body(mechanism, q) @ qd
+        R = chain_pose(mechanism)(q)[:3, :3]
+        return Twist(R @ twist[:3], R @ twist[3:], mechanism.reference, self._clock.time)
+
+    def measured_cf(self, frame: WrenchFrame = "body") -> Wrench:
+        """Return the wrench that the motors exert at the tip, what carries the links not counted.
+
+        The least-squares solution of tau = J^T w: exact for six joints, the smallest for fewer.
+
+        Args:
+            frame: "body": at the tip in its axes; "spatial": about the reference frame's origin
+
+        Raises:
+            InputError: no such frame
+        """
+        J = self.jacobian(frame)
+        effort = (self.motors.read()[2] - self.motors.load())[self._own]
+        wrench = np.asarray(np.linalg.lstsq(J.T, effort, rcond=1e-9)[0], dtype=np.float64)
+        mechanism = self.description.mechanism
+        named = f"{self.name}_{mechanism.tip}" if frame == "body" else mechanism.reference
+        return Wrench(wrench[:3], wrench[3:], named, self._clock.time)
+
+    def jacobian(self, frame: WrenchFrame = "body") -> Array:
+        """Return J with (linear; angular) = J @ qd where the arm is, jaw left out, (6, n).
+
+        Raises:
+            InputError: no such frame
+        """
+        if frame not in FRAMES:
+            raise InputError(f"{self.name}: got frame {frame!r}; allowed: {', '.join(FRAMES)}")
+        if self._direct:
+            return self._clock.frames.jacobian(self.name, frame)[:, self._own]
+        of = jacobian_body if frame == "body" else jacobian_spatial
+        return of(self.description.mechanism, self.positions())[:, self._own]
+
+    # ------------------------------------------------------------------ kinematics
+
+    def forward_kinematics(self, q: ArrayLike) -> Pose:
+        """Return the tip's pose at joint positions, (n,) without the jaw, as `measured_cp`.
+
+        Raises:
+            InputError: no (n,) finite numbers
+        """
+        base, frame = self.base_frame()
+        return Pose(base @ self._local_pose(self._whole(q)).T, frame, self._clock.time)
+
+    def inverse_kinematics(self, T: ArrayLike, seed: ArrayLike | None = None) -> Array:
+        """Return the joint positions nearest to a seed that bring the tip to a pose, (n,).
+
+        Args:
+            T: pose in the frame of `measured_cp`, (4, 4)
+            seed: (n,) without the jaw [rad or m]; the set-points when omitted
+
+        Raises:
+            InputError: no pose, or an arm without a closed form
+            UnreachableError, SingularError: no solution
+        """
+        structure = self.description.inverse_kinematics
+        if not structure:
+            raise InputError(f"{self.name}: has no inverse kinematics")
+        wanted = check_transform(T)
+        if wanted.shape != (4, 4):
+            raise InputError(f"{self.name}: got a pose of shape {wanted.shape}; allowed: (4, 4)")
+        start = self.control.told(self._own) if seed is None else self._whole(seed)[self._own]
+        return nearest_solution(
+            self.description.mechanism,
+            structure,
+            inverse(self.base_frame()[0]) @ wanted,
+            start,
+            platform_angle=float(start[PLATFORM]) if structure == GIMBAL_ARM else None,
+        )
 
     def sample(self, read: tuple[Array, Array, Array, Array] | None = None) -> ArmSample:
         """Return copies of what every reading of this arm is computed from.
@@ -165,22 +852,22 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         Args:
             read: positions, velocities, efforts and loads (n,) each, where somebody has read them
         """
-        told, welded = self._verbs.setpoints, self._drives.welded
+        motors, moves = self.motors, self.control.moves
         return ArmSample(
-            *(read or (*self.readings(), self._drives.load())),
-            told.position.copy(),
-            told.velocity.copy(),
-            told.effort.copy(),
-            not welded and self._drives.gravity_compensated,
+            *(read or (*self.readings(), motors.load())),
+            motors.position.copy(),
+            motors.velocity.copy(),
+            motors.effort.copy(),
+            not motors.welded and motors.gravity_compensated,
             self._states.state,
             self._states.homed,
             self.busy or self._homing is not None,
             self._base,
             self.description.tool,
-            (told.velocity_ratio, told.acceleration_ratio),
+            (moves.velocity_ratio, moves.acceleration_ratio),
             self.gripper is not None and self.gripper.closed,
             self._lock is not None,
-            bool(self._drives.brakes) and bool(self._drives.locked.all()),
+            motors.brakes and bool(motors.locked.all()),
         )
 
     # ------------------------------------------------------------------ used by the world
@@ -188,12 +875,12 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
     @property
     def active(self) -> bool:
         """Whether set-points or efforts change from period to period."""
-        return self.busy or self._homing is not None or bool(self._laws)
+        return self.control.moves.active or self._homing is not None or bool(self._laws)
 
     def follow(self, time: float) -> None:
         """Advance the set-points of moves to a time, and renew the efforts of laws."""
-        self._verbs.setpoints.follow(time)
-        self._verbs.write()
+        self.control.moves.follow(time)
+        self.motors.follow()
         if self._laws:
             self._obey()
         if self._homing is not None:
@@ -201,25 +888,64 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         self.tell_state()
 
     def start_at(self, q: Array) -> None:
-        """Forget every command and start at joint positions, (n,)."""
+        """Forget every command and be told to rest at joint positions, (n,)."""
         self._end_laws()
-        self._verbs.refusals.forget()
-        self._verbs.setpoints.put(q)
-        self._drives.place(q, np.zeros(len(q)))
-        self._drives.apply()
+        self.control.refusals.forget()
+        self.control.put(q)
 
     def begin(self, q: Array, ready: bool) -> None:
-        """Start anew at joint positions, (n,): enabled and homed, or as after power-on."""
+        """Start anew, told to rest at joint positions, (n,): ENABLED and homed, or DISABLED.
+
+        The world puts motors and physics back.
+        """
         self._abandon_homing()
-        self._verbs.keep_modes()
-        self._drives.restore()
+        self._base, self._absolute, self._told = None, False, None
+        self._push[:] = 0.0
+        self.control.begin()
         if self.gripper is not None:
             self.gripper.forget()
         self._states.begin(ready)
         self.start_at(q)
-        if not ready:
-            self._drives.switch(False)
-        self._told = None
+
+    def save(self) -> ArmState:
+        """Return copies of everything that the arm keeps beside the physics and the servos."""
+        control, gripper = self.control, self.gripper
+        homing = None
+        if self._homing is not None:
+            way = self._homing.way
+            homing = self._homing.motion.goal.copy(), way.goal.copy(), way.done, way.goal_reached
+        return ArmState(
+            self._states.state,
+            self._states.homed,
+            self._told,
+            control.save(),
+            copy.deepcopy(self._laws),
+            None if self._lock is None else self._lock.copy(),
+            self._absolute,
+            self._push.copy(),
+            None if self._base is None else (self._base[0].copy(), self._base[1]),
+            homing,
+            None if gripper is None else (gripper.closed, gripper.pinches, gripper.since),
+        )
+
+    def load(self, saved: ArmState) -> None:
+        """Take everything that `save` returned; handles of moves until now are over."""
+        self._abandon_homing()
+        self._states.state, self._states.homed = saved.state, saved.homed
+        motions = self.control.load(saved.control)
+        self._laws = copy.deepcopy(saved.laws)
+        self._lock = None if saved.lock is None else saved.lock.copy()
+        self._absolute, self._push = saved.absolute, saved.push.copy()
+        self._base = None if saved.base is None else (saved.base[0].copy(), saved.base[1])
+        if saved.homing is not None:
+            goal, way_goal, done, reached = saved.homing
+            way = motions[0] if motions and not done else self._over(way_goal, reached)
+            kinds = [j.kind == "prismatic" for j in self.description.joints[self._own]]
+            motion = Motion(goal.copy(), self._clock.wait)
+            self._homing = Homing(motion, way, np.array(kinds))
+        if self.gripper is not None and saved.gripper is not None:
+            self.gripper.closed, self.gripper.pinches, self.gripper.since = saved.gripper
+        self._told = saved.told
 
     def come_off(self) -> None:
         """End every move, law and effort, before another tool is mounted."""
@@ -227,26 +953,27 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
 
     def setpoints(self) -> Array:
         """Return the set-points of every joint, the jaw included, (n,) [rad or m]."""
-        return self._verbs.setpoints.position.copy()
+        return self.motors.position.copy()
 
-    def refit(self, rig_arm: RigArm, drives: Drives, q: Array, told: Array) -> None:
+    def reattach(self, motors: Motors) -> None:
+        """Go on in a model that was compiled anew, with everything as it was."""
+        self.motors = motors
+        self.control.reattach(motors)
+
+    def refit(self, rig_arm: RigArm, motors: Motors, q: Array, told: Array) -> None:
         """Take another tool with its motors; what was set stays.
 
         The arm is at rest at joint positions q and told to be at others, (n,) each.
         """
-        before = self._verbs
-        self._fit(rig_arm, drives)
-        self._verbs.inherit(before)
-        self._states = self._verbs.states
-        self._verbs.setpoints.put(told)
-        drives.place(q, np.zeros(len(q)))
-        drives.command(told, np.zeros(len(q)))
-        drives.apply()
+        self._fit(rig_arm, motors, self.control)
+        motors.place(q, np.zeros(len(q)))
+        motors.command(told, np.zeros(len(q)))
+        motors.apply()
         self.tell_state()
 
     def come_to_rest(self) -> None:
         """Hold, when the set-points are on their way."""
-        if self.active or self._verbs.setpoints.velocity.any():
+        if self.active or self.motors.velocity.any():
             self._stop()
 
     def check_playable(self) -> None:
@@ -262,14 +989,14 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
     def prepare_to_play(self) -> None:
         """Take joints back from effort control, for a table of set-points."""
         self._end_laws()
-        self._verbs.under_position(slice(0, len(self.joint_names)))
+        self.control.under_position(self._all)
 
     def take_over(self, q: Array, v: Array, effort: Array) -> None:
         """Take over set-points that a played trajectory has written, (n,) each."""
         if self._states.powered:
-            self._verbs.setpoints.put(q)
-            self._verbs.setpoints.velocity = v.copy()
-            self._verbs.setpoints.effort = effort.copy()
+            effort = effort.copy()  # it may be a view of what is put to rest
+            self.control.put(q)
+            self.motors.velocity[:], self.motors.effort[:] = v, effort
 
     # ------------------------------------------------------------------ inside
 
@@ -284,7 +1011,7 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         """End laws after an effort command that was accepted."""
         if accepted:
             self._end_laws()
-            self._push = self._verbs.setpoints.effort[self._own].copy()
+            self._push = self.motors.effort[self._own].copy()
             self.tell_state()
         return accepted
 
@@ -293,5 +1020,226 @@ class Arm(StateVerbs, Locking, TipVerbs, Settings):
         return motion
 
     def _end_laws(self) -> None:
-        self._laws.clear()
-        self._forget_lock()
+        if self._laws:
+            self._laws.clear()
+        if self._lock is not None:
+            self._forget_lock()
+
+    def _may(self, verb: str) -> bool:
+        why = self._states.why_not(verb)
+        if why:
+            self.control.refusals.warn(f"{verb} state", f"{verb}: {why}")
+        return not why
+
+    def _over(self, q: Array, reached: bool = True) -> Motion:
+        """Return the handle of a move that is over."""
+        motion = Motion(q.copy(), self._clock.wait)
+        motion.finish(reached)
+        return motion
+
+    def _stop(self) -> None:
+        """End everything under way; stay at the set-points, or where joints were free."""
+        self._abandon_homing()
+        self._end_laws()
+        self.control.under_position(self._all)
+        self.control.moves.end(self._all)
+        self.motors.velocity[:] = 0.0
+        self.motors.follow()
+        self.control.exert(np.zeros(len(self.joint_names)), self._all, "hold")
+        self.tell_state()
+
+    def _settle(self) -> None:
+        """Put the set-points where the joints are measured."""
+        if not self.motors.welded:
+            self.control.stay(list(range(len(self.joint_names))))
+            self.motors.effort[:] = 0.0
+
+    def _switch_off(self) -> None:
+        if not self._states.powered:
+            return
+        self._abandon_homing()
+        self._end_laws()
+        self.control.under_position(self._all)
+        self._settle()
+        self.motors.switch(False)
+        self.motors.follow()
+
+    def _abandon_homing(self) -> None:
+        homing, self._homing = self._homing, None
+        if homing is not None:
+            homing.motion.finish(False)
+            self.control.tell("goal_reached", reached=False)
+
+    def _watch(self, homing: Homing) -> None:
+        measured = self.positions()[self._own]
+        outcome = homing.look(measured, self._clock.time)
+        if outcome == "home":
+            self._homing = None
+            self._states.homed = True
+            homing.motion.finish(True)
+        elif outcome == "stopped":
+            self._abandon_homing()
+        elif outcome == "late":
+            names = np.array(self.joint_names[self._own])[homing.far(measured)]
+            self.fault(f"homing: {', '.join(names)} did not arrive")
+
+    def _set_brakes(self, locked: bool, joints: Sequence[str] | None) -> None:
+        if not self.motors.brakes:
+            raise InputError(f"{self.name}: has no brakes; only setup joints do")
+        self._check_movable("release its brakes")
+        which = self._which(joints)
+        self.control.stay(which)
+        self.motors.set_brakes(locked, which)
+        self.motors.follow()
+
+    def _check_movable(self, wish: str) -> None:
+        if self.motors.welded:
+            raise InputError(
+                f"{self.name}: is welded into the model; build the world with"
+                f' setup_joints="braked" to {wish}'
+            )
+
+    def _which(self, joints: Iterable[str] | None) -> list[int]:
+        arm = self.motors.arm
+        motors = self.joint_names[: arm.own_joints] if arm.has_gripper else self.joint_names
+        which = [self._index(name) for name in (motors if joints is None else joints)]
+        if any(k >= len(motors) for k in which):
+            raise InputError(f"{self.name}: {self.joint_names[-1]} has no motor; squeeze it")
+        return which
+
+    def _index(self, joint: str) -> int:
+        if joint not in self.joint_names:
+            raise UnknownNameError("joint", joint, self.joint_names, self.name)
+        return self.joint_names.index(joint)
+
+    def _nearest(self, T: ArrayLike, verb: str) -> Array | None:
+        """Solve for a pose, or warn and return None."""
+        try:
+            return self.inverse_kinematics(T)
+        except (InputError, UnreachableError, SingularError) as problem:
+            self.control.refusals.warn(f"{verb} pose", f"{verb}: {problem}")
+            return None
+
+    def _tip_state(self) -> TipState:
+        """Return where the arm is, for periodic laws."""
+        q, qd, _ = self.readings()
+        mechanism = self.description.mechanism
+        base, tip = self.base_frame()[0], chain_pose(mechanism)(q)
+        spatial = jacobian_spatial(mechanism, q)[:, self._own]
+        return TipState(
+            q[self._own],
+            qd[self._own],
+            base @ tip,
+            base,
+            adjoint(inverse(tip)) @ spatial,
+            spatial,
+            self._clock.time,
+        )
+
+    def _local_pose(self, q: Array) -> Pose:
+        mechanism = self.description.mechanism
+        return Pose(chain_pose(mechanism)(q), mechanism.reference, self._clock.time)
+
+    def _whole(self, q: ArrayLike) -> Array:
+        """Return joint positions with the jaw's set-point behind them, (n,)."""
+        whole = self.motors.position.copy()
+        try:
+            own = np.asarray(q, dtype=np.float64)
+        except (TypeError, ValueError):
+            own = np.full(0, np.nan)
+        if own.shape != whole[self._own].shape or not np.isfinite(own).all():
+            count = len(whole[self._own])
+            raise InputError(f"{self.name}: got {q!r}; allowed: {count} finite numbers")
+        whole[self._own] = own
+        return whole
+
+    def _solved(self, T: ArrayLike, verb: str) -> Array | None:
+        """Return the joints of a pose, when Cartesian commands are allowed now."""
+        if not self.control.ready(verb) or not self._deep_enough(verb):
+            return None
+        return self._nearest(T, verb)
+
+    def _deep_enough(self, verb: str) -> bool:
+        """Warn and return False while an instrument's wrist is too near its remote centre."""
+        mechanism = self.description.mechanism
+        if self.type != "PSM" or "wrist_pitch" not in mechanism.frame_index:
+            return True
+        if self._direct:
+            depth = self._clock.frames.depth(self.name)
+        else:
+            q = self.positions()
+            wrist = chain_pose(mechanism, "wrist_pitch")(q)[:3, 3]
+            depth = float(chain_pose(mechanism, "roll")(q)[:3, 2] @ wrist)
+        if depth >= SAFE_DEPTH_M:
+            return True
+        self.control.refusals.warn(
+            f"{verb} depth",
+            f"{verb}: the wrist is {1e3 * depth:.1f} mm past the remote centre; allowed from "
+            f"{1e3 * SAFE_DEPTH_M:.0f} mm on; insert the instrument first",
+        )
+        return False
+
+    def _follow_law(self, law: Law, verb: str) -> bool:
+        if not self.control.ready(verb) or not self._deep_enough(verb):
+            return False
+        locked = "lock" in self._laws  # then it is under force control, and the gimbal goes on
+        self._push = np.zeros_like(self._push)
+        if not locked and not self.control.servo_effort(self._push, self._own, verb):
+            return False
+        self._laws["wrench"] = law
+        self._begin_master_laws(law)
+        self._obey()
+        self.tell_state()
+        return True
+
+    def _obey(self) -> None:
+        """Add up the efforts of all laws and hand them to the motors."""
+        now = self._tip_state()
+        effort = self._push.copy()
+        for law in self._laws.values():
+            action = law.act(now)
+            effort += action.effort
+            if action.position is not None:
+                self.control.steer(action.position, action.velocity, self._own)
+        self.control.exert(effort, self._own, "efforts")
+
+    def _begin_master_laws(self, law: Law) -> None:
+        """Let a master's platform give way and its gimbal be locked under force control.
+
+        Under a wrench in the reference frame the platform stays, as on the dVRK.
+        """
+        if self.description.inverse_kinematics != GIMBAL_ARM:
+            return
+        self._laws.pop("platform", None)
+        if not (isinstance(law, CartesianForce) and law.frame == "spatial"):
+            platform = self.description.joints[PLATFORM]
+            self._laws["platform"] = PlatformEffort(platform.lower, platform.upper)
+        if self._lock is not None and "lock" not in self._laws:
+            self._begin_lock()
+
+    def _begin_lock(self) -> None:
+        if self._lock is None:
+            return
+        if "lock" not in self._laws:
+            self.control.take(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
+        joints = self.description.joints[self._own]
+        limits = GimbalLimits(
+            np.array([j.lower for j in joints]),
+            np.array([j.upper for j in joints]),
+            np.array([j.velocity_max for j in joints]),
+        )
+        self._laws["lock"] = OrientationLock(
+            fit_chain(self.description.mechanism, GIMBAL_ARM),
+            self.base_frame()[0][:3, :3].T @ self._lock,
+            self.positions()[self._own],
+            limits,
+            self._clock.time,
+        )
+
+    def _forget_lock(self) -> None:
+        if self._lock is not None:
+            self._lock = None
+            self.control.tell("orientation_locked", locked=False)
+
+    def _refuse(self, why: str) -> None:
+        self.control.refusals.warn("lock_orientation", f"lock_orientation: {why}")

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras import Calibration, StereoCalibration
-from trocar.descriptions.cameras.mounts import bend, check_bend
-from trocar.descriptions.cameras.records import CameraKind
+from trocar.cameras import Calibration, StereoCalibration
+from trocar.cameras.records import CameraKind, bend, check_bend
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError, OvertakenError
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
-from trocar.simulation.binding import carrier
-from trocar.simulation.drives import Drives
+from trocar.modeling.joints import JointTable
+from trocar.simulation.frames import Frames
 from trocar.simulation.records import Snapshot
 
 Array = NDArray[np.float64]
@@ -119,26 +116,18 @@ class Cameras:
 
     Args:
         rig: its description
-        model, data: the physics
-        scratch: where bodies are is computed here
-        drives: each arm's motors
+        table: where its arms are in the model
+        frames: where bodies are
     """
 
-    def __init__(
-        self,
-        rig: RigDescription,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        scratch: mujoco.MjData,
-        drives: Mapping[str, Drives],
-    ) -> None:
-        self._model, self._data, self._scratch = model, data, scratch
+    def __init__(self, rig: RigDescription, table: JointTable, frames: Frames) -> None:
+        self._frames = frames
         self._known: list[CameraRecord] = []
         for camera in rig.cameras:
             body, mount = 0, camera.pose
             if camera.arm:
-                binding = drives[camera.arm].binding
-                body, at = carrier(rig.arm(camera.arm), binding, camera.frame)
+                index = table.arms[camera.arm]
+                body, at = index.carrier(rig.arm(camera.arm), camera.frame)
                 mount = at @ camera.pose
             self._known.append(
                 CameraRecord(
@@ -160,11 +149,10 @@ class Cameras:
         """Return {name: where each is now}."""
         if not self._known:
             return {}
-        self._scratch.qpos[:] = self._data.qpos
-        mujoco.mj_kinematics(self._model, self._scratch)
+        shown = self._frames.bodies()
         found: dict[str, CameraRecord] = {}
         for camera in self._known:
-            turn = self._scratch.xmat[camera.body].reshape(3, 3)
-            body = transform(turn, self._scratch.xpos[camera.body])
+            turn = shown.xmat[camera.body].reshape(3, 3)
+            body = transform(turn, shown.xpos[camera.body])
             found[camera.name] = replace(camera, T_world_body=body, time=time, build=build)
         return found

@@ -28,6 +28,7 @@ class TipState:
         T: tip in the frame of measured_cp, (4, 4)
         base: the arm's reference frame in that frame, (4, 4)
         body, spatial: Jacobians in the tip's and the reference frame, (6, n)
+        time: simulation time [s]
     """
 
     q: Array
@@ -36,6 +37,7 @@ class TipState:
     base: Array
     body: Array
     spatial: Array
+    time: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

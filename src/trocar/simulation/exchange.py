@@ -17,8 +17,9 @@ from trocar.descriptions import rig_with_tool
 from trocar.descriptions.mounting import carried_over, joints_without_tool
 from trocar.descriptions.records import ArmDescription
 from trocar.modeling import naming
-from trocar.simulation.drives import Drives
-from trocar.simulation.servos import ServoInputs
+from trocar.modeling.build import build
+from trocar.simulation.motors import Motors
+from trocar.simulation.servos import Servos
 
 if TYPE_CHECKING:
     from trocar.simulation.world import World
@@ -31,6 +32,17 @@ log = logging.getLogger("trocar")
 #: straight and its jaw shut, wherever its roll is.
 ROLL = "roll"
 #: Coordinates and rates of a joint of each kind.
+CARRIED = (
+    "setpoint",
+    "modes",
+    "gains",
+    "limit",
+    "locked",
+    "powered",
+    "balanced",
+    "commanded",
+    "holding",
+)
 WIDTHS = {
     int(mujoco.mjtJoint.mjJNT_FREE): (7, 6),
     int(mujoco.mjtJoint.mjJNT_BALL): (4, 3),
@@ -47,27 +59,30 @@ def exchange(world: World, name: str, tool: str) -> None:
             fit
     """
     arm, rig = world.arm(name), rig_with_tool(world.rig, name, tool)
-    model = world._compile(rig)
+    model = build(rig, world.options)
     arm.come_off()
     old, new = arm.description, rig.arm(name).arm
     q = _engaged(arm.positions(), old, new)
     told = _engaged(arm.setpoints(), old, new)
     _warn_of_clipped(name, arm.setpoints(), old, told, new)
-    before = world._model, world._data, world._servos
-    world._adopt(rig, model)
-    _carry(before, (world._model, world._data, world._servos), name)
-    for other, drives in world._drives.items():
-        if other != name:
-            drives.attach(world._model, world._data, world._servos)
-    drives = world._new_drives(name)
-    _keep_settings(world._drives[name], drives)
-    world._drives[name] = drives
+    before, motors = (world._model, world._data, world.servos), arm.motors
+    world._adopt(model)
+    _carry(before, (world._model, world._data, world.servos), name)
+    for other in world.arms.values():
+        if other is not arm:
+            other.reattach(world._motors(other.name))
+    new_motors = world._motors(name)
+    _keep_settings(motors, new_motors)
     sensors = world._sensors
     world._wire()
     world._sensors.go_on(sensors, name)
-    arm.refit(rig.arm(name), drives, q, told)
+    arm.refit(rig.arm(name), new_motors, q, told)
     world._name_poses(arm)
-    world._gravity.renew_one(drives)
+    rows, holding = new_motors.index.rows, world.servos.holding.copy()
+    world.frames.holding_efforts(world.servos.holding)
+    holding[rows] = world.servos.holding[rows]  # the other arms keep theirs
+    world.servos.holding[:] = holding
+    world.servos.write_efforts()
     world.journal.event(name, "tool_type", tool=arm.tool)
 
 
@@ -89,17 +104,18 @@ def _warn_of_clipped(
             )
 
 
-def _keep_settings(old: Drives, new: Drives) -> None:
+def _keep_settings(old: Motors, new: Motors) -> None:
     """Keep power and compensation, and modes and gains of the arm's own joints."""
     before = old.arm.mechanism.joint_index
     for joint in joints_without_tool(new.arm):
         here, there = new.arm.mechanism.joint_index[joint], before[joint]
         new.gains[here], new.modes[here] = old.gains[there], old.modes[there]
-    new.powered = old.powered
     new.compensate_gravity(old.gravity_compensated)
+    if old.powered != new.powered:
+        new.switch(old.powered)
 
 
-Physics = tuple[mujoco.MjModel, mujoco.MjData, ServoInputs]
+Physics = tuple[mujoco.MjModel, mujoco.MjData, Servos]
 
 
 def _carry(old: Physics, new: Physics, name: str) -> None:
@@ -111,10 +127,8 @@ def _carry(old: Physics, new: Physics, name: str) -> None:
     for field in ("qvel", "qacc_warmstart", "qfrc_applied"):
         getattr(fresh, field)[dof[1]] = getattr(data, field)[dof[0]]
     here, there = _actuator_map(model, grown, name)
-    inputs.table[there] = servos.table[here]
-    for field in ("commanded", "balanced", "holding", "tolerance"):
+    for field in CARRIED:
         getattr(inputs, field)[there] = getattr(servos, field)[here]
-    inputs.revision = servos.revision + 1
     act = model.actuator_actadr[here], grown.actuator_actadr[there]
     fresh.act[act[1]] = data.act[act[0]]
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 
-from trocar.descriptions.records import JointDescription
 from trocar.errors import InputError
+from trocar.simulation.control import JointControl
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.records import JointState
+from trocar.simulation.servos import EFFORT, POSITION
 
 #: A gripper counts as closed below this opening. Source: our own choice; the dVRK's default is 0
 #: on a potentiometer that is calibrated to pass it. [rad]
@@ -18,22 +18,6 @@ CLOSED_RAD = float(np.deg2rad(1.0))
 #: How long it must be so until that is told. Source: SAW mtsIntuitiveResearchKitMTM.h,
 #: gripper_events.debounce_threshold. [s]
 DEBOUNCE_S = 0.2
-
-
-class Fingers(Protocol):
-    """What a gripper needs of its arm."""
-
-    def state(self, part: slice, setpoint: bool) -> JointState:
-        """Return measured values."""
-        ...
-
-    def hold_end(self, q: float, effort: float) -> None:
-        """Hold the last joint at a position by a servo that feeds an effort forward."""
-        ...
-
-    def push_end(self, effort: float) -> None:
-        """Exert an effort on the last joint, and nothing else."""
-        ...
 
 
 class Gripper:
@@ -44,24 +28,21 @@ class Gripper:
     Attributes:
         closed: whether it is shut, once that has lasted 0.2 s
         pinches: how often it was shut since the last reset
+        since: when it was found shut or open for the first time, until that counts [s]
     """
 
     def __init__(
-        self,
-        fingers: Fingers,
-        joint: JointDescription,
-        index: int,
-        told: tuple[Journal, str, Callable[[], float]],
+        self, name: str, control: JointControl, journal: Journal, now: Callable[[], float]
     ) -> None:
-        self._journal, self._source, self._now = told
-        self._prefix = "gripper."
-        self._fingers, self._joint = fingers, joint
-        self._part = slice(index, index + 1)
+        self._journal, self._source, self._prefix = journal, name, "gripper."
+        self._now, self._control = now, control
+        self._joint = control.motors.arm.joints[-1]
+        self._part = slice(len(control.joint_names) - 1, len(control.joint_names))
         self.forget()
 
     def measured_js(self) -> JointState:
         """Return the opening, its velocity, and the effort of the fingers (opening is positive)."""
-        return self._fingers.state(self._part, setpoint=False)
+        return self._control.measured(self._part)
 
     @command
     def squeeze(self, effort: float) -> None:
@@ -74,7 +55,7 @@ class Gripper:
             InputError: another effort
         """
         most = self._joint.effort_max
-        self._fingers.push_end(-self._checked("effort", effort, 0.0, most))
+        self._push(-self._checked("effort", effort, 0.0, most))
 
     @command
     def squeeze_to(self, angle: float) -> None:
@@ -89,35 +70,40 @@ class Gripper:
         opening = self._checked("angle", angle, self._joint.lower, self._joint.upper)
         spring = self._joint.spring
         against = 0.0 if spring is None else spring.stiffness * (opening - spring.rest)
-        self._fingers.hold_end(opening, against)
+        self._control.motors.finger(POSITION, opening, against)
 
     @command
     def release(self) -> None:
         """Take the fingers away: the spring opens it."""
-        self._fingers.push_end(0.0)
+        self._push(0.0)
 
     # ------------------------------------------------------------------ used by the world
 
     def forget(self) -> None:
         """Begin anew, open and with no pinch counted."""
         self.closed, self.pinches = False, 0
-        self._since: float | None = None
+        self.since: float | None = None
 
     def watch(self) -> None:
         """Notice that it was shut or opened, once that has lasted; to be called every few ms."""
         shut = bool(self.measured_js().position[0] <= CLOSED_RAD)
         if shut == self.closed:
-            self._since = None
+            self.since = None
             return
-        if self._since is None:
-            self._since = self._now()
-        if self._now() - self._since < DEBOUNCE_S:
+        if self.since is None:
+            self.since = self._now()
+        if self._now() - self.since < DEBOUNCE_S:
             return
-        self.closed, self._since = shut, None
+        self.closed, self.since = shut, None
         self._journal.event(self._source, "gripper/closed", closed=shut)
         if shut:
             self.pinches += 1
             self._journal.event(self._source, "gripper/pinch")
+
+    def _push(self, effort: float) -> None:
+        """Exert an effort on the levers, and nothing else."""
+        motors = self._control.motors
+        motors.finger(EFFORT, float(motors.position[-1]), effort)
 
     def _checked(self, what: str, value: float, least: float, most: float) -> float:
         number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)

@@ -20,6 +20,9 @@ P = ParamSpec("P")
 R = TypeVar("R")
 #: Who commands and events come from that concern no single arm or object.
 WORLD = "world"
+#: Commands and numbers in them that `Past` keeps at most. Source: our own choice.
+MOST_COMMANDS = 4096
+MOST_NUMBERS = 30_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,47 +48,50 @@ class Entry:
 
 
 Listener = Callable[[Entry], None]
+#: Values that need no copy.
+PLAIN = (float, int, str, bool, type(None))
 
 
 class Journal:
-    """Hands entries to listeners; without any it costs next to nothing."""
+    """Hands entries to listeners, and keeps the commands since the world was built while few.
 
-    def __init__(self, now: Callable[[], tuple[int, float]]) -> None:
-        self._now = now
-        self._listeners: list[Listener] = []
-        self._inside = 0
+    Attributes:
+        period, time: where the world is; the world keeps them up to date
+        listeners: called with every entry
+        inside: how many commands are under way; those that a command gives itself are not told
+        past: commands until now, from which a recording that begins later is repeated
+    """
+
+    def __init__(self) -> None:
+        self.period, self.time = 0, 0.0
+        self.listeners: list[Listener] = []
+        self.inside = 0
+        self.past = Past()
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Call `listener` with every entry from now on; call what is returned to stop."""
-        self._listeners.append(listener)
+        self.listeners.append(listener)
 
         def stop() -> None:
-            if listener in self._listeners:
-                self._listeners.remove(listener)
+            if listener in self.listeners:
+                self.listeners.remove(listener)
 
         return stop
 
     def event(self, source: str, name: str, **values: object) -> None:
         """Tell that something happened."""
-        self._tell("event", source, name, values)
+        if self.listeners:
+            self._tell("event", source, name, {k: _copied(v) for k, v in values.items()})
 
-    def command(self, source: str, name: str, values: Mapping[str, object]) -> None:
-        """Tell what was asked, unless another command asked it."""
-        if not self._inside:
+    def command(self, source: str, name: str, values: dict[str, object]) -> None:
+        """Tell what was asked, and keep it."""
+        for key, value in values.items():
+            if not isinstance(value, PLAIN):
+                values[key] = _copied(value)
+        if not self.past.incomplete:
+            self.past.keep(self.period, self.time, source, name, values)
+        if self.listeners:
             self._tell("command", source, name, values)
-
-    def enter(self) -> None:
-        """Begin a command: those that it gives itself are not told."""
-        self._inside += 1
-
-    def leave(self) -> None:
-        """End a command."""
-        self._inside -= 1
-
-    @property
-    def heard(self) -> bool:
-        """Whether anybody listens."""
-        return bool(self._listeners)
 
     def _tell(
         self,
@@ -94,12 +100,58 @@ class Journal:
         name: str,
         values: Mapping[str, object],
     ) -> None:
-        if not self._listeners:
-            return
-        period, time = self._now()
-        entry = Entry(period, time, kind, source, name, {k: _copied(v) for k, v in values.items()})
-        for listener in tuple(self._listeners):
+        entry = Entry(self.period, self.time, kind, source, name, values)
+        for listener in tuple(self.listeners):
             listener(entry)
+
+
+class Past:
+    """The commands since the world was built, kept while they are few.
+
+    Attributes:
+        incomplete: why commands are missing; "" while all are kept
+    """
+
+    def __init__(self) -> None:
+        self.incomplete = ""
+        self._kept: list[tuple[int, float, str, str, Mapping[str, object]]] = []
+        self._numbers = 0
+
+    @property
+    def entries(self) -> list[Entry]:
+        """The commands, oldest first."""
+        return [
+            Entry(period, time, "command", source, name, values)
+            for period, time, source, name, values in self._kept
+        ]
+
+    def keep(
+        self, period: int, time: float, source: str, name: str, values: Mapping[str, object]
+    ) -> None:
+        """Keep a command; its values belong to this from now on."""
+        self._kept.append((period, time, source, name, values))
+        self._numbers += _numbers(values)
+        if len(self._kept) > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
+            self.forget(
+                f"it began after more than {MOST_COMMANDS} commands or {MOST_NUMBERS} numbers in"
+                " them; begin it earlier"
+            )
+
+    def forget(self, why: str) -> None:
+        """Keep no commands any longer, and say why."""
+        self.incomplete = why
+        self._kept.clear()
+
+
+def _numbers(value: object) -> int:
+    """Return how many numbers are kept for a value."""
+    if isinstance(value, np.ndarray):
+        return value.size
+    if isinstance(value, Mapping):
+        return sum(map(_numbers, cast(Mapping[object, object], value).values()))
+    if isinstance(value, list | tuple):
+        return sum(map(_numbers, cast(list[object], value)))
+    return 1
 
 
 class Commanded(Protocol):
@@ -113,21 +165,20 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb that the journal tells of."""
-    signature = inspect.signature(verb)
+    names = list(inspect.signature(verb).parameters)[1:]
 
     @functools.wraps(verb)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
-        owner = cast(Commanded, args[0])
-        journal = owner._journal
-        if journal.heard:
-            values = dict(signature.bind(*args, **kwargs).arguments)
-            del values["self"]
-            journal.command(owner._source, owner._prefix + verb.__name__, values)
-        journal.enter()
+        owner: Any = args[0]  # something Commanded; this runs with every servo command
+        journal: Journal = owner._journal
+        if not journal.inside and (journal.listeners or not journal.past.incomplete):
+            given = dict(zip(names, args[1:]))  # noqa: B905  too many are an error of the call
+            journal.command(owner._source, owner._prefix + verb.__name__, {**given, **kwargs})
+        journal.inside += 1
         try:
             return verb(*args, **kwargs)
         finally:
-            journal.leave()
+            journal.inside -= 1
 
     told.is_command = True  # type: ignore[attr-defined]
     return told

@@ -7,7 +7,6 @@ three joints stay free.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,17 +96,14 @@ class OrientationLock:
         time: simulation time [s]
     """
 
-    def __init__(
-        self, fit: Fit, R: Array, q: Array, limits: GimbalLimits, time: Callable[[], float]
-    ) -> None:
+    def __init__(self, fit: Fit, R: Array, q: Array, limits: GimbalLimits, time: float) -> None:
         self._wanted = fit.chain.base[:3, :3].T @ R @ fit.tip[:3, :3].T
-        self._limits, self._time = limits, time
+        self._limits, self._last = limits, time
         self._told = q.copy()
-        self._last = time()
 
     def act(self, now: TipState) -> Action:
         """Return the gimbal's set-points for the next period."""
-        period = self._time() - self._last
+        period = now.time - self._last
         self._last += period
         goal = self._goal(now.q[:3], period)
         most = self._limits.speed * period

@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
-from trocar.simulation.drives import Drives
 from trocar.simulation.records import Recording
-from trocar.simulation.servos import INPUTS, ServoInputs
-from trocar.simulation.state_view import StateView
+from trocar.simulation.servos import EFFORT, SET, Servos
 
 Array = NDArray[np.float64]
 
@@ -36,12 +34,11 @@ class Player:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        state: StateView,
-        servos: ServoInputs,
-        drives: Mapping[str, Drives],
+        servos: Servos,
+        arms: Mapping[str, Arm],
     ) -> None:
-        self._model, self._data, self._state = model, data, state
-        self._drives = {name: d for name, d in drives.items() if not d.welded}
+        self._model, self._data = model, data
+        self._motors = {name: arm.motors for name, arm in arms.items() if not arm.motors.welded}
         self._servos = servos
 
     def table(
@@ -65,15 +62,15 @@ class Player:
             if name not in positions:
                 raise InputError(f"play: {name}: got no positions beside its other tables")
         count = rows.pop()
-        setpoints = np.tile(self._servos.table[:, :2], (count, 1, 1))
+        setpoints = np.tile(self._servos.setpoint[:, :2], (count, 1, 1))
         setpoints[:, :, 1] = 0.0
         open_loop = np.tile(self._servos.commanded, (count, 1))
         clipped: dict[str, int] = {}
         for name, wanted in positions.items():
-            if name not in self._drives:
-                raise UnknownNameError("arm", name, self._drives, "play")
-            d = self._drives[name]
-            if "set" in d.modes:
+            if name not in self._motors:
+                raise UnknownNameError("arm", name, self._motors, "play")
+            d = self._motors[name]
+            if (d.modes == SET).any():
                 raise InputError(f'play: {name}: joints in mode "set" follow servo_jp only')
             if d.locked.any():
                 raise InputError(f"play: {name}: the brakes are locked; release them first")
@@ -81,7 +78,7 @@ class Player:
             target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)
             clipped[name] = int((inside != target).any(axis=1).sum())
-            used = d.binding.actuators
+            used = d.index.rows
             setpoints[:, used, 0] = inside
             if name in velocities:
                 speed = _checked(name, velocities[name], target.shape, "velocities")
@@ -113,9 +110,9 @@ class Player:
             arms[name].prepare_to_play()
         if table.efforts is not None:
             self._leave_to_servos(table.efforts, table.played)
-        state, begin = self._state.values, self._data.time
-        samples = np.zeros((len(table.setpoints) if record else 0, len(state)))
-        setpoints = self._servos.table[:, :2]
+        begin = self._data.time
+        samples = np.zeros((len(table.setpoints) if record else 0, len(self._servos.state())))
+        setpoints = self._servos.setpoint[:, :2]
         for row, wanted in enumerate(table.setpoints):
             setpoints[:] = wanted
             if table.efforts is not None:
@@ -123,9 +120,9 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                samples[row] = state
+                samples[row] = self._servos.state()
         for name in table.played:
-            used = self._drives[name].binding.actuators
+            used = self._motors[name].index.rows
             last = table.setpoints[-1, used]
             arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
         periods = np.full(len(samples) * every + 1, self._model.opt.timestep)
@@ -135,28 +132,26 @@ class Player:
     def _leave_to_servos(self, efforts: Array, played: tuple[str, ...]) -> None:
         """Blank the efforts of joints that are not in mode "effort", now that all modes are."""
         for name in played:
-            d = self._drives[name]
-            servoed = [m != "effort" for m in d.modes]
-            efforts[:, d.binding.actuators[servoed]] = 0.0
+            d = self._motors[name]
+            efforts[:, d.index.rows][:, d.modes != EFFORT] = 0.0
 
     def _recording(self, times: Array, samples: Array, clipped: dict[str, int]) -> Recording:
         """Take samples of the state apart."""
-        qpos, qvel, act, ctrl = (
-            samples[:, self._state.parts[name]] for name in ("qpos", "qvel", "act", "ctrl")
-        )
-        inputs = ctrl.reshape(len(samples), self._model.nu // INPUTS, INPUTS)
+        read, limits = self._servos.matrix()
+        count = len(limits)
+        found = samples @ read.T
+        q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
+        effort = np.clip(effort, -limits, limits)
         positions: dict[str, Array] = {}
         velocities: dict[str, Array] = {}
         efforts: dict[str, Array] = {}
         coordinates: dict[str, Array] = {}
-        for name, d in self._drives.items():
-            b = d.binding
-            positions[name] = qpos[:, b.qpos] @ b.drive.T
-            velocities[name] = qvel[:, b.dof] @ b.drive.T
-            state = (positions[name], velocities[name], act[:, b.act])
-            efforts[name] = d.servo_efforts(inputs[:, b.actuators], state)
-            coordinates[name] = np.zeros((len(samples), len(d.arm.mechanism.frames)))
-            coordinates[name][:, b.hinges] = qpos[:, b.qpos]
+        for name, motors in self._motors.items():
+            index, rows = motors.index, motors.index.rows
+            positions[name], velocities[name] = q[:, rows], qd[:, rows]
+            efforts[name] = effort[:, rows]
+            coordinates[name] = np.zeros((len(samples), len(motors.arm.mechanism.frames)))
+            coordinates[name][:, index.hinges] = samples[:, index.qpos]
         return Recording(times, positions, velocities, efforts, coordinates, clipped)
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -49,14 +50,11 @@ class Probes:
 
     Args:
         model, data: the physics
-        scratch: what is computed for a reading is computed here
         load: the forces at the tips
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, scratch: mujoco.MjData, load: TipLoad
-    ) -> None:
-        self._model, self._data, self._scratch = model, data, scratch
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, load: TipLoad) -> None:
+        self._model, self._data = model, data
         self._load = load
         self._names = tuple(model.body(k).name for k in range(model.nbody))
 
@@ -167,6 +165,11 @@ class Probes:
         scratch = self._copied()  # is never stepped, so nothing in it falls asleep
         mujoco.mj_forward(self._model, scratch)
         return scratch
+
+    @cached_property
+    def _scratch(self) -> mujoco.MjData:
+        """What is computed for a reading is computed here; most worlds never need it."""
+        return mujoco.MjData(self._model)
 
     def _copied(self) -> mujoco.MjData:
         state = np.zeros(mujoco.mj_stateSize(self._model, WHOLE_STATE))

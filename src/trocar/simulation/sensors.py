@@ -16,8 +16,8 @@ from trocar.descriptions.sensor_records import SensorDescription
 from trocar.errors import UnknownNameError
 from trocar.geometry.se3 import transform
 from trocar.modeling import naming
-from trocar.simulation.binding import carrier
-from trocar.simulation.drives import Drives
+from trocar.modeling.joints import JointTable
+from trocar.simulation.arm import Arm
 from trocar.simulation.probes import Bodies, Probes, Site
 from trocar.simulation.sensor_readings import (
     ContactsReading,
@@ -57,21 +57,23 @@ class Sensors:
 
     Args:
         rig: its description
+        table: where its arms are in the model
         model, data: the physics
-        drives: each arm's motors
+        arms: by name
         probes: look at the physics
     """
 
     def __init__(
         self,
         rig: RigDescription,
+        table: JointTable,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        drives: Mapping[str, Drives],
+        arms: Mapping[str, Arm],
         probes: Probes,
     ) -> None:
         self._rig, self._model, self._data = rig, model, data
-        self._drives, self._probes = drives, probes
+        self._table, self._arms, self._probes = table, arms, probes
         self._known = {sensor.name: sensor for sensor in rig.sensors}
         self._held: dict[str, _Held] = {}
 
@@ -79,6 +81,16 @@ class Sensors:
         """Keep the last samples of the sensors that were read before, but those of one arm."""
         self._held = {
             name: held for name, held in before._held.items() if self._known[name].arm != without
+        }
+
+    def save(self) -> dict[str, tuple[int, Reading]]:
+        """Return the last samples of sensors with a rate."""
+        return {name: (held.number, held.reading) for name, held in self._held.items()}
+
+    def load(self, saved: Mapping[str, tuple[int, Reading]], rng: np.random.Generator) -> None:
+        """Take the samples that `save` returned; the next are drawn with a generator."""
+        self._held = {
+            name: _Held(number, rng, reading) for name, (number, reading) in saved.items()
         }
 
     def read(self, name: str, rng: np.random.Generator) -> Reading:
@@ -126,10 +138,9 @@ class Sensors:
         return self._contacts(sensor, rng)
 
     def _joint_effort(self, sensor: SensorDescription, rng: np.random.Generator) -> Reading:
-        drives = self._drives[sensor.arm]
-        kind = drives.arm.joint(sensor.joint).kind
-        joint = drives.arm.mechanism.joint_index[sensor.joint]
-        effort = 0.0 if drives.welded else float(drives.efforts()[joint])
+        arm = self._arms[sensor.arm].description
+        kind, joint = arm.joint(sensor.joint).kind, arm.mechanism.joint_index[sensor.joint]
+        effort = float(self._arms[sensor.arm].readings()[2][joint])
         return EffortReading(
             **self._head(sensor, naming.scoped(sensor.arm, sensor.joint), EFFORT_UNITS[kind]),
             effort=float(_noisy(np.array(effort), sensor.noise["effort"], rng)),
@@ -182,7 +193,7 @@ class Sensors:
         }
 
     def _site(self, arm: str, frame: str, pose: Array) -> Site:
-        body, at = carrier(self._rig.arm(arm), self._drives[arm].binding, frame)
+        body, at = self._table.arms[arm].carrier(self._rig.arm(arm), frame)
         return Site(body, at @ pose)
 
     def _touchable(self, sensor: SensorDescription) -> Bodies:
@@ -195,7 +206,7 @@ class Sensors:
 
     def _own(self, arm: str) -> Bodies:
         mine = np.zeros(self._model.nbody, dtype=np.bool_)
-        mine[list(self._drives[arm].binding.frame_bodies.values())] = True
+        mine[list(self._table.arms[arm].bodies.values())] = True
         return mine
 
 

@@ -1,41 +1,205 @@
-"""The inputs of all servos side by side: position, velocity, and effort fed forward."""
+"""All servos of a world: set-points, modes, gains and brakes, and the one read-out of joints."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.modeling.joints import INPUTS, JointTable
+
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-#: Inputs of a servo in `ctrl`; modeling/arm_model.py builds them.
-INPUTS = 3
+#: Control modes of a joint, as small integers in `Servos.modes`.
+POSITION, EFFORT, SET = 0, 1, 2
+#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 um
+#: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
+#: (measured). [N m s/rad or N s/m]
+HOLDING_DAMPING = 1e12
+#: What servos keep beside the physics state.
+SAVED = ("modes", "gains", "limit", "locked", "powered", "balanced", "commanded", "holding")
+#: The part of the physics state that joints are read from, in this order.
+READ_STATE = int(
+    mujoco.mjtState.mjSTATE_QPOS
+    | mujoco.mjtState.mjSTATE_QVEL
+    | mujoco.mjtState.mjSTATE_ACT
+    | mujoco.mjtState.mjSTATE_CTRL
+)
 
 
-class ServoInputs:
-    """A view of `ctrl` as (n_servos, 3), with the two efforts that the third column adds up.
+def servo_law(gains: Array, told: Array, integral: Array, q: Array, qd: Array) -> Array:
+    """Return the servos' efforts before they are limited: P e + I integral + D de + feed-forward.
+
+    The integrator is implicit in the servos: what acts during a period is their force at its end.
+    MuJoCo's `actuator_force` is the one at its beginning, which is wrong by (P v + D a) dt: 1.2 N
+    at 0.2 m/s on the insertion, more than its friction.
+
+    Args:
+        gains: P, I, D, (..., J, 3)
+        told: position, velocity and effort fed forward, (..., J, 3)
+        integral, q, qd: of the position error; measured positions and velocities, (..., J)
+    """
+    p, i, d = gains[..., 0], gains[..., 1], gains[..., 2]
+    servo = p * (told[..., 0] - q) + i * integral + d * (told[..., 1] - qd)
+    return servo + told[..., 2]
+
+
+def read_matrix(table: JointTable, gains: Array, sizes: tuple[int, int]) -> Array:
+    """Return READ with (q; qd; effort before the limits) = READ @ (qpos; qvel; act; ctrl).
+
+    The one servo law, applied to unit vectors: (3 J, nq + nv + 4 J).
+
+    Args:
+        table: the joints
+        gains: as they act, 0 where no servo does, (J, 3)
+        sizes: nq, nv
+    """
+    (nq, nv), count = sizes, len(table)
+    unit = np.eye(nq + nv + (1 + INPUTS) * count)
+    velocity, integral, inputs = nq, nq + nv, nq + nv + count
+    q, qd = unit[:, :velocity] @ table.drive.T, unit[:, velocity:integral] @ table.rate.T
+    told = unit[:, inputs:].reshape(len(unit), count, INPUTS)
+    effort = servo_law(gains, told, unit[:, integral:inputs], q, qd)
+    return np.ascontiguousarray(np.concatenate([q, qd, effort], axis=1).T)
+
+
+class Servos:
+    """The servos of one MjData, in the rows of its joint table.
+
+    Args:
+        table: the joints
+        model: of this world alone: gains, brakes and limits are written into it
+        data: the physics state
 
     Attributes:
-        table: position, velocity and fed-forward effort of each servo, (n_servos, 3), a view
-        commanded: efforts of joints under open-loop control, (n_servos,) [N m or N]
-        balanced: which servos get gravity compensation, (n_servos,) 0 or 1
-        tolerance: tracking errors that are allowed, inf where none counts, (n_servos,) [rad or m]
-        holding: efforts that hold every motor's load, computed last, (n_servos,) [N m or N]
-        revision: counts the changes of modes, gains, brakes and effort limits
+        setpoint: position, velocity and effort fed forward, (J, 3); a view of `ctrl`
+        modes: POSITION, EFFORT or SET, (J,)
+        gains: P, I, D, (J, 3)
+        limit: largest efforts, (J,) [N m or N]
+        locked, powered: brakes that hold; motors that have power, (J,) bool
+        balanced: servos that get gravity compensation, (J,) bool
+        commanded: efforts of joints under open-loop control, (J,) [N m or N]
+        holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
+        revision: counts the changes of modes, gains, brakes and limits
     """
 
-    def __init__(self, data: mujoco.MjData) -> None:
-        self.table: Array = data.ctrl.reshape(-1, INPUTS)
-        count = len(self.table)
-        self.commanded = np.zeros(count)
-        self.balanced = np.zeros(count)
-        self.tolerance = np.full(count, np.inf)
-        self.holding = np.zeros(count)
+    def __init__(self, table: JointTable, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        self.table, self._model, self._data = table, model, data
+        count = len(table)
+        self.setpoint: Array = data.ctrl.reshape(count, INPUTS)
+        self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
+        self.gains, self.limit = table.gains.copy(), table.effort_max.copy()
+        self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
+        self.balanced = ~table.fingers & (table.compensated | table.braked)
+        self.commanded, self.holding = np.zeros(count), np.zeros(count)
         self.revision = 0
-        self._balancing = np.zeros(count)
-        self._efforts = self.table[:, 2]
+        self._turned = np.zeros((count, model.nv), np.bool_)
+        self._braked: list[tuple[slice, int]] = []
+        for arm in table.arms.values():
+            self._turned[arm.rows, arm.dof] = arm.turned
+            if table.braked[arm.rows].any():
+                self._braked.append((arm.rows, 1 << arm.group))
+        self._dry = model.dof_frictionloss.copy()
+        self._viscous = model.dof_damping.copy()
+        self._state = np.zeros(mujoco.mj_stateSize(model, READ_STATE))
+        self._read = np.zeros((0, 0))
+        self._limits = np.zeros(0)
+        self._tolerance = np.zeros(0)
+        self._read_revision = -1
+
+    # ------------------------------------------------------------------ read
+
+    @property
+    def driven(self) -> Bools:
+        """Which joints a motor or a person's fingers act on, (J,); brakes let none."""
+        return (self.table.fingers | self.powered) & ~self.locked
+
+    @property
+    def servoed(self) -> Bools:
+        """Which joints their servos drive, (J,)."""
+        return (self.modes == POSITION) & self.driven
+
+    @property
+    def effective(self) -> tuple[Array, Array]:
+        """Gains (J, 3) and limits (J,) as they act: 0 where no servo, or nothing, does."""
+        gains = self.gains * self.servoed[:, None]
+        return gains, np.where(self.driven, self.limit, 0.0)
+
+    def matrix(self) -> tuple[Array, Array]:
+        """Return READ and the limits of efforts as of now, (3 J, n) and (J,)."""
+        if self._read_revision != self.revision:
+            gains, self._limits = self.effective
+            sizes = self._model.nq, self._model.nv
+            self._read = read_matrix(self.table, gains, sizes)
+            self._tolerance = np.where(self.servoed, self.table.tolerance, np.inf)
+            self._read_revision = self.revision
+        return self._read, self._limits
+
+    def read(self) -> Array:
+        """Return measured positions, velocities and efforts of every joint, (3, J)."""
+        read, limits = self.matrix()
+        mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+        found = read.dot(self._state).reshape(3, -1)
+        effort = found[2]
+        np.minimum(effort, limits, out=effort)
+        np.maximum(effort, -limits, out=effort)
+        return found
+
+    def state(self) -> Array:
+        """Return what READ is multiplied with: a buffer that the next call overwrites."""
+        mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+        return self._state
+
+    def beyond(self) -> Bools | None:
+        """Return which joints are farther from their set-points than allowed, None if none is."""
+        self.matrix()
+        error = self.table.drive.dot(self._data.qpos)
+        np.subtract(error, self.setpoint[:, 0], out=error)
+        np.abs(error, out=error)
+        return error > self._tolerance if (error > self._tolerance).any() else None
+
+    # ------------------------------------------------------------------ write
 
     def write_efforts(self) -> None:
         """Write commanded and balancing efforts into the servos."""
-        np.multiply(self.balanced, self.holding, self._balancing)
-        np.add(self.commanded, self._balancing, self._efforts)
+        np.add(self.commanded, self.balanced * self.holding, out=self.setpoint[:, 2])
+
+    def apply(self) -> None:
+        """Write modes, gains, brakes and limits into the model."""
+        self.revision += 1
+        model, table = self._model, self.table
+        gains, still = self.gains * self.servoed[:, None], self.locked | (self.modes == SET)
+        model.actuator_biasprm[:, 1] = -gains[:, 0]
+        model.actuator_gainprm[:, 0] = gains[:, 1]
+        model.actuator_biasprm[:, 2] = -gains[:, 2]
+        model.actuator_forcerange[:, 0] = -self.limit
+        model.actuator_forcerange[:, 1] = self.limit
+        held = self._turned[(still | ~self.powered) & ~table.fingers].any(axis=0)
+        model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
+        locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold
+        model.dof_frictionloss[:] = np.where(locked, 0.0, self._dry)
+        for rows, group in self._braked:
+            bit = group if self.locked[rows].all() else 0
+            model.opt.disableactuator = model.opt.disableactuator & ~group | bit
+
+    def restore(self) -> None:
+        """Go back to what the table says; set-points and the model are left to the caller."""
+        table = self.table
+        self.modes[:] = np.where(table.fingers, EFFORT, POSITION)
+        self.gains[:], self.limit[:] = table.gains, table.effort_max
+        self.locked[:], self.powered[:] = table.braked, True
+        self.balanced[:] = ~table.fingers & (table.compensated | table.braked)
+        self.commanded[:] = self.holding[:] = 0.0
+
+    def save(self) -> dict[str, Array]:
+        """Return copies of everything that is set, by name."""
+        return {name: getattr(self, name).copy() for name in SAVED}
+
+    def load(self, saved: Mapping[str, Array]) -> None:
+        """Take everything that `save` returned and write it into the model."""
+        for name in SAVED:
+            getattr(self, name)[:] = saved[name]
+        self.apply()

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.simulation.binding import carrier
-from trocar.simulation.drives import Drives
+from trocar.modeling.joints import JointTable
+from trocar.simulation.frames import Frames
 
 Array = NDArray[np.float64]
 
@@ -38,31 +36,32 @@ class TipLoad:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         rig: RigDescription,
-        drives: Mapping[str, Drives],
+        table: JointTable,
+        frames: Frames,
         size: float,
     ) -> None:
         if not 0.0 <= size < np.inf:
             raise InputError(f"tip_load_n: got {size!r}; allowed: 0 N or more")
         self.size = size
-        self._model, self._data = model, data
+        self._model, self._data, self._frames = model, data, frames
         self._tips: list[tuple[int, Array, int]] = []
         for arm in rig.arms:
             if arm.arm.type in ("PSM", "ECM"):
-                binding = drives[arm.name].binding
-                body, at = carrier(arm, binding, arm.arm.mechanism.tip)
-                self._tips.append((body, at[:3, 3].copy(), binding.frame_bodies[arm.arm.root]))
+                index = table.arms[arm.name]
+                body, at = index.carrier(arm, arm.arm.mechanism.tip)
+                self._tips.append((body, at[:3, 3].copy(), index.bodies[arm.arm.root]))
         self._forces = np.zeros((len(self._tips), 3))
 
     def apply(self) -> None:
-        """Write this instant's forces; kinematics and centres of mass must be up to date."""
+        """Write this instant's forces."""
+        now = self._frames.bodies()
+        mujoco.mj_comPos(self._model, now)
         direction = self.size * load_direction(float(self._data.time))
         self._data.qfrc_applied[:] = 0.0
         for (body, point, root), force in zip(self._tips, self._forces, strict=True):
-            force[:] = self._data.xmat[root].reshape(3, 3) @ direction
-            at = self._data.xpos[body] + self._data.xmat[body].reshape(3, 3) @ point
-            mujoco.mj_applyFT(
-                self._model, self._data, force, NO_TORQUE, at, body, self._data.qfrc_applied
-            )
+            force[:] = now.xmat[root].reshape(3, 3) @ direction
+            at = now.xpos[body] + now.xmat[body].reshape(3, 3) @ point
+            mujoco.mj_applyFT(self._model, now, force, NO_TORQUE, at, body, self._data.qfrc_applied)
 
     def acting(self) -> list[tuple[int, Array, Array]]:
         """Return (body, point in it (3,) [m], force in the world (3,) [N]) of each force.

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -12,46 +14,48 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
-from trocar.descriptions.records import Control, RigArm
-from trocar.errors import DescriptionError, DivergedError, InputError, UnknownNameError
+from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.modeling import naming
-from trocar.modeling.mjcf import rig_spec
+from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
-from trocar.simulation.arm import Arm
+from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
-from trocar.simulation.drives import Drives
 from trocar.simulation.exchange import exchange
-from trocar.simulation.gravity import PERIOD_S as GRAVITY_PERIOD_S
-from trocar.simulation.gravity import GravityCompensation
+from trocar.simulation.frames import Frames
 from trocar.simulation.health import warn_of_flattening
 from trocar.simulation.journal import WORLD, Journal, Listener, command
-from trocar.simulation.motion import Motion
+from trocar.simulation.motors import Motors
+from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.places import Places
 from trocar.simulation.play import Player
 from trocar.simulation.probes import Probes
-from trocar.simulation.recording.past import Past
-from trocar.simulation.recording.recorder import Recorder
 from trocar.simulation.records import ArmSample, Health, Recording, ShapeRecord, Snapshot
-from trocar.simulation.sampling import Sampling
 from trocar.simulation.sensor_readings import ContactsReading, ContactTable, Reading
 from trocar.simulation.sensors import Sensors
-from trocar.simulation.servos import ServoInputs
+from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import shape_records
-from trocar.simulation.state_view import StateView
-from trocar.simulation.supervision import Supervision
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
 
+#: Gravity compensation is renewed this often, and tracking errors are looked at. Source: our own
+#: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
+#: servos answer with 0.2 mrad. [s]
+GRAVITY_PERIOD_S = 0.02
 #: Set-points of moves are renewed this often, in physics periods. Source: our own choice.
 SETPOINT_PERIODS = 1
-#: Watchers look at least this often, in physics periods. Source: as what writes targets does.
-WATCHED_PERIODS = 5
 #: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
 #: overlays are kept whole.
 APART = ("self", "rig", "calibration")
+#: Everything that a physics step depends on, what sleeps apart.
+INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+#: Arguments with few values.
+CHOICES = {
+    "control": ("dvrk", "paper"),
+    "friction": ("identified", "paper"),
+    "setup_joints": ("braked", "locked"),
+}
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
 BAD_QVEL = int(mujoco.mjtWarning.mjWARN_BADQVEL)
@@ -59,11 +63,42 @@ BAD_QACC = int(mujoco.mjtWarning.mjWARN_BADQACC)
 BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
 
 
+@dataclass(frozen=True, eq=False)
+class State:
+    """Everything that a world's motion depends on, as `World.save` returns it.
+
+    Attributes:
+        signature: the rig with its tools and options, as compiled
+        row: MuJoCo's INTEGRATION state
+        asleep: what sleeps, which MuJoCo's state lacks
+        qacc, smooth: accelerations of the last step, with and without constraints; NaN where there
+            was none; MuJoCo keeps those of what sleeps
+        periods: physics steps since the reset
+        seed, random: of the random numbers, and where they are
+        reference_arm: as of the world
+        servos, arms, sensors: what these keep beside the physics
+    """
+
+    signature: str
+    row: Array
+    asleep: NDArray[np.int32]
+    qacc: Array
+    smooth: Array
+    periods: int
+    seed: int
+    random: Mapping[str, Any]
+    reference_arm: str
+    servos: Mapping[str, Array]
+    arms: Mapping[str, ArmState]
+    sensors: Mapping[str, tuple[int, Reading]]
+
+
 class World:
     """A simulated rig. Time passes in `step` and `play` only.
 
     Args:
-        rig: a description, the name of a built-in rig, or the path of a TOML file
+        rig: a description, the name of a built-in rig, or the path of a TOML file; or a model from
+            `build`, which many worlds may share: it says all of the following down to `collisions`
         timestep_s: physics period [s]
         control: gains that the arms start with, "dvrk" or "paper"
         friction: "identified" or "paper"
@@ -82,7 +117,7 @@ class World:
 
     def __init__(
         self,
-        rig: RigDescription | str | Path,
+        rig: RigModel | RigDescription | str | Path,
         *,
         timestep_s: float = 0.001,
         control: Literal["dvrk", "paper"] = "dvrk",
@@ -95,51 +130,38 @@ class World:
         homed: bool = True,
         calibration: Calibration | None = None,
     ) -> None:
-        #: What the world was built with, the rig apart; a recording takes these along.
-        self.arguments = {k: v for k, v in locals().items() if k not in APART}
+        choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
         #: The name or path that the rig was loaded from, "" where it came as a description.
-        self.rig_source = "" if isinstance(rig, RigDescription) else str(rig)
+        self.rig_source = str(rig) if isinstance(rig, str | Path) else ""
         self._homed = bool(homed)
         self._build = 0
-        nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-        self.rig = calibrated_rig(nominal, calibration)
+        if isinstance(rig, RigModel):
+            _check_default(choices, calibration)
+            model = rig
+            choices |= _choices(model)
+        else:
+            nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
+            described = calibrated_rig(nominal, calibration)
+            model = build(described, _options(described, choices))
+        #: What the world was built with, the rig apart; a recording takes these along.
+        self.arguments = choices
+        self.options = model.options
         #: The rig that the world was built with, whatever tools were exchanged since.
-        self.first_rig = self.rig
+        self.first_rig = model.rig
         #: Arm on setup joints whose tip frame the poses of the others on setup joints are in.
-        self.reference_arm = self.rig.reference_arm
-        self.timestep = _checked_period(timestep_s)
-        for got, name, allowed in (
-            (control, "control", ("dvrk", "paper")),
-            (friction, "friction", ("identified", "paper")),
-            (setup_joints, "setup_joints", ("braked", "locked")),
-        ):
-            if got not in allowed:
-                raise InputError(f"{name}: got {got!r}; allowed: {', '.join(allowed)}")
-        start = self.rig.poses["start"]
-        locked = {
-            a.name: start[a.name]
-            for a in self.rig.arms
-            if a.arm.type == "SUJ" and setup_joints == "locked"
-        }
-        self.options = ModelOptions(
-            timestep=timestep_s, friction=friction, collisions=collisions, locked=locked
-        )
-        self._mj_step: Callable[[mujoco.MjModel, mujoco.MjData, int], None] = mujoco.mj_step
-        self._control, self._compensated = control, gravity_compensation
+        self.reference_arm = model.rig.reference_arm
+        self.timestep = model.options.timestep
         self._tip_load_n = tip_load_n
-        self._adopt(self.rig, self._compile(self.rig))
-        self._periods = 0
-        self.journal = self._journal = Journal(lambda: (self._periods, self.time))
+        self._adopt(model)
+        self.journal = self._journal = Journal()
         self._source, self._prefix = WORLD, ""
         self._objects = Objects(self.rig, self._journal)
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
-        self._drives: dict[str, Drives] = {}
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
-            drives = self._new_drives(rig_arm.name)
-            self._drives[rig_arm.name] = drives
-            self.arms[rig_arm.name] = Arm(rig_arm, drives, self)
+            motors = self._motors(rig_arm.name)
+            self.arms[rig_arm.name] = Arm(rig_arm, motors, self)
             self._name_poses(self.arms[rig_arm.name])
         self._wire()
         #: What the rig places, by name; `sensor` reads them.
@@ -154,10 +176,11 @@ class World:
         self._seed = _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         self.reset()
-        #: Who records this world now, and what it was told before.
-        self.recorder: Recorder | None = None
-        self.past = Past(self)
-        self._watchers: list[Callable[[], None]] = []
+        #: The commands so far, from which a recording that begins later is repeated.
+        self.past = self._journal.past
+        #: Observers and how often each is called at least; the shortest of these periods.
+        self._observers: list[tuple[Callable[[], object], int]] = []
+        self._stride = self._renewal
         warn_of_flattening(self.rig)
 
     # ------------------------------------------------------------------ time
@@ -168,9 +191,27 @@ class World:
         return float(self._data.time)
 
     @property
+    def signature(self) -> str:
+        """Name of what a state belongs to: the rig with its tools and options, as compiled."""
+        return f"{self.rig.name} {self.model.digest}"
+
+    @property
+    def mj_model(self) -> mujoco.MjModel:
+        """The compiled model of this world, which gains and brakes are written into."""
+        return self._model
+
+    @property
+    def mj_data(self) -> mujoco.MjData:
+        """MuJoCo's data of this world, to look at; whoever writes into it is on their own.
+
+        Derived fields are those of the last step's beginning, as always in MuJoCo.
+        """
+        return self._data
+
+    @property
     def periods(self) -> int:
         """Physics periods since the last reset."""
-        return self._periods
+        return self.journal.period
 
     def listen(self, listener: Listener) -> Callable[[], None]:
         """Hand every command and event from now on to `listener`; call the result to stop.
@@ -179,28 +220,28 @@ class World:
         """
         return self._journal.listen(listener)
 
-    def watch(self, watcher: Callable[[], None]) -> Callable[[], None]:
-        """Call `watcher` each time that physics has gone on; call the result to stop.
+    def observe(self, observer: Callable[[], object], every: int = 1) -> Callable[[], None]:
+        """Call `observer` in the stepping thread as physics goes on; call the result to stop.
 
-        It is called where the world is stepped, may look, and must not command.
-        """
-        self._watchers.append(watcher)
-        return lambda: self._watchers.remove(watcher) if watcher in self._watchers else None
-
-    def record(self, file: str | Path | IO[bytes], *, overwrite: bool = False) -> Recorder:
-        """Record states, commands and events into an MCAP file, from now on.
-
-        `with world.record("run.mcap"): ...`, or keep what is returned and call its `stop`.
+        It may look, and must not command. Motion does not depend on observers.
 
         Args:
-            file: a path, or a binary file that is open for writing
-            overwrite: replace a file that exists
+            observer: called after at most `every` physics periods, and after the last of a step
+            every: physics periods; 1 observes each
 
         Raises:
-            InputError: the file exists or cannot be written, or the world is recorded already
-            MissingExtraError: the library for MCAP is not installed
+            InputError: every is no whole number above 0
         """
-        return Recorder(self, file, overwrite=overwrite)
+        if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
+            raise InputError(f"every: got {every!r}; allowed: a whole number above 0")
+        row = (observer, int(every))
+
+        def set_observers(rows: list[tuple[Callable[[], object], int]]) -> None:
+            self._observers = rows
+            self._stride = min((every for _, every in rows), default=self._renewal)
+
+        set_observers([*self._observers, row])
+        return lambda: set_observers([one for one in self._observers if one is not row])
 
     def step(self, n: int = 1) -> None:
         """Advance n physics periods.
@@ -249,18 +290,18 @@ class World:
             DivergedError: as for `step`
         """
         for name in positions:
-            if name in self.arms and not self._drives[name].welded:
+            if name in self.arms and not self.arms[name].motors.welded:
                 self.arms[name].check_playable()
         table = self._player.table(positions, velocities or {}, efforts or {})
         return self._player.run(table, every, record, self._advance, self.arms)
 
     @command
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
-        """Return to time 0 at a named pose of the rig, in the states that the world began in.
+        """Return to time 0 at a named pose of the rig, as the world began: a function of both.
 
-        Joints are in position mode and brakes locked; objects are where the rig has them, at rest.
-
-        Gains and gravity compensation stay as they are.
+        Joints are in position mode with the gains of the rig, brakes locked; trajectory ratios,
+        base frames and the reference arm are the rig's, objects where it has them, at rest. Tools
+        stay mounted.
 
         Args:
             seed: of the random numbers; the last one when omitted
@@ -274,15 +315,75 @@ class World:
             raise UnknownNameError("pose", pose, self.rig.poses, f"rig {self.rig.name}")
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
+        self.reference_arm = self.rig.reference_arm
         mujoco.mj_resetData(self._model, self._data)
-        self._servos.commanded[:] = self._servos.holding[:] = 0.0
+        self.servos.restore()
+        if not self._homed:
+            self.servos.powered[:] = False
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
         for name, arm in self.arms.items():
-            arm.begin(self.options.locked.get(name, at[name]), self._homed)
+            q = self.options.locked.get(name, at[name])
+            arm.begin(q, self._homed)
+            arm.motors.put(q, np.zeros(len(q)))
+        self.servos.apply()
         mujoco.mj_forward(self._model, self._data)
-        self._gravity.renew_here()
+        self._balance()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
-        self._periods = 0
+        self.journal.period, self.journal.time = 0, 0.0
+
+    def save(self) -> State:
+        """Return everything that the motion from here on depends on; it can be pickled.
+
+        Handles of moves, listeners and observers are not in it.
+        """
+        model, data = self._model, self._data
+        row = np.empty(mujoco.mj_stateSize(model, INTEGRATION))
+        self.copy_state(row)
+        return State(
+            self.signature,
+            row,
+            data.tree_asleep.copy(),
+            data.qacc.copy(),
+            data.qacc_smooth.copy(),
+            self.journal.period,
+            self._seed,
+            self.rng.bit_generator.state,
+            self.reference_arm,
+            self.servos.save(),
+            {name: arm.save() for name, arm in self.arms.items()},
+            self._sensors.save(),
+        )
+
+    def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
+        """Copy parts of the physics state, bits of MuJoCo's mjtState, into an array."""
+        mujoco.mj_getState(self._model, self._data, out, parts)
+
+    def load(self, state: State) -> None:
+        """Go on from a saved state, of this world or another of the same rig, to the last bit.
+
+        Moves until now are over; those of the state go on.
+
+        Raises:
+            InputError: the state is of another rig, other tools or other options
+        """
+        if state.signature != self.signature:
+            raise InputError(
+                f"load: got a state of {state.signature}; allowed: one of {self.signature}"
+            )
+        self._put(state.row, state.asleep)
+        self._data.qacc[:], self._data.qacc_smooth[:] = state.qacc, state.smooth
+        self.journal.period, self._seed = state.periods, state.seed
+        self.rng = np.random.default_rng(self._seed)
+        self.rng.bit_generator.state = state.random
+        self.journal.time = self._data.time
+        self.reference_arm = state.reference_arm
+        self.servos.load(state.servos)
+        for name, arm in self.arms.items():
+            arm.load(state.arms[name])
+        self._sensors.load(state.sensors, self.rng)
+        self._bad[:] = 0
+        self.past.forget("it began after a saved state was loaded")
+        self.journal.event(WORLD, "state_loaded")
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
         """Step until a move is over, or leave the waiting to the loop that runs this world."""
@@ -308,17 +409,17 @@ class World:
             UnknownNameError: no such arm
             InputError: no (n,) finite numbers, or an arm that is welded into the model
         """
-        arm, drives = self.arm(name), self._drives[name]
-        if drives.welded:
+        arm = self.arm(name)
+        if arm.motors.welded:
             raise InputError(f"{name}: is welded into the model")
         place = _checked_state(name, q, len(arm.joint_names), "positions")
         speed = np.zeros(len(place))
         if v is not None:
             speed = _checked_state(name, v, len(place), "velocities")
         arm.start_at(np.clip(place, arm.lower, arm.upper))
-        drives.place(place, speed)
-        drives.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
-        self._gravity.renew_here()
+        arm.motors.place(place, speed)
+        arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
+        self._balance()
 
     @command
     def exchange_tool(self, name: str, tool: str) -> None:
@@ -344,8 +445,8 @@ class World:
     def set_reference_arm(self, name: str) -> None:
         """Choose the arm whose tip frame the poses of the others on setup joints are in.
 
-        Its own poses and those of its setup joints are in the cart's frame from now on. A reset
-        keeps the choice.
+        Its own poses and those of its setup joints are in the cart's frame until the next
+        reset.
 
         Args:
             name: of the arm that setup joints are made for: "ECM", "PSM1", ...
@@ -407,9 +508,7 @@ class World:
             arms: tell every arm's joints, too, which takes ten times as long as all bodies
         """
         centres = self.remote_centres() if arms else {}
-        shown = self._shown  # a step leaves bodies where it began, and looking changes nothing
-        shown.qpos[:] = self._data.qpos
-        mujoco.mj_kinematics(self._model, shown)
+        shown = self.frames.bodies()
         return Snapshot(
             self.time,
             shown.xpos.copy(),
@@ -420,7 +519,13 @@ class World:
 
     def samples(self) -> dict[str, ArmSample]:
         """Return {arm: copies of what its readings are computed from}, quickly."""
-        return self._sampling.take(self.arms)
+        every, load = self.servos.read(), self.servos.holding.copy()
+        found: dict[str, ArmSample] = {}
+        for name, arm in self.arms.items():
+            rows = arm.motors.index.rows
+            read = None if arm.motors.welded else (*every[:, rows], load[rows])
+            found[name] = arm.sample(read)
+        return found
 
     def cameras(self) -> dict[str, CameraRecord]:
         """Return every camera of the rig, by name, with where it is now; nothing is drawn."""
@@ -439,22 +544,32 @@ class World:
 
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
-        return self._places.remote_centres()
+        return self.frames.remote_centres()
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
-        return self._places.reference_pose(name)
+        return self.frames.reference_pose(name)
 
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name."""
-        return self._places.base_pose(name, self.reference_arm)
+        return self.frames.base_pose(name, self.reference_arm)
 
     def health(self) -> Health:
         """Return how well every arm's loops hold now."""
-        each = {
-            name: arm.health() for name, arm in self.arms.items() if not self._drives[name].welded
-        }
+        each = {name: arm.health() for name, arm in self.arms.items() if not arm.motors.welded}
         return Health.of(each)
+
+    def engine_warnings(self) -> dict[str, int]:
+        """Return {kind: how often} of MuJoCo's warnings since the last reset, those that came."""
+        counts = self._data.warning.number
+        kinds = (
+            kind for kind in mujoco.mjtWarning.__members__.values() if kind.value < len(counts)
+        )
+        return {
+            kind.name.removeprefix("mjWARN_").lower(): int(counts[kind.value])
+            for kind in kinds
+            if counts[kind.value]
+        }
 
     def shapes(self) -> tuple[ShapeRecord, ...]:
         """Return every shape of the rig and the body that carries it, for drawing."""
@@ -462,28 +577,22 @@ class World:
 
     # ------------------------------------------------------------------ inside
 
-    def _compile(self, rig: RigDescription) -> mujoco.MjModel:
-        return _compiled(rig, self.options)
-
-    def _adopt(self, rig: RigDescription, model: mujoco.MjModel) -> None:
+    def _adopt(self, model: RigModel) -> None:
         """Take a compiled rig; what looks into the physics must be attached to it next."""
-        self.rig, self._model = rig, model
-        self._data = mujoco.MjData(model)
-        self._shown = mujoco.MjData(model)
+        #: The rig as it is compiled now, which nothing writes to.
+        self.model, self.rig = model, model.rig
+        self._model = copy.copy(model.mj)  # gains, brakes and limits are written into this one
+        self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
-        self._servos = ServoInputs(self._data)
-        self._state = StateView(self._data)
-        self._before, self._time_before = self._state.values.copy(), 0.0
+        self.joints = model.joints
+        self.servos = Servos(self.joints, self._model, self._data)
+        self.frames = Frames(self.rig, self.joints, self._model, self._data)
+        self._before = np.zeros(mujoco.mj_stateSize(self._model, INTEGRATION))
         self._build += 1
 
-    def _new_drives(self, name: str) -> Drives:
-        """Return an arm's motors with the gains that the world started with."""
-        rig_arm = self.rig.arm(name)
-        preset = _preset(rig_arm, self._control)
-        drives = Drives(self._model, self._data, self._servos, rig_arm, preset)
-        own = preset.gravity_compensation
-        drives.compensate_gravity(own if self._compensated is None else self._compensated)
-        return drives
+    def _motors(self, name: str) -> Motors:
+        """Return an arm's motors in the model as it is now."""
+        return Motors(self.rig.arm(name), self.servos, self._data)
 
     def _name_poses(self, arm: Arm) -> None:
         """Add the rig's named poses to an arm's own."""
@@ -493,44 +602,84 @@ class World:
 
     def _wire(self) -> None:
         """Make what looks into the physics and keeps nothing of its own."""
-        self._places = Places(self.rig, lambda name: self.arms[name].positions())
-        self._player = Player(self._model, self._data, self._state, self._servos, self._drives)
-        self._gravity = GravityCompensation(
-            self._model, self._data, self._servos, self._drives.values()
-        )
-        self._supervision = Supervision(self._data.qpos, self._servos, self._drives, self.arms)
-        self._load = TipLoad(self._model, self._data, self.rig, self._drives, self._tip_load_n)
-        self._probes = Probes(self._model, self._data, self._shown, self._load)
-        self._sampling = Sampling(self._data, self._servos, self._drives)
-        self._sensors = Sensors(self.rig, self._model, self._data, self._drives, self._probes)
-        self._cameras = Cameras(self.rig, self._model, self._data, self._shown, self._drives)
+        model, data = self._model, self._data
+        self._player = Player(model, data, self.servos, self.arms)
+        self._load = TipLoad(model, data, self.rig, self.joints, self.frames, self._tip_load_n)
+        self._probes = Probes(model, data, self._load)
+        self._sensors = Sensors(self.rig, self.joints, model, data, self.arms, self._probes)
+        self._cameras = Cameras(self.rig, self.joints, self.frames)
         self._objects.attach(self._model, self._data)
 
     def _advance(self, count: int) -> None:
-        """Step the physics, and stop when it is no longer finite."""
-        left = count
+        """Step the physics and call observers; stop when the state is no longer finite."""
+        left, bad, data, journal = count, self._bad, self._data, self.journal
         while left > 0:
-            since = self._periods % self._renewal
+            since = journal.period % self._renewal
             if since == 0 and self._load.size > 0.0:
                 self._load.apply()
-            if self._periods % self._gravity_renewal == 0:
-                self._gravity.renew()
-                self._supervision.check()
+            if journal.period % self._gravity_renewal == 0:
+                self._balance()
+                self._supervise()
             run = min(left, self._renewal - since)
-            run = min(run, WATCHED_PERIODS) if self._watchers else run
-            self._before[:], self._time_before = self._state.values, self._data.time
-            self._mj_step(self._model, self._data, run)
-            self._periods += run
             left -= run
-            bad = self._bad
-            if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
-                self._diverged()
-            for watcher in self._watchers:
-                watcher()
+            self.copy_state(self._before)
+            while run > 0:
+                count = min(run, self._stride)
+                mujoco.mj_step(self._model, data, count)
+                journal.period += count
+                journal.time = data.time
+                run -= count
+                if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
+                    self._diverged()
+                for observer, _ in self._observers:
+                    observer()
+
+    def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
+        """Write a row of the physics state, with what sleeps asleep.
+
+        MuJoCo keeps no sleepers in a row: setting one wakes them, which moves them by nanometres.
+        So they are put to sleep where they lie by a step at rest before the row is set again.
+        Source: measured on stacked, falling and shoved objects, bit for bit.
+        """
+        model, data = self._model, self._data
+        sleeping = asleep >= 0
+        if sleeping.any() or (data.tree_asleep >= 0).any():
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_setState(model, data, row, INTEGRATION)
+            if sleeping.any():
+                data.tree_asleep[:] = -(1 + mujoco.mjMINAWAKE)
+                data.tree_asleep[sleeping] = -1
+                mujoco.mj_step(model, data)
+        mujoco.mj_setState(model, data, row, INTEGRATION)
+        data.tree_asleep[~sleeping] = asleep[~sleeping]
+
+    def _balance(self) -> None:
+        """Feed forward what holds every motor's load where the arms are now."""
+        self.frames.holding_efforts(self.servos.holding)
+        self.servos.write_efforts()
+
+    def _supervise(self) -> None:
+        """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""
+        for arm in self.arms.values():
+            if arm.gripper is not None:
+                arm.gripper.watch()
+        beyond = self.servos.beyond()
+        if beyond is None:
+            return
+        error = np.abs(self.servos.read()[0] - self.servos.setpoint[:, 0])
+        for arm in self.arms.values():
+            joints = [
+                f"{joint.name} ({error[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
+                for k, joint in enumerate(arm.description.joints, arm.motors.index.rows.start)
+                if not arm.motors.welded and beyond[k]
+                for unit in ("m" if joint.kind == "prismatic" else "rad",)
+            ]
+            if joints:
+                arm.fault(f"tracking error of {', '.join(joints)}")
 
     def _diverged(self) -> None:
         """Go through the last periods again, one by one, to name what left the numbers first."""
-        self._state.values[:], self._data.time = self._before, self._time_before
+        mujoco.mj_setState(self._model, self._data, self._before, INTEGRATION)
         self._bad[:] = 0
         for _ in range(self._renewal):
             mujoco.mj_step(self._model, self._data)
@@ -551,7 +700,7 @@ class World:
         raise DivergedError(
             self.time,
             naming.scoped(owner, joint),
-            self._drives[owner].target(mechanism.joint_index[joint]),
+            float(self.arms[owner].motors.position[mechanism.joint_index[joint]]),
             f"the {BAD[kind]} of {frame} is not finite",
         )
 
@@ -563,16 +712,53 @@ class World:
         return int(model.dof_jntid[min(index, model.nv - 1)])
 
 
-def _compiled(rig: RigDescription, options: ModelOptions) -> mujoco.MjModel:
-    """Compile a rig; what MuJoCo refuses is the description's fault.
+def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
+    """Return the options of a model from the arguments of a world.
 
     Raises:
-        DescriptionError: with MuJoCo's reason
+        InputError: an argument that is not allowed
     """
-    try:
-        return rig_spec(rig, options).compile()
-    except ValueError as problem:
-        raise DescriptionError(rig.file, "", f"MuJoCo refuses it: {problem}") from problem
+    for name, allowed in CHOICES.items():
+        if choices[name] not in allowed:
+            raise InputError(f"{name}: got {choices[name]!r}; allowed: {', '.join(allowed)}")
+    start, welded = rig.poses["start"], choices["setup_joints"] == "locked"
+    return ModelOptions(
+        timestep=_checked_period(choices["timestep_s"]),
+        control=choices["control"],
+        gravity_compensation=choices["gravity_compensation"],
+        friction=choices["friction"],
+        collisions=choices["collisions"],
+        locked={a.name: start[a.name] for a in rig.arms if a.arm.type == "SUJ" and welded},
+    )
+
+
+def _choices(model: RigModel) -> dict[str, Any]:
+    """Return the arguments of a world that a model was built with, the inverse of `_options`.
+
+    Raises:
+        InputError: a model that no world can step
+    """
+    options = model.options
+    if options.servo != "pid":
+        raise InputError(f"World: got a model with servo {options.servo!r}; allowed: 'pid'")
+    return {
+        "timestep_s": options.timestep,
+        "control": options.control,
+        "gravity_compensation": options.gravity_compensation,
+        "friction": options.friction,
+        "collisions": options.collisions,
+        "setup_joints": "locked" if options.locked else "braked",
+    }
+
+
+def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) -> None:
+    """Refuse arguments that a model has decided already."""
+    defaults: dict[str, Any] = World.__init__.__kwdefaults__ or {}
+    names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions")
+    given = [name for name in names if choices[name] != defaults[name]]
+    if given or calibration is not None:
+        what = ", ".join([*given, *(["calibration"] if calibration is not None else [])])
+        raise InputError(f"World: got a model and {what}; allowed: options of build")
 
 
 def _checked_state(name: str, values: Array, count: int, what: str) -> Array:
@@ -595,13 +781,3 @@ def _checked_period(timestep_s: float) -> float:
     if not isinstance(timestep_s, (int, float)) or not 0.0 < timestep_s <= 0.01:
         raise InputError(f"timestep_s: got {timestep_s!r}; allowed: above 0 to 0.01 s")
     return float(timestep_s)
-
-
-def _preset(rig_arm: RigArm, name: str) -> Control:
-    """Return an arm's gains; an arm that the paper has no gains for keeps the dVRK's."""
-    presets = rig_arm.arm.control
-    if name in presets:
-        return presets[name]
-    if not presets:
-        raise InputError(f"{rig_arm.arm.name}: has no control gains; cannot be simulated")
-    return next(iter(presets.values()))

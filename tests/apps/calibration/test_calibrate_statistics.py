@@ -15,8 +15,8 @@ from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks
 from trocar.apps.mocap.noise import spoil
 from trocar.apps.mocap.simulate import Parts
 from trocar.descriptions import ArmDescription, load_arm
+from trocar.fitting import fit_pivot_in_body
 from trocar.geometry.se3 import exp_twist
-from trocar.kinematics.estimation import fit_pivot_in_body
 
 pytestmark = pytest.mark.slow
 

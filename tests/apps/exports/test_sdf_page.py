@@ -20,7 +20,8 @@ def test_drake_simulates_the_exported_arm_with_its_loops(tmp_path, monkeypatch, 
     pytest.importorskip("lxml", reason="lxml is not installed (extra: export)")
     export(find_rig("psm"), "sdf", tmp_path / "psm_sdf")
     monkeypatch.chdir(tmp_path)
-    (program,) = re.findall(r"^```py\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    programs = re.findall(r"^```py\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+    (program,) = (text for text in programs if "pydrake" in text)
     capsys.readouterr()
     said: dict[str, object] = {}
     exec(compile(program, "exports.md", "exec"), said)

@@ -17,9 +17,8 @@ from trocar.apps.exports import export, find_rig
 from trocar.descriptions import names
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.descriptions.records import RigDescription
-from trocar.modeling.links import LinkModel, rig_links
-from trocar.modeling.trees import SHARE, joint_values, link_poses
-from trocar.modeling.urdf import urdf_tree
+from trocar.modeling.links import LinkModel, joint_values, link_poses, rig_links
+from trocar.modeling.urdf import SHARE, urdf_tree
 
 from .truth import frames_in_world, leading, random_rig_positions
 from .urdf_readers import Reading, by_drake, by_mujoco, by_pinocchio, by_yourdfpy

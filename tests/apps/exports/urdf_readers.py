@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.modeling.links import LinkModel
-from trocar.modeling.trees import joint_values
+from trocar.modeling.links import LinkModel, joint_values
 
 Array = NDArray[np.float64]
 Body = tuple[float, Array, Array]

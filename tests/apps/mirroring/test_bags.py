@@ -11,6 +11,7 @@ import pytest
 
 from trocar.apps.mirroring import open_bag
 from trocar.errors import LogError
+from trocar.recording import record
 from trocar.simulation import World
 
 from .motions import BEGIN, KINDS, motion, rows, write, write_many
@@ -39,7 +40,7 @@ def test_a_single_mcap_file_and_a_recording_of_trocar_s_own_are_bags_too(tmp_pat
     (file,) = folder.glob("*.mcap")
     assert len(list(open_bag(file).messages(["ECM/measured_js"]))) == 100
     world = World("psm")
-    with world.record(tmp_path / "own.mcap"):
+    with record(world, tmp_path / "own.mcap"):
         world.arm("PSM1").servo_jp(np.array([0.1, 0.1, 0.13, 0.0, 0.0, 0.0]))
         world.step(300)
     own = open_bag(tmp_path / "own.mcap")

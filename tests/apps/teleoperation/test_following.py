@@ -11,6 +11,7 @@ import pytest
 from trocar.apps.replay import repeat
 from trocar.apps.teleoperation.tool import ToolTeleoperation
 from trocar.geometry import angle_between
+from trocar.recording import record
 from trocar.simulation import World
 
 from .console_rig import TICK_S, Bench, tip_in_image
@@ -128,7 +129,7 @@ def test_alignment_is_reached_from_twenty_random_places() -> None:
 def test_a_recording_of_teleoperation_repeats_to_the_last_bit(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     bench = Bench()
-    with bench.world.record(tmp_path / "hands.mcap"):
+    with record(bench.world, tmp_path / "hands.mcap"):
         bench.enable()
         bench.carry("MTMR", shifted(bench.world.arm("MTMR").measured_cp().T), seconds=0.2)
         bench.console.press_clutch(True)

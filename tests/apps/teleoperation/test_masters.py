@@ -24,6 +24,7 @@ from trocar.geometry import angle_between
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
+from trocar.recording import record
 from trocar.simulation import World
 
 from .console_rig import Bench
@@ -59,7 +60,7 @@ def test_a_hand_on_a_handle_carries_the_master_and_the_tool_follows() -> None:
 def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     source = Bench()
-    with source.world.record(tmp_path / "hands.mcap"):
+    with record(source.world, tmp_path / "hands.mcap"):
         goal = source.world.arm("MTMR").measured_cp().T
         goal[:3, 3] += [0.03, 0.0, 0.0]
         source.carry("MTMR", goal)

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trocar.apps.trials import compiled_poses
 from trocar.apps.verification import axes as axes_part
 from trocar.apps.verification import formats as formats_part
 from trocar.apps.verification.axes import axes
@@ -24,7 +25,6 @@ from trocar.descriptions.overlay import apply_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.paper import load_printed
 from trocar.kinematics import flattenings, forward
-from trocar.simulation.agreement import compiled_poses
 
 #: What Table 7 should have: the distance of the pitch axis from the remote centre in Tables 4, 5.
 EXPECTED = {"psm": (0.0, -0.516, 0.0), "ecm": (0.3404, 0.0, 0.0)}

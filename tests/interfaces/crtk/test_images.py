@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from trocar.geometry.lens import project
+from trocar.cameras.lens import project
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import inverse, transform
 from trocar.interfaces import Loop

@@ -16,8 +16,8 @@ from trocar.interfaces import Loop
 from trocar.interfaces.crtk.messages import cdr_decode, message_type
 from trocar.interfaces.crtk.recorded import RecordedImages, images_recorded
 from trocar.interfaces.pictures import Pictures
+from trocar.recording import Extra, open_recording, record
 from trocar.simulation import World
-from trocar.simulation.recording import Extra, open_recording
 
 from ..fake_renderer import FakeRenderer
 
@@ -42,7 +42,7 @@ def found(file: Path) -> dict[str, list]:
 
 def test_every_picture_of_a_run_is_in_its_recording_and_the_run_is_repeated(tmp_path: Path) -> None:
     world, file = World("two_psm_ecm"), tmp_path / "run.mcap"
-    with world.record(file), images_recorded(world, FakeRenderer, 25.0):
+    with record(world, file), images_recorded(world, FakeRenderer, 25.0):
         world.arm("ECM").move_jp([0.2, 0.1, 0.12, 0.0])
         world.step(1000)
     messages = found(file)
@@ -64,7 +64,7 @@ def test_every_picture_of_a_run_is_in_its_recording_and_the_run_is_repeated(tmp_
 
 def test_times_of_images_never_go_back_when_the_world_is_reset(tmp_path: Path) -> None:
     world, file = World("ecm"), tmp_path / "run.mcap"
-    with world.record(file), images_recorded(world, FakeRenderer, 50.0):
+    with record(world, file), images_recorded(world, FakeRenderer, 50.0):
         world.step(200)
         world.reset()
         world.step(200)
@@ -80,7 +80,7 @@ def test_a_live_run_is_recorded_with_what_is_drawn_beside_it(tmp_path: Path) -> 
     pictures = Pictures(loop, FakeRenderer, 50.0)
     pictures.add(RecordedImages(world))
     pictures.start()
-    with world.record(file):
+    with record(world, file):
         loop.start(0.5)
         loop.wait()
         end = time.monotonic() + 20
@@ -98,9 +98,9 @@ def test_who_sends_faster_than_can_be_written_loses_messages_that_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     world, file = World("psm"), tmp_path / "run.mcap"
-    monkeypatch.setattr("trocar.simulation.recording.writers.MOST_WAITING", 0)
+    monkeypatch.setattr("trocar.recording.recorder.MOST_WAITING", 0)
     extra = Extra("/mine", "std_msgs/msg/String", "string data\n", 0.0, b"\0\1\0\0")
-    with world.record(file) as recorder:
+    with record(world, file) as recorder:
         assert not recorder.add(extra)
         world.step(10)
     assert recorder.left_out == 1
@@ -113,7 +113,7 @@ def test_an_open_stream_takes_images_as_well(tmp_path: Path) -> None:
     world = World("ecm")
     with (
         file.open("wb") as stream,
-        world.record(stream),
+        record(world, stream),
         images_recorded(world, FakeRenderer, 25.0, "png"),
     ):
         world.step(100)

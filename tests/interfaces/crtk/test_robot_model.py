@@ -23,8 +23,7 @@ from trocar.interfaces.crtk.robot_model import (
     robot_model,
 )
 from trocar.kinematics.forward import poses
-from trocar.modeling.links import rig_links
-from trocar.modeling.trees import joint_values, link_poses
+from trocar.modeling.links import joint_values, link_poses, rig_links
 from trocar.modeling.urdf import urdf_tree
 from trocar.simulation import World
 

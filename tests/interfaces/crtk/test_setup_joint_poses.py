@@ -167,13 +167,14 @@ def test_a_reference_arm_without_setup_joints_is_refused_and_nothing_changes() -
     assert "set_reference_arm: got 'PSM4'; allowed: PSM1, PSM2, PSM3, ECM" in warning
 
 
-def test_a_reset_keeps_the_reference_arm() -> None:
+def test_a_reset_takes_the_rigs_reference_arm() -> None:
     served = Served("full_cart")
     served.core.receive("SUJ/set_reference_arm", {"data": "PSM1"})
     served.run(0.01)
+    assert served.last("SUJ/PSM2/measured_cp")["header"]["frame_id"] == "PSM1"
     served.world.reset()
     served.run(0.01)
-    assert served.last("SUJ/PSM2/measured_cp")["header"]["frame_id"] == "PSM1"
+    assert served.last("SUJ/PSM2/measured_cp")["header"]["frame_id"] == "ECM"
 
 
 def without(text: str, *arms: str) -> str:

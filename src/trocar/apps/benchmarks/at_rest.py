@@ -8,10 +8,9 @@ from typing import Literal
 import numpy as np
 
 from trocar.apps.benchmarks.figure import Figure
+from trocar.apps.trials import TICK_S, loop_health, paper_sine
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
-from trocar.simulation.trajectories import paper_sine
-from trocar.simulation.trials import TICK_S, loop_health
 
 FrictionModel = Literal["identified", "paper"]
 FRICTIONS: tuple[FrictionModel, ...] = ("identified", "paper")

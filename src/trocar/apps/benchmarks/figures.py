@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 
 from trocar.apps.benchmarks.at_rest import at_set_points, hands_off, masters_loops
 from trocar.apps.benchmarks.figure import Figure
+from trocar.apps.trials import (
+    FREQUENCY_HZ,
+    TICK_S,
+    amplitudes,
+    begin_trajectory,
+    compiled_poses,
+    loop_health,
+    paper_sine,
+    tracking_rms,
+    whole_pitch,
+)
 from trocar.descriptions import load_arm, names
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.paper import load_printed
@@ -20,10 +31,6 @@ from trocar.kinematics import forward
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.loops import NEAR_FLAT_RAD, flattenings
 from trocar.simulation import World
-from trocar.simulation.agreement import compiled_poses
-from trocar.simulation.timing import begin_trajectory
-from trocar.simulation.trajectories import FREQUENCY_HZ, amplitudes, paper_sine
-from trocar.simulation.trials import TICK_S, loop_health, tracking_rms, whole_pitch
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,19 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
+from trocar.apps.timing import time_beside_bare
+from trocar.apps.trials import (
+    TICK_S,
+    TestTrajectory,
+    begin_trajectory,
+    loop_health,
+    paper_sine,
+    periods_per_tick,
+    tracking_rms,
+)
 from trocar.interfaces.loop import WallClock
 from trocar.interfaces.pace import Pace
 from trocar.simulation import World
-from trocar.simulation.timing import begin_trajectory, time_beside_bare
-from trocar.simulation.trajectories import TestTrajectory, paper_sine
-from trocar.simulation.trials import TICK_S, loop_health, periods_per_tick, tracking_rms
 
 
 @dataclass(frozen=True)

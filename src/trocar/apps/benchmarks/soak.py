@@ -8,13 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trocar.apps.benchmarks.figures import Figure
+from trocar.apps.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 from trocar.errors import InputError
 from trocar.simulation import World
-from trocar.simulation.engine import engine_warnings
 from trocar.simulation.health import arm_health
-from trocar.simulation.timing import begin_trajectory
-from trocar.simulation.trajectories import paper_sine
-from trocar.simulation.trials import TICK_S, periods_per_tick
 
 #: Simulated time of a soak, and its first and last part that are compared. Source: the project's
 #: own goal. [s]
@@ -182,5 +179,5 @@ def _figures(
         # Before the first minute is over, the process still meets its buffers for the first time.
         most_grown = MOST_MEMORY_PERCENT if window_s >= WINDOW_S else None
         yield Figure("soak: growth of it from then on", grown, "%", most_grown)
-    yield Figure("soak: warnings of MuJoCo", sum(engine_warnings(world).values()), "", 0.0)
+    yield Figure("soak: warnings of MuJoCo", sum(world.engine_warnings().values()), "", 0.0)
     yield Figure("soak: commands refused or clipped", refused + state.clipped, "", 0.0)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.cad.draw import DrawnLink, Piece
-from trocar.descriptions.toml_text import key_text, value_text
+from trocar.descriptions.table import toml_text
 
 Array = NDArray[np.float64]
 
@@ -59,26 +59,23 @@ def obj_text(piece: Piece) -> str:
 
 def solids_text(links: Sequence[DrawnLink]) -> str:
     """Return what solids.toml says of these links."""
-    return HEAD + "".join(f"\n[{key_text(link.name)}]\n{_section(link)}" for link in links)
+    return f"{HEAD}\n{toml_text({link.name: _section(link) for link in links})}"
 
 
-def _section(link: DrawnLink) -> str:
+def _section(link: DrawnLink) -> dict[str, Any]:
     turn, weight = link.weight.gyration, link.weight
     moments = [turn[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     least = 1e-7 * float(np.trace(turn))
-    entries: dict[str, Any] = {
+    return {
         "frame": link.frame,
         "volume_mm3": _short(weight.volume),
         "com_mm": [_short(v, 1e-3) for v in weight.com],
         "gyration_mm2": [_short(v, least) for v in moments],
         "lower_mm": [_short(v, 1e-3) for v in link.lower],
         "upper_mm": [_short(v, 1e-3) for v in link.upper],
+        "visual": [_row(piece) for piece in link.visual],
+        "convex": [_row(piece) for piece in link.convex],
     }
-    lines = [f"{key} = {value_text(value, key)}\n" for key, value in entries.items()]
-    for key, pieces in (("visual", link.visual), ("convex", link.convex)):
-        rows = [_row(piece) for piece in pieces]
-        lines.append(f"{key} = [\n" + "".join(f"    {value_text(r, key)},\n" for r in rows) + "]\n")
-    return "".join(lines)
 
 
 def _row(piece: Piece) -> dict[str, Any]:

@@ -16,8 +16,7 @@ from trocar.apps.calibration.linkage import Hinge, Linkage
 from trocar.apps.calibration.tracks import Tracks, check_together
 from trocar.descriptions.axis_lines import Line, along_to_plane, mean_direction
 from trocar.errors import InputError
-from trocar.geometry import inverse
-from trocar.kinematics.estimation import (
+from trocar.fitting import (
     LEAST_SPAN,
     SMALL_SPAN,
     Axis,
@@ -28,6 +27,7 @@ from trocar.kinematics.estimation import (
     likely_cause,
     refine_hinges,
 )
+from trocar.geometry import inverse
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

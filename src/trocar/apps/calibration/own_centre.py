@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.rcm_frame import TOWARDS, CentreLinks, axes_frame
-from trocar.kinematics.estimation import fit_pivot
+from trocar.fitting import fit_pivot
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
 

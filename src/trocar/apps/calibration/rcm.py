@@ -23,14 +23,14 @@ from trocar.apps.calibration.table7 import Table7, table7
 from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.geometry import inverse
-from trocar.kinematics.estimation import (
+from trocar.fitting import (
     PivotFit,
     fit_pivot_in_body,
     likely_cause,
     rest_pose,
     white_noise,
 )
+from trocar.geometry import inverse
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.calibration.rcm_frame import HingesAbout
-from trocar.kinematics.estimation import PivotFit
+from trocar.fitting import PivotFit
 
 Array = NDArray[np.float64]
 

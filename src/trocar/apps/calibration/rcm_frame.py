@@ -17,13 +17,13 @@ from trocar.apps.calibration.axes import LEAST_SAMPLES
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.geometry import inverse, transform
-from trocar.kinematics.estimation import (
+from trocar.fitting import (
     LEAST_SPAN,
     HingeFit,
     fit_hinge,
     rest_pose,
 )
+from trocar.geometry import inverse, transform
 from trocar.kinematics.forward import poses
 
 Array = NDArray[np.float64]

@@ -15,8 +15,8 @@ from trocar.apps.calibration.rcm import RcmReport, find_rcm
 from trocar.apps.calibration.rcm_frame import centre_links
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
+from trocar.fitting import PivotFit, not_gross
 from trocar.geometry import inverse
-from trocar.kinematics.estimation import PivotFit, not_gross
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from trocar.apps.calibration.rcm_frame import TOWARDS, CentreLinks, HingesAbout, axes_frame, resting
 from trocar.apps.calibration.tracks import Tracks
 from trocar.errors import InputError
+from trocar.fitting import PivotFit, not_gross
 from trocar.geometry import inverse, rotation_z, transform
 from trocar.geometry.rotations import matrix_from_rotation_vector
-from trocar.kinematics.estimation import PivotFit, not_gross
 
 Array = NDArray[np.float64]
 

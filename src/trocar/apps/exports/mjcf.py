@@ -10,9 +10,10 @@ from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.mjcf_readme import sections
 from trocar.apps.exports.readme import readme
 from trocar.apps.exports.task import Task
-from trocar.descriptions.meshes import Mesh
 from trocar.errors import TrocarError
-from trocar.modeling.menagerie import (
+from trocar.modeling.build import preset
+from trocar.modeling.mjcf import (
+    MESH_FOLDER,
     MJX,
     POSITION,
     VARIANTS,
@@ -20,8 +21,6 @@ from trocar.modeling.menagerie import (
     mjcf_document,
     scene_document,
 )
-from trocar.modeling.menagerie.document import MESH_FOLDER
-from trocar.modeling.menagerie.sheet import preset
 from trocar.rendering.pictures import write_pictures
 
 #: Of the picture [px]. Source: our own choice; Menagerie's READMEs show theirs 400 px wide.
@@ -31,26 +30,19 @@ PICTURE = (800, 600)
 def write_mjcf(task: Task) -> tuple[str, ...]:
     """Fill a folder with a rig's MJCF files and what goes with them; return warnings."""
     name, folder = file_name(task.rig), task.folder
-    meshes = _used(task)
-    write_meshes(meshes, folder / MESH_FOLDER)
     for variant in VARIANTS:
-        text = mjcf_document(task.rig, variant, meshes)
+        text, meshes = mjcf_document(task.rig, variant)
         (folder / f"{name}{variant.suffix}.xml").write_bytes(text)
+        write_meshes({mesh: stem for stem, mesh in meshes.items()}, folder / MESH_FOLDER)
     for variant in (POSITION, MJX):
-        text = scene_document(task.rig, variant)
-        (folder / f"scene{variant.suffix}.xml").write_bytes(text)
+        scene = scene_document(task.rig, variant)
+        (folder / f"scene{variant.suffix}.xml").write_bytes(scene)
     shutil.copyfile(Path(__file__).with_name("LICENSE"), folder / "LICENSE")
     (folder / "CHANGELOG.md").write_text(_changelog(task), encoding="utf-8")
     blind = _draw(task, folder / f"{name}.png")
-    text = readme(task, "mjcf", sections(task, picture=not blind))
-    (folder / "README.md").write_text(text, encoding="utf-8")
+    page = readme(task, "mjcf", sections(task, picture=not blind))
+    (folder / "README.md").write_text(page, encoding="utf-8")
     return (*blind, *_lost(task))
-
-
-def _used(task: Task) -> dict[Mesh, str]:
-    """Return the meshes that are seen or touch something."""
-    shapes = [s for link in task.model.links for s in link.shapes if s.visible or s.collide]
-    return {s.mesh: task.meshes[s.mesh] for s in shapes if s.mesh is not None}
 
 
 def _draw(task: Task, path: Path) -> tuple[str, ...]:
@@ -68,7 +60,7 @@ def _lost(task: Task) -> tuple[str, ...]:
     said = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
     name = file_name(task.rig)
     for place in task.rig.arms:
-        integral = [j for j, gains in preset(place).pid.items() if gains.i]
+        integral = [j for j, gains in preset(place.arm).pid.items() if gains.i]
         if integral:
             said.append(
                 f"{place.name}: the integral gain of {', '.join(integral)} is in {name}_pid.xml"

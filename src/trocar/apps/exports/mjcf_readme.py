@@ -1,21 +1,28 @@
-"""What the README of an MJCF export says: versions, use, other scenes, how it was made."""
+"""The README of an MJCF export: versions, use, other scenes, how it was made, sources."""
 
 from __future__ import annotations
 
-from trocar.apps.exports.mjcf_sources import sources, table
+import textwrap
+from collections.abc import Iterable, Sequence
+
 from trocar.apps.exports.task import Task
-from trocar.descriptions.records import RigArm
-from trocar.modeling.markup import document
-from trocar.modeling.menagerie import MJX, PID, POSITION, file_name, option_block
-from trocar.modeling.menagerie.sheet import Sheet
+from trocar.descriptions.records import ArmDescription, RigDescription
+from trocar.modeling.build import preset
+from trocar.modeling.hinges import hinge_of
+from trocar.modeling.mjcf import MJX, PID, POSITION, file_name, prefix
 
 #: What the files were tried with. Source: docs/exports.md, "Versions of MuJoCo".
 TRIED = "3.13.0, 3.17.0 and 4.0.0"
 TRIED_MJX = "3.8.0, 3.13.0, 3.17.0 and 4.0.0"
+#: How a body's inertia came about, in words.
+INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "of its solid"}
 
 
 def sections(task: Task, *, picture: bool) -> dict[str, str]:
-    """Return the README's sections in their order, {heading: text}."""
+    """Return the README's sections in their order, {heading: text}.
+
+    The folder of the task has the model already: its option block is quoted.
+    """
     name = file_name(task.rig)
     shown = {"Picture": f"![{task.model.title}]({name}.png)"} if picture else {}
     return {
@@ -26,7 +33,7 @@ def sections(task: Task, *, picture: bool) -> dict[str, str]:
         "Servos": _servos(task, name),
         "In another scene": _attach(task, name),
         "How it was made": _derivation(name),
-        **sources(task.rig),
+        **_sources(task.rig),
     }
 
 
@@ -48,7 +55,7 @@ def _files(task: Task, name: str) -> str:
     ]
     if task.meshes:
         rows.append(("assets/", "meshes, in metres"))
-    listed = table(("file", "what"), rows)
+    listed = _table(("file", "what"), rows)
     return (
         f"{listed}\n\nWhat is seen is in group 2, what touches in group 3, frames are sites in"
         " group 4."
@@ -57,7 +64,7 @@ def _files(task: Task, name: str) -> str:
 
 def _use(task: Task) -> str:
     servos = [joint for place in task.rig.arms for joint in place.arm.joints]
-    first = f"{_prefix(task, task.rig.arms[0])}{servos[0].name}"
+    first = f"{prefix(task.rig, task.rig.arms[0].name)}{servos[0].name}"
     return f"""```python
 import mujoco
 
@@ -77,14 +84,16 @@ what `finger_left` turns. All other hinges are passive: loops and couplings move
 
 def _servos(task: Task, name: str) -> str:
     said = [
-        f"`{name}.xml`: `position` with the gains P and D of the robot's own controllers. Bodies"
-        " weigh nothing (`gravcomp`), because those controllers carry the weight by themselves; so"
-        " a position is reached without sag. `kv` damps the measured velocity: a joint that moves"
-        " at v lags by D v / P.",
-        f"`{name}{PID.suffix}.xml`: `pid`, three numbers a joint in `ctrl`: position, velocity,"
-        " effort that is fed forward. Bodies have their weight, and feeding it forward is up to"
-        " you; the keyframe does it. With the same `ctrl` it moves as trocar's simulation does, to"
-        " 1e-9 over 10 s. In its first milliseconds the loops take up the weight, by 0.1 um.",
+        f"`{name}.xml`: MuJoCo's `position` (written as `general`: P is `gainprm`, -P and -D are in"
+        " `biasprm`) with the gains of the robot's own controllers. Bodies weigh nothing"
+        " (`gravcomp`), because those controllers carry the weight by themselves; so a position is"
+        " reached without sag. D damps the measured velocity: a joint that moves at v lags by"
+        " D v / P.",
+        f"`{name}{PID.suffix}.xml`: MuJoCo's `pid`, three numbers a joint in `ctrl`: position,"
+        " velocity, effort that is fed forward. Bodies have their weight, and feeding it forward is"
+        " up to you; the keyframe does it. With the same `ctrl` it moves as trocar's simulation"
+        " does, to 1e-9 over 10 s. In its first milliseconds the loops take up the weight, by"
+        " 0.1 um.",
         "`forcerange` is what the motors can do, `ctrlrange` the joints' limits. A jaw below 0 is"
         " grip: the fingers meet at 0, and P times the rest is the force.",
     ]
@@ -103,11 +112,9 @@ def _servos(task: Task, name: str) -> str:
 
 
 def _attach(task: Task, name: str) -> str:
-    sheet = Sheet.of(task.rig, POSITION, {})
-    block = document(
-        option_block(sheet, sum(j.hinge is not None for j in task.model.joints))
-    ).decode()
-    block = block.partition("\n")[2].strip()
+    text = (task.folder / f"{name}.xml").read_text(encoding="utf-8")
+    start, end = text.index("<option"), text.index("</option>")
+    block = textwrap.dedent(f"  {text[start:end]}</option>")
     twice = (
         "Two robots from such files do not touch each other. For that give one of them"
         ' `contype="4" conaffinity="3"` in its class `collision`.'
@@ -153,7 +160,8 @@ def _derivation(name: str) -> str:
         "Loops are closed by one `connect` between two sites (four where a loop is no"
         " parallelogram); where it is one, a `joint` equality keeps it on its branch. Couplings"
         " such as a jaw's second finger are `joint` equalities.",
-        "What hinges and servos share is in default classes named after the public joints.",
+        "What hinges and servos share is in default classes named after the public joints. MuJoCo"
+        " itself writes the file, with all digits.",
         "Shapes that are seen become geoms of class `visual`, those that touch of class"
         " `collision`; boxes touch as capsules where the description says so.",
         "`home` is the rig's pose `start`, with the loops' coordinates computed, and `ctrl` that"
@@ -166,5 +174,99 @@ def _derivation(name: str) -> str:
     return "\n".join(f"{k}. {text}" for k, text in enumerate(steps, start=1))
 
 
-def _prefix(task: Task, place: RigArm) -> str:
-    return Sheet.of(task.rig, POSITION, {}).name(place.name, "")
+def _sources(rig: RigDescription) -> dict[str, str]:
+    """Return sections {heading: text}, one set for each description and instrument of a rig."""
+    found: dict[str, str] = {}
+    for place in rig.arms:
+        arm = place.arm
+        title = arm.name + (f" with {arm.tool}" if arm.tool else "")
+        if f"Masses: {title}" in found:
+            continue
+        control = preset(arm)
+        found[f"Masses: {title}"] = _masses(arm)
+        gains = f"Source of the gains: {_gains(arm, control.name)}."
+        found[f"Servos: {title}"] = f"{_motors(arm, control.name)}\n\n{gains}{_efforts(arm)}"
+        found[f"Friction and rotors: {title}"] = f"{_friction(arm)}\n\n{_blocks(arm)}"
+        found[f"Axes and loops: {title}"] = _axes(arm)
+    return found
+
+
+def _masses(arm: ArmDescription) -> str:
+    rows = [
+        (b.frame, f"{b.mass:.6g}", INERTIA[b.inertia_from], _line(b.source) or "-")
+        for b in arm.bodies
+    ]
+    return _table(("frame", "mass [kg]", "inertia", "source"), rows)
+
+
+def _motors(arm: ArmDescription, control: str) -> str:
+    rows: list[Sequence[str]] = []
+    for joint in arm.joints:
+        gains = arm.control[control].pid[joint.name]
+        turns = joint.kind == "revolute"
+        rows.append(
+            (
+                joint.name,
+                "-" if joint.spring else f"{gains.p:g}",
+                "-" if joint.spring else f"{gains.d:g}",
+                f"{joint.effort_max:g} {'N m' if turns else 'N'}",
+                f"{joint.lower:.6g} to {joint.upper:.6g} {'rad' if turns else 'm'}",
+            )
+        )
+    return _table(("joint", "P", "D", "largest effort", "range"), rows)
+
+
+def _gains(arm: ArmDescription, control: str) -> str:
+    found = [s for block, s in arm.block_sources.items() if block.endswith(f"control {control}")]
+    return "; ".join(dict.fromkeys(_line(source).rstrip(".") for source in found))
+
+
+def _efforts(arm: ArmDescription) -> str:
+    own = [f"{joint.name}: {_line(joint.source)}" for joint in arm.joints if joint.source]
+    whole = f" Limits and largest efforts: {_line(arm.source)}"
+    tool = arm.block_sources.get(arm.tool, "") if arm.tool else ""
+    parts = [whole.rstrip("."), *([_line(tool)] if tool else []), *own]
+    return ". ".join(part.rstrip(".") for part in parts) + "."
+
+
+def _friction(arm: ArmDescription) -> str:
+    rows: list[Sequence[str]] = []
+    for frame in arm.mechanism.frames:
+        if frame.motion == "fixed":
+            continue
+        feels = hinge_of(arm, frame.name, "identified")
+        rows.append(
+            (frame.name, f"{feels.frictionloss:g}", f"{feels.damping:g}", f"{feels.armature:g}")
+        )
+    return _table(("frame", "dry [N m, N]", "viscous [N m s, N s/m]", "rotor [kg m2, kg]"), rows)
+
+
+def _blocks(arm: ArmDescription) -> str:
+    wanted = ("friction identified", "rotor")
+    rows = [
+        f"- {block}: {_line(source)}"
+        for block, source in arm.block_sources.items()
+        if block.endswith(wanted)
+    ]
+    return "\n".join(rows)
+
+
+def _axes(arm: ArmDescription) -> str:
+    rows = [(f"`{name}`", _line(source)) for name, source in arm.row_sources.items() if source]
+    rows += [
+        (f"`{block}`", _line(source))
+        for block, source in arm.block_sources.items()
+        if block.startswith("loop ")
+    ]
+    return f"{_line(arm.source)}\n\n{_table(('frame', 'source'), rows)}"
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+def _line(text: str) -> str:
+    """Return a source on one line that a table can have."""
+    return " ".join(text.split()).replace("|", "/")

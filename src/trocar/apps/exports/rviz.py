@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.modeling.links import LinkModel
-from trocar.modeling.trees import link_poses
+from trocar.modeling.links import LinkModel, link_poses
 from trocar.modeling.urdf import urdf_tree
 
 #: The camera's distance over the largest extent of the links' origins. Source: chosen by eye.

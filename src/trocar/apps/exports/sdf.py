@@ -6,8 +6,7 @@ from trocar.apps.exports.meshes import write_meshes
 from trocar.apps.exports.readme import readme
 from trocar.apps.exports.task import Task, left_out
 from trocar.modeling.links import LinkJoint, LinkModel
-from trocar.modeling.sdf import check_version, model_name, sdf
-from trocar.modeling.sdf_world import card, world
+from trocar.modeling.sdf import card, check_version, model_name, sdf, world
 
 MODEL = "model.sdf"
 

@@ -12,8 +12,7 @@ from trocar.apps.exports.task import Task, left_out
 from trocar.apps.exports.urdf_readme import urdf_readme
 from trocar.errors import InputError
 from trocar.modeling.mesh_files import seen_materials
-from trocar.modeling.trees import late_leaders
-from trocar.modeling.urdf import urdf, urdf_tree
+from trocar.modeling.urdf import late_leaders, urdf, urdf_tree
 
 #: Names that ROS 1 and ROS 2 both accept. Source: REP 144, "Naming Rules".
 PACKAGE_NAME = re.compile(r"[a-z][a-z0-9_]+")

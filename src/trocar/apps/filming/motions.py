@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.simulation.trajectories import paper_sine
+from trocar.apps.trials import paper_sine
 
 if TYPE_CHECKING:
     from trocar.simulation import World

@@ -12,7 +12,7 @@ from trocar.apps.foreign.bodies import ForeignBody
 from trocar.apps.foreign.layout import Layout
 from trocar.apps.foreign.records import ForeignShape
 from trocar.descriptions.meshes import Mesh
-from trocar.descriptions.toml_text import key_text, value_text
+from trocar.descriptions.table import toml_text
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.mechanism import Frame
 
@@ -56,8 +56,7 @@ def arm_text(
         gains: {joint: (P, I, D)} [SI]
     """
     mechanism = layout.mechanism
-    lines = ["schema = 1", *_pairs({**head, "type": "OTHER", "root": mechanism.reference})]
-    lines += _pairs({"relative_to": mechanism.reference, "tip": mechanism.tip})
+    joints: list[dict[str, Any]] = []
     for joint in mechanism.joints:
         unit = "rad" if joint.kind == "revolute" else "m"
         found = layout.sources[joint.name]
@@ -67,42 +66,48 @@ def arm_text(
             row["effort_max_nm" if unit == "rad" else "effort_max_n"] = found.effort
         if np.isfinite(found.velocity):
             row[f"velocity_max_{unit}_s"] = found.velocity
-        row["drive"] = dict(joint.drive)
-        lines += ["", "[[joint]]", *_pairs(row)]
-    for frame in mechanism.frames:
-        lines += ["", "[[frame]]", *_pairs(_frame_row(frame))]
-    for closure in mechanism.closures:
-        row = {"name": closure.name, "frame_a": closure.frame_a, "point_a_m": closure.point_a}
-        row |= {"frame_b": closure.frame_b, "point_b_m": closure.point_b}
-        lines += ["", "[[closure]]", *_pairs({**row, "passive": list(closure.passive)})]
-    for body in bodies:
-        lines += ["", *_body_lines(body, store)]
-    lines += _friction_lines(layout)
-    if gains:
-        lines += ["", "[control.dvrk]"]
-        lines += _pairs(
-            {
-                "source": "our own choice: what closes each joint's loop in a tenth of a second;"
-                " trocar tune makes better ones",
-                "gravity_compensation": True,
-                "pid": {name: list(values) for name, values in gains.items()},
-            }
-        )
+        joints.append({**row, "drive": dict(joint.drive)})
+    closures = [
+        {
+            "name": closure.name,
+            "frame_a": closure.frame_a,
+            "point_a_m": closure.point_a,
+            "frame_b": closure.frame_b,
+            "point_b_m": closure.point_b,
+            "passive": list(closure.passive),
+        }
+        for closure in mechanism.closures
+    ]
+    control = {
+        "source": "our own choice: what closes each joint's loop in a tenth of a second;"
+        " trocar tune makes better ones",
+        "gravity_compensation": True,
+        "pid": {name: list(values) for name, values in (gains or {}).items()},
+    }
+    friction = _friction(layout)
     still = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
-    lines += ["", "[[pose]]", *_pairs({"name": "home", "q_rad_m": still})]
-    return "\n".join(lines) + "\n"
+    return toml_text(
+        {
+            "schema": 1,
+            **head,
+            "type": "OTHER",
+            "root": mechanism.reference,
+            "relative_to": mechanism.reference,
+            "tip": mechanism.tip,
+            "joint": joints,
+            "frame": [_frame_row(frame) for frame in mechanism.frames],
+            "closure": closures or None,
+            "body": [_body_row(body, store) for body in bodies],
+            "friction": {"identified": {"source": "the file", **friction}} if friction else None,
+            "control": {"dvrk": control} if gains else None,
+            "pose": [{"name": "home", "q_rad_m": still}],
+        }
+    )
 
 
 def prop_text(bodies: Iterable[ForeignBody], head: Mapping[str, Any], store: MeshStore) -> str:
     """Return a prop's file: bodies in one frame."""
-    lines = ["schema = 1", *_pairs(head)]
-    for body in bodies:
-        lines += ["", *_body_lines(body, store)]
-    return "\n".join(lines) + "\n"
-
-
-def _pairs(row: Mapping[str, Any]) -> list[str]:
-    return [f"{key_text(key)} = {value_text(value, key)}" for key, value in row.items()]
+    return toml_text({"schema": 1, **head, "body": [_body_row(body, store) for body in bodies]})
 
 
 def _frame_row(frame: Frame) -> dict[str, Any]:
@@ -124,17 +129,17 @@ def _pose_row(key: str, pose: Array) -> dict[str, Any]:
     return row
 
 
-def _body_lines(body: ForeignBody, store: MeshStore) -> list[str]:
+def _body_row(body: ForeignBody, store: MeshStore) -> dict[str, Any]:
     i = body.inertia
-    row: dict[str, Any] = {"frame": body.frame, "mass_kg": body.mass, "com_m": body.com}
-    row["inertia_kgm2"] = [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]
-    row["source"] = body.source
-    shapes = [
-        f"    {value_text(_shape_row(shape, f'{body.link}_{k}', store), 'shape')},"
-        for k, shape in enumerate(body.shapes)
-    ]
-    lines = ["[[body]]", *_pairs(row)]
-    return [*lines, "shape = [", *shapes, "]"] if shapes else lines
+    shapes = [_shape_row(shape, f"{body.link}_{k}", store) for k, shape in enumerate(body.shapes)]
+    return {
+        "frame": body.frame,
+        "mass_kg": body.mass,
+        "com_m": body.com,
+        "inertia_kgm2": [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]],
+        "source": body.source,
+        "shape": shapes or None,
+    }
 
 
 def _shape_row(shape: ForeignShape, name: str, store: MeshStore) -> dict[str, Any]:
@@ -158,7 +163,8 @@ def _turn(turn: Array) -> dict[str, Any]:
     return {} if np.array_equal(turn, np.eye(3)) else {"rpy_rad": rpy_from_matrix(turn)}
 
 
-def _friction_lines(layout: Layout) -> list[str]:
+def _friction(layout: Layout) -> dict[str, Any]:
+    """Return {joint: its friction} of the joints that have some."""
     rows: dict[str, Any] = {}
     for name, joint in layout.sources.items():
         turns = joint.kind == "revolute"
@@ -169,6 +175,4 @@ def _friction_lines(layout: Layout) -> list[str]:
             row["viscous_nms" if turns else "viscous_ns_per_m"] = joint.damping
         if row:
             rows[name] = row
-    if not rows:
-        return []
-    return ["", "[friction.identified]", *_pairs({"source": "the file", **rows})]
+    return rows

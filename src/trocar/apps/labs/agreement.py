@@ -15,10 +15,10 @@ from trocar.apps.labs.records import Chain, Lab, LabArm, SetupArm
 from trocar.apps.labs.rig_file import CART
 from trocar.apps.labs.setup_arms import setup_base
 from trocar.descriptions import RigDescription
+from trocar.descriptions.places import Places
 from trocar.descriptions.records import ArmDescription, RigArm
 from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics.forward import pose
-from trocar.simulation.places import Places
 
 Array = NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from trocar.apps.labs.records import Chain, LabArm
 from trocar.apps.labs.stand_ins import arm_bodies
 from trocar.apps.labs.tool_file import tool_document
 from trocar.descriptions import ArmDescription, names
+from trocar.descriptions.table import toml_text
 from trocar.errors import DescriptionError
 from trocar.geometry.se3 import pose_difference
 
@@ -55,7 +56,7 @@ class Files:
     def write(self, name: str, document: documents.Document) -> str:
         """Write a document, and return its name as a rig beside it calls it."""
         file = f"{self.stem}_{name}.toml"
-        (self.folder / file).write_text(documents.document_text(document), encoding="utf-8")
+        (self.folder / file).write_text(toml_text(document), encoding="utf-8")
         self.names.append(file)
         return file
 

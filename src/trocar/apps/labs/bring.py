@@ -10,10 +10,10 @@ from pathlib import Path
 
 from trocar.apps.labs.agreement import Agreement, agreement
 from trocar.apps.labs.arm_files import Files
-from trocar.apps.labs.documents import document_text
 from trocar.apps.labs.rig_file import rig_document
 from trocar.apps.labs.system_file import Reader
 from trocar.descriptions import RigDescription, load_rig
+from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
 
 
@@ -80,7 +80,7 @@ def import_dvrk(system: str | Path, target: str | Path, order: LabOrder | None =
     with tempfile.TemporaryDirectory(prefix=".import.", dir=file.parent) as place:
         files = Files(Path(place), re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
         document = rig_document(lab, dict(wanted.tools), files)
-        (files.folder / file.name).write_text(document_text(document), encoding="utf-8")
+        (files.folder / file.name).write_text(toml_text(document), encoding="utf-8")
         gap = agreement(lab, load_rig(files.folder / file.name))
         names = [file.name, *files.names]
         for name in names[1:]:

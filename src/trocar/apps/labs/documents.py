@@ -6,7 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from functools import lru_cache
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from trocar.apps.labs.records import Gains, Row
 from trocar.descriptions import ArmDescription, load_arm, load_tool
 from trocar.descriptions.catalogue import DATA
-from trocar.descriptions.toml_text import key_text, value_text
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -47,34 +46,6 @@ def known(name: str, tool: str | None = None) -> ArmDescription:
 
 def _read(text: str) -> Document:
     return tomllib.loads(text)
-
-
-def document_text(document: Mapping[str, Any]) -> str:
-    """Return a document as TOML: plain entries first, then tables, then lists of tables."""
-    lines: list[str] = []
-    tables: list[str] = []
-    for key, value in document.items():
-        if isinstance(value, Mapping):
-            tables += _table(key, cast(Mapping[str, Any], value))
-        elif isinstance(value, list) and value and all(isinstance(v, Mapping) for v in value):
-            for row in cast(list[Mapping[str, Any]], value):
-                tables += ["", f"[[{key}]]", *_pairs(row)]
-        else:
-            lines += _pairs({key: value})
-    return "\n".join([*lines, *tables]) + "\n"
-
-
-def _table(key: str, table: Mapping[str, Any]) -> list[str]:
-    if table and all(isinstance(value, Mapping) for value in table.values()):
-        lines: list[str] = []
-        for name, inner in table.items():
-            lines += ["", f"[{key}.{key_text(name)}]", *_pairs(inner)]
-        return lines
-    return ["", f"[{key}]", *_pairs(table)]
-
-
-def _pairs(row: Mapping[str, Any]) -> list[str]:
-    return [f"{key_text(key)} = {value_text(value, key)}" for key, value in row.items()]
 
 
 def without(row: Document, name: str) -> None:

@@ -13,6 +13,7 @@ from trocar.apps.labs.numbers import chain_tip
 from trocar.apps.labs.records import SetupArm
 from trocar.apps.labs.stand_ins import SOURCE, link_bodies
 from trocar.descriptions import ArmDescription, load_arm
+from trocar.descriptions.table import toml_text
 from trocar.errors import DescriptionError
 from trocar.geometry.se3 import pose_difference
 from trocar.kinematics.forward import pose
@@ -194,7 +195,7 @@ def _setup_joint(name: str, kind: str, at: float) -> documents.Document:
 def _loaded(document: documents.Document, files: Files) -> ArmDescription:
     """Return an arm without bodies, read from a file as every arm is."""
     path = files.folder / "chain.toml"
-    path.write_text(documents.document_text(document), encoding="utf-8")
+    path.write_text(toml_text(document), encoding="utf-8")
     try:
         return load_arm(path)
     finally:

@@ -15,7 +15,7 @@ from trocar.apps.mirroring.rosbag1 import MAGIC, Told, rosbag1_messages, rosbag1
 from trocar.apps.mirroring.rosbag2 import sqlite_messages, sqlite_topics
 from trocar.errors import LogError
 from trocar.interfaces.crtk.messages import cdr_decode, ros1_decode
-from trocar.simulation.recording import mcap_messages, mcap_topics
+from trocar.recording import mcap_messages, mcap_topics
 
 #: How many messages of an MCAP file without a summary are looked at to learn which topics it has.
 LOOKED_AT = 20_000

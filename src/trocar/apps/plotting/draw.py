@@ -13,7 +13,7 @@ from trocar.apps.drawing import png, svg
 from trocar.apps.plotting.figure import arm_figure
 from trocar.apps.plotting.page import Section, page
 from trocar.errors import InputError, UnknownNameError
-from trocar.simulation.recording import ArmStates, Recorded, open_recording
+from trocar.recording import ArmStates, Recorded, open_recording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

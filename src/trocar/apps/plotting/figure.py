@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, WARNING, new_figure
 from trocar.apps.plotting.thin import thinned
-from trocar.simulation.recording import ArmStates
+from trocar.recording import ArmStates
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trocar.apps.plotting.figure import units_of
+from trocar.recording import ArmStates, Recorded
 from trocar.simulation.journal import Entry
-from trocar.simulation.recording import ArmStates, Recorded
 
 #: Commands and events that are listed. Source: our own choice.
 MOST_ENTRIES = 500

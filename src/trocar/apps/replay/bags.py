@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.errors import LogError, MissingExtraError
-from trocar.simulation.recording import mcap_messages
+from trocar.recording import mcap_messages
 
 Array = NDArray[np.float64]
 

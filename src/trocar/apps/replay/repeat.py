@@ -17,15 +17,14 @@ from trocar import __version__
 from trocar.descriptions import RigDescription
 from trocar.descriptions.overlay import Overlay, parse_overlay
 from trocar.errors import DivergedError, LogError, TrocarError
+from trocar.recording import Recorded, open_recording
+from trocar.recording.about import rig_fingerprint, versions
+from trocar.recording.entries import Unknown, restored
+from trocar.recording.layout import QUANTITIES, Rows, joint_values
+from trocar.recording.mcap_file import PackedRows, digest, single
+from trocar.recording.recorder import Entries, Sampler
 from trocar.simulation import World
 from trocar.simulation.journal import Entry, apply_command
-from trocar.simulation.recording import Recorded, open_recording
-from trocar.simulation.recording.blocks import PackedBlock, digest, single
-from trocar.simulation.recording.fingerprint import rig_fingerprint
-from trocar.simulation.recording.layout import quantities
-from trocar.simulation.recording.recorder import versions
-from trocar.simulation.recording.sampler import Block, Buffer, Sampler
-from trocar.simulation.recording.values import Unknown, restored
 
 Array = NDArray[np.float64]
 
@@ -90,7 +89,7 @@ def repeat(
     """Build the recorded world again, repeat its commands, and compare every period's state.
 
     Args:
-        file: a recording (`World.record`, `trocar sim --record`)
+        file: a recording (`trocar.recording.record`, `trocar sim --record`)
         rig: the recorded rig, where it is not to be had under the recorded name or path any more
         progress: called with (periods done, periods) now and then
 
@@ -105,9 +104,8 @@ def repeat(
     world_at = int(recorded.about["start_period"])
     _step_to(world, world_at)
     comparison = _Comparison(recorded)
-    sampler = comparison.sampler = Sampler(world, comparison)
+    sampler = Sampler(world, comparison.take)
     done = 0
-    sampler.start()
     try:
         for entry in recorded.entries:
             if entry.kind == "command":
@@ -203,51 +201,46 @@ class _Comparison:
     """Takes the blocks of the repeated motion and holds them against the recorded ones."""
 
     recorded: Recorded
-    sampler: Sampler | None = None
     periods: int = 0
     differs_from: float | None = None
     worst: tuple[float, str, str] = (0.0, "", "")
     _digest: Any = field(default_factory=lambda: hashlib.blake2b(digest_size=16))
-    _blocks: Iterator[PackedBlock] | None = None
+    _blocks: Iterator[PackedRows] | None = None
 
-    def take(self, block: Block, buffer: Buffer) -> None:
+    def take(self, block: Rows, _: Entries) -> None:
         """Compare a block with the recorded one of the same rows."""
         if self._blocks is None:
             self._blocks = self.recorded.blocks()
-        if len(block.rows):
+        if len(block.states):
             expected = next(self._blocks, None)
             if expected is not None:
                 self._compare(block, expected)
-        if self.sampler is not None:
-            self.sampler.recycle(buffer)
 
-    def _compare(self, block: Block, expected: PackedBlock) -> None:
+    def _compare(self, block: Rows, expected: PackedRows) -> None:
         count = len(expected.times)
         self._digest.update(expected.digest.encode())
         self.periods += count
-        same = block.first == expected.first and len(block.rows) >= count
-        if same and digest(block.rows[:count]) == expected.digest:
+        same = block.first == expected.first and len(block.states) >= count
+        if same and digest(block.states[:count]) == expected.digest:
             return
         if self.differs_from is None:
             self.differs_from = float(expected.times[0])
-        count = min(count, len(block.rows))
-        found = quantities(block.shape.layout, block.rows, block.inputs, block.laws)
-        values = single(found)[:, :, :count]
+        count = min(count, len(block.states))
+        values = single(joint_values(block))[:, :, :count]
         if values.shape[:2] != expected.values.shape[:2]:
             self.worst = (np.inf, "the number of joints", "")
             return
         off = np.abs(values.astype(float) - expected.values[:, :, :count])
         if off.size and not np.nanmax(off) <= self.worst[0]:
             self._note(block, off)
-        elif not self.worst[1] and block.shape.layout.objects:
+        elif not self.worst[1] and block.layout.objects:
             self.worst = (0.0, "no joint: the objects alone differ", "state")
 
-    def _note(self, block: Block, off: Array) -> None:
+    def _note(self, block: Rows, off: Array) -> None:
         """Keep the largest difference so far."""
         quantity, joint, _ = np.unravel_index(int(np.nanargmax(off)), off.shape)
-        names = [f"{a.name}/{j}" for a in block.shape.layout.arms for j in a.joints]
-        what = ("position", "velocity", "effort", "setpoint")[int(quantity)]
-        self.worst = (float(np.nanmax(off)), names[int(joint)], what)
+        names = [f"{a.name}/{j}" for a in block.layout.arms for j in a.joints]
+        self.worst = (float(np.nanmax(off)), names[int(joint)], QUANTITIES[int(quantity)])
 
     def report(self, commands: int) -> RepeatReport:
         """Return what was found."""

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.replay.bags import is_bag, read_bag
+from trocar.apps.replay.logs import Wrist, check_rows, count_rows, read_log
 from trocar.apps.replay.report import ReplayMode, ReplayReport, Sums
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.calibrated import One
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, LogError
 from trocar.simulation import World
-from trocar.simulation.logs import Wrist, check_rows, count_rows, read_log
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.simulation.recording import open_recording
+from trocar.recording import open_recording
 
 if TYPE_CHECKING:
     from trocar.apps.teleoperation.engine import Teleoperation

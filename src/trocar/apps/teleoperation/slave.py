@@ -16,7 +16,7 @@ from trocar.errors import TrocarError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics
-from trocar.simulation.tip_verbs import SAFE_DEPTH_M
+from trocar.simulation.arm import SAFE_DEPTH_M
 
 if TYPE_CHECKING:
     from trocar.simulation.arm import Arm

@@ -133,10 +133,10 @@ class StepBench:
     def _prepare(self, joint: str, start: Array, gains: Gains) -> None:
         """Put the arm at its start with one joint free, and let it come to rest."""
         world, arm = self._world, self._world.arm(self._name)
+        world.reset()
         for name, own in self._present.items():
             arm.set_gains(name, own.p, own.i, own.d)
         arm.set_gains(joint, gains.p, gains.i, gains.d)
-        world.reset()
         world.set_state(self._name, start)
         others = [name for name in self.joints if name != joint]
         if arm.brakes:

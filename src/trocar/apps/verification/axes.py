@@ -13,9 +13,9 @@ from trocar.apps.verification.paper import TABLE6, TABLE6_SPREAD_M
 from trocar.apps.verification.subject import Subject
 from trocar.descriptions.axis_lines import Line, home_lines, line_distance
 from trocar.descriptions.calibration_plan import axis_links, default_plan
+from trocar.fitting import HingeFit, fit_hinge
 from trocar.geometry.se3 import inverse
 from trocar.kinematics import forward
-from trocar.kinematics.estimation import HingeFit, fit_hinge
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.trials import TICK_S, loop_health, paper_sine, periods_per_tick, whole_pitch
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.subject import Subject
 from trocar.kinematics import forward
@@ -17,8 +18,6 @@ from trocar.kinematics.loops import (
     loops_are_parallelograms,
 )
 from trocar.simulation.health import arm_health
-from trocar.simulation.trajectories import paper_sine
-from trocar.simulation.trials import TICK_S, loop_health, periods_per_tick, whole_pitch
 
 Array = NDArray[np.float64]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.trials import compiled_poses
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.subject import Subject
 from trocar.descriptions.records import ArmDescription
 from trocar.geometry.se3 import pose_difference
 from trocar.kinematics import forward
-from trocar.simulation.agreement import compiled_poses
 
 Array = NDArray[np.float64]
 

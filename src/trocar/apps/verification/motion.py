@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.trials import SHARE_OF_RANGE, TICK_S, middle_of_range, periods_per_tick
 from trocar.apps.verification.subject import Subject
 from trocar.descriptions.records import JointDescription
 from trocar.geometry.rotations import matrix_from_rpy
@@ -18,8 +19,6 @@ from trocar.kinematics.loops import flattenings
 from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.tree import frame_poses
 from trocar.simulation import World
-from trocar.simulation.trajectories import SHARE_OF_RANGE, middle_of_range
-from trocar.simulation.trials import TICK_S, periods_per_tick
 
 Array = NDArray[np.float64]
 Drive = Literal["servo", "set"]

@@ -12,8 +12,8 @@ from trocar.apps.verification.motion import MARKERS, Drive, Sweep
 from trocar.apps.verification.paper import TABLE7, TABLE7_ERROR_M, PaperRcm
 from trocar.apps.verification.subject import Subject
 from trocar.descriptions.calibration_plan import link_of
+from trocar.fitting import PivotFit, fit_hinge, fit_pivot
 from trocar.geometry.se3 import inverse
-from trocar.kinematics.estimation import PivotFit, fit_hinge, fit_pivot
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]

@@ -6,14 +6,12 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 
+from trocar.apps.timing import CONFIGURATIONS, time_beside_bare
+from trocar.apps.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 from trocar.apps.verification.figure import Figure, Part
 from trocar.errors import TrocarError
 from trocar.rendering import Endoscope
 from trocar.simulation import World
-from trocar.simulation.table9 import CONFIGURATIONS
-from trocar.simulation.timing import begin_trajectory, time_beside_bare
-from trocar.simulation.trajectories import paper_sine
-from trocar.simulation.trials import TICK_S, periods_per_tick
 
 #: Simulated time of a pass, and passes of which the median counts. Source: our own choice. [s]
 DURATION_S = 2.0
@@ -92,7 +90,7 @@ def _factor_with(scope: Endoscope, world: World, duration_s: float) -> float:
             scope.capture_next()
             drawn += 1
 
-    leave = world.watch(look)
+    leave = world.observe(look, every=5)
     world.play(sine.positions, sine.velocities, every=periods_per_tick(world), record=False)
     factor = (world.time - begun_at) / (time.perf_counter() - begun)
     leave()

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.trials import RAMP_S, TICK_S, begin_trajectory, paper_sine, periods_per_tick
 from trocar.apps.verification.figure import Figure, Part
 from trocar.apps.verification.subject import Model, Subject
-from trocar.simulation.timing import begin_trajectory
-from trocar.simulation.trajectories import RAMP_S, paper_sine
-from trocar.simulation.trials import TICK_S, periods_per_tick
 
 Array = NDArray[np.float64]
 
@@ -83,9 +81,9 @@ def tracking(subject: Subject) -> Part:
 def track(subject: Subject, model: Model, compensated: bool = True) -> Track:
     """Play the sine once, with gravity compensated or not."""
     world, arm = subject.world(model), subject.arm
-    world.arm(subject.place).use_gravity_compensation(compensated)
     sine = paper_sine(world.rig, DURATION_S, TICK_S)
     begin_trajectory(world, sine)
+    world.arm(subject.place).use_gravity_compensation(compensated)
     played = world.play(sine.positions, sine.velocities, every=periods_per_tick(world))
     name, own = subject.place, arm.own_joints
     joints = arm.joints[:own]

@@ -20,9 +20,9 @@ from trocar.interfaces.crtk.fields import (
     text,
 )
 from trocar.interfaces.crtk.places import point, pose, rotation, wrench
+from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
-from trocar.simulation.motion import RATIO_MIN
-from trocar.simulation.state_verbs import STATE_COMMANDS
+from trocar.simulation.moves import RATIO_MIN
 
 Array = NDArray[np.float64]
 #: A verb of the arm and its arguments.

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras.mounts import bend
+from trocar.cameras.records import bend
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk.image_rows import eyes_of, frame_name
 from trocar.interfaces.crtk.robot_model import WORLD

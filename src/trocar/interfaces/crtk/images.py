@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.cameras.records import Calibration
-from trocar.descriptions.cameras.rectification import camera_infos
+from trocar.cameras.records import Calibration
+from trocar.cameras.rectification import camera_infos
 from trocar.interfaces.crtk.carriers import Carriers
 from trocar.interfaces.crtk.clock import Beat, Stamp
 from trocar.interfaces.crtk.image_rows import Origin

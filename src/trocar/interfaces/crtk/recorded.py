@@ -13,7 +13,7 @@ from trocar.interfaces.crtk.messages import cdr_encode, message_type
 from trocar.interfaces.packing import Packer
 from trocar.interfaces.pictures import SLACK_S
 from trocar.interfaces.shots import Order, Renderer, Shot
-from trocar.simulation.recording import Extra
+from trocar.recording import Extra, recorder_of
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.topics import Topic
@@ -40,11 +40,11 @@ class RecordedImages:
 
     def wanted(self) -> Collection[str]:
         """Return the cameras, while the world is recorded."""
-        return () if self._world.recorder is None else self._rows.keys()
+        return () if recorder_of(self._world) is None else self._rows.keys()
 
     def take(self, shot: Shot) -> None:
         """Let a picture be written; its stamp is simulation time, as in the whole recording."""
-        recorder = self._world.recorder
+        recorder = recorder_of(self._world)
         if recorder is None:
             return
         time = float(shot.frame.time)
@@ -93,7 +93,7 @@ def images_recorded(
             frame = renderer.render(order.snapshot, order.cameras, camera)
             images.take(Shot(camera, order, frame, packer))
 
-    leave = world.watch(look)
+    leave = world.observe(look, every=5)
     try:
         yield
     finally:

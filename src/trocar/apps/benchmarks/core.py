@@ -1,0 +1,200 @@
+"""What the core's verbs and readings cost, in physics steps of a PSM."""
+
+from __future__ import annotations
+
+import os
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.benchmarks.figure import Figure
+from trocar.descriptions import load_rig
+from trocar.modeling.build import build
+from trocar.simulation import Batch, World
+
+Array = NDArray[np.float64]
+Action = Callable[[], object]
+
+#: Rounds in which everything is measured in turn, and calls of each in a round; medians count.
+ROUNDS = 15
+CALLS = 60
+#: The unit: a warm step of a PSM whose joints follow a sine of this size and angle a step.
+SWING_RAD, STEP_RAD = 0.2, 0.01
+#: An environment step at 50 Hz.
+ENVIRONMENT_STEPS = 20
+BATCH = 64
+THREADS = 2
+#: Everything that a physics step depends on.
+INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+def core(watch: Callable[[str], None] | None = None) -> list[Figure]:
+    """Measure verbs, readings, resets, second worlds and a batch, all against `mj_step`.
+
+    The unit of "PSM steps" is a warm `mj_step` of the rig `psm` that follows a sine, measured in
+    the same rounds.
+    """
+    found: list[Figure] = []
+    goals = {
+        "psm": (0.25, 0.4, 0.45, 2.0, 2.0),
+        "full_cart": (0.25, 0.4, 0.8, 3.5, 3.0),
+    }
+    for rig, limits in goals.items():
+        if watch is not None:
+            watch(f"verbs of {rig}")
+        found += _verbs(rig, limits)
+    for rig, reset_ms, second in (("psm", 0.05, 0.15), ("full_cart", 0.3, 0.1)):
+        if watch is not None:
+            watch(f"worlds of {rig}")
+        found += _worlds(rig, reset_ms, second)
+    for rig, most in (("psm", 18.0), ("two_psm_ecm", 10.0), ("full_cart", 10.0)):
+        if watch is not None:
+            watch(f"environment of {rig}")
+        found.append(_environment(rig, most))
+    if watch is not None:
+        watch("batch")
+    return [*found, _batch()]
+
+
+def _verbs(rig: str, limits: Sequence[float]) -> list[Figure]:
+    world, unit = World(rig), _Swinging()
+    world.step(100)
+    arm = world.arm("PSM1")
+    q = np.array([0.1, 0.1, 0.13, 0.1, 0.1, 0.1])
+    arm.servo_jp(q)
+    T = arm.setpoint_cp().T
+    actions: dict[str, Action] = {
+        "servo_jp": lambda: arm.servo_jp(q),
+        "measured_js": arm.measured_js,
+        "measured_cp": arm.measured_cp,
+        "servo_cp": lambda: arm.servo_cp(T),
+        "measured_cf": arm.measured_cf,
+    }
+    for _ in range(5000):  # the commands that a recording would repeat are kept until then
+        arm.servo_jp(q)
+    own = world.mj_model, mujoco.MjData(world.mj_model)
+    mujoco.mj_setState(*own, world.save().row, INTEGRATION)
+    more: dict[str, Action] = {"step": lambda: mujoco.mj_step(*own), "snapshot": world.snapshot}
+    cost = _in_turn({"unit": unit.step, **actions, **more})
+    found = [
+        Figure(f"{rig}: {name}", cost[name] / cost["unit"], "PSM steps", limit)
+        for name, limit in zip(actions, limits, strict=True)
+    ]
+    snapshot, limit = cost["snapshot"] / cost["step"], 0.5 if rig == "full_cart" else None
+    return [*found, Figure(f"{rig}: snapshot", snapshot, f"steps of {rig}", limit)]
+
+
+def _worlds(rig: str, reset_ms: float, second: float) -> list[Figure]:
+    described = load_rig(rig)
+    world = World(described)
+    cost = _in_turn(
+        {
+            "reset": world.reset,
+            "compile": lambda: build(described),
+            "world": lambda: World(world.model),
+        },
+        rounds=5,
+        calls=3,
+    )
+    return [
+        Figure(f"{rig}: reset", 1e3 * cost["reset"], "ms", reset_ms),
+        Figure(f"{rig}: a second world / compiling", cost["world"] / cost["compile"], "", second),
+    ]
+
+
+def _environment(rig: str, most: float) -> Figure:
+    """Set every joint, step 20 ms, read joints and tips; how much of it is not `mj_step`."""
+    world = World(rig)
+    arms = [arm for arm in world.arms.values() if arm.type != "SUJ"]
+    model, data = world.mj_model, mujoco.MjData(world.mj_model)
+    goals = {arm.name: arm.setpoint_js().position for arm in arms}
+
+    def environment() -> None:
+        for arm in arms:
+            arm.servo_jp(goals[arm.name])
+        world.step(ENVIRONMENT_STEPS)
+        for arm in arms:
+            arm.measured_js()
+            arm.measured_cp()
+
+    def bare() -> None:
+        mujoco.mj_setState(model, data, world.save().row, INTEGRATION)
+        mujoco.mj_step(model, data, ENVIRONMENT_STEPS)
+
+    cost = _in_turn({"environment": environment, "bare": bare}, calls=10)
+    share = 100.0 * (1.0 - cost["bare"] / cost["environment"])
+    return Figure(f"{rig}: Python's share of a 50 Hz step", share, "%", most)
+
+
+def _batch() -> Figure:
+    """Compare a batch of PSMs with bare steps of as many worlds on as many threads."""
+    world = World("psm")
+    world.step(50)
+    batch = Batch(world, BATCH, threads=THREADS)
+    first = batch.setpoints.copy()
+    rng = np.random.default_rng(0)
+    size, phase = rng.uniform(0.02, 0.1, first.shape), rng.uniform(0.0, 6.0, first.shape)
+    size[:, [name.endswith("insertion") for name in batch.names]] = 0.01
+    data = [mujoco.MjData(world.mj_model) for _ in range(BATCH)]
+    for one in data:
+        mujoco.mj_setState(world.mj_model, one, world.save().row, INTEGRATION)
+    counts = {"bare": 0, "batch": 0}
+
+    def told(who: str) -> Array:
+        counts[who] += 1
+        return first + size * np.sin(0.05 * counts[who] + phase)
+
+    def some(which: range, q: Array) -> None:
+        for k in which:
+            data[k].ctrl[0::3] = q[k]
+            mujoco.mj_step(world.mj_model, data[k], ENVIRONMENT_STEPS)
+
+    with ThreadPoolExecutor(THREADS) as pool:
+
+        def bare() -> None:
+            q = told("bare")
+            parts = [range(k, BATCH, THREADS) for k in range(THREADS)]
+            for part in [pool.submit(some, which, q) for which in parts]:
+                part.result()
+
+        cost = _in_turn(
+            {"bare": bare, "batch": lambda: batch.step(told("batch"), ENVIRONMENT_STEPS)}, calls=1
+        )
+    name = f"batch of {BATCH} PSMs on {THREADS} of {os.cpu_count()} CPUs, against bare mj_step"
+    return Figure(name, cost["bare"] / cost["batch"], "", 0.95, at_least=True)
+
+
+class _Swinging:
+    """A PSM that follows a sine: its step is the unit."""
+
+    def __init__(self) -> None:
+        world = World("psm")
+        self._model = world.mj_model
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_setState(self._model, self._data, world.save().row, INTEGRATION)
+        self._angle = 0.0
+
+    def step(self) -> None:
+        self._angle += STEP_RAD
+        self._data.ctrl[0] = SWING_RAD * np.sin(self._angle)
+        mujoco.mj_step(self._model, self._data)
+
+
+def _in_turn(
+    actions: dict[str, Action], rounds: int = ROUNDS, calls: int = CALLS
+) -> dict[str, float]:
+    """Return the median wall time of each action, measured in turn [s]."""
+    spent: dict[str, list[float]] = {name: [] for name in actions}
+    for _ in range(rounds):
+        for name, act in actions.items():
+            act()
+            for _ in range(calls):
+                before = time.perf_counter()
+                act()
+                spent[name].append(time.perf_counter() - before)
+    return {name: statistics.median(times) for name, times in spent.items()}

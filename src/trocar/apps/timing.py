@@ -1,0 +1,216 @@
+"""Speed of a world beside bare MuJoCo, and the configurations of the paper's Table 9."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.trials import (
+    TICK_S,
+    TestTrajectory,
+    begin_trajectory,
+    paper_sine,
+    periods_per_tick,
+)
+from trocar.descriptions import load_rig
+from trocar.descriptions.overlay import Overlay
+from trocar.errors import InputError
+from trocar.simulation import World
+from trocar.simulation.records import Recording
+
+Array = NDArray[np.float64]
+
+#: Everything that a physics step depends on.
+INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+#: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, is in
+#: `trocar verify`. The least real-time factors on one core are the project's own goal.
+CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float], ...] = (
+    ("PSM", "psm", "braked", 1.0, 100.0),
+    ("ECM", "ecm", "braked", 1.0, 130.0),
+    ("2 PSM + ECM", "two_psm_ecm", "braked", 0.98, 42.0),
+    ("3 PSMs", "three_psm", "braked", 0.99, 40.0),
+    ("SUJ + 3 PSM + ECM", "full_cart", "braked", 0.51, 22.0),
+    ("the same, setup joints locked", "full_cart", "locked", 0.51, 28.0),
+)
+#: Simulated time of a pass. Source: our own choice. [s]
+PASS_S = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """Wall-clock seconds of one trajectory, medians over interleaved passes.
+
+    Attributes:
+        simulated: simulated time of a pass [s]
+        own: the world with set-points written and samples taken [s]
+        bare: mj_step alone, of the same model in the same motion [s]
+        at_rest: one call of mj_step alone from the same start: the arms rest, which is cheaper [s]
+        overhead: own / bare, the median of the passes' ratios
+        overhead_at_rest: own / at rest, likewise
+        recording: samples of the last own pass
+    """
+
+    simulated: float
+    own: float
+    bare: float
+    at_rest: float
+    overhead: float
+    overhead_at_rest: float
+    recording: Recording
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall-clock time."""
+        return self.simulated / self.own
+
+    @property
+    def bare_real_time_factor(self) -> float:
+        """The same of MuJoCo alone, in the same motion."""
+        return self.simulated / self.bare
+
+
+def time_beside_bare(
+    world: World, trajectory: TestTrajectory, every: int, passes: int = 5
+) -> Timing:
+    """Play a trajectory, step the same model alone, and play with a clock around mj_step, in turn.
+
+    An arm at rest is cheaper to step than one in motion (fewer iterations of the solver), so
+    `overhead` compares the same motion, and `overhead_at_rest` is the larger of the two.
+
+    Args:
+        world: is reset before each pass
+        trajectory: what the arms follow
+        every: physics periods of a row
+        passes: how often each is done
+    """
+    count = every * len(next(iter(trajectory.positions.values())))
+    own: list[float] = []
+    bare: list[float] = []
+    at_rest: list[float] = []
+    recording: Recording | None = None
+    for _ in range(passes):
+        begin_trajectory(world, trajectory)
+        before = time.perf_counter()
+        recording = world.play(trajectory.positions, trajectory.velocities, every=every)
+        own.append(time.perf_counter() - before)
+        begin_trajectory(world, trajectory)
+        model, data = world.mj_model, mujoco.MjData(world.mj_model)
+        mujoco.mj_setState(model, data, world.save().row, INTEGRATION)
+        before = time.perf_counter()
+        mujoco.mj_step(model, data, nstep=count)
+        at_rest.append(time.perf_counter() - before)
+        bare.append(_seconds_in_mujoco(world, trajectory, every))
+    world.reset()
+    if recording is None:
+        raise ValueError(f"passes: got {passes}; allowed: 1 or more")
+    return Timing(
+        count * world.timestep,
+        statistics.median(own),
+        statistics.median(bare),
+        statistics.median(at_rest),
+        statistics.median(o / b for o, b in zip(own, bare, strict=True)),
+        statistics.median(o / r for o, r in zip(own, at_rest, strict=True)),
+        recording,
+    )
+
+
+def _seconds_in_mujoco(world: World, trajectory: TestTrajectory, every: int) -> float:
+    """Play a trajectory, and return how long mj_step alone takes for the same motion [s]."""
+    begin_trajectory(world, trajectory)
+    start, told = world.save().row, list[Array]()
+    stop = world.observe(lambda: told.append(world.servos.setpoint.ravel().copy()), every)
+    world.play(trajectory.positions, trajectory.velocities, every=every, record=False)
+    stop()
+    model = world.mj_model
+    data, spent = mujoco.MjData(model), 0.0
+    mujoco.mj_setState(model, data, start, INTEGRATION)
+    for ctrl in told:
+        data.ctrl[:] = ctrl
+        before = time.perf_counter()
+        mujoco.mj_step(model, data, every)
+        spent += time.perf_counter() - before
+    return spent
+
+
+@dataclass(frozen=True)
+class Table9Row:
+    """One configuration.
+
+    Attributes:
+        bare_real_time_factor: of mj_step alone, in the same motion
+        overhead: own time over that of mj_step in the same motion
+        overhead_at_rest: own time over that of one call of mj_step while the arms rest
+        collision_cost: time of mj_step with over without bodies that collide, while the arms rest
+    """
+
+    configuration: str
+    rig: str
+    setup_joints: str
+    real_time_factor: float
+    bare_real_time_factor: float
+    overhead: float
+    overhead_at_rest: float
+    collision_cost: float
+    paper: float
+    goal: float
+
+
+def table9(
+    duration_s: float = PASS_S,
+    passes: int = 5,
+    watch: Callable[[str], None] | None = None,
+    overlays: Sequence[Overlay] = (),
+) -> list[Table9Row]:
+    """Measure every configuration at 1 kHz with the paper's joint model (damping, no dry friction).
+
+    Args:
+        duration_s: simulated time of a pass [s]
+        passes: interleaved passes of each figure
+        watch: called with the name of what is measured next
+        overlays: calibrations of the arms that they are of, wherever a configuration has one
+
+    Raises:
+        InputError: a calibration of an arm that no configuration has
+    """
+    kinds = {row[1]: {arm.arm.name for arm in load_rig(row[1]).arms} for row in CONFIGURATIONS}
+    for overlay in overlays:
+        if not any(overlay.arm in of_rig for of_rig in kinds.values()):
+            known = ", ".join(sorted(set().union(*kinds.values())))
+            file = overlay.file or "overlay"
+            raise InputError(f"{file}: is a calibration of {overlay.arm!r}; allowed: {known}")
+    rows: list[Table9Row] = []
+    for label, rig, setup, paper, goal in CONFIGURATIONS:
+        if watch is not None:
+            watch(label)
+        laid = [overlay for overlay in overlays if overlay.arm in kinds[rig]] or None
+        own = World(rig, friction="paper", setup_joints=setup, calibration=laid)
+        free = World(rig, friction="paper", setup_joints=setup, collisions=False, calibration=laid)
+        trajectory = paper_sine(own.rig, duration_s, TICK_S)
+        every = periods_per_tick(own)
+        ratios: list[float] = []
+        factors: list[tuple[float, float, float, float]] = []
+        for _ in range(passes):
+            with_bodies = time_beside_bare(own, trajectory, every, passes=1)
+            without = time_beside_bare(free, trajectory, every, passes=1)
+            ratios.append(with_bodies.at_rest / without.at_rest)
+            factors.append(
+                (
+                    with_bodies.real_time_factor,
+                    with_bodies.bare_real_time_factor,
+                    with_bodies.overhead,
+                    with_bodies.overhead_at_rest,
+                )
+            )
+        factor, bare, overhead, resting = map(statistics.median, zip(*factors, strict=True))
+        cost = statistics.median(ratios)
+        rows.append(
+            Table9Row(label, rig, setup, factor, bare, overhead, resting, cost, paper, goal)
+        )
+    return rows

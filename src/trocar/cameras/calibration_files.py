@@ -1,0 +1,442 @@
+"""Calibration files of ROS and OpenCV: YAML with the calibration of one eye or of two.
+
+ROS has a file of camera_info for each eye. Where two come together, the pose between the eyes is in
+their R and P: both pictures are turned into the same axes by R, and in these the right eye stands
+at -P[0, 3] / P[0, 0] along x.
+
+OpenCV's names are those of its samples `calibration` and `stereo_calib` (the latter writes
+intrinsics and extrinsics into two files; they may be given together). R and T lead from the left
+eye to the right one: p_right = R p_left + T.
+
+Source: ROS, camera_calibration_parsers and sensor_msgs/CameraInfo; OpenCV 4,
+samples/cpp/calibration.cpp and samples/cpp/stereo_calib.cpp.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cameras.records import (
+    Calibration,
+    Intrinsics,
+    MonoCalibration,
+    Rectification,
+    StereoCalibration,
+)
+from trocar.cameras.rectification import CameraInfo, camera_infos, rectified
+from trocar.errors import DescriptionError, InputError
+from trocar.geometry.se3 import inverse, transform
+
+Array = NDArray[np.float64]
+
+#: ROS's models that trocar has, and how many coefficients each may have.
+MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (8,)}
+#: Names of an entry in a file, and in a message printed by `rostopic echo` or `ros2 topic echo`.
+ROS_SIZE = (("image_width", "width"), ("image_height", "height"))
+ROS_MATRIX, ROS_COEFFICIENTS = ("camera_matrix", "K", "k"), ("distortion_coefficients", "D", "d")
+ROS_TURN, ROS_PROJECTION = ("rectification_matrix", "R", "r"), ("projection_matrix", "P", "p")
+#: R of a file has so many digits that it is a rotation to this. Source: six digits are printed.
+ROUNDED = 1e-4
+#: And one that is exact to this is kept to the last bit. Source: rounding of numbers of size 1.
+EXACT = 1e-12
+#: OpenCV's names of a matrix; the first is what is written.
+OPENCV_ONE = (
+    ("camera_matrix", "cameraMatrix", "K", "mtx"),
+    ("distortion_coefficients", "distCoeffs", "D"),
+)
+OPENCV_LEFT = (("M1", "K1", "cameraMatrix1"), ("D1", "distCoeffs1"))
+OPENCV_RIGHT = (("M2", "K2", "cameraMatrix2"), ("D2", "distCoeffs2"))
+OPENCV_SIZES = ("imageSize", "image_size", "size")
+
+
+def read_calibration(paths: Sequence[Path]) -> Calibration:
+    """Read a camera from a YAML file of OpenCV or ROS, or from two of the same kind.
+
+    Args:
+        paths: one file; or ROS's of the left and of the right eye, or OpenCV's intrinsics and
+            extrinsics
+
+    Raises:
+        DescriptionError: a file that cannot be read, or a calibration that no camera has; file,
+            entry, what was got and what is allowed are named
+    """
+    first, *others = (_read_entries(path) for path in paths)
+    if not others:
+        return _mono_from_ros(first) if _is_ros(first) else _calibration_from_opencv(first)
+    (second,) = others
+    if _is_ros(first) and _is_ros(second):
+        return _stereo_from_ros(first, second)
+    files = f"{first.file}, {second.file}"
+    if _is_ros(first) or _is_ros(second):
+        raise DescriptionError(files, "", "one is ROS's and one is OpenCV's; allowed: a pair")
+    return _calibration_from_opencv(_Entries(second.data | first.data, files))
+
+
+def write_camera(
+    calibration: Calibration, paths: Iterable[str | Path], kind: Literal["ros", "opencv"] = "ros"
+) -> tuple[Path, ...]:
+    """Write a camera for ROS, one file for each eye, or for OpenCV, one file.
+
+    Raises:
+        InputError: another number of files than the kind needs, or one that cannot be written
+    """
+    texts = _ros_texts(calibration) if kind == "ros" else (_opencv_text(calibration),)
+    files = [Path(path) for path in paths]
+    if len(files) != len(texts):
+        raise InputError(f"calibration: got {len(files)} files; {kind} needs {len(texts)} here")
+    for path, text in zip(files, texts, strict=True):
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as problem:
+            raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
+    return tuple(files)
+
+
+class _Entries:
+    """The keys and values of a calibration file.
+
+    Args:
+        data: keys and values
+        file: the file's name, for messages
+    """
+
+    def __init__(self, data: dict[str, Any], file: str) -> None:
+        self.file = file
+        self.data = data
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.data
+
+    def fail(self, key: str, problem: str) -> DescriptionError:
+        """Return the error that names this file, the entry and what is wrong with it."""
+        return DescriptionError(self.file, key, problem)
+
+    def has(self, *keys: str) -> bool:
+        """Return whether there is an entry by one of these names."""
+        return any(key in self.data for key in keys)
+
+    def text(self, key: str, default: str) -> str:
+        """Return a text."""
+        value = self.data.get(key, default)
+        return default if value is None else str(value)
+
+    def whole(self, *keys: str) -> int:
+        """Return a whole number above 0."""
+        key, value = self._one(keys)
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or value != round(value):
+            raise self.fail(key, f"got {value!r}; allowed: a whole number")
+        return int(value)
+
+    def matrix(self, rows: int, columns: int, *keys: str) -> Array:
+        """Return a matrix that is written as `rows, cols, data`, as rows, or as one list."""
+        key, value = self._one(keys)
+        found = self._numbers(key, value)
+        if found.size != rows * columns:
+            raise self.fail(key, f"got {found.size} numbers; allowed: {rows} x {columns}")
+        return found.reshape(rows, columns)
+
+    def numbers(self, *keys: str) -> Array:
+        """Return a list or matrix of any size as (n,)."""
+        key, value = self._one(keys)
+        return self._numbers(key, value)
+
+    def rotation(self, *keys: str) -> Array:
+        """Return a rotation matrix, the nearest one where the file has rounded its numbers."""
+        turn = self.matrix(3, 3, *keys)
+        left, _, right = np.linalg.svd(turn)
+        nearest = left @ right
+        off = float(np.abs(nearest - turn).max())
+        if np.linalg.det(turn) <= 0.0 or off > ROUNDED:
+            raise self.fail(keys[0], f"got {turn.tolist()}; allowed: a rotation matrix")
+        return turn if off < EXACT else nearest
+
+    def _one(self, keys: tuple[str, ...]) -> tuple[str, Any]:
+        first, *others = keys
+        for key in keys:
+            if key in self.data:
+                return key, self.data[key]
+        told = ", ".join(str(key) for key in self.data) or "nothing"
+        other = f" (or {', '.join(others)})" if others else ""
+        raise self.fail(first, f"is missing{other}; the file has {told}")
+
+    def _numbers(self, key: str, value: Any) -> Array:
+        if isinstance(value, dict):
+            table = cast(dict[str, Any], value)
+            found = self._numbers(key, table.get("data"))
+            rows, columns = table.get("rows", found.size), table.get("cols", 1)
+            if not all(isinstance(n, int) for n in (rows, columns)):
+                raise self.fail(key, f"got {rows!r} x {columns!r}; allowed: whole numbers")
+            if "cols" in table and (rows, columns) != (0, 0) and rows * columns != found.size:
+                raise self.fail(key, f"has {found.size} numbers, but says {rows} x {columns}")
+            return found
+        if not isinstance(value, list):
+            raise self.fail(key, f"got {value!r}; allowed: a list or matrix of numbers")
+        flat: list[Any] = []
+        for item in cast(list[Any], value):
+            flat.extend(cast(list[Any], item) if isinstance(item, list) else [item])
+        for item in flat:
+            wrong = isinstance(item, bool) or not isinstance(item, int | float)
+            if wrong or not math.isfinite(item):
+                raise self.fail(key, f"got {item!r}; allowed: finite numbers")
+        return np.array(flat, dtype=np.float64)
+
+
+def _is_ros(entries: _Entries) -> bool:
+    """Return whether a file is ROS's."""
+    return entries.has("projection_matrix", "camera_name", "distortion_model")
+
+
+def _mono_from_ros(entries: _Entries) -> MonoCalibration:
+    """Return the calibration of one eye; its P and R say nothing that is needed.
+
+    Raises:
+        DescriptionError: naming file, entry, what was got and what is allowed
+    """
+    return MonoCalibration(_ros_eye(entries), entries.text("camera_name", ""), entries.file)
+
+
+def _stereo_from_ros(left: _Entries, right: _Entries) -> StereoCalibration:
+    """Return the calibration of two eyes.
+
+    Raises:
+        DescriptionError: naming file, entry, what was got and what is allowed
+    """
+    turns = tuple(_rectification(entries) for entries in (left, right))
+    (f, x), (f_right, x_right) = ((t.P[0, 0], t.P[0, 3]) for t in turns)
+    if x != 0.0 or turns[0].P[1, 3] != 0.0:
+        raise left.fail(
+            ROS_PROJECTION[0],
+            f"got P[0, 3] = {x:g}; allowed: 0 of the left eye. Are they exchanged?",
+        )
+    if x_right == 0.0:
+        raise right.fail(
+            ROS_PROJECTION[0],
+            "got P[0, 3] = 0, which is a baseline of 0; allowed: -fx * baseline of the right eye",
+        )
+    if turns[1].P[1, 3] != 0.0:
+        raise right.fail(
+            ROS_PROJECTION[0],
+            f"got P[1, 3] = {turns[1].P[1, 3]:g}: the eyes lie above each other; allowed: side by"
+            " side",
+        )
+    if abs(f - f_right) > ROUNDED * f:
+        raise right.fail(
+            ROS_PROJECTION[0], f"got fx = {f_right:g}, the left eye's is {f:g}; allowed: the same"
+        )
+    shift = turns[0].R.T @ np.array([-x_right / f_right, 0.0, 0.0])
+    T = transform(turns[0].R.T @ turns[1].R, shift)
+    try:
+        return StereoCalibration(
+            _ros_eye(left),
+            _ros_eye(right),
+            T,
+            left.text("camera_name", ""),
+            f"{left.file}, {right.file}",
+            (turns[0], turns[1]),
+        )
+    except DescriptionError:
+        raise
+    except InputError as problem:
+        raise DescriptionError(f"{left.file}, {right.file}", "", str(problem)) from problem
+
+
+def _ros_texts(calibration: Calibration) -> tuple[str, ...]:
+    """Return the text of each eye's file; numbers come back to the last bit."""
+    infos = camera_infos(calibration)
+    name = calibration.name.partition("/")[0] or "camera"
+    sides = (f"{name}/left", f"{name}/right") if len(infos) == 2 else (name,)
+    return tuple(_ros_text(info, side) for info, side in zip(infos, sides, strict=True))
+
+
+def _ros_text(info: CameraInfo, name: str) -> str:
+    lines = [
+        f"image_width: {info.width}",
+        f"image_height: {info.height}",
+        f"camera_name: {name}",
+        *_ros_matrix(ROS_MATRIX[0], info.K),
+        f"distortion_model: {info.distortion_model}",
+        *_ros_matrix(ROS_COEFFICIENTS[0], info.D[None]),
+        *_ros_matrix(ROS_TURN[0], info.R),
+        *_ros_matrix(ROS_PROJECTION[0], info.P),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _ros_matrix(key: str, matrix: Array) -> list[str]:
+    rows, columns = matrix.shape
+    data = ", ".join(repr(float(v)) for v in matrix.ravel())
+    return [f"{key}:", f"  rows: {rows}", f"  cols: {columns}", f"  data: [{data}]"]
+
+
+def _ros_eye(entries: _Entries) -> Intrinsics:
+    width, height = (entries.whole(*names) for names in ROS_SIZE)
+    K = entries.matrix(3, 3, *ROS_MATRIX)
+    coefficients = (
+        entries.numbers(*ROS_COEFFICIENTS) if entries.has(*ROS_COEFFICIENTS) else np.zeros(0)
+    )
+    guess = "rational_polynomial" if coefficients.size == 8 else "plumb_bob"
+    model = entries.text("distortion_model", guess) or guess
+    if model not in MODELS:
+        raise entries.fail("distortion_model", f"got {model!r}; allowed: {', '.join(MODELS)}")
+    if coefficients.size not in MODELS[model]:
+        allowed = " or ".join(str(n) for n in MODELS[model] if n)
+        raise entries.fail(
+            ROS_COEFFICIENTS[0],
+            f"got {coefficients.size} of them; allowed for {model}: {allowed}",
+        )
+    try:
+        return Intrinsics(width, height, K, coefficients)
+    except InputError as problem:
+        raise DescriptionError(entries.file, "", str(problem)) from problem
+
+
+def _rectification(entries: _Entries) -> Rectification:
+    turn = entries.rotation(*ROS_TURN)
+    P = entries.matrix(3, 4, *ROS_PROJECTION)
+    if P[0, 0] <= 0.0 or P[1, 1] <= 0.0:
+        raise entries.fail(ROS_PROJECTION[0], f"focal length {P[0, 0]:g}; allowed: above 0")
+    return Rectification(turn, P)
+
+
+def _calibration_from_opencv(entries: _Entries) -> Calibration:
+    """Return the calibration of one eye or of two.
+
+    Raises:
+        DescriptionError: naming file, entry, what was got and what is allowed
+    """
+    if not entries.has(*OPENCV_LEFT[0]) and not entries.has(*OPENCV_RIGHT[0]):
+        return MonoCalibration(_opencv_eye(entries, OPENCV_ONE), "", entries.file)
+    left, right = _opencv_eye(entries, OPENCV_LEFT), _opencv_eye(entries, OPENCV_RIGHT)
+    T_right_left = transform(entries.rotation("R"), entries.matrix(3, 1, "T")[:, 0])
+    try:
+        return StereoCalibration(left, right, inverse(T_right_left), "", entries.file)
+    except InputError as problem:
+        raise DescriptionError(entries.file, "", str(problem)) from problem
+
+
+def _opencv_text(calibration: Calibration) -> str:
+    """Return the text of a file that OpenCV reads; numbers come back to the last bit."""
+    eyes = calibration.eyes
+    lines = ["%YAML:1.0", "---"]
+    lines += [f"image_width: {eyes[0].width}", f"image_height: {eyes[0].height}"]
+    if isinstance(calibration, MonoCalibration):
+        eye = calibration.eye
+        lines += _opencv_matrix(OPENCV_ONE[0][0], eye.K)
+        lines += _opencv_matrix(OPENCV_ONE[1][0], eye.distortion[None])
+        return "\n".join(lines) + "\n"
+    for eye, (matrix, coefficients) in zip(eyes, (OPENCV_LEFT, OPENCV_RIGHT), strict=True):
+        lines += _opencv_matrix(matrix[0], eye.K)
+        lines += _opencv_matrix(coefficients[0], eye.distortion[None])
+    T_right_left = inverse(calibration.T_left_right)
+    lines += _opencv_matrix("R", T_right_left[:3, :3]) + _opencv_matrix("T", T_right_left[:3, 3:])
+    for number, turn in enumerate(rectified(calibration), 1):
+        lines += _opencv_matrix(f"R{number}", turn.R) + _opencv_matrix(f"P{number}", turn.P)
+    return "\n".join(lines) + "\n"
+
+
+def _opencv_matrix(key: str, matrix: Array) -> list[str]:
+    rows, columns = matrix.shape
+    data = ", ".join(repr(float(v)) for v in matrix.ravel())
+    head = [f"{key}: !!opencv-matrix", f"  rows: {rows}", f"  cols: {columns}", "  dt: d"]
+    return [*head, f"  data: [{data}]"]
+
+
+def _opencv_eye(entries: _Entries, names: tuple[tuple[str, ...], tuple[str, ...]]) -> Intrinsics:
+    width, height = _opencv_size(entries)
+    K = entries.matrix(3, 3, *names[0])
+    coefficients = entries.numbers(*names[1]) if entries.has(*names[1]) else np.zeros(0)
+    try:
+        return Intrinsics(width, height, K, coefficients)
+    except InputError as problem:
+        raise DescriptionError(entries.file, names[0][0], str(problem)) from problem
+
+
+def _opencv_size(entries: _Entries) -> tuple[int, int]:
+    """Return the picture's size; the sample stereo_calib leaves it out."""
+    for key in OPENCV_SIZES:
+        if key in entries:
+            width, height = entries.matrix(1, 2, key).ravel().tolist()
+            if width != round(width) or height != round(height):
+                raise entries.fail(key, f"got {[width, height]}; allowed: two whole numbers")
+            return int(width), int(height)
+    if not entries.has("image_width"):
+        raise entries.fail(
+            "image_width",
+            "is missing, as OpenCV's sample leaves it out; write image_width and image_height of"
+            " the calibration's pictures into the file",
+        )
+    return entries.whole("image_width"), entries.whole("image_height")
+
+
+def _read_entries(path: Path) -> _Entries:
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        raise DescriptionError(
+            str(path), "", "is no calibration; allowed: .toml, .yaml, .yml (or a preset's name)"
+        )
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
+    return _Entries(_parse_yaml(text, str(path)), str(path))
+
+
+def _parse_yaml(text: str, file: str) -> dict[str, Any]:
+    """Return keys and values of a YAML file, of the first document where it has several."""
+    import yaml  # takes 10 ms; presets need none
+
+    try:
+        # OpenCV writes "%YAML:1.0", which is not YAML's "%YAML 1.0"; a comment keeps line numbers.
+        documents: list[object] = list(yaml.load_all(re.sub(r"^%YAML:", "#", text), _loader()))
+    except yaml.MarkedYAMLError as problem:
+        mark = problem.problem_mark
+        where = f"line {mark.line + 1}" if mark is not None else ""
+        raise DescriptionError(file, where, f"is not YAML: {problem.problem}") from problem
+    except (yaml.YAMLError, ValueError) as problem:
+        reason = str(problem).partition("\n")[0]
+        raise DescriptionError(file, "", f"is not YAML: {reason}") from problem
+    value = documents[0] if documents else None
+    if value is None:
+        raise DescriptionError(file, "", "is empty; allowed: a camera's calibration in YAML")
+    if not isinstance(value, dict):
+        raise DescriptionError(file, "", f"got {value!r}; allowed: keys with values")
+    return cast(dict[str, Any], value)
+
+
+@lru_cache(maxsize=1)
+def _loader() -> Any:
+    """Return PyYAML's safe loader with OpenCV's tags and without repeated keys."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def construct_mapping(self, node: Any, deep: bool = False) -> Any:
+            seen: set[str] = set()
+            for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():
+                name = str(key.value)
+                if name in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"has {name!r} a second time", key.start_mark
+                    )
+                seen.add(name)
+            return super().construct_mapping(node, deep)
+
+    extended: Any = Loader  # its methods have no types
+    extended.add_multi_constructor("tag:yaml.org,2002:opencv-", _tagged_mapping)
+    # Python writes 1e-05, a number in YAML 1.2 and a text in PyYAML's YAML 1.1.
+    number = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+    extended.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+.0123456789"))
+    return extended
+
+
+def _tagged_mapping(loader: Any, suffix: str, node: Any) -> Any:
+    """Return OpenCV's tagged matrix as if it had no tag."""
+    del suffix
+    return loader.construct_mapping(node, deep=True)

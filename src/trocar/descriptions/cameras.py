@@ -1,0 +1,285 @@
+"""Cameras from TOML: presets and one's own files of the same kind, and where rigs place them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.cameras.calibration_files import read_calibration
+from trocar.cameras.records import (
+    Calibration,
+    CameraDescription,
+    CameraKind,
+    Intrinsics,
+    MonoCalibration,
+    StereoCalibration,
+    check_bend,
+)
+from trocar.descriptions.frames import read_pose
+from trocar.descriptions.records import RigArm
+from trocar.descriptions.table import Table, read_table
+from trocar.errors import DescriptionError, InputError, UnknownNameError
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import transform, translation
+from trocar.kinematics.forward import pose
+
+Array = NDArray[np.float64]
+
+PRESETS = Path(__file__).parent / "data" / "cameras"
+#: Where a camera comes from: a preset or file, or the files of the left and the right eye.
+Source = str | Path | Sequence[str | Path]
+#: The version of camera files. Source: that of arms, tools and rigs.
+SCHEMA = 1
+KINDS: tuple[str, ...] = get_args(CameraKind)
+#: A view looks this way up: away from the patient's floor. Source: our own choice.
+UP = np.array([0.0, 0.0, 1.0])
+#: The image of a scope (x right, y down, z ahead) against its last DH row: the row's y is to the
+#: right of the picture, and its -x down. Source: SAW mtsIntuitiveResearchKitECM.cpp,
+#: ToolOffsetTransformation, the rotation of an ECM's tip: x left, y up and z ahead.
+R_ROW_IMAGE = rotation_z(np.pi / 2.0)
+
+
+def presets() -> tuple[str, ...]:
+    """Return the names of the built-in cameras, sorted."""
+    return tuple(sorted(path.stem for path in PRESETS.glob("*.toml")))
+
+
+def load_camera(source: Source) -> Calibration:
+    """Load a camera.
+
+    Args:
+        source: a preset ("hd_1280x720"); a TOML file of the same kind; a YAML file of OpenCV's, or
+            of ROS's camera_info for one eye; or two files, ROS's of the left and of the right eye,
+            or OpenCV's intrinsics and extrinsics
+
+    Raises:
+        UnknownNameError: no such preset; the known ones are listed
+        DescriptionError: a file that cannot be read, or a calibration that no camera has; file,
+            entry, what was got and what is allowed are named
+    """
+    given = [source] if isinstance(source, str | Path) else list(source)
+    if len(given) == 2:
+        return read_calibration([Path(path).expanduser() for path in given])
+    if len(given) != 1:
+        raise InputError(f"calibration: got {len(given)} files; allowed: one, or left and right")
+    name = str(given[0])
+    if isinstance(given[0], str) and not Path(name).suffix and "/" not in name:
+        if name not in presets():
+            raise UnknownNameError("camera preset", name, presets())
+        return _read_preset(PRESETS / f"{name}.toml")
+    path = Path(name).expanduser().resolve()
+    return _read_preset(path) if path.suffix == ".toml" else read_calibration([path])
+
+
+def load_stereo_camera(source: Source) -> StereoCalibration:
+    """Load a camera that has two eyes, as an endoscope needs.
+
+    Raises:
+        DescriptionError, UnknownNameError: as for `load_camera`; a camera with one eye
+    """
+    found = load_camera(source)
+    if isinstance(found, StereoCalibration):
+        return found
+    told = source if isinstance(source, str | Path) else ", ".join(str(s) for s in source)
+    raise DescriptionError(
+        str(told),
+        "",
+        "is the calibration of one eye; an endoscope has two: give the files of the left and of the"
+        " right eye, or OpenCV's with both",
+    )
+
+
+def read_cameras(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[CameraDescription, ...]:
+    """Return a rig's cameras.
+
+    Raises:
+        DescriptionError: an unknown kind, key, arm, frame or preset, a name used twice, a broken
+            calibration, or a direction that is none
+    """
+    found: list[CameraDescription] = []
+    for row in rows:
+        camera = _read_camera(row, arms)
+        if camera.name in [other.name for other in found]:
+            raise row.fail("name", f"got {camera.name!r} a second time")
+        found.append(camera)
+    return tuple(found)
+
+
+def _read_preset(path: Path) -> Calibration:
+    """Read a camera: two eyes alike and side by side where it has a baseline, else one.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    table = read_table(path)
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    name, title, source = table.text("name"), table.text("title", ""), table.text("source")
+    eye = _read_eye(table)
+    baseline = table.quantity("baseline", "length", default=np.inf)
+    table.done()
+    if not np.isfinite(baseline):
+        return MonoCalibration(eye, name, source, title)
+    try:
+        T = translation([baseline, 0.0, 0.0])
+        return StereoCalibration(eye, eye, T, name, source, None, title)
+    except InputError as problem:
+        raise DescriptionError(str(path), "", str(problem)) from problem
+
+
+def _read_eye(table: Table) -> Intrinsics:
+    """Read picture size, lens and distortion.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    size = table.numbers("size_px", 2)
+    if (size < 1).any() or (size != np.round(size)).any():
+        raise table.fail("size_px", f"got {size.tolist()}; allowed: two whole numbers above 0")
+    width, height = (int(v) for v in size)
+    focal = _read_focal_lengths(table, width)
+    middle = np.array([0.5 * (width - 1.0), 0.5 * (height - 1.0)])
+    if "principal_px" in table:
+        middle = table.numbers("principal_px", 2)
+    else:
+        table.raw("principal_px")
+    distortion = table.numbers("distortion") if "distortion" in table else np.zeros(0)
+    table.raw("distortion")
+    K = np.array([[focal[0], 0.0, middle[0]], [0.0, focal[1], middle[1]], [0.0, 0.0, 1.0]])
+    try:
+        return Intrinsics(width, height, K, distortion)
+    except InputError as problem:
+        raise DescriptionError(table.file, table.path, str(problem)) from problem
+
+
+def _read_focal_lengths(table: Table, width: int) -> Array:
+    """Return fx and fy [px], given as such or by the angle that the picture spans across."""
+    if "focal_px" in table:
+        if table.has("fov", "angle"):
+            raise table.fail("focal_px", "contradicts fov; give one of them")
+        return table.numbers("focal_px", 2)
+    table.raw("focal_px")
+    fov = table.quantity("fov", "angle")
+    if not 0.0 < fov < np.pi:
+        raise table.fail(
+            "fov", f"got {np.degrees(fov):g} deg; allowed: above 0 to below 180 deg, or focal_px"
+        )
+    f = 0.5 * width / np.tan(0.5 * fov)
+    return np.array([f, f])
+
+
+def _read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
+    name = row.text("name")
+    if not name:
+        raise row.fail("name", "got an empty text; allowed: a name")
+    kind = row.text("kind", allowed=KINDS)
+    source = row.text("source", "")
+    angle = 0.0
+    if kind == "endoscope":
+        arm, frame, at = _read_scope(row, arms)
+        try:
+            angle = check_bend(row.quantity("angle", "angle", default=0.0))
+        except InputError as problem:
+            raise row.fail("angle", str(problem).partition(": ")[2]) from problem
+        calibration = _read_calibration(row, stereo=True)
+    else:
+        arm, frame, at = _read_view(row, arms)
+        calibration = _read_calibration(row, stereo=False)
+    row.done()
+    return CameraDescription(
+        name, cast(CameraKind, kind), arm, frame, at, angle, calibration, source
+    )
+
+
+def _read_scope(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
+    """Return arm, frame and T_frame_camera of a camera at the end of an arm's scope."""
+    scopes = {a.name: a for a in arms if a.arm.type == "ECM"}
+    name = row.text("arm", next(iter(scopes)) if len(scopes) == 1 else None)
+    if name not in scopes:
+        raise row.fail(
+            "arm",
+            f"got {name!r}; allowed: an ECM of this rig: {', '.join(scopes) or 'it has none'}",
+        )
+    mechanism = scopes[name].arm.mechanism
+    turned = mechanism.joints[-1].drive[0][0]
+    end = pose(mechanism, np.zeros(len(mechanism.joints)), mechanism.tip, turned)
+    return name, turned, transform(R_ROW_IMAGE, end[:3, 3])
+
+
+def _read_view(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
+    """Return arm, frame and T_frame_camera of a camera in the world or on an arm's link."""
+    name, frame = row.text("arm", ""), ""
+    if name:
+        known = {a.name: a for a in arms}
+        if name not in known:
+            raise row.fail(
+                "arm", f"got {name!r}; this rig has no such arm; allowed: {', '.join(known)}"
+            )
+        mechanism = known[name].arm.mechanism
+        frame = row.text("frame", mechanism.tip)
+        if frame not in mechanism.frame_index:
+            raise row.fail(
+                "frame",
+                f"got {frame!r}; {name} has no such frame; allowed:"
+                f" {', '.join(mechanism.frame_index)}",
+            )
+    elif "frame" in row:
+        raise row.fail("frame", "needs arm = NAME, whose frame it is")
+    else:
+        row.text("frame", "")
+    if not row.has("look_at", "length"):
+        return name, frame, read_pose(row)
+    if "rotation" in row or row.has("rpy", "angle"):
+        raise row.fail("look_at", "contradicts rpy or rotation; give one of them")
+    row.raw("rotation")
+    at = row.vector("xyz", 3, "length", default=np.zeros(3))
+    return name, frame, _looking(row, at, row.vector("look_at", 3, "length"))
+
+
+def _looking(row: Table, at: Array, target: Array) -> Array:
+    """Return the pose of a camera that looks from one point at another, upright."""
+    ahead = target - at
+    distance = float(np.linalg.norm(ahead))
+    if distance == 0.0:
+        raise row.fail("look_at", "is where the camera stands; allowed: another point")
+    ahead = ahead / distance
+    right = np.cross(ahead, UP)
+    if float(np.linalg.norm(right)) < 1e-9:  # straight up or down: y of the frame is up
+        right = np.array([1.0, 0.0, 0.0])
+    right = right / np.linalg.norm(right)
+    return translation(at) @ transform(
+        np.stack([right, np.cross(ahead, right), ahead], axis=1), np.zeros(3)
+    )
+
+
+def _read_calibration(row: Table, *, stereo: bool) -> Calibration:
+    """Return what a camera sees: a preset, a calibration's files, or size and angle of a view."""
+    ways = ("preset", "calibration") if stereo else ("preset", "calibration", "size_px")
+    given = [key for key in ways if key in row]
+    for key in ways:
+        row.raw(key)
+    if len(given) > 1:
+        raise row.fail(given[1], f"contradicts {given[0]}; give one of them")
+    if not given:
+        raise row.fail(ways[0], f"is missing; allowed keys: {', '.join(ways)}")
+    if given == ["size_px"]:
+        return MonoCalibration(_read_eye(row), "", row.text("source", ""))
+    try:
+        source = _source(row, given[0])
+        return load_stereo_camera(source) if stereo else load_camera(source)
+    except InputError as problem:
+        raise row.fail(given[0], str(problem)) from problem
+
+
+def _source(row: Table, key: str) -> Source:
+    """Return a preset's name, or one or two paths, which are relative to the rig's folder."""
+    if key == "preset":
+        return row.text("preset")
+    value = row.raw(key)
+    names = (row.text(key),) if isinstance(value, str) else row.texts(key)
+    folder = Path(row.file).parent
+    return [folder / name for name in names]

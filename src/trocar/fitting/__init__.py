@@ -1,0 +1,47 @@
+"""Hinges and remote centres from measured poses: maximum likelihood, robust, with uncertainties."""
+
+from trocar.fitting.causes import likely_cause
+from trocar.fitting.hinge import (
+    LEAST_SPAN,
+    SMALL_SPAN,
+    Axis,
+    AxisDistance,
+    HingeFit,
+    axis_distance,
+    fit_hinge,
+    fit_hinge_least_squares,
+)
+from trocar.fitting.linkage import SharedHinge, refine_hinges
+from trocar.fitting.pivot import (
+    LEAST_TURN,
+    PivotFit,
+    RestPose,
+    fit_pivot,
+    fit_pivot_in_body,
+    rest_pose,
+    white_noise,
+)
+from trocar.fitting.robust import GROSS_M, not_gross
+
+__all__ = [
+    "GROSS_M",
+    "LEAST_SPAN",
+    "LEAST_TURN",
+    "SMALL_SPAN",
+    "Axis",
+    "AxisDistance",
+    "HingeFit",
+    "PivotFit",
+    "RestPose",
+    "SharedHinge",
+    "axis_distance",
+    "fit_hinge",
+    "fit_hinge_least_squares",
+    "fit_pivot",
+    "fit_pivot_in_body",
+    "likely_cause",
+    "not_gross",
+    "refine_hinges",
+    "rest_pose",
+    "white_noise",
+]

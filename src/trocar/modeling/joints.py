@@ -1,0 +1,227 @@
+"""The joint table: one row per public joint of a compiled rig, an arm is a slice of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import (
+    ArmDescription,
+    Control,
+    JointDescription,
+    RigArm,
+    RigDescription,
+)
+from trocar.errors import InputError
+from trocar.kinematics.loops import loops_are_parallelograms
+from trocar.modeling import naming
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+#: Stands for "no limit" where MuJoCo wants a number. [N m or N]
+UNLIMITED = 1e6
+#: Inputs of a servo in `ctrl`: position, velocity, effort fed forward.
+INPUTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class ArmIndex:
+    """Where one arm is in a compiled model.
+
+    Attributes:
+        rows: its joints in the table, the jaw last; none where the arm is welded into the model
+        hinges: indices of the frames that are hinges in the model, (h,)
+        qpos, dof: their addresses, (h,)
+        turned: which hinges each joint's motor turns, (n, h) bool
+        group: actuator group of its servos
+        bodies: {frame: body id} of the frames that are bodies
+        parallel: whether hinges follow the joints by fixed ratios
+    """
+
+    rows: slice
+    hinges: Index
+    qpos: Index
+    dof: Index
+    turned: NDArray[np.bool_]
+    group: int
+    bodies: Mapping[str, int]
+    parallel: bool
+
+    def carrier(self, arm: RigArm, frame: str) -> tuple[int, Array]:
+        """Return the id of the body that carries a frame, and T_body_frame (4, 4)."""
+        found, at = arm.arm.mechanism.frame(frame), np.eye(4)
+        while found.name not in self.bodies and found.parent is not None:
+            at = found.before @ found.after @ at
+            found = arm.arm.mechanism.frame(found.parent)
+        return self.bodies[found.name], at
+
+
+@dataclass(frozen=True, eq=False)
+class JointTable:
+    """The public joints of a rig that move, in the order of the rig's arms; J rows.
+
+    Row k is also actuator k of the model, its inputs are `ctrl.reshape(J, 3)[k]` and its integral
+    is `act[k]`.
+
+    Attributes:
+        names: "PSM1/yaw", ...
+        arms: {arm: where it is in the model}
+        drive: q = drive @ qpos, (J, nq)
+        rate: qd = rate @ qvel, (J, nv)
+        share: generalised force on q = share @ force on hinges, (J, nv); loops as parallelograms
+        couple: hinge coordinates = couple @ q, (nq, J), for arms whose loops are parallelograms
+        lower, upper: joint limits [rad or m]
+        effort_max: the motors' limits, UNLIMITED where there is none [N m or N]
+        gains: P, I, D that the rig starts with, (J, 3)
+        compensated: whether its control feeds gravity forward, (J,) bool
+        tolerance: tracking error that trips the arm, inf where none does [rad or m]
+        fingers: joints that have a spring and no motor, as a master's gripper, (J,) bool
+        braked: joints with a brake, (J,) bool
+    """
+
+    names: tuple[str, ...]
+    arms: Mapping[str, ArmIndex]
+    drive: Array
+    rate: Array
+    share: Array
+    couple: Array
+    lower: Array
+    upper: Array
+    effort_max: Array
+    gains: Array
+    compensated: NDArray[np.bool_]
+    tolerance: Array
+    fingers: NDArray[np.bool_]
+    braked: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def joint_table(
+    rig: RigDescription,
+    model: mujoco.MjModel,
+    control: str = "dvrk",
+    compensated: bool | None = None,
+) -> JointTable:
+    """Resolve a rig's joints in its compiled model.
+
+    Args:
+        rig: its description
+        model: as compiled from it
+        control: name of the gains, "dvrk" or "paper"
+        compensated: whether gravity is fed forward; None: as the gains' source has it
+
+    Raises:
+        InputError: an arm without control gains
+    """
+    joints = {model.joint(i).name: i for i in range(model.njnt)}
+    arms: dict[str, ArmIndex] = {}
+    names: list[str] = []
+    count = model.nactuator
+    drive, couple = np.zeros((count, model.nq)), np.zeros((model.nq, count))
+    rate, share = np.zeros((count, model.nv)), np.zeros((count, model.nv))
+    lower, upper, effort, tolerance = (np.zeros(count) for _ in range(4))
+    gains = np.zeros((count, INPUTS))
+    balanced, fingers, braked = (np.zeros(count, np.bool_) for _ in range(3))
+    for rig_arm in rig.arms:
+        index = arms[rig_arm.name] = _arm_index(rig_arm, model, joints, len(names))
+        rows, mechanism = index.rows, rig_arm.arm.mechanism
+        gains_of = preset(rig_arm.arm, control)
+        if rows.start == rows.stop:
+            continue
+        column = {mechanism.frames[h].name: k for k, h in enumerate(index.hinges)}
+        for row, joint in enumerate(rig_arm.arm.joints, start=rows.start):
+            names.append(naming.scoped(rig_arm.name, joint.name))
+            for frame, weight in joint.drive:
+                drive[row, index.qpos[column[frame]]] = weight
+                rate[row, index.dof[column[frame]]] = weight
+            held = joint.name == "jaw" or rig_arm.arm.type == "MTM"
+            pid = gains_of.pid[joint.name]
+            effort[row] = min(effort_limit(joint, gains_of), UNLIMITED)
+            # A jaw below 0 or on an object is force, not error; a master is moved by hand. Source:
+            # SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check.
+            tolerance[row] = np.inf if held else joint.tracking_tolerance
+            gains[row] = pid.p, pid.i, pid.d
+            fingers[row] = joint.spring is not None
+        lower[rows], upper[rows] = mechanism.lower, mechanism.upper
+        braked[rows] = rig_arm.arm.type == "SUJ"
+        balanced[rows] = gains_of.gravity_compensation if compensated is None else compensated
+        ratios = mechanism.ratios[index.hinges]
+        share[rows, index.dof] = ratios.T
+        couple[index.qpos, rows] = ratios
+    if [model.actuator(k).name for k in range(count)] != names:
+        raise InputError(f"rig {rig.name}: its servos are not in the order of its joints")
+    for array in (drive, rate, share, couple, lower, upper, effort, gains, tolerance):
+        array.setflags(write=False)
+    return JointTable(
+        tuple(names),
+        arms,
+        drive,
+        rate,
+        share,
+        couple,
+        lower,
+        upper,
+        effort,
+        gains,
+        balanced,
+        tolerance,
+        fingers,
+        braked,
+    )
+
+
+def _arm_index(
+    rig_arm: RigArm, model: mujoco.MjModel, joints: Mapping[str, int], first: int
+) -> ArmIndex:
+    arm, mechanism = rig_arm.arm, rig_arm.arm.mechanism
+    scoped = [naming.scoped(rig_arm.name, frame.name) for frame in mechanism.frames]
+    hinges = [k for k, name in enumerate(scoped) if name in joints]
+    ids = [joints[scoped[k]] for k in hinges]
+    live = arm.joints if hinges else ()
+    turned = np.zeros((len(live), len(hinges)), np.bool_)
+    for row, joint in enumerate(live):
+        driven = {frame for frame, weight in joint.drive if weight}
+        turned[row] = [mechanism.frames[h].name in driven for h in hinges]
+    body = mujoco.mjtObj.mjOBJ_BODY
+    bodies = {
+        frame.name: found
+        for frame, name in zip(mechanism.frames, scoped, strict=True)
+        if (found := mujoco.mj_name2id(model, body, name)) >= 0
+    }
+    return ArmIndex(
+        slice(first, first + len(live)),
+        np.array(hinges, dtype=np.intp),
+        np.array([model.jnt_qposadr[i] for i in ids], dtype=np.intp),
+        np.array([model.jnt_dofadr[i] for i in ids], dtype=np.intp),
+        turned,
+        int(model.actuator_group[first]) if live else 0,
+        bodies,
+        loops_are_parallelograms(mechanism),
+    )
+
+
+def preset(arm: ArmDescription, name: str = "dvrk") -> Control:
+    """Return an arm's gains; an arm without the preset has its first.
+
+    Raises:
+        InputError: it has none
+    """
+    if not arm.control:
+        raise InputError(f"{arm.name}: has no control gains; its joints have no servos")
+    return arm.control.get(name, next(iter(arm.control.values())))
+
+
+def effort_limit(joint: JointDescription, control: Control) -> float:
+    """Return the largest effort of a joint's motor, infinite without limit [N m or N].
+
+    A jaw's grip is always limited, and so are the fingers in a gripper.
+    """
+    limited = control.effort_limits or joint.name == "jaw" or joint.spring is not None
+    return joint.effort_max if limited else np.inf

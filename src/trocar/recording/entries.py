@@ -1,0 +1,138 @@
+"""Commands and events as JSON, and back without losing a digit."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from trocar.errors import InputError
+from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+from trocar.simulation.journal import Entry
+
+#: Arrays with more numbers are written as the bytes of their numbers. Source: our own choice.
+MOST_NUMBERS = 64
+#: Keys that mark values without a form of their own in JSON.
+ARRAY, NUMBER, RECORD, UNKNOWN = "$array", "$number", "$record", "$unknown"
+#: Records that commands take.
+RECORDS: dict[str, type[Any]] = {r.__name__: r for r in (CartesianImpedance, HalfPlaneGains)}
+
+
+def entry_json(entry: Entry) -> bytes:
+    """Return an entry as JSON."""
+    values = {
+        "period": entry.period,
+        "time": entry.time,
+        "kind": entry.kind,
+        "source": entry.source,
+        "name": entry.name,
+        "values": {key: plain(value) for key, value in entry.values.items()},
+    }
+    return json.dumps(values, allow_nan=False).encode()
+
+
+def entry_from_json(data: bytes) -> Entry:
+    """Return the entry that `entry_json` wrote.
+
+    Raises:
+        InputError: the data are damaged
+    """
+    try:
+        v: Mapping[str, Any] = json.loads(data)
+        return Entry(
+            int(v["period"]),
+            float(v["time"]),
+            v["kind"],
+            str(v["source"]),
+            str(v["name"]),
+            {str(key): restored(value) for key, value in v["values"].items()},
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"a command or event is damaged: {error}") from error
+
+
+def plain(value: object) -> Any:
+    """Return a value for JSON; arrays, records and numbers that are not finite are marked."""
+    if isinstance(value, np.ndarray):
+        return _array(value)
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else {NUMBER: repr(value)}
+    if isinstance(value, Path):
+        return str(value)
+    if type(value).__name__ in RECORDS:
+        fields = {
+            f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(cast(Any, value))
+        }
+        return {RECORD: type(value).__name__, **fields}
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in cast(Mapping[object, object], value).items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(v) for v in cast(list[object], value)]
+    return {UNKNOWN: repr(value)[:200]}
+
+
+def restored(value: Any) -> Any:
+    """Return a value from the result of `plain`.
+
+    Raises:
+        InputError: an array is damaged
+    """
+    if isinstance(value, list):
+        return [restored(v) for v in cast(list[Any], value)]
+    if not isinstance(value, dict):
+        return value
+    known = cast(dict[str, Any], value)
+    if UNKNOWN in known:
+        return Unknown(known[UNKNOWN])
+    if NUMBER in known:
+        return float(known[NUMBER])
+    if ARRAY in known:
+        return _restored_array(known)
+    if known.get(RECORD) in RECORDS:
+        fields = {key: restored(v) for key, v in known.items() if key != RECORD}
+        return RECORDS[known[RECORD]](**fields)
+    return {key: restored(v) for key, v in known.items()}
+
+
+class Unknown:
+    """Stands for an argument that a file cannot hold."""
+
+    def __init__(self, what: str) -> None:
+        self.what = what
+
+    def __repr__(self) -> str:
+        return self.what
+
+
+def _array(value: np.ndarray[Any, Any]) -> Any:
+    if value.dtype.kind not in "fiub":
+        return {UNKNOWN: repr(value)[:200]}
+    kind = value.dtype.newbyteorder("<").str if value.dtype.itemsize > 1 else value.dtype.str
+    if value.size <= MOST_NUMBERS and np.isfinite(value).all():
+        return {ARRAY: kind, "shape": list(value.shape), "values": value.ravel().tolist()}
+    raw = np.ascontiguousarray(value, kind).tobytes()
+    return {ARRAY: kind, "shape": list(value.shape), "base64": base64.b64encode(raw).decode()}
+
+
+def _restored_array(known: Mapping[str, Any]) -> np.ndarray[Any, Any]:
+    kind, shape = np.dtype(str(known[ARRAY])), [int(n) for n in known["shape"]]
+    if kind.kind not in "fiub":
+        raise InputError(f"an array of kind {kind}; allowed: numbers")
+    if "values" in known:
+        return np.array(known["values"], kind).reshape(shape)
+    try:
+        raw = base64.b64decode(known["base64"], validate=True)
+    except binascii.Error as error:
+        raise InputError(f"an array is damaged: {error}") from error
+    return np.frombuffer(raw, kind).reshape(shape).copy()

@@ -1,0 +1,276 @@
+"""Record a world into a file that standard tools open and `trocar replay` repeats."""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+import mujoco
+import numpy as np
+
+from trocar.errors import InputError
+from trocar.recording.about import world_metadata
+from trocar.recording.layout import STATE, Rows, law_of, layout_of
+from trocar.recording.mcap_file import Extra, McapFile, mcap_library
+from trocar.simulation import World
+from trocar.simulation.journal import Entry
+
+_log = logging.getLogger("trocar")
+
+#: Simulated time of the rows that are handed to the writing thread together [s].
+#: Source: our own choice: 100 rows at 1 kHz.
+BLOCK_S = 0.1
+#: Blocks that may wait for the writing thread; the simulation waits for a slower one.
+#: Source: our own choice.
+MOST_BLOCKS = 4
+#: Messages that may wait. Source: our own choice: two seconds of two cameras.
+MOST_WAITING = 256
+#: Commands that change the frame of an arm's poses.
+MOVES_BASES = ("set_base_frame", "set_reference_arm", "reset")
+
+Entries = tuple[tuple[int, Entry], ...]
+
+
+class Sampler:
+    """Observes a world: copies its state after every period, and hands on blocks of rows.
+
+    Args:
+        world: is sampled from now until `stop`; its present state is the first row
+        take: gets rows, and (row that it came before, entry) of each command and event
+    """
+
+    def __init__(self, world: World, take: Callable[[Rows, Entries], None]) -> None:
+        self._world, self._take = world, take
+        self._block = max(1, round(BLOCK_S / world.timestep))
+        self._entries: list[tuple[int, Entry]] = []
+        self._filled = 0
+        #: Rows so far.
+        self.count = 0
+        #: The meaning of the rows as they are now.
+        self.layout = layout_of(world, 0)
+        self._new_base = False
+        self._law, self._revision = law_of(world), world.servos.revision
+        self._new_block()
+        self._stops = world.listen(self._note), world.observe(self._sample)
+        self._sample()
+
+    def stop(self) -> None:
+        """Leave the world and hand on the last rows."""
+        for stop in self._stops:
+            stop()
+        self._hand_over()
+
+    def _note(self, entry: Entry) -> None:
+        self._entries.append((self.count, entry))
+        if entry.name in MOVES_BASES:
+            self._new_base = True
+
+    def _sample(self) -> None:
+        world = self._world
+        if self._new_base or world.mj_model is not self.layout.model:
+            self._hand_over()
+            self._new_base = False
+            self.layout = layout_of(world, self.layout.number + 1)
+            self._law, self._revision = law_of(world), world.servos.revision
+            self._new_block()
+        elif world.servos.revision != self._revision:
+            self._revision, law = world.servos.revision, law_of(world)
+            if not np.array_equal(law, self._law):
+                self._hand_over()
+                self._law = law
+        world.copy_state(self._rows[self._filled], STATE)
+        self._filled += 1
+        self.count += 1
+        if self._filled == self._block:
+            self._hand_over()
+
+    def _new_block(self) -> None:
+        """Allocate rows; those handed over belong to the other thread."""
+        size = mujoco.mj_stateSize(self.layout.model, STATE)
+        self._states = np.empty((self._block, size))
+        self._rows = list(self._states)  # an index into an array takes longer (measured)
+
+    def _hand_over(self) -> None:
+        if not self._filled and not self._entries:
+            return
+        states, self._filled = self._states[: self._filled], 0
+        entries, self._entries = tuple(self._entries), []
+        self._new_block()
+        self._take(Rows(self.layout, self._law, self.count - len(states), states), entries)
+
+
+class Recorder:
+    """Records a world from when it is made until `stop`, or for a `with` block; see `record`.
+
+    Attributes:
+        file: the file's name
+        failure: why the file could not be written to its end; "" while all is well
+        left_out: messages of other sources that were left out
+    """
+
+    def __init__(
+        self, world: World, file: str | Path | IO[bytes], *, overwrite: bool = False
+    ) -> None:
+        mcap_library("recording")
+        self.file = (
+            str(file)
+            if isinstance(file, str | Path)
+            else str(getattr(file, "name", "the recording"))
+        )
+        other = recorder_of(world)
+        if other is not None:
+            raise InputError(f"{self.file}: the world is recorded into {other.file} now")
+        try:
+            stream = _opened(file, overwrite) if isinstance(file, str | Path) else file
+        except FileExistsError as error:
+            raise InputError(
+                f"{self.file}: exists already; allowed: a new file, or overwriting it"
+                " (--overwrite, overwrite=True)"
+            ) from error
+        except OSError as error:
+            raise _cannot_be_written(self.file, error) from error
+        past = () if world.past.incomplete else tuple(world.past.entries)
+        try:
+            self._mcap = McapFile(stream, world_metadata(world), past)
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                stream.close()
+            raise _cannot_be_written(self.file, error) from error
+        self.failure = ""
+        self.left_out = 0
+        self._world, self._stream, self._stopped = world, stream, False
+        self._error: Exception | None = None
+        self._room = threading.Semaphore(MOST_BLOCKS)
+        self._queue: queue.SimpleQueue[tuple[Rows, Entries] | Extra | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="trocar-recording", daemon=True)
+        self._thread.start()
+        self._sampler = Sampler(world, self._take)
+        _recorders[world] = self
+        atexit.register(self.stop)
+
+    @property
+    def rows(self) -> int:
+        """Physics periods recorded so far, the state at the beginning included."""
+        return self._sampler.count
+
+    def add(self, extra: Extra) -> bool:
+        """Write a message of another source, from any thread.
+
+        Returns:
+            False where the recording has ended or cannot follow: the message is left out
+        """
+        left_out = self._stopped or self._queue.qsize() >= MOST_WAITING
+        if left_out:
+            self.left_out += 1
+        else:
+            self._queue.put(extra)
+        return not left_out
+
+    def stop(self) -> None:
+        """End the recording and close the file; a second time nothing happens.
+
+        Raises:
+            Exception: what stopped the writing thread, a full disk apart
+        """
+        if self._stopped:
+            return
+        self._stopped = True
+        atexit.unregister(self.stop)
+        del _recorders[self._world]
+        self._sampler.stop()
+        self._queue.put(None)
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def _take(self, rows: Rows, entries: Entries) -> None:
+        self._room.acquire()
+        self._queue.put((rows, entries))
+
+    def _write(self) -> None:
+        """Write in a thread until the recording stops; after a failure, only empty the queue."""
+        while True:
+            item = self._queue.get()
+            try:
+                if self.failure:
+                    pass
+                elif item is None:
+                    self._mcap.finish()
+                elif isinstance(item, Extra):
+                    self._mcap.add(item)
+                else:
+                    self._mcap.write(*item)
+            except OSError as error:
+                self._give_up(error.strerror or str(error))
+            except Exception as error:  # noqa: BLE001  raised again by `stop`
+                self._error = error
+                self._give_up(repr(error))
+            if item is None:
+                return
+            if isinstance(item, tuple):
+                self._room.release()
+
+    def _give_up(self, why: str) -> None:
+        self.failure = why
+        with contextlib.suppress(OSError):  # its buffer cannot be written either
+            self._stream.close()
+        _log.warning(
+            "%s: cannot be written any further: %s; the simulation goes on unrecorded, and what was"
+            " written until then can be read",
+            self.file,
+            why,
+        )
+
+
+#: The recorder of each world that is recorded now.
+_recorders: dict[World, Recorder] = {}
+
+
+def recorder_of(world: World) -> Recorder | None:
+    """Return the recorder of a world that is recorded now, else None."""
+    return _recorders.get(world)
+
+
+def record(world: World, file: str | Path | IO[bytes], *, overwrite: bool = False) -> Recorder:
+    """Record states, commands and events of a world into an MCAP file, from now on.
+
+    `with record(world, "run.mcap"): ...`, or keep the recorder and call its `stop`.
+
+    Args:
+        world: is recorded; motion does not depend on it
+        file: a path, or a binary file that is open for writing; it is closed at the end
+        overwrite: replace a file that exists
+
+    Raises:
+        InputError: the file exists or cannot be written, or the world is recorded already
+        MissingExtraError: the library for MCAP is not installed
+    """
+    return Recorder(world, file, overwrite=overwrite)
+
+
+def _cannot_be_written(file: str, error: OSError) -> InputError:
+    return InputError(f"{file}: cannot be written: {error.strerror or error}")
+
+
+def _opened(file: str | Path, overwrite: bool) -> IO[bytes]:
+    path = Path(file).expanduser()
+    device = path.exists() and not path.is_file()  # nothing is lost there
+    return path.open("wb" if overwrite or device else "xb")

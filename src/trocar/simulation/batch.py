@@ -1,0 +1,392 @@
+"""Many states of one rig, stepped side by side on CPU threads."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch as Rows
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.descriptions.places import Places
+from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
+from trocar.errors import (
+    DivergedError,
+    InputError,
+    SingularError,
+    UnknownNameError,
+    UnreachableError,
+)
+from trocar.geometry.se3 import check_transform, inverse
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.inverse import nearest_solution
+from trocar.modeling import naming
+from trocar.modeling.build import RigModel
+from trocar.modeling.joints import INPUTS
+from trocar.simulation.frames import Frames
+from trocar.simulation.servos import POSITION, read_matrix, servo_law
+from trocar.simulation.world import GRAVITY_PERIOD_S, World
+
+Array = NDArray[np.float64]
+
+#: Model fields that the gains of one world are written into.
+GAIN_FIELDS = ("actuator_biasprm", "actuator_gainprm")
+LIMIT_FIELD = "actuator_forcerange"
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Where n worlds are after a step; J joints in the order of `Batch.names`.
+
+    Attributes:
+        time: (n,) [s]
+        q, qd, effort: measured positions, velocities and efforts, (n, J)
+        refused: arms whose tip set-point could not be reached and was left out, {arm: (n,) bool}
+        objects: {object: position and quaternion wxyz in the world, (n, 7)}
+    """
+
+    time: Array
+    q: Array
+    qd: Array
+    effort: Array
+    refused: Mapping[str, NDArray[np.bool_]]
+    objects: Mapping[str, Array]
+    batch: Batch
+
+    @cached_property
+    def local_tips(self) -> dict[str, Array]:
+        """{arm: pose of the tip in its own reference frame, (n, 4, 4)}, as `local_measured_cp`."""
+        return self.batch.local_tips(self.q)
+
+    @cached_property
+    def tips(self) -> dict[str, Array]:
+        """{arm: pose of the tip in the frame of its public poses, (n, 4, 4)}, as `measured_cp`."""
+        return self.batch.tips(self.local_tips)
+
+
+class Batch:
+    """n worlds of one rig: set-points in, readings out, no operating states and no moves.
+
+    Joints follow their servos with the rig's gains and gravity compensation, brakes hold, limits
+    clip. A world of the batch moves as a `World` does, to the last bit, that is given the same
+    set-points at the same steps.
+
+    Args:
+        rig: a world, whose model and state every world of the batch begins with; or a rig as
+            `World` takes it
+        n: number of worlds
+        threads: CPU threads; None: one for each CPU
+        seed: worlds have random generators spawned from it, for users of the batch
+
+    Attributes:
+        names: joints, "PSM1/yaw", ...; columns of `setpoints` and of readings
+        n: number of worlds
+        setpoints: positions that the servos follow, (n, J) [rad or m]; read-only
+        rngs: a random generator for each world
+
+    Raises:
+        InputError: n or threads is not a whole number above 0
+        UnknownNameError, DescriptionError: as `World` raises
+    """
+
+    def __init__(
+        self,
+        rig: World | RigModel | RigDescription | str | Path,
+        n: int,
+        *,
+        threads: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        for name, value in (("n", n), ("threads", 1 if threads is None else threads)):
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
+                raise InputError(f"Batch: got {name}={value!r}; allowed: a whole number above 0")
+        world = rig if isinstance(rig, World) else World(rig)
+        self.rig, self.n, self._table = world.rig, int(n), world.joints
+        self.timestep = world.timestep
+        self.names = self._table.names
+        self._arms: dict[str, RigArm] = {arm.name: arm for arm in self.rig.arms}
+        self._model = copy.copy(world.mj_model)
+        self._first = world.save().row
+        sleeps = bool(self._model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._rows = Rows(self._model, self.n, 0 if threads is None else int(threads), sleeps)
+        self._servos = world.servos.save()
+        self._gains = np.broadcast_to(self._effective(), (self.n, len(self.names), 3))
+        self._read = self._own_read()
+        driven = self._servos["locked"] == 0
+        self._limit = np.where(driven, self._servos["limit"], 0.0)
+        self._ctrl = self._rows.bind("ctrl")
+        self._qpos = self._rows.bind("qpos")
+        self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
+        self._periods = np.zeros(self.n, np.int64)
+        scratch = mujoco.MjData(self._model)
+        self._scratch, self._frames = scratch, Frames(self.rig, self._table, self._model, scratch)
+        places = Places(self.rig, lambda name: world.arm(name).positions())
+        self._references = {name: places.reference_pose(name) for name in self._arms}
+        self._seed = np.random.SeedSequence(seed)
+        self.rngs: list[np.random.Generator] = []
+        self.reset(seeds=self._seed.spawn(self.n))
+
+    # ------------------------------------------------------------------ time
+
+    def reset(
+        self,
+        mask: ArrayLike | None = None,
+        seeds: Sequence[int | np.random.SeedSequence] | None = None,
+    ) -> Readings:
+        """Put worlds back to where the batch began.
+
+        Args:
+            mask: which, (n,) bool; all when omitted
+            seeds: of their new random generators, one for each world that is put back; the
+                generators go on when omitted
+
+        Raises:
+            InputError: a mask or seeds of another length
+        """
+        which = np.arange(self.n)
+        if mask is not None:
+            chosen = np.asarray(mask)
+            if chosen.shape != (self.n,) or chosen.dtype != np.bool_:
+                raise InputError(f"reset: got a mask {mask!r}; allowed: {self.n} of True and False")
+            which = which[chosen]
+        if seeds is not None:
+            if len(seeds) != len(which):
+                raise InputError(f"reset: got {len(seeds)} seeds; allowed: {len(which)}")
+            if not self.rngs:
+                self.rngs = [np.random.default_rng(seed) for seed in seeds]
+            for world, seed in zip(which, seeds, strict=True):
+                self.rngs[world] = np.random.default_rng(seed)
+        if len(which):
+            self._rows.reset(which, stage=mujoco.mjtStage.mjSTAGE_NONE)
+            self._rows.state[which] = self._first
+            self._periods[which] = 0
+        return self.read()
+
+    def step(
+        self, setpoints: ArrayLike | Mapping[str, ArrayLike] | None = None, n: int = 1
+    ) -> Readings:
+        """Set what the servos follow, then advance every world by n physics steps.
+
+        Args:
+            setpoints: positions of every joint, (n, J); or by name, what is left out stays:
+                "PSM1": joints without the jaw, (n, k); "PSM1/jaw": opening, (n,);
+                "PSM1/tip": pose in the frame of the arm's public poses, (n, 4, 4), solved for the
+                joints nearest to their set-points; where it cannot be reached the set-points stay
+            n: physics steps
+
+        Raises:
+            UnknownNameError: no such arm
+            InputError: numbers of another shape or not finite, or n is not a whole number above 0;
+                nothing moves
+            DivergedError: the state of a world is no longer finite
+        """
+        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+            raise InputError(f"step: got n={n!r}; allowed: a whole number above 0")
+        refused: dict[str, NDArray[np.bool_]] = {}
+        if setpoints is not None:
+            wanted, refused = self._wanted(setpoints)
+            told = self._told()
+            told[:, :, 0] = np.clip(wanted, self._table.lower, self._table.upper)
+            told[:, :, 1] = 0.0
+        left = int(n)
+        while left > 0:
+            since = self._periods % self._renewal
+            for world in np.flatnonzero(since == 0).tolist():
+                self._balance(world)
+            run = min(left, int((self._renewal - since).min()))
+            self._rows.step(nstep=run)
+            self._periods += run
+            left -= run
+        self._check()
+        return self.read(refused)
+
+    def read(self, refused: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
+        """Return where all worlds are now."""
+        model, state = self._model, self._rows.state
+        first = 1 + model.nq + model.nv + model.na  # behind the time
+        numbers = np.concatenate([state[:, 1:first], self._ctrl], axis=1)
+        count = len(self.names)
+        found = numbers @ self._read.T
+        q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
+        if self._gains.strides[0]:  # each world has its own
+            told = self._ctrl.reshape(self.n, count, INPUTS)
+            act = state[:, 1 + model.nq + model.nv : first]
+            effort = servo_law(self._gains, told, act, q, qd)
+        effort = np.clip(effort, -self._limit, self._limit)
+        objects = {
+            prop.name: self._qpos[:, at : at + 7].copy()
+            for prop in self.rig.objects
+            for at in [int(model.joint(naming.free_joint(prop.name)).qposadr[0])]
+        }
+        return Readings(state[:, 0].copy(), q, qd, effort, refused or {}, objects, self)
+
+    # ------------------------------------------------------------------ what may differ
+
+    def set_gains(self, p: ArrayLike, i: ArrayLike, d: ArrayLike) -> None:
+        """Give worlds gains of their own, (n, J) each or anything that broadcasts to it."""
+        shape = (self.n, len(self.names))
+        try:
+            gains = np.stack([np.broadcast_to(np.asarray(g, float), shape) for g in (p, i, d)], -1)
+        except (TypeError, ValueError):
+            raise InputError(f"set_gains: got other shapes; allowed: {shape}") from None
+        if not (np.isfinite(gains).all() and (gains >= 0.0).all()):
+            raise InputError("set_gains: got a gain below 0 or not finite; allowed: 0 or more")
+        on = (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
+        self._gains = gains * on[:, None]
+        bias, gain = (self._rows.expand(name) for name in GAIN_FIELDS)
+        bias[:, :, 1], bias[:, :, 2] = -self._gains[..., 0], -self._gains[..., 2]
+        gain[:, :, 0] = self._gains[..., 1]
+
+    def expand(self, field: str) -> Array:
+        """Return a field of MjModel with a value for each world, (n, ...), to be written.
+
+        "dof_damping", "dof_frictionloss", "body_mass", "geom_friction", ...: names as in MuJoCo,
+        joints in the order of `model`; gains have `set_gains`.
+
+        Raises:
+            InputError: no such field, or one that this class writes
+        """
+        if field in (*GAIN_FIELDS, LIMIT_FIELD):
+            raise InputError(f"expand: got {field!r}; allowed: other fields; use set_gains")
+        try:
+            return self._rows.expand(field)
+        except (AttributeError, ValueError, KeyError) as problem:
+            raise InputError(f"expand: {problem}") from None
+
+    # ------------------------------------------------------------------ tips
+
+    def local_tips(self, q: Array) -> dict[str, Array]:
+        """Return {arm: tip in its own reference frame, (n, 4, 4)} at joint positions, (n, J)."""
+        return {
+            name: chain_pose(arm.arm.mechanism)(q[:, self._table.arms[name].rows])
+            for name, arm in self._arms.items()
+            if len(self._table.arms[name].hinges)
+        }
+
+    def tips(self, local: Mapping[str, Array]) -> dict[str, Array]:
+        """Return {arm: tip in the frame of its public poses, (n, 4, 4)} from local ones.
+
+        Setup joints stand where the batch began.
+        """
+        return {name: self._base(name, local) @ T for name, T in local.items()}
+
+    # ------------------------------------------------------------------ state
+
+    @property
+    def rows(self) -> Array:
+        """MuJoCo's INTEGRATION state of every world, (n, size); read-only."""
+        state = self._rows.state.view()
+        state.setflags(write=False)
+        return state
+
+    @property
+    def setpoints(self) -> Array:
+        """Positions that the servos follow, (n, J) [rad or m]; read-only."""
+        told = self._told()[:, :, 0].copy()
+        told.setflags(write=False)
+        return told
+
+    # ------------------------------------------------------------------ inside
+
+    def _told(self) -> Array:
+        return self._ctrl.reshape(self.n, len(self.names), INPUTS)
+
+    def _effective(self) -> Array:
+        on = (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
+        return self._servos["gains"] * on[:, None]
+
+    def _own_read(self) -> Array:
+        sizes = self._model.nq, self._model.nv
+        return read_matrix(self._table, self._effective(), sizes)
+
+    def _wanted(
+        self, setpoints: ArrayLike | Mapping[str, ArrayLike]
+    ) -> tuple[Array, dict[str, NDArray[np.bool_]]]:
+        """Return every joint's set-point (n, J), checked, and which tips are out of reach."""
+        if not isinstance(setpoints, Mapping):
+            return self._checked("setpoints", setpoints, (self.n, len(self.names))), {}
+        wanted, refused = self._told()[:, :, 0].copy(), dict[str, NDArray[np.bool_]]()
+        for key, values in setpoints.items():
+            name, _, part = str(key).partition("/")
+            arm = self._arms.get(name)
+            if arm is None or part not in ("", "jaw", "tip"):
+                known = [n + p for n in self._arms for p in ("", "/jaw", "/tip")]
+                raise UnknownNameError("set-point", key, known, "Batch.step")
+            rows, own = self._table.arms[name].rows, arm.arm.own_joints
+            if rows.start == rows.stop or (part == "jaw" and not arm.arm.has_jaw):
+                raise InputError(f"Batch.step: {key}: has no servo to follow it")
+            first = rows.start
+            if part == "tip":
+                T = self._checked(str(key), values, (self.n, 4, 4))
+                refused[name] = self._solve(name, T, wanted)
+            elif part == "jaw":
+                wanted[:, rows.stop - 1] = self._checked(str(key), values, (self.n,))
+            else:
+                q = self._checked(str(key), values, (self.n, own))
+                wanted[:, first : first + own] = q
+        return wanted, refused
+
+    def _checked(self, name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            array = np.full(1, np.nan)
+        if array.shape != shape or not np.isfinite(array).all():
+            got = f"shape {array.shape}" if array.shape != shape else "numbers that are not finite"
+            raise InputError(f"Batch.step: {name}: got {got}; allowed: finite numbers, {shape}")
+        return array
+
+    def _solve(self, name: str, T: Array, wanted: Array) -> NDArray[np.bool_]:
+        """Write the joints of tip poses into set-points; return which could not be reached."""
+        arm, rows = self._arms[name].arm, self._table.arms[name].rows
+        own = slice(rows.start, rows.start + arm.own_joints)
+        local = self.local_tips(self._told()[:, :, 0])
+        goals = inverse(self._base(name, local)) @ check_transform(T)
+        refused = np.zeros(self.n, np.bool_)
+        structure = arm.inverse_kinematics
+        platform = 3 if structure == "gimbal_arm" else None
+        for world in range(self.n):
+            seed = wanted[world, own]
+            angle = None if platform is None else float(seed[platform])
+            try:
+                wanted[world, own] = nearest_solution(
+                    arm.mechanism, structure, goals[world], seed, platform_angle=angle
+                )
+            except (UnreachableError, SingularError):
+                refused[world] = True
+        return refused
+
+    def _base(self, name: str, local: Mapping[str, Array]) -> Array:
+        """Return an arm's reference frame in the frame of its public poses, (n, 4, 4) or (4, 4)."""
+        arm = self._arms[name]
+        if arm.base_frame is not None:
+            return arm.base_frame.pose
+        frame = self.rig.pose_frame(name, self.rig.reference_arm)
+        if frame == arm.own_frame:
+            return np.eye(4)
+        own = self._references[name]
+        if frame == DISPLAY and self.rig.display is not None:
+            return inverse(self.rig.display) @ own
+        if frame == CART:
+            return inverse(self._references[arm.on]) @ own
+        return inverse(self._references[frame] @ local[frame]) @ own
+
+    def _balance(self, world: int) -> None:
+        """Feed forward what holds every motor's load in one world."""
+        self._scratch.qpos[:] = self._qpos[world]
+        holding = self._frames.holding_efforts(np.zeros(len(self.names)))
+        self._told()[world, :, 2] = self._servos["balanced"] * holding
+
+    def _check(self) -> None:
+        """Refuse a state that is no longer finite."""
+        fine = np.isfinite(self._rows.state).all(axis=1)
+        if not fine.all():
+            world = int(np.argmin(fine))
+            raise DivergedError(
+                float(self._rows.state[world, 0]), "any", None, f"world {world} of the batch"
+            )

@@ -696,20 +696,26 @@ class Arm:
         """Return how well the arm's loops hold now."""
         return arm_health(self.description, self.motors.frame_coordinates())
 
-    def snapshot(self, remote_centre: Array | None) -> ArmSnapshot:
-        """Return a frozen copy of everything about this arm."""
-        q, qd, effort = self.readings()
+    def snapshot(self, remote_centre: Array | None, read: Array | None = None) -> ArmSnapshot:
+        """Return a frozen copy of everything about this arm.
+
+        Args:
+            remote_centre: in the world, (3,) [m]
+            read: positions, velocities and efforts (3, n), where they were read already
+        """
+        q, qd, effort = self.motors.read() if read is None else read
         told = self.motors.position.copy()
-        if self.description.has_gripper and self.motors.modes[-1] == EFFORT:
+        if self.gripper is not None and self.motors.modes[-1] == EFFORT:
             told[-1] = q[-1]  # nothing holds its levers
+        modes, locked = self.motors.labels()
         return ArmSnapshot(
             self.joint_names,
             q,
             qd,
             effort,
             told,
-            tuple(MODES[mode] for mode in self.motors.modes),
-            tuple(bool(v) for v in self.motors.locked),
+            modes,
+            locked,
             self.busy,
             remote_centre,
             self.warnings,

@@ -61,7 +61,8 @@ class Motors:
         self._still = np.zeros((3, count))
         self._read = np.zeros((0, 0))
         self._limits = np.zeros(0)
-        self._revision = -1
+        self._revision = self._labelled = -1
+        self._labels: tuple[tuple[Mode, ...], tuple[bool, ...]] = (), ()
 
     # ------------------------------------------------------------------ read
 
@@ -106,6 +107,13 @@ class Motors:
     def gravity_compensated(self) -> bool:
         """Whether the motors carry the links' weight."""
         return bool(self._servos.balanced[self.index.rows].any())
+
+    def labels(self) -> tuple[tuple[Mode, ...], tuple[bool, ...]]:
+        """Return the modes of all joints by name, and which brakes are locked."""
+        if self._labelled != self._servos.revision:
+            self._labels = tuple(MODES[mode] for mode in self.modes), tuple(self.locked.tolist())
+            self._labelled = self._servos.revision
+        return self._labels
 
     def mode(self, joint: int) -> Mode:
         """Return a joint's control mode by name."""

@@ -29,7 +29,14 @@ from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player
 from trocar.simulation.probes import Probes
-from trocar.simulation.records import ArmSample, Health, Recording, ShapeRecord, Snapshot
+from trocar.simulation.records import (
+    ArmSample,
+    ArmSnapshot,
+    Health,
+    Recording,
+    ShapeRecord,
+    Snapshot,
+)
 from trocar.simulation.sensor_readings import ContactsReading, ContactTable, Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import Servos
@@ -507,15 +514,15 @@ class World:
         Args:
             arms: tell every arm's joints, too, which takes ten times as long as all bodies
         """
-        centres = self.remote_centres() if arms else {}
+        found: dict[str, ArmSnapshot] = {}
+        if arms:
+            centres, every = self.remote_centres(), self.servos.read()
+            for name, arm in self.arms.items():
+                motors = arm.motors
+                read = None if motors.welded else every[:, motors.index.rows]
+                found[name] = arm.snapshot(centres.get(name), read)
         shown = self.frames.bodies()
-        return Snapshot(
-            self.time,
-            shown.xpos.copy(),
-            shown.xquat.copy(),
-            {name: arm.snapshot(centres.get(name)) for name, arm in self.arms.items() if arms},
-            self._build,
-        )
+        return Snapshot(self.time, shown.xpos.copy(), shown.xquat.copy(), found, self._build)
 
     def samples(self) -> dict[str, ArmSample]:
         """Return {arm: copies of what its readings are computed from}, quickly."""

@@ -30,6 +30,7 @@ sensor = [
   { name = "touch", kind = "contacts", arm = "PSM1" },
   { name = "between", kind = "proximity", arm = "PSM1", xyz_mm = [0, -8, 0], noise_mm = 0.01 },
   { name = "imu", kind = "imu", arm = "PSM1", frame = "tip", noise_m_s2 = 0.01 },
+  { name = "speed", kind = "twist", arm = "PSM1", frame = "tip" },
 ]
 """
 

@@ -75,3 +75,22 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     world = names["world"]
     assert world.arm("PSM2").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     assert capsys.readouterr().out
+
+
+def test_the_tool_by_base_of_the_page_on_extending_is_mounted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (PAGES.parent / "extending.md").read_text(encoding="utf-8")
+    section = page.partition("\n## A tool by `base`\n")[2].partition("\n## ")[0]
+    (toml,) = re.findall(r"^```toml\n(.*?)^```$", section, re.DOTALL | re.MULTILINE)
+    (tmp_path / "long_needle_driver.toml").write_text(toml, encoding="utf-8")
+    lines = [line for line in section.splitlines() if re.match(r"trocar (show|fk) ", line)]
+    assert len(lines) == 2
+    for line in lines:
+        assert main(shlex.split(line)[1:]) == 0
+        assert "LONG_NEEDLE_DRIVER:1" in capsys.readouterr().out
+    arm, base = load_arm("psm", tmp_path / "long_needle_driver.toml"), load_arm("psm")
+    assert np.rad2deg(arm.mechanism.upper[-1]) == pytest.approx(60.0)
+    same, mass = {b.frame for b in base.bodies}, {b.frame: b.mass for b in arm.bodies}
+    assert set(mass) == same and mass["roll"] == pytest.approx(0.01228)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.benchmarks.arrivals import arrivals, together
-from trocar.apps.benchmarks.interface import busy_rig, interface
+from trocar.apps.benchmarks.interface import busy_rig, interface, state_topics
 from trocar.apps.benchmarks.listening import flood, sleep
 from trocar.apps.benchmarks.peers import Peer
 from trocar.apps.benchmarks.subscribers import observed
@@ -88,6 +88,12 @@ def test_a_process_that_only_sleeps_keeps_its_schedule_in_number_and_never_wakes
     assert len(noted) == 100
     assert set(np.diff(noted[:, 0])) == {2_000_000}
     assert (noted[:, 1] >= noted[:, 0]).all()
+
+
+def test_all_77_states_of_the_full_cart_are_made_and_timed() -> None:
+    figure = state_topics(periods=3)
+    assert figure.name.startswith("all 77 state topics") and figure.unit == "ms a period"
+    assert figure.value > 0.0 and figure.limit == 1.5
 
 
 def test_a_transport_that_is_none_is_refused() -> None:

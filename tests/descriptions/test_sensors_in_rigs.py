@@ -9,6 +9,7 @@ import pytest
 
 from trocar.descriptions import RigDescription, load_rig, names
 from trocar.descriptions.catalogue import DATA
+from trocar.descriptions.sensors import KINDS, Imu, Proximity, TipWrench
 from trocar.errors import DescriptionError
 from trocar.geometry.rotations import matrix_from_rpy
 
@@ -26,6 +27,7 @@ LEAST = {
     "contacts": "",
     "proximity": "xyz_mm = [0, -8, 0]",
     "imu": 'frame = "insertion"',
+    "twist": 'frame = "insertion"',
 }
 
 
@@ -40,6 +42,10 @@ def rig(folder: Path, kind: str, more: str) -> RigDescription:
     return load_rig(rig_file(folder, GOOD.format(kind=kind, more=more)))
 
 
+def test_every_kind_is_read_here() -> None:
+    assert list(LEAST) == list(KINDS)
+
+
 def test_a_rig_has_no_sensors_unless_its_file_places_some() -> None:
     for name in names("rigs"):
         assert load_rig(name).sensors == ()
@@ -47,19 +53,22 @@ def test_a_rig_has_no_sensors_unless_its_file_places_some() -> None:
 
 def test_what_is_left_out_of_a_wrench_and_a_ray_comes_from_the_arm(tmp_path: Path) -> None:
     (wrench,) = rig(tmp_path, "tip_wrench", "").sensors
+    assert isinstance(wrench, TipWrench)
     assert (wrench.frame, wrench.beyond, wrench.rate) == ("tip", "tip", 0.0)
     np.testing.assert_array_equal(wrench.pose, np.eye(4))
     assert set(wrench.noise.values()) == {0.0}
     (ray,) = rig(tmp_path, "proximity", "xyz_mm = [1, -8, 2]").sensors
+    assert isinstance(ray, Proximity)
     assert (ray.frame, ray.to_frame) == ("finger_left", "finger_right")
     np.testing.assert_allclose(ray.to_point, [1e-3, -8e-3, 2e-3])
     (back,) = rig(tmp_path, "proximity", 'xyz_mm = [0, 0, 0]\nframe = "finger_right"').sensors
-    assert back.to_frame == "finger_left"
+    assert isinstance(back, Proximity) and back.to_frame == "finger_left"
 
 
 def test_units_stand_in_the_keys_and_become_si(tmp_path: Path) -> None:
     more = 'frame = "roll"\nxyz_mm = [1, 2, 3]\nrpy_deg = [0, 0, 90]\nrate_hz = 50\n'
     (imu,) = rig(tmp_path, "imu", more + "noise_deg_s = 180.0\nnoise_m_s2 = 0.2").sensors
+    assert isinstance(imu, Imu)
     np.testing.assert_allclose(imu.pose[:3, 3], [1e-3, 2e-3, 3e-3])
     np.testing.assert_allclose(imu.pose[:3, :3], matrix_from_rpy(0.0, 0.0, np.pi / 2))
     assert imu.rate == 50.0
@@ -70,7 +79,12 @@ def test_units_stand_in_the_keys_and_become_si(tmp_path: Path) -> None:
 
 SENSOR_FAULTS = [
     ("imu", LEAST["imu"] + '\nkind_of = "x"', "kind_of", "unknown key; this table knows: arm"),
-    ("gyro", "", "kind", "got 'gyro'; allowed: joint_effort, tip_wrench, contacts, proximity, imu"),
+    (
+        "gyro",
+        "",
+        "kind",
+        "got 'gyro'; allowed: joint_effort, tip_wrench, contacts, proximity, imu, twist",
+    ),
     ("joint_effort", "", "joint", "is missing; a text is needed"),
     ("joint_effort", 'joint = "yow"', "joint", "got 'yow'; PSM1 has no such joint; allowed: yaw,"),
     ("joint_effort", 'joint = "yaw"\nnoise_n = 1.0', "noise_n", "unknown key"),
@@ -83,6 +97,8 @@ SENSOR_FAULTS = [
     ("imu", 'frame = "roll"\nrotation = [[1,0,0],[0,1,0],[0,0,2]]', "rotation", ""),
     ("imu", 'frame = "roll"\nrate_hz = 0', "rate_hz", "got 0; allowed: above 0"),
     ("imu", 'frame = "roll"\nrate_hz = -2.5', "rate_hz", "got -2.5; allowed: above 0"),
+    ("twist", "", "frame", "is missing; a text is needed"),
+    ("twist", 'frame = "roll"\nnoise_m_s = -1', "noise", "got -1; allowed: 0 or more"),
     ("tip_wrench", 'beyond = "hand"', "beyond", "got 'hand'; PSM1 has no such frame; allowed:"),
     ("proximity", "", "xyz", "is missing; allowed keys: xyz_m, xyz_mm"),
     ("proximity", 'xyz_mm = [0, 0, 0]\nto_frame = "thumb"', "to_frame", "got 'thumb'; PSM1 has"),
@@ -141,4 +157,5 @@ def test_an_arm_without_a_jaw_has_no_pads_of_its_own(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"sensor\[0\].to_frame: is missing"):
         load_rig(rig_file(tmp_path, bare + 'frame = "insertion"\n'))
     path = rig_file(tmp_path, bare + 'frame = "insertion"\nto_frame = "base"\n')
-    assert load_rig(path).sensors[0].to_frame == "base"
+    (ray,) = load_rig(path).sensors
+    assert isinstance(ray, Proximity) and ray.to_frame == "base"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_arm, names
-from trocar.kinematics.chain_pose import ChainPose, ChainPoses
+from trocar.kinematics.chain_pose import ChainPose
 from trocar.kinematics.forward import pose
 
 ROUNDING = 1e-14  # of numbers of about 1 m
@@ -32,20 +32,3 @@ def test_one_configuration_and_many_have_the_same_poses() -> None:
     q = np.random.default_rng(4).uniform(-0.2, 0.2, (3, 2, len(mechanism.joints)))
     prepared = ChainPose(mechanism)
     np.testing.assert_allclose(prepared(q)[2, 1], prepared(q[2, 1]), rtol=0.0, atol=ROUNDING)
-
-
-def test_chains_of_many_arms_have_the_poses_that_each_has_alone() -> None:
-    rng = np.random.default_rng(5)
-    chains: list[ChainPose] = []
-    joints: list[np.ndarray] = []
-    for name in names("arms"):
-        mechanism = load_arm(name).mechanism
-        for frame in (mechanism.tip, mechanism.frames[1].name):
-            chain = ChainPose(mechanism, frame)
-            if chain.linear:
-                chains.append(chain)
-                joints.append(rng.uniform(mechanism.lower, mechanism.upper))
-    assert len(chains) >= 6
-    together = ChainPoses(chains)(np.concatenate(joints))
-    each = [chain(q) for chain, q in zip(chains, joints, strict=True)]
-    np.testing.assert_allclose(together, each, rtol=0.0, atol=ROUNDING)

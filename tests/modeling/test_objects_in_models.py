@@ -34,6 +34,11 @@ def test_the_solver_takes_objects_apart() -> None:
     assert build(load_rig("two_psm_ecm")).mj.opt.disableflags & off
 
 
+@pytest.mark.parametrize("rig", ["psm", "pegs", "full_cart"])
+def test_the_solver_starts_from_its_last_solution(rig: str) -> None:
+    assert not build(rig).mj.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_WARMSTART
+
+
 def test_links_and_joints_leave_objects_out() -> None:
     links = rig_links(load_rig("pegs"))
     names = {link.name for link in links.links}

@@ -132,7 +132,7 @@ def test_physics_is_the_same_to_the_last_bit_with_and_without_pictures() -> None
             world.step(5)
             if scope is not None and k % 10 == 0:
                 scope.capture()
-            now = world.samples()
+            now = world.sample().arms
             found.append(b"".join(arm.q.tobytes() + arm.qd.tobytes() for arm in now.values()))
         if stream is not None:
             stream.stop()

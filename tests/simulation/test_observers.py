@@ -35,7 +35,7 @@ def test_an_observer_of_every_fifth_period_waits_no_longer_than_that() -> None:
 
 def test_motion_does_not_depend_on_observers() -> None:
     worlds = [World("two_psm_ecm") for _ in range(3)]
-    worlds[1].observe(worlds[1].samples)
+    worlds[1].observe(worlds[1].sample)
     worlds[2].observe(worlds[2].snapshot, every=7)
     for world in worlds:
         world.arm("PSM1").move_jp([0.3, 0.2, 0.15, 0.4, 0.2, -0.3])

@@ -15,12 +15,13 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
 from trocar.geometry.se3 import adjoint, transform
 from trocar.kinematics import jacobian_body, pose
-from trocar.simulation import World
-from trocar.simulation.sensor_readings import (
+from trocar.simulation import (
     ContactsReading,
     EffortReading,
     ImuReading,
     ProximityReading,
+    TwistReading,
+    World,
     WrenchReading,
 )
 from trocar.simulation.tip_load import load_direction
@@ -460,9 +461,60 @@ def test_an_imu_stands_on_a_welded_setup_joint_too(tmp_path: Path) -> None:
         assert setup == "braked" or held.effort == 0.0
 
 
+# ------------------------------------------------------------------ twist
+
+
+def twist(frame: str, more: str = "", arm: str = "PSM1") -> str:
+    return imu(frame, arm, more).replace("imu", "twist")
+
+
+def velocity(world: World) -> TwistReading:
+    reading = world.sensor("twist")
+    assert isinstance(reading, TwistReading)
+    return reading
+
+
+@pytest.mark.parametrize("frame", ["pitch_back", "roll", "tip"])
+def test_a_twist_is_the_first_difference_of_a_pose_in_its_own_axes(
+    frame: str, tmp_path: Path
+) -> None:
+    rpy, place = [0.5, -1.1, 2.0], [0.02, -0.05, 0.1]
+    world = World(rig_with(tmp_path, twist(frame, f"xyz_m = {place}\nrpy_rad = {rpy}")))
+    at = transform(matrix_from_rpy(*rpy), np.array(place))
+    world.arm("PSM1").move_jp([0.8, -0.6, 0.2, 0.5, 0.0, 0.0])
+    world.step(300)
+
+    def seen() -> Array:
+        snapshot = world.snapshot()
+        body, fixed = world.joints.arms["PSM1"].carrier(world.rig.arm("PSM1"), frame)
+        turn = matrix_from_quaternion(snapshot.quaternions[body])
+        return transform(turn, snapshot.positions[body]) @ fixed @ at
+
+    before = seen()
+    world.step()
+    told, now = velocity(world), seen()
+    change = now[:3, :3].T @ (now - before)[:3] / world.timestep
+    spin = (change[:, :3] - change[:, :3].T) / 2.0
+    assert np.linalg.norm(told.linear) > 0.01
+    # A period ends with the velocity that it moved by. Axes that turn by half a period at 1 rad/s,
+    # 0.5 mrad, change 0.2 m/s by 0.1 mm/s and 0.6 rad/s by 0.3 mrad/s.
+    np.testing.assert_allclose(told.linear, change[:, 3], atol=1e-4)
+    np.testing.assert_allclose(told.angular, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=3e-4)
+
+
+def test_a_twist_at_the_tip_is_the_measured_velocity(tmp_path: Path) -> None:
+    world = World(rig_with(tmp_path, twist("tip")))
+    arm = world.arm("PSM1")
+    arm.move_jp([0.3, 0.2, 0.16, 0.4, 0.3, -0.2])
+    world.step(300)
+    told, public, turn = velocity(world), arm.measured_cv(), arm.measured_cp().T[:3, :3]
+    np.testing.assert_allclose(told.linear, turn.T @ public.linear, atol=1e-3)
+    np.testing.assert_allclose(told.angular, turn.T @ public.angular, atol=1e-2)
+
+
 # ------------------------------------------------------------------ all of them
 
-ALL = TIP + TOUCH + NEAR + MOTORS + imu("tip")
+ALL = TIP + TOUCH + NEAR + MOTORS + imu("tip") + twist("roll")
 
 
 def test_reading_changes_no_bit_of_the_motion(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ from trocar.descriptions.records import (
     Missing,
 )
 from trocar.descriptions.shapes import read_body
-from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.table import Table
 from trocar.errors import DescriptionError, InputError, TrocarError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism, check_mechanism
@@ -88,16 +87,13 @@ class ToolDescription:
     coupling: Coupling | None
 
 
-def read_tool(path: Path) -> ToolDescription:
+def read_tool(table: Table) -> ToolDescription:
     """Read a tool.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    return _read_tool(_open(path))
-
-
-def _read_tool(table: Table) -> ToolDescription:
+    _check_schema(table)
     name, title = table.text("name"), table.text("title", "")
     source, tip = table.text("source"), table.text("tip")
     fits = table.texts("fits")
@@ -107,30 +103,14 @@ def _read_tool(table: Table) -> ToolDescription:
     return ToolDescription(name, title, source, table.file, fits, tip, parts, coupling)
 
 
-def read_mechanism(path: Path, tool: Path | None = None) -> ArmDescription:
-    """Read an arm and its tool without their bodies, as who draws these bodies needs it.
-
-    Raises:
-        DescriptionError: naming file, key, what was got and what is allowed
-    """
-    return _read_arm(_bodiless(path), None if tool is None else _read_tool(_bodiless(tool)))
-
-
-def _bodiless(path: Path) -> Table:
-    return _open(path).without("body", "counterweight")
-
-
-def read_arm(path: Path, tool: ToolDescription | None) -> ArmDescription:
+def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
     """Read an arm and mount a tool on it.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
         InputError: the tool is for arms of another generation
     """
-    return _read_arm(_open(path), tool)
-
-
-def _read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
+    _check_schema(table)
     name, path = table.text("name"), table.file
     kind = table.text("type", allowed=ARM_TYPES)
     generation, title = table.text("generation", ""), table.text("title", "")
@@ -210,16 +190,9 @@ def check_fit(arm: str, generation: str, tool: ToolDescription) -> None:
         )
 
 
-def tool_wanted(path: Path) -> str:
-    """Return the name of the tool that an arm mounts by itself, "" when none."""
-    return read_table(path).text("default_tool", "")
-
-
-def _open(path: Path) -> Table:
-    table = read_table(path)
+def _check_schema(table: Table) -> None:
     if table.raw("schema") != SCHEMA:
         raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-    return table
 
 
 def _read_parts(table: Table, part: str) -> Parts:

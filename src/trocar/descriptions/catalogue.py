@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from trocar.descriptions.arms import (
-    ToolDescription,
-    read_arm,
-    read_mechanism,
-    read_tool,
-    tool_wanted,
-)
+from trocar.descriptions.arms import ToolDescription, read_arm, read_tool
 from trocar.descriptions.calibrated import Calibration, One, calibrated, calibrated_rig
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
-from trocar.descriptions.table import read_table
-from trocar.errors import DescriptionError, UnknownNameError
+from trocar.descriptions.table import Table, read_table
+from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 
 Shelf = Literal["arms", "tools", "rigs", "cameras"]
 
@@ -45,23 +39,31 @@ def load_arm(
         DescriptionError: the file is broken; file, key, got and allowed are named
         InputError: the overlay is for another arm
     """
-    path = _find("arms", name)
-    wanted = tool_wanted(path) if tool is None else str(tool)
-    arm = read_arm(path, None if wanted in ("", "none") else load_tool(wanted))
+    table = _open("arms", _find("arms", name))
+    wanted = table.text("default_tool", "") if tool is None else str(tool)
+    arm = read_arm(table, None if wanted in ("", "none") else load_tool(wanted))
     return calibrated(arm, calibration)
 
 
 def load_mechanism(
     name: str | Path, tool: str | Path = "none", calibration: One | None = None
 ) -> ArmDescription:
-    """Load an arm with its tool as `load_arm` does, but without their bodies."""
-    mounted = None if tool == "none" else _find("tools", tool)
-    return calibrated(read_mechanism(_find("arms", name), mounted), calibration)
+    """Load an arm with its tool as `load_arm` does, but without their bodies.
+
+    What draws these bodies needs it.
+    """
+    mounted = None if tool == "none" else read_tool(_bodiless("tools", tool))
+    return calibrated(read_arm(_bodiless("arms", name), mounted), calibration)
 
 
 def load_tool(name: str | Path) -> ToolDescription:
     """Load a tool by its name or path."""
-    return read_tool(_find("tools", name))
+    return read_tool(_open("tools", _find("tools", name)))
+
+
+def document(shelf: Literal["arms", "tools"], name: str | Path) -> dict[str, Any]:
+    """Return the entries of an arm's or a tool's file, on those of its base."""
+    return _open(shelf, _find(shelf, name)).document()
 
 
 def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDescription:
@@ -89,6 +91,35 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
         return loaded[arm, tool]
 
     return calibrated_rig(read_rig(path, load), calibration)
+
+
+def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:
+    """Return the table of a file, on that of its base.
+
+    Args:
+        shelf: where a base that is not a path is looked up
+        path: of the file
+        above: files that have this one as their base
+
+    Raises:
+        DescriptionError: the file or its base is broken, or there is no such base
+    """
+    table = read_table(path)
+    if "base" not in table:
+        return table
+    name = table.text("base")
+    try:
+        base = _find(shelf, path.parent / name if name.endswith(".toml") else name)
+    except TrocarError as problem:
+        raise table.fail("base", str(problem)) from problem
+    if base in (path, *above):
+        raise table.fail("base", f"got {name!r}; allowed: a file that is not based on this one")
+    # Two descriptions of one name could not be told apart.
+    return table.without("base").on(_open(shelf, base, (path, *above)).without("name"))
+
+
+def _bodiless(shelf: Shelf, name: str | Path) -> Table:
+    return _open(shelf, _find(shelf, name)).without("body", "counterweight")
 
 
 def _find(shelf: Shelf, name: str | Path) -> Path:

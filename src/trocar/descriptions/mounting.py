@@ -102,9 +102,8 @@ def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescri
 def _check_sensors(rig: RigDescription, name: str, arm: ArmDescription) -> None:
     """Refuse a tool that lacks what a sensor of the rig stands on."""
     for sensor in rig.sensors:
-        wanted = {sensor.frame, sensor.beyond, sensor.to_frame} - {""}
-        lacking = wanted - set(arm.mechanism.frame_index)
-        lacking |= {sensor.joint} - {""} - set(arm.mechanism.joint_names)
+        lacking = set(sensor.frames) - set(arm.mechanism.frame_index)
+        lacking |= set(sensor.joints) - set(arm.mechanism.joint_names)
         if sensor.arm == name and lacking:
             raise InputError(
                 f"{name}: sensor {sensor.name!r} needs {', '.join(sorted(lacking))}, which"

@@ -44,7 +44,7 @@ def load_printed(table: str) -> ArmDescription:
     Raises:
         UnknownNameError: no such table; the known ones are listed
     """
-    return read_arm(_path(table), None)
+    return read_arm(read_table(_path(table)), None)
 
 
 def errata(table: str) -> tuple[Erratum, ...]:

@@ -1,45 +1,209 @@
-"""What a rig says of a sensor: a frozen record in SI units."""
+"""The parts that sensors of all kinds share: description, reading, and the physics they sample."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Protocol, TypedDict
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-SensorKind = Literal["joint_effort", "tip_wrench", "contacts", "proximity", "imu"]
+#: Which bodies and flexes of the model, (n_bodies + n_flexes,).
+Bodies = NDArray[np.bool_]
+
+
+class ReadingHead(TypedDict):
+    """The arguments that every reading takes."""
+
+    name: str
+    kind: str
+    time: float
+    frame_id: str
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class SensorReading:
+    """The part of a reading that all kinds have.
+
+    Attributes:
+        name, kind: of the sensor
+        time: simulation time of the sample [s]
+        frame_id: the frame of its vectors: the sensor's own name, "world", or "ARM/joint"
+        units: {value: unit}
+    """
+
+    name: str
+    kind: str
+    time: float
+    frame_id: str
+    units: Mapping[str, str]
+
+    def __str__(self) -> str:
+        """Return the name and the values, such as "tip: force (0, 0, -9.88) N"."""
+        values = (f"{value} {shown(getattr(self, value))} {u}" for value, u in self.units.items())
+        return f"{self.name}: {', '.join(values)}"
 
 
 @dataclass(frozen=True, eq=False)
 class SensorDescription:
-    """A sensor that a rig places.
+    """A sensor that a rig places. `sensors` has a class for each kind.
 
     Attributes:
-        name: what readings are asked for by
-        kind: what it measures
-        arm: name of the arm it is on, "" for contacts of the whole rig
-        joint: of a joint_effort, else ""
-        frame: the frame of the arm that it stands on, "" where it stands on none
-        pose: T_frame_sensor (4, 4)
-        beyond: of a tip_wrench: the frame that, with all that hangs on it, is pushed
-        to_frame, to_point: of a proximity: where its ray ends, (3,) [m]
+        kind: name of the kind, as files have it
+        armless: whether a sensor of this kind may be on no arm
+        name: of the sensor
+        arm: name of the arm it is on, "" for none
         rate: samples per second, 0 for one each time that it is read [Hz]
-        noise: {value: standard deviation} of its noise, in SI
         source: where the numbers are from
+        noise: {value: standard deviation} of its noise, in SI
     """
 
+    kind: ClassVar[str]
+    armless: ClassVar[bool] = False
+
     name: str
-    kind: SensorKind
     arm: str
-    joint: str
+    rate: float
+    source: str
+    noise: Mapping[str, float]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints of the arm that a tool must have for this sensor."""
+        return ()
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return ()
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> SensorReading:
+        """Return a reading of the physics as it is now.
+
+        Args:
+            physics: the simulation
+            rng: noise is drawn from it
+        """
+        raise NotImplementedError
+
+    def head(self, physics: Physics, frame_id: str, units: Mapping[str, str]) -> ReadingHead:
+        """Return the arguments that every reading takes."""
+        return {
+            "name": self.name,
+            "kind": self.kind,
+            "time": physics.time,
+            "frame_id": frame_id,
+            "units": dict(units),
+        }
+
+    def noisy(self, value: str, exact: ArrayLike, rng: np.random.Generator) -> Array:
+        """Return a read-only value with its normal noise; without noise nothing is drawn."""
+        result, deviation = np.asarray(exact, dtype=np.float64), self.noise[value]
+        if deviation > 0.0:
+            result = np.asarray(result + rng.normal(0.0, deviation, result.shape))
+        result.setflags(write=False)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A place where two bodies touch; vectors in the world. A flex counts as a body.
+
+    Attributes:
+        body, other: names of the bodies; `body` is the sensor's arm's where one of them is
+        shape, other_shape: names of the shapes that touch; of a flex its own name
+        point: (3,) [m]
+        normal: unit vector from `other` into `body`, (3,)
+        force: what `other` does to `body`, (3,) [N]; `body` does the opposite to `other`
+        torque: likewise about `point`: friction that resists turning about the normal, (3,) [N m]
+        depth: how far the shapes overlap [m]
+    """
+
+    body: str
+    other: str
+    shape: str
+    other_shape: str
+    point: Array
+    normal: Array
+    force: Array
+    torque: Array
+    depth: float
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A place on an arm: T_frame_place (4, 4)."""
+
+    arm: str
     frame: str
     pose: Array
-    beyond: str
-    to_frame: str
-    to_point: Array
-    rate: float
-    noise: Mapping[str, float]
-    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceMotion:
+    """The motion of a place in the world, in the place's own axes.
+
+    Attributes:
+        linear: velocity of its origin, (3,) [m/s]
+        angular: angular velocity, (3,) [rad/s]
+        proper: acceleration of its origin minus gravity, (3,) [m/s^2]
+    """
+
+    linear: Array
+    angular: Array
+    proper: Array
+
+
+class Physics(Protocol):
+    """What sensors sample; `trocar.simulation.probes` computes it.
+
+    It stands here because descriptions may not import the simulation, and a kind of sensor is read
+    and sampled in one place.
+    """
+
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        ...
+
+    def effort(self, arm: str, joint: str) -> float:
+        """Return what a motor exerts on its joint [N m or N]."""
+        ...
+
+    def bodies(self, arm: str = "", frame: str = "") -> Bodies:
+        """Return the bodies on a frame and beyond it, all of an arm, or everything."""
+        ...
+
+    def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
+        """Return where some bodies touch others or each other."""
+        ...
+
+    def wrench(self, mine: Bodies, at: Place) -> tuple[Array, Array]:
+        """Return force and torque on some bodies from outside, at a place in its axes."""
+        ...
+
+    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float]:
+        """Return the distance from a place towards another to a body, and that of the places.
+
+        Args:
+            start, end: of the ray
+            through: bodies that the ray passes through
+
+        Returns:
+            distance, below 0 where it reaches behind the start, inf when nothing lies between the
+            places; from place to place [m]
+        """
+        ...
+
+    def motion(self, at: Place) -> PlaceMotion:
+        """Return how a place moves."""
+        ...
+
+
+def shown(value: ArrayLike) -> str:
+    """Return numbers to six decimals at most, without a sign of zero."""
+    numbers = [f"{round(x, 6) + 0.0:.6g}" for x in np.ravel(value)]
+    return numbers[0] if np.ndim(value) == 0 else f"({', '.join(numbers)})"

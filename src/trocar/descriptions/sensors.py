@@ -1,36 +1,442 @@
-"""Sensors from TOML: what they measure, and where on an arm they stand."""
+"""The kinds of sensors: for each its keys in a rig's file, its reading, and how it is sampled.
+
+`KINDS` at the end is the registry. docs/extending.md shows how to add a kind.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import cast, get_args
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.records import ArmDescription, RigArm
-from trocar.descriptions.sensor_records import SensorDescription, SensorKind
+from trocar.descriptions.sensor_records import (
+    Contact,
+    Physics,
+    Place,
+    SensorDescription,
+    SensorReading,
+    shown,
+)
 from trocar.descriptions.table import Table
+from trocar.geometry.se3 import transform
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-KINDS: tuple[str, ...] = get_args(SensorKind)
+
+class SensorHead(TypedDict):
+    """The arguments that every sensor takes, noise apart."""
+
+    name: str
+    arm: str
+    rate: float
+    source: str
+
+
+class SensorTable:
+    """A `[[sensor]]` table and the arm that its sensor is on.
+
+    Args:
+        table: the table
+        arms: of the rig
+        armless: whether the sensor may be on no arm
+
+    Attributes:
+        table: the table
+        head: the arguments that every sensor takes, noise apart
+
+    Raises:
+        DescriptionError: no name, no such arm, or a rate that is not above 0
+    """
+
+    def __init__(self, table: Table, arms: Sequence[RigArm], armless: bool) -> None:
+        name = table.text("name")
+        if not name:
+            raise table.fail("name", "got an empty text; allowed: a name")
+        rate = table.quantity("rate", "frequency", default=0.0)
+        if rate <= 0.0 and table.has("rate", "frequency"):
+            raise table.fail("rate_hz", f"got {rate:g}; allowed: above 0")
+        owner = table.text("arm", "" if armless else None)
+        self.table = table
+        self.head: SensorHead = {
+            "name": name,
+            "arm": owner,
+            "rate": rate,
+            "source": table.text("source", ""),
+        }
+        if owner or not armless:
+            self._check("arm", owner, [a.name for a in arms], "this rig has no such arm")
+        self._arm = next((a.arm for a in arms if a.name == owner), None)
+
+    def arm(self, key: str) -> ArmDescription:
+        """Return the arm, which a key refers to."""
+        if self._arm is None:
+            raise self.table.fail(key, f"needs arm = NAME, whose {key} it is")
+        return self._arm
+
+    def mechanism(self, key: str) -> Mechanism:
+        """Return the arm's mechanism, which a key refers to."""
+        return self.arm(key).mechanism
+
+    def joint(self, key: str) -> str:
+        """Return the name of a joint of the arm."""
+        known, joint = self.mechanism(key).joint_names, self.table.text(key)
+        self._check(key, joint, known, f"{self.head['arm']} has no such joint")
+        return joint
+
+    def frame(self, key: str, default: str | None = None) -> str:
+        """Return the name of a frame of the arm."""
+        known, frame = self.mechanism(key).frame_index, self.table.text(key, default)
+        self._check(key, frame, known, f"{self.head['arm']} has no such frame")
+        return frame
+
+    def noise(self, dimension: str) -> float:
+        """Return a standard deviation in SI, 0 when absent."""
+        deviation = self.table.quantity("noise", dimension, default=0.0)
+        if deviation < 0.0:
+            raise self.table.fail("noise", f"got {deviation:g}; allowed: 0 or more")
+        return deviation
+
+    def _check(self, key: str, name: str, known: Iterable[str], missing: str) -> None:
+        if name not in known:
+            raise self.table.fail(key, f"got {name!r}; {missing}; allowed: {', '.join(known)}")
+
+
+# ------------------------------------------------------------------ joint_effort
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Where a sensor of some kind stands, and how noisy it is."""
+class EffortReading(SensorReading):
+    """What a motor exerts on its joint [N m or N]."""
 
-    joint: str = ""
-    frame: str = ""
-    pose: Array = field(default_factory=lambda: np.eye(4))
-    beyond: str = ""
-    to_frame: str = ""
-    to_point: Array = field(default_factory=lambda: np.zeros(3))
-    noise: Mapping[str, float] = field(default_factory=dict[str, float])
+    effort: float
+
+
+@dataclass(frozen=True, eq=False)
+class JointEffort(SensorDescription):
+    """The effort of a motor.
+
+    Attributes:
+        joint: of the arm
+        unit: of its effort, "N m" or "N"
+    """
+
+    kind: ClassVar[str] = "joint_effort"
+
+    joint: str
+    unit: str
+
+    @classmethod
+    def read(cls, row: SensorTable) -> JointEffort:
+        """Return the sensor of a table."""
+        joint = row.joint("joint")
+        turns = row.arm("joint").joint(joint).kind == "revolute"
+        noise = {"effort": row.noise("torque" if turns else "force")}
+        return cls(**row.head, noise=noise, joint=joint, unit="N m" if turns else "N")
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints of the arm that a tool must have for this sensor."""
+        return (self.joint,)
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> EffortReading:
+        """Return the effort now."""
+        head = self.head(physics, f"{self.arm}/{self.joint}", {"effort": self.unit})
+        effort = self.noisy("effort", physics.effort(self.arm, self.joint), rng)
+        return EffortReading(**head, effort=float(effort))
+
+
+# ------------------------------------------------------------------ tip_wrench
+
+
+@dataclass(frozen=True, eq=False)
+class WrenchReading(SensorReading):
+    """What the environment does to an instrument, at the sensor's origin in its axes.
+
+    Attributes:
+        force: (3,) [N]
+        torque: about the sensor's origin, (3,) [N m]
+    """
+
+    force: Array
+    torque: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TipWrench(SensorDescription):
+    """The wrench that the environment exerts on an instrument.
+
+    Attributes:
+        frame: of the arm
+        pose: T_frame_sensor (4, 4)
+        beyond: the frame on which, and on what hangs on it, the wrench acts
+    """
+
+    kind: ClassVar[str] = "tip_wrench"
+
+    frame: str
+    pose: Array
+    beyond: str
+
+    @classmethod
+    def read(cls, row: SensorTable) -> TipWrench:
+        """Return the sensor of a table."""
+        frame = row.frame("frame", row.mechanism("frame").tip)
+        beyond = row.frame("beyond", frame)
+        noise = {"force": row.noise("force"), "torque": row.noise("torque")}
+        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table), beyond=beyond)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame, self.beyond)
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> WrenchReading:
+        """Return the wrench of the last physics period."""
+        mine = physics.bodies(self.arm, self.beyond)
+        force, torque = physics.wrench(mine, Place(self.arm, self.frame, self.pose))
+        return WrenchReading(
+            **self.head(physics, self.name, {"force": "N", "torque": "N m"}),
+            force=self.noisy("force", force, rng),
+            torque=self.noisy("torque", torque, rng),
+        )
+
+
+# ------------------------------------------------------------------ contacts
+
+
+@dataclass(frozen=True, eq=False)
+class ContactsReading(SensorReading):
+    """Every place where the sensor's bodies touch others."""
+
+    contacts: tuple[Contact, ...]
+
+    def __str__(self) -> str:
+        """Return the bodies that touch and their forces."""
+        pairs = (f"{c.body} on {c.other}: {shown(c.force)} N" for c in self.contacts)
+        return f"{self.name}: {', '.join(pairs) or 'nothing'}"
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts(SensorDescription):
+    """The contacts of an arm, of a frame and what hangs on it, or of everything.
+
+    Attributes:
+        frame: of the arm, "" for all of it
+    """
+
+    kind: ClassVar[str] = "contacts"
+    armless: ClassVar[bool] = True
+
+    frame: str
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Contacts:
+        """Return the sensor of a table."""
+        given = row.table.raw("frame") is not None
+        frame = row.frame("frame") if given else ""
+        return cls(**row.head, noise={"force": row.noise("force")}, frame=frame)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame,) if self.frame else ()
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> ContactsReading:
+        """Return the contacts of the last physics period."""
+        units = {"point": "m", "normal": "1", "force": "N", "torque": "N m", "depth": "m"}
+        found = physics.contacts(physics.bodies(self.arm, self.frame))
+        contacts = [replace(one, force=self.noisy("force", one.force, rng)) for one in found]
+        return ContactsReading(**self.head(physics, "world", units), contacts=tuple(contacts))
+
+
+#: All contacts of a rig, without noise.
+ALL_CONTACTS = Contacts("contacts", "", 0.0, "", {"force": 0.0}, "")
+
+
+# ------------------------------------------------------------------ proximity
+
+
+@dataclass(frozen=True, eq=False)
+class ProximityReading(SensorReading):
+    """The length of a ray.
+
+    Attributes:
+        distance: from the first pad to what lies between the pads, inf when nothing does [m]
+        gap: from pad to pad [m]
+    """
+
+    distance: float
+    gap: float
+
+
+@dataclass(frozen=True, eq=False)
+class Proximity(SensorDescription):
+    """A ray from one frame to another, such as between the pads of a jaw.
+
+    Attributes:
+        frame, pose: where the ray begins: T_frame_sensor (4, 4)
+        to_frame, to_point: where it ends, (3,) [m]
+    """
+
+    kind: ClassVar[str] = "proximity"
+
+    frame: str
+    pose: Array
+    to_frame: str
+    to_point: Array
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Proximity:
+        """Return the sensor of a table; between the pads of a jaw unless frames are named."""
+        pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
+        frame = row.frame("frame", pads[0] if pads else None)
+        to_frame = row.frame("to_frame", next((pad for pad in pads if pad != frame), None))
+        start = row.table.vector("xyz", 3, "length")
+        return cls(
+            **row.head,
+            noise={"distance": row.noise("length")},
+            frame=frame,
+            pose=transform(np.eye(3), start),
+            to_frame=to_frame,
+            to_point=row.table.vector("to_xyz", 3, "length", default=start.copy()),
+        )
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame, self.to_frame)
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> ProximityReading:
+        """Return the distance now."""
+        start = Place(self.arm, self.frame, self.pose)
+        end = Place(self.arm, self.to_frame, transform(np.eye(3), self.to_point))
+        distance, gap = physics.ray(start, end, physics.bodies(self.arm))
+        distance = max(0.0, float(self.noisy("distance", distance, rng)))
+        head = self.head(physics, self.name, {"distance": "m", "gap": "m"})
+        return ProximityReading(**head, distance=distance, gap=gap)
+
+
+# ------------------------------------------------------------------ imu
+
+
+@dataclass(frozen=True, eq=False)
+class ImuReading(SensorReading):
+    """What an inertial measurement unit measures, in its own axes.
+
+    Attributes:
+        angular_velocity: (3,) [rad/s]
+        linear_acceleration: acceleration minus gravity, (3,) [m/s^2]; at rest 9.81 upward
+    """
+
+    angular_velocity: Array
+    linear_acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Imu(SensorDescription):
+    """An inertial measurement unit on a link.
+
+    Attributes:
+        frame: of the arm
+        pose: T_frame_sensor (4, 4)
+    """
+
+    kind: ClassVar[str] = "imu"
+
+    frame: str
+    pose: Array
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Imu:
+        """Return the sensor of a table."""
+        frame = row.frame("frame")
+        noise = {
+            "angular_velocity": row.noise("angular velocity"),
+            "linear_acceleration": row.noise("linear acceleration"),
+        }
+        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame,)
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> ImuReading:
+        """Return the velocity now and the acceleration of the last physics period."""
+        units = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"}
+        motion = physics.motion(Place(self.arm, self.frame, self.pose))
+        return ImuReading(
+            **self.head(physics, self.name, units),
+            angular_velocity=self.noisy("angular_velocity", motion.angular, rng),
+            linear_acceleration=self.noisy("linear_acceleration", motion.proper, rng),
+        )
+
+
+# ------------------------------------------------------------------ twist
+
+
+@dataclass(frozen=True, eq=False)
+class TwistReading(SensorReading):
+    """The velocity of a place on a link in the world, in the sensor's own axes.
+
+    Attributes:
+        linear: of the sensor's origin, (3,) [m/s]
+        angular: (3,) [rad/s]
+    """
+
+    linear: Array
+    angular: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Twist(SensorDescription):
+    """The velocity of a place on a link.
+
+    Attributes:
+        frame: of the arm
+        pose: T_frame_sensor (4, 4)
+    """
+
+    kind: ClassVar[str] = "twist"
+
+    frame: str
+    pose: Array
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Twist:
+        """Return the sensor of a table."""
+        frame = row.frame("frame")
+        noise = {
+            "linear": row.noise("linear velocity"),
+            "angular": row.noise("angular velocity"),
+        }
+        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table))
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame,)
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> TwistReading:
+        """Return the velocity now."""
+        motion = physics.motion(Place(self.arm, self.frame, self.pose))
+        return TwistReading(
+            **self.head(physics, self.name, {"linear": "m/s", "angular": "rad/s"}),
+            linear=self.noisy("linear", motion.linear, rng),
+            angular=self.noisy("angular", motion.angular, rng),
+        )
+
+
+# ------------------------------------------------------------------ all of them
+
+#: {kind: its class}, in the order in which errors list them.
+KINDS = {kind.kind: kind for kind in (JointEffort, TipWrench, Contacts, Proximity, Imu, Twist)}
 
 
 def read_sensors(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[SensorDescription, ...]:
@@ -41,120 +447,16 @@ def read_sensors(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[SensorD
             that is not there
     """
     found: list[SensorDescription] = []
-    for row in rows:
-        sensor = _read_sensor(row, arms)
+    for table in rows:
+        sensor = _read_sensor(table, arms)
         if sensor.name in [other.name for other in found]:
-            raise row.fail("name", f"got {sensor.name!r} a second time")
+            raise table.fail("name", f"got {sensor.name!r} a second time")
         found.append(sensor)
     return tuple(found)
 
 
-def _read_sensor(row: Table, arms: Sequence[RigArm]) -> SensorDescription:
-    name = row.text("name")
-    if not name:
-        raise row.fail("name", "got an empty text; allowed: a name")
-    kind = row.text("kind", allowed=KINDS)
-    source = row.text("source", "")
-    rate = row.quantity("rate", "frequency", default=0.0)
-    if rate <= 0.0 and row.has("rate", "frequency"):
-        raise row.fail("rate_hz", f"got {rate:g}; allowed: above 0")
-    owner = row.text("arm", "" if kind == "contacts" else None)
-    if owner or kind != "contacts":
-        _check_owned(row, "arm", owner, [a.name for a in arms], "this rig")
-    arm = next((a.arm for a in arms if a.name == owner), None)
-    place = _read_contacts(row, owner, arm) if arm is None else _read_place(row, kind, owner, arm)
-    row.done()
-    return SensorDescription(
-        name,
-        cast(SensorKind, kind),
-        owner,
-        place.joint,
-        place.frame,
-        place.pose,
-        place.beyond,
-        place.to_frame,
-        place.to_point,
-        rate,
-        place.noise,
-        source,
-    )
-
-
-def _read_place(row: Table, kind: str, owner: str, arm: ArmDescription) -> _Place:
-    if kind == "joint_effort":
-        return _read_joint_effort(row, owner, arm)
-    if kind == "tip_wrench":
-        return _read_tip_wrench(row, owner, arm)
-    if kind == "proximity":
-        return _read_proximity(row, owner, arm)
-    if kind == "imu":
-        frame = _frame(row, "frame", owner, arm.mechanism, None)
-        noise = {
-            "angular_velocity": _noise(row, "angular velocity"),
-            "linear_acceleration": _noise(row, "linear acceleration"),
-        }
-        return _Place(frame=frame, pose=read_pose(row), noise=noise)
-    return _read_contacts(row, owner, arm)
-
-
-def _read_joint_effort(row: Table, owner: str, arm: ArmDescription) -> _Place:
-    joint = row.text("joint")
-    _check_owned(row, "joint", joint, arm.mechanism.joint_names, owner)
-    turns = arm.joint(joint).kind == "revolute"
-    return _Place(joint=joint, noise={"effort": _noise(row, "torque" if turns else "force")})
-
-
-def _read_tip_wrench(row: Table, owner: str, arm: ArmDescription) -> _Place:
-    mechanism = arm.mechanism
-    frame = _frame(row, "frame", owner, mechanism, mechanism.tip)
-    beyond = _frame(row, "beyond", owner, mechanism, frame)
-    noise = {"force": _noise(row, "force"), "torque": _noise(row, "torque")}
-    return _Place(frame=frame, pose=read_pose(row), beyond=beyond, noise=noise)
-
-
-def _read_proximity(row: Table, owner: str, arm: ArmDescription) -> _Place:
-    """Read a ray; between the pads of a jaw unless other frames are named."""
-    mechanism = arm.mechanism
-    pads = [f.name for f in mechanism.frames if "jaw" in dict(f.couplings)]
-    frame = _frame(row, "frame", owner, mechanism, pads[0] if pads else None)
-    other = next((pad for pad in pads if pad != frame), None)
-    to_frame = _frame(row, "to_frame", owner, mechanism, other)
-    pose = np.eye(4)
-    pose[:3, 3] = row.vector("xyz", 3, "length")
-    to_point = row.vector("to_xyz", 3, "length", default=pose[:3, 3].copy())
-    noise = {"distance": _noise(row, "length")}
-    return _Place(frame=frame, pose=pose, to_frame=to_frame, to_point=to_point, noise=noise)
-
-
-def _read_contacts(row: Table, owner: str, arm: ArmDescription | None) -> _Place:
-    frame = ""
-    if "frame" in row:
-        if arm is None:
-            raise row.fail("frame", "needs arm = NAME, whose frame it is")
-        frame = _frame(row, "frame", owner, arm.mechanism, None)
-    else:
-        row.text("frame", "")
-    return _Place(frame=frame, noise={"force": _noise(row, "force")})
-
-
-def _frame(row: Table, key: str, owner: str, mechanism: Mechanism, default: str | None) -> str:
-    frame = row.text(key, default)
-    _check_owned(row, key, frame, mechanism.frame_index, owner, "frame")
-    return frame
-
-
-def _check_owned(
-    row: Table, key: str, name: str, known: Iterable[str], owner: str, what: str = ""
-) -> None:
-    """Refuse what an arm or a rig does not have, and list what it has."""
-    if name not in known:
-        missing = f"{owner} has no such {what or key}"
-        raise row.fail(key, f"got {name!r}; {missing}; allowed: {', '.join(known)}")
-
-
-def _noise(row: Table, dimension: str) -> float:
-    """Return a standard deviation in SI, 0 when absent."""
-    deviation = row.quantity("noise", dimension, default=0.0)
-    if deviation < 0.0:
-        raise row.fail("noise", f"got {deviation:g}; allowed: 0 or more")
-    return deviation
+def _read_sensor(table: Table, arms: Sequence[RigArm]) -> SensorDescription:
+    kind = KINDS[table.text("kind", allowed=tuple(KINDS))]
+    sensor = kind.read(SensorTable(table, arms, kind.armless))
+    table.done()
+    return sensor

@@ -6,6 +6,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
+from copy import copy
 from pathlib import Path
 from typing import Any, cast
 
@@ -42,26 +43,69 @@ UNITS: dict[str, dict[str, float]] = {
 NUMBERS = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 
 
+class Entries(dict[str, Any]):
+    """The entries of a table of a file that has a base, or of the base.
+
+    Attributes:
+        file, path: where the table stands
+        inherited: {key: (file, path) of the table of the base that it stands in}
+    """
+
+    def __init__(self, data: Mapping[str, Any], file: str, path: str) -> None:
+        super().__init__(data)
+        self.file, self.path = file, path
+        self.inherited: dict[str, tuple[str, str]] = {}
+
+
 class Table:
     """A TOML table that remembers which keys were read, and where it stands in the file."""
 
     def __init__(self, data: Mapping[str, Any], file: str, path: str = "") -> None:
         self.file = file
         self.path = path
+        self._inherited: Mapping[str, tuple[str, str]] = {}
+        if isinstance(data, Entries):
+            self.file, self.path, self._inherited = data.file, data.path, data.inherited
         self._data = data
         self._read: set[str] = set()
 
+    def on(self, base: Table) -> Table:
+        """Return this table on a base: every entry that it lacks is the base's.
+
+        Tables are merged key by key, arrays of tables by the name of each, else by its frame; other
+        values, and arrays in which two have the same name, are replaced. `drop = ["key"]` in a
+        table takes entries of the base's away first. Errors name the file that an entry stands in.
+
+        Raises:
+            DescriptionError: `drop` lists a key that the base does not have
+        """
+        return Table(_merged(base._entries(), self._entries()), self.file, self.path)
+
+    def document(self) -> dict[str, Any]:
+        """Return all entries as TOML has them."""
+        return dict(self._data)
+
     def fail(self, key: str, problem: str) -> DescriptionError:
-        """Return the error that names this file, this place and what is wrong there."""
-        return DescriptionError(self.file, f"{self.path}.{key}".strip("."), problem)
+        """Return the error that names the file, the place and what is wrong there.
+
+        Args:
+            key: of an entry; a quantity may be without its unit
+            problem: what was got and what is allowed
+        """
+        found = key.partition(".")[0]
+        if found not in self._data:
+            found = next((k for k in self._data if k.startswith(f"{found}_")), found)
+        file, path = self._inherited.get(found, (self.file, self.path))
+        return DescriptionError(file, f"{path}.{key}".strip("."), problem)
 
     def __contains__(self, key: str) -> bool:
         return key in self._data
 
     def without(self, *keys: str) -> Table:
         """Return this table as if these entries were not there."""
-        rest = Table({k: v for k, v in self._data.items() if k not in keys}, self.file, self.path)
-        rest._read |= self._read
+        rest = copy(self)
+        rest._data = {k: v for k, v in self._data.items() if k not in keys}
+        rest._read = set(self._read)
         return rest
 
     def raw(self, key: str, default: Any = None) -> Any:
@@ -133,7 +177,9 @@ class Table:
 
     def numbers(self, key: str, size: int | None = None) -> Array:
         """Return a list of finite numbers, (size,)."""
-        value = self.raw(key)
+        return self._numbers(key, self.raw(key), size)
+
+    def _numbers(self, key: str, value: Any, size: int | None) -> Array:
         wanted = "numbers" if size is None else f"{size} numbers"
         if not isinstance(value, list) or (
             size is not None and len(cast(list[Any], value)) != size
@@ -146,11 +192,7 @@ class Table:
         value = self.raw(key)
         if not isinstance(value, list) or len(cast(list[Any], value)) != rows:
             raise self.fail(key, f"got {value!r}; allowed: {rows} rows of {columns} numbers")
-        lines = [
-            Table({key: row}, self.file, self.path).numbers(key, columns)
-            for row in cast(list[Any], value)
-        ]
-        return np.stack(lines)
+        return np.stack([self._numbers(key, row, columns) for row in cast(list[Any], value)])
 
     def table(self, key: str) -> Table:
         """Return a sub-table that must be there."""
@@ -190,6 +232,11 @@ class Table:
         for key in self.entries():
             known = ", ".join(sorted(self._read))
             raise self.fail(key, f"unknown key; this table knows: {known}")
+
+    def _entries(self) -> Entries:
+        made = Entries(_placed(dict(self._data), self.file, self.path), self.file, self.path)
+        made.inherited = dict(self._inherited)
+        return made
 
     def _keys(self, name: str, dimensions: tuple[str, ...]) -> list[tuple[str, float]]:
         found: list[tuple[str, float]] = []
@@ -244,6 +291,59 @@ def parse_table(text: str, file: str) -> Table:
         return Table(tomllib.loads(text), file)
     except tomllib.TOMLDecodeError as problem:
         raise DescriptionError(file, "", f"is not TOML: {problem}") from problem
+
+
+def _placed(value: Any, file: str, path: str) -> Any:
+    """Return a value in which each table has its place in the file."""
+    if isinstance(value, Entries):
+        return value
+    if isinstance(value, Mapping):
+        entries = cast(Mapping[str, Any], value).items()
+        inner = {k: _placed(v, file, f"{path}.{k}".strip(".")) for k, v in entries}
+        return Entries(inner, file, path)
+    if isinstance(value, list):
+        rows = cast(list[Any], value)
+        return [_placed(row, file, f"{path}[{i}]") for i, row in enumerate(rows)]
+    return value
+
+
+def _merged(base: Any, own: Any) -> Any:
+    """Return a value on that of the base."""
+    if isinstance(base, Entries) and isinstance(own, Entries):
+        left = _without_dropped(base, own)
+        said = {k: _merged(left.get(k), v) for k, v in own.items() if k != "drop"}
+        made = Entries({**left, **said}, own.file, own.path)
+        places = {k: base.inherited.get(k, (base.file, base.path)) for k in left}
+        made.inherited = {k: place for k, place in places.items() if k not in said}
+        return made
+    old, new = _by_name(base), _by_name(own)
+    if old is None or new is None:
+        return own
+    return list({**old, **{k: _merged(old.get(k), row) for k, row in new.items()}}.values())
+
+
+def _without_dropped(base: Entries, own: Entries) -> dict[str, Any]:
+    """Return the entries of the base that a table does not drop."""
+    if "drop" not in own:
+        return dict(base)
+    table = Table(own, own.file, own.path)
+    gone = table.texts("drop")
+    for key in gone:
+        if key not in base:
+            raise table.fail("drop", f"got {key!r}; allowed: {', '.join(base)}")
+    return {k: v for k, v in base.items() if k not in gone}
+
+
+def _by_name(rows: Any) -> dict[str, Entries] | None:
+    """Return an array of tables by their names, else their frames; None when these do not do."""
+    if not isinstance(rows, list):
+        return None
+    found = {
+        str(row.get("name", row.get("frame"))): row
+        for row in cast(list[Any], rows)
+        if isinstance(row, Entries) and ("name" in row or "frame" in row)
+    }
+    return found if len(found) == len(cast(list[Any], rows)) else None
 
 
 def toml_text(document: Mapping[str, Any]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -65,11 +64,6 @@ class ChainPose:
             where = closed_coordinates(self._mechanism, q)[..., self._rows]
         return _product(where, self.slides, self.parts)
 
-    @property
-    def linear(self) -> bool:
-        """Whether hinges follow the joints by ratios alone."""
-        return self._closed and not self._general
-
     def _ways(self) -> tuple[list[int], list[int]]:
         """Return the frames from the common ancestor to the base, and from there to the frame."""
         base, end = (
@@ -97,46 +91,6 @@ class ChainPose:
                 at = at @ frame.before @ frame.after
         parts.append(np.stack([at.ravel(), *np.zeros((3, 16))]))
         return _padded(np.stack(parts), 1 << (len(parts) - 1).bit_length())
-
-
-class ChainPoses:
-    """Compute the poses of many chains together, which takes little longer than one.
-
-    Args:
-        chains: each with loops of parallelograms only (`ChainPose.linear`)
-
-    Raises:
-        ValueError: one of them has others
-    """
-
-    def __init__(self, chains: Sequence[ChainPose]) -> None:
-        if not all(chain.linear for chain in chains):
-            raise ValueError("a chain whose hinges do not follow its joints by ratios alone")
-        length = max((len(chain.parts) for chain in chains), default=1)
-        most = max((int((c.ratios != 0.0).sum(axis=1).max(initial=0)) for c in chains), default=0)
-        self._parts = np.zeros((len(chains), length, 4, 16))
-        self._slides = np.zeros((len(chains), length - 1), dtype=bool)
-        self._ratios = np.zeros((len(chains), length - 1, most))
-        self._joints = np.zeros((len(chains), length - 1, most), dtype=np.intp)
-        first = 0
-        for index, chain in enumerate(chains):
-            hinges, count = chain.ratios.shape
-            self._parts[index] = _padded(chain.parts, length)
-            self._slides[index, :hinges] = chain.slides
-            for hinge, row in enumerate(chain.ratios):
-                moved_by = np.flatnonzero(row)
-                self._ratios[index, hinge, : len(moved_by)] = row[moved_by]
-                self._joints[index, hinge, : len(moved_by)] = first + moved_by
-            first += count
-
-    def __call__(self, q: Array) -> Array:
-        """Return every chain's pose, (n_chains, 4, 4).
-
-        Args:
-            q: joint positions of all chains, one after the other [rad or m]
-        """
-        where = (q[self._joints] * self._ratios).sum(axis=-1)
-        return _product(where, self._slides, self._parts)
 
 
 def _product(where: Array, slides: NDArray[np.bool_], parts: Array) -> Array:

@@ -19,13 +19,13 @@ from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.screws import nearest_point_to_lines
 from trocar.geometry.se3 import transform
 from trocar.kinematics.inverse_gimbal_arm import GimbalArmGeometry, inverse_gimbal_arm
-from trocar.kinematics.inverse_rcm_arm import (
-    Limits,
-    RcmArmGeometry,
-    inverse_rcm_arm,
-    nearest_rcm_arm,
+from trocar.kinematics.inverse_rcm_arm import RcmArmGeometry, inverse_rcm_arm, nearest_rcm_arm
+from trocar.kinematics.inverse_rcm_scope import (
+    RcmScopeGeometry,
+    inverse_rcm_scope,
+    nearest_rcm_scope,
 )
-from trocar.kinematics.inverse_rcm_scope import RcmScopeGeometry, inverse_rcm_scope
+from trocar.kinematics.solutions import Limits
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def rcm_scope(axes: JointAxes) -> Chain:
         _refuse_platform(platform)
         return inverse_rcm_scope(geometry, T, lower, upper, seed)
 
-    return Chain(base, forward, solve)
+    return Chain(base, forward, solve, partial(nearest_rcm_scope, geometry))
 
 
 def gimbal_arm(axes: JointAxes) -> Chain:

@@ -125,22 +125,48 @@ def nearest_solution(
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform_angle)[0]
 
 
+def nearest_start(mechanism: Mechanism, structure: str, T: Array, seed: Array) -> Array | None:
+    """Find where Newton's method may start in search of `nearest_solution`, (n,).
+
+    Returns:
+        the solution of the chain that the mechanism nearly is, with room beyond the limits; None
+        where it has none, where the structure has no quick way, or where the mechanism is that
+        chain and `nearest_solution` quick enough
+    """
+    fit = fit_chain(mechanism, structure)
+    if fit.chain.nearest is None or fit.deviation <= EXACT:
+        return None
+    ends = _ends(mechanism, structure)
+    in_chain = ends.before @ T @ ends.after
+    if structure == "rcm_scope":
+        in_chain = _pointed_at_centre(in_chain)
+    found = fit.chain.nearest(in_chain, ends.wider, seed.tolist())
+    return None if found is None else np.array(found)
+
+
 @dataclass(frozen=True, eq=False)
 class _Ends:
-    """What stands before and behind a chain, inverted, and the limits of its joints."""
+    """What stands before and behind a chain, inverted, and the limits of its joints.
+
+    `wider` are the limits within which Newton's method may start.
+    """
 
     before: Array
     after: Array
     limits: tuple[tuple[float, float], ...]
+    wider: tuple[tuple[float, float], ...]
 
 
 @lru_cache(maxsize=64)
 def _ends(mechanism: Mechanism, structure: str) -> _Ends:
     fit = fit_chain(mechanism, structure)
-    limits = zip(
-        mechanism.lower[: fit.count].tolist(), mechanism.upper[: fit.count].tolist(), strict=True
+    joints = _range(mechanism, fit.count)
+    slack = _slack(fit, joints)
+    limits, wider = (
+        tuple(zip((joints.lower - beyond).tolist(), (joints.upper + beyond).tolist(), strict=True))
+        for beyond in (np.zeros(fit.count), slack)
     )
-    return _Ends(inverse(fit.chain.base), inverse(fit.tip), tuple(limits))
+    return _Ends(inverse(fit.chain.base), inverse(fit.tip), limits, wider)
 
 
 def _range(mechanism: Mechanism, count: int) -> JointRange:
@@ -158,12 +184,17 @@ def _starts(
     asked: tuple[Array, float | None],
 ) -> Array:
     """Solve in closed form, with some room beyond the limits of what moves afterwards, (k, n)."""
-    most = np.where(joints.slides, SLACK_M, SLACK_RAD)
-    slack = np.where(moving, np.minimum(SLACK_FACTOR * fit.deviation, most), 0.0)
+    slack = np.where(moving, _slack(fit, joints), 0.0)
     try:
         return fit.chain.solve(T, joints.lower - slack, joints.upper + slack, *asked)
     except UnreachableError:  # not even then: say so with the limits as they are
         return fit.chain.solve(T, joints.lower, joints.upper, *asked)
+
+
+def _slack(fit: Fit, joints: JointRange) -> Array:
+    """Give how far beyond the limits Newton's method may start, (n,) [rad or m]."""
+    most = np.where(joints.slides, SLACK_M, SLACK_RAD)
+    return np.minimum(SLACK_FACTOR * fit.deviation, most)
 
 
 def _pointed_at_centre(T: Array) -> Array:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import atan2, cos, floor, hypot, inf, pi, sin, sqrt
+from math import atan2, cos, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,17 +21,17 @@ from trocar.geometry.se3 import check_transform
 from trocar.kinematics.rcm_shaft import shaft_angles, shaft_axes
 from trocar.kinematics.solutions import (
     LIMIT_TOLERANCE,
-    TURN,
     JointRange,
+    Limits,
     inside,
     joint_range,
     nearest_first,
+    nearest_turn,
     out_of_limits,
     some_inside,
 )
 
 Array = NDArray[np.float64]
-Limits = Sequence[tuple[float, float]]
 
 JOINTS = ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
 SLIDES = (False, False, True, False, False, False)
@@ -153,7 +153,7 @@ def nearest_rcm_arm(
             return None
         ex, ey, ez = by * a22 - bz * a12, bz * a02 - bx * a22, bx * a12 - by * a02  # x5 x z6
         turn = atan2(bx * a00 + by * a10 + bz * a20, ex * a00 + ey * a10 + ez * a20)
-        q6 = _near(turn, seed[5], limits[5])
+        q6 = nearest_turn(turn, seed[5], limits[5])
         if q6 is None:
             continue
         for depth in (norm, -norm):
@@ -162,7 +162,7 @@ def nearest_rcm_arm(
                 continue
             ux, uy, uz = wx / depth, wy / depth, wz / depth
             turn = atan2(-(ux * a02 + uy * a12 + uz * a22), ux * bx + uy * by + uz * bz)
-            q5 = _near(turn, seed[4], limits[4])
+            q5 = nearest_turn(turn, seed[4], limits[4])
             if q5 is None:
                 continue
             level = hypot(ux, uz)
@@ -170,12 +170,12 @@ def nearest_rcm_arm(
                 return None
             yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
             for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
-                q1, q2 = _near(q1, seed[0], limits[0]), _near(q2, seed[1], limits[1])
+                q1, q2 = nearest_turn(q1, seed[0], limits[0]), nearest_turn(q2, seed[1], limits[1])
                 if q1 is None or q2 is None:
                     continue
                 s1, c1, s2, c2 = sin(q1), cos(q1), sin(q2), cos(q2)
                 turn = atan2(ex * s1 * s2 + ey * c2 - ez * c1 * s2, -ex * c1 - ez * s1)
-                q4 = _near(turn, seed[3], limits[3])
+                q4 = nearest_turn(turn, seed[3], limits[3])
                 if q4 is None:
                     continue
                 q = (q1, q2, min(max(q3, low3), high3), q4, q5, q6)
@@ -185,19 +185,6 @@ def nearest_rcm_arm(
                 if far < best:
                     best, found = far, q
     return found
-
-
-def _near(q: float, seed: float, limits: tuple[float, float]) -> float | None:
-    """Return q plus the whole turns that bring it nearest to a seed inside limits, or None."""
-    low, high = limits
-    q += TURN * floor((seed - q) / TURN + 0.5)
-    if q > high + LIMIT_TOLERANCE:
-        q -= TURN
-    elif q < low - LIMIT_TOLERANCE:
-        q += TURN
-    if low - LIMIT_TOLERANCE <= q <= high + LIMIT_TOLERANCE:
-        return min(max(q, low), high)
-    return None
 
 
 def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:

@@ -6,7 +6,9 @@ scope the last; the pose's z axis has no freedom left and must point along the s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import atan2, copysign, cos, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +17,12 @@ from trocar.errors import SingularError, UnreachableError
 from trocar.geometry.se3 import check_transform
 from trocar.kinematics.rcm_shaft import shaft_angles, shaft_axes
 from trocar.kinematics.solutions import (
+    LIMIT_TOLERANCE,
+    Limits,
     inside,
     joint_range,
     nearest_first,
+    nearest_turn,
     out_of_limits,
     some_inside,
 )
@@ -97,6 +102,56 @@ def inverse_rcm_scope(
     if len(solutions) == 0:
         raise out_of_limits(candidates, joints)
     return nearest_first(solutions, joints, seed)
+
+
+def nearest_rcm_scope(
+    geometry: RcmScopeGeometry, T: Array, limits: Limits, seed: Sequence[float]
+) -> tuple[float, ...] | None:
+    """Find the solution of `inverse_rcm_scope` that is nearest to a seed, in plain numbers.
+
+    Args:
+        geometry: as for `inverse_rcm_scope`
+        T: pose of the tip in frame 0, (4, 4)
+        limits: lower and upper of each joint, four pairs
+        seed: four numbers [rad, insertion m]
+
+    Returns:
+        four numbers; None where there is no solution, joints are not determined, or the tip is
+        near the remote centre: `inverse_rcm_scope` then finds or says why
+    """
+    (a00, _, a02, px), (a10, _, a12, py), (a20, _, a22, pz), _ = T.tolist()
+    along = px * a02 + py * a12 + pz * a22
+    depth = copysign(sqrt(px * px + py * py + pz * pz), along)
+    mx, my, mz = py * a22 - pz * a12, pz * a02 - px * a22, px * a12 - py * a02
+    miss = atan2(sqrt(mx * mx + my * my + mz * mz), abs(along))
+    low3, high3 = limits[2]
+    q3 = depth + geometry.insertion_offset - geometry.scope_length
+    if abs(depth) < TIP_AT_CENTRE or miss > DIRECTION_TOLERANCE:
+        return None
+    if not low3 - LIMIT_TOLERANCE <= q3 <= high3 + LIMIT_TOLERANCE:
+        return None
+    ux, uy, uz = px / depth, py / depth, pz / depth
+    level = hypot(ux, uz)
+    if level < SHAFT_ON_YAW_AXIS:
+        return None
+    yaw, pitch = atan2(ux, -uz), atan2(-uy, level)
+    best, found = inf, None
+    for q1, q2 in ((yaw, pitch), (yaw + pi, pi - pitch)):
+        q1, q2 = nearest_turn(q1, seed[0], limits[0]), nearest_turn(q2, seed[1], limits[1])
+        if q1 is None or q2 is None:
+            continue
+        s1, c1, s2, c2 = sin(q1), cos(q1), sin(q2), cos(q2)
+        turn = atan2(-a00 * c1 - a20 * s1, -a00 * s1 * s2 - a10 * c2 + a20 * c1 * s2)
+        q4 = nearest_turn(turn, seed[3], limits[3])
+        if q4 is None:
+            continue
+        q = (q1, q2, min(max(q3, low3), high3), q4)
+        far = 0.0
+        for a, b, (low, high) in zip(q, seed, limits, strict=True):
+            far += ((a - b) / (high - low)) ** 2
+        if far < best:
+            best, found = far, q
+    return found
 
 
 def _scope_line(T: Array) -> tuple[Array, float]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import acos
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +14,7 @@ Array = NDArray[np.float64]
 #: Terms of the series. Source: a four-bar's angles are smooth where it is not flat; 0.2 rad from
 #: there 48 terms leave 1e-13 rad (measured on a calibrated PSM).
 TERMS = 48
+ORDERS = np.arange(TERMS)
 #: How far beyond its limits, in shares of its range, a joint is still in the table: a simulated one
 #: passes them by a little. Source: our own choice.
 MARGIN = 0.02
@@ -36,8 +39,28 @@ class LoopTable:
         """Return what couplings alone leave out, (..., n_passive); 0 outside the table's range."""
         share = (q[..., self.column] - self.middle) / self.half
         turn = np.arccos(np.clip(share, -1.0, 1.0))
-        found = np.cos(turn[..., None] * np.arange(TERMS)) @ self.series
+        found = np.cos(turn[..., None] * ORDERS) @ self.series
         return np.where((np.abs(share) <= 1.0)[..., None], found, 0.0)
+
+    def at(self, position: float) -> tuple[Array, Array] | None:
+        """Return what couplings alone leave out at one position of the joint, and its slope.
+
+        Returns:
+            (n_passive,) each [rad or m, per rad or m]; None outside the table's range
+        """
+        share = (position - self.middle) / self.half
+        if not -1.0 <= share <= 1.0:
+            return None
+        found = np.cos(acos(share) * ORDERS).dot(self._with_slopes)
+        half = len(found) // 2
+        return found[:half], found[half:]
+
+    @cached_property
+    def _with_slopes(self) -> Array:
+        """Coefficients of the series and of their derivatives, (TERMS, 2 n_passive)."""
+        slopes = np.zeros_like(self.series)
+        slopes[:-1] = np.polynomial.chebyshev.chebder(self.series, scl=1.0 / self.half)
+        return np.concatenate([self.series, slopes], axis=1)
 
 
 def nodes(lower: float, upper: float) -> Array:

@@ -113,7 +113,7 @@ def _newton(mechanism: Mechanism, start: Array) -> tuple[Array, Array]:
 
 def _near(mechanism: Mechanism, q: Array, start: Array) -> Array:
     """Return coordinates from a table of the closed loops, those given where it does not reach."""
-    table = _loop_table(mechanism)
+    table = folding_table(mechanism)
     if table is None:
         return start
     passive = passive_frames(mechanism)
@@ -123,8 +123,8 @@ def _near(mechanism: Mechanism, q: Array, start: Array) -> Array:
 
 
 @lru_cache(maxsize=64)
-def _loop_table(mechanism: Mechanism) -> LoopTable | None:
-    """Tabulate how far the passive frames are from their couplings, where one joint folds all.
+def folding_table(mechanism: Mechanism) -> LoopTable | None:
+    """Tabulate how far `passive_frames` are from their couplings, None unless one joint folds all.
 
     Newton's method that starts there has nothing left to do, which is five times faster.
     """

@@ -5,7 +5,9 @@ Used by every inverse kinematics; it knows limits and whole turns, no arm.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import floor
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, UnreachableError
 
 Array = NDArray[np.float64]
+#: Lower and upper of each joint, in plain numbers [rad or m].
+Limits = Sequence[tuple[float, float]]
 
 TURN = 2.0 * np.pi
 
@@ -141,6 +145,19 @@ def nearest_first(solutions: Array, joints: JointRange, seed: ArrayLike | None) 
     gaps = np.abs(ordered[:, None] - ordered[None, :]).max(axis=-1, initial=0.0)
     repeated = np.tril(gaps < LIMIT_TOLERANCE, k=-1).any(axis=-1)
     return ordered[~repeated]
+
+
+def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | None:
+    """Return q plus the whole turns that bring it nearest to a seed inside limits, or None."""
+    low, high = limits
+    q += TURN * floor((seed - q) / TURN + 0.5)
+    if q > high + LIMIT_TOLERANCE:
+        q -= TURN
+    elif q < low - LIMIT_TOLERANCE:
+        q += TURN
+    if low - LIMIT_TOLERANCE <= q <= high + LIMIT_TOLERANCE:
+        return min(max(q, low), high)
+    return None
 
 
 def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:

@@ -38,13 +38,13 @@ from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset
 from trocar.modeling.options import (
     IMPRATIO,
+    ISLAND_JOINTS,
     LAYERS,
     STIFF_IMPEDANCE,
     STIFF_PERIODS,
     STILL_M_S,
     STOP_PERIODS,
     ModelOptions,
-    solved_apart,
 )
 
 Array = NDArray[np.float64]
@@ -237,10 +237,8 @@ class Draft:
 
     def _set_islands(self, objects: int) -> None:
         option = cast(Any, self.spec.option)
-        apart = solved_apart(len(self.spec.joints) - objects, objects)
-        option.disableflags |= (
-            mujoco.mjtDisableBit.mjDSBL_WARMSTART if apart else mujoco.mjtDisableBit.mjDSBL_ISLAND
-        )
+        if not objects and len(self.spec.joints) < ISLAND_JOINTS:
+            option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         if objects:
             option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
             option.sleep_tolerance = STILL_M_S

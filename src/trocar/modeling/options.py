@@ -44,15 +44,19 @@ class ModelOptions:
     locked: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
 
-#: From so many joints on the solver takes arms that do not touch apart, and begins without the last
-#: solution, which it would have to rate undivided. Source: measured per physics step: a PSM is 7 %
-#: faster undivided, the cart with locked setup joints (47 joints) 4 %, the cart with its brakes
-#: (69 joints) 10 % slower, and 2 to 5 % slower in motion when it rates the last solution.
+#: From so many joints on the solver works on islands: arms that do not touch are solved apart. It
+#: always starts from the last solution (1 iteration where it needs 3 to 7 without).
+#: Source: measured on one thread of an EPYC in interleaved passes, median of the ratios of mj_step
+#: in motion, islands beside no islands, both warm: psm (13 joints) 1.08, two_psm_ecm (34) 1.07,
+#: the cart with locked setup joints (47) 1.04, suj_two_psm_ecm (50) 1.00, full_cart with its
+#: brakes (69) 0.94, full_cart_mtm (91) 0.88. Warm beside cold, both on islands: full_cart 0.91,
+#: full_cart_mtm 0.91, pegs with all objects asleep 0.91, with a block in the jaws 0.61; the motion
+#: differs by 7e-9 rad at most after 0.6 s.
 ISLAND_JOINTS = 60
-#: A rig with objects is always taken apart: what lies still then sleeps, and costs nothing until
-#: something touches it. Slower than this for 10 periods is still. Source: our own choice, a tenth
-#: of MuJoCo's. Measured per physics step: 20 blocks beside the cart with masters 420 us awake,
-#: 170 us asleep. [m/s]
+#: A rig with objects is always solved on islands: what lies still then sleeps, and costs nothing
+#: until something touches it. Slower than this for 10 periods is still. Source: our own choice, a
+#: tenth of MuJoCo's. Measured per physics step: 20 blocks beside the cart with masters, 420 us
+#: awake, 170 us asleep. [m/s]
 STILL_M_S = 1e-4
 #: Time constant of loops, in physics periods. Source: measured on the PSM and ECM under
 #: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole period.
@@ -71,13 +75,3 @@ CONTACT_PERIODS = 2.0
 CONTACT_IMPEDANCE = (0.9999, 0.9999, 0.0001, 0.5, 2.0)
 IMPRATIO = 10.0
 CONTACT_FRICTION = (1.0, 0.002, 0.0005)
-
-
-def solved_apart(hinges: int, objects: int) -> bool:
-    """Tell whether the solver takes a model apart into what does not touch.
-
-    Args:
-        hinges: of all arms
-        objects: that can be moved
-    """
-    return hinges >= ISLAND_JOINTS or objects > 0

@@ -1,14 +1,15 @@
 """The model in time."""
 
-from trocar.simulation.batch import Batch, Readings
-from trocar.simulation.sensor_readings import (
-    Contact,
+from trocar.descriptions.sensor_records import Contact, SensorReading
+from trocar.descriptions.sensors import (
     ContactsReading,
     EffortReading,
     ImuReading,
     ProximityReading,
+    TwistReading,
     WrenchReading,
 )
+from trocar.simulation.batch import Batch, Readings
 from trocar.simulation.world import State, World
 
 __all__ = [
@@ -19,7 +20,9 @@ __all__ = [
     "ImuReading",
     "ProximityReading",
     "Readings",
+    "SensorReading",
     "State",
+    "TwistReading",
     "World",
     "WrenchReading",
 ]

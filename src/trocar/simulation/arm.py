@@ -15,9 +15,11 @@ from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import adjoint, check_transform, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import nearest_solution
+from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
+from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
+from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
 from trocar.simulation.control import Clock, ControlState, JointControl
 from trocar.simulation.controllers import (
@@ -63,8 +65,25 @@ STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
 #: Cartesian commands need the first wrist joint this far past the remote centre. Source:
 #: mtsIntuitiveResearchKit.h, SafeDistanceFromRCM. [m]
 SAFE_DEPTH_M = 0.045
+#: Source: our own choice; motors' efforts say nothing of directions in which a tip moves so little.
+RCOND = 1e-9
 #: The closed form of masters, whose wrist platform is free and whose gimbal can be locked.
 GIMBAL_ARM = "gimbal_arm"
+
+
+def least_squares(A: Array, b: Array) -> Array:
+    """Return the smallest x with the least |A x - b|; directions weaker than RCOND are left out.
+
+    Where A is square and far from singular, that is by its inverse, in half the time.
+    """
+    if A.shape[0] == A.shape[1]:
+        try:
+            back = np.linalg.inv(A)
+        except np.linalg.LinAlgError:
+            back = np.full_like(A, np.inf)
+        if np.vdot(A, A) * np.vdot(back, back) < RCOND**-2:
+            return back.dot(b)
+    return np.asarray(np.linalg.lstsq(A, b, rcond=RCOND)[0], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +143,6 @@ class Arm:
         self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
         self.poses = dict(rig_arm.arm.poses)
         self.motors = motors
-        #: Whether poses are those of MuJoCo's frames: loops are parallelograms, joints simulated.
-        self._direct = motors.index.parallel and not motors.welded
         self.control = JointControl(self.name, motors, self._clock, before)
         self._states = self.control.states
         self._push = np.zeros(rig_arm.arm.own_joints)
@@ -743,7 +760,7 @@ class Arm:
 
     def measured_cp(self) -> Pose:
         """Return the tip's pose, a PSM's in the ECM's frame where there is one."""
-        if self._base is not None or not self._direct:
+        if self._base is not None or not self._clock.frames.follows(self.name):
             base, frame = self.base_frame()
             return Pose(base @ self.local_measured_cp().T, frame, self._clock.time)
         T, frame = self._clock.frames.public(self.name, self._clock.reference_arm)
@@ -751,7 +768,7 @@ class Arm:
 
     def setpoint_cp(self) -> Pose:
         """Return the pose of the tip at the set-points, in the frame of `measured_cp`."""
-        if self._base is not None or not self._direct:
+        if self._base is not None or not self._clock.frames.follows(self.name):
             base, frame = self.base_frame()
             return Pose(base @ self.local_setpoint_cp().T, frame, self._clock.time)
         clock, told = self._clock, self.motors.position
@@ -760,14 +777,17 @@ class Arm:
 
     def local_measured_cp(self) -> Pose:
         """Return the tip's pose in the arm's own reference frame (the remote centre's)."""
-        if not self._direct:
+        if not self._clock.frames.follows(self.name):
             return self._local_pose(self.positions())
         T, frame = self._clock.frames.measured(self.name), self.description.mechanism.reference
         return Pose(T, frame, self._clock.time)
 
     def local_setpoint_cp(self) -> Pose:
         """Return the pose of the tip at the set-points in the arm's own reference frame."""
-        return self._local_pose(self.motors.position)
+        if not self._clock.frames.follows(self.name):
+            return self._local_pose(self.motors.position)
+        T = self._clock.frames.local_at(self.name, self.motors.position)
+        return Pose(T, self.description.mechanism.reference, self._clock.time)
 
     def measured_cv(self) -> Twist:
         """Return the velocity of the tip's origin and its rotation, in axes of `measured_cp`."""
@@ -778,11 +798,10 @@ class Arm:
 
     def local_measured_cv(self) -> Twist:
         """Return the same in axes of the arm's own reference frame [m/s, rad/s]."""
-        q, qd, _ = self.readings()
-        mechanism = self.description.mechanism
-        twist = jacobian_body(mechanism, q) @ qd
-        R = chain_pose(mechanism)(q)[:3, :3]
-        return Twist(R @ twist[:3], R @ twist[3:], mechanism.reference, self._clock.time)
+        reference, qd = self.description.mechanism.reference, self.motors.read()[1]
+        R = self.local_measured_cp().T[:3, :3]
+        twist = self._jacobian("body").dot(qd)
+        return Twist(R @ twist[:3], R @ twist[3:], reference, self._clock.time)
 
     def measured_cf(self, frame: WrenchFrame = "body") -> Wrench:
         """Return the wrench that the motors exert at the tip, what carries the links not counted.
@@ -797,7 +816,7 @@ class Arm:
         """
         J = self.jacobian(frame)
         effort = (self.motors.read()[2] - self.motors.load())[self._own]
-        wrench = np.asarray(np.linalg.lstsq(J.T, effort, rcond=1e-9)[0], dtype=np.float64)
+        wrench = least_squares(J.T, effort)
         mechanism = self.description.mechanism
         named = f"{self.name}_{mechanism.tip}" if frame == "body" else mechanism.reference
         return Wrench(wrench[:3], wrench[3:], named, self._clock.time)
@@ -810,10 +829,7 @@ class Arm:
         """
         if frame not in FRAMES:
             raise InputError(f"{self.name}: got frame {frame!r}; allowed: {', '.join(FRAMES)}")
-        if self._direct:
-            return self._clock.frames.jacobian(self.name, frame)[:, self._own]
-        of = jacobian_body if frame == "body" else jacobian_spatial
-        return of(self.description.mechanism, self.positions())[:, self._own]
+        return self._jacobian(frame)[:, self._own]
 
     # ------------------------------------------------------------------ kinematics
 
@@ -844,26 +860,38 @@ class Arm:
         if wanted.shape != (4, 4):
             raise InputError(f"{self.name}: got a pose of shape {wanted.shape}; allowed: (4, 4)")
         start = self.control.told(self._own) if seed is None else self._whole(seed)[self._own]
-        return nearest_solution(
-            self.description.mechanism,
-            structure,
-            inverse(self.base_frame()[0]) @ wanted,
-            start,
-            platform_angle=float(start[PLATFORM]) if structure == GIMBAL_ARM else None,
-        )
+        mechanism, local = self.description.mechanism, self._in_own_frame(wanted)
+        if self._clock.frames.follows(self.name):
+            near = nearest_start(mechanism, structure, local, start)
+            tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE
+            frames = self._clock.frames
+            found = None if near is None else frames.reach(self.name, local, near, tolerance)
+            if found is not None:
+                inside = np.clip(found, self.lower[self._own], self.upper[self._own])
+                if (np.abs(found - inside) <= LIMIT_TOLERANCE).all():
+                    return inside
+        platform = float(start[PLATFORM]) if structure == GIMBAL_ARM else None
+        return nearest_solution(mechanism, structure, local, start, platform_angle=platform)
 
-    def sample(self, read: tuple[Array, Array, Array, Array] | None = None) -> ArmSample:
+    def sample(self, read: tuple[Array, ...] | None = None) -> ArmSample:
         """Return copies of what every reading of this arm is computed from.
 
         Args:
-            read: positions, velocities, efforts and loads (n,) each, where somebody has read them
+            read: the first seven arrays of an `ArmSample`, where somebody has copied them
         """
         motors, moves = self.motors, self.control.moves
+        if read is None:
+            told = motors.position.copy(), motors.velocity.copy(), motors.effort.copy()
+            read = *self.readings(), motors.load(), *told
+        q, qd, effort, load, told_q, told_qd, told_effort = read
         return ArmSample(
-            *(read or (*self.readings(), motors.load())),
-            motors.position.copy(),
-            motors.velocity.copy(),
-            motors.effort.copy(),
+            q,
+            qd,
+            effort,
+            load,
+            told_q,
+            told_qd,
+            told_effort,
             not motors.welded and motors.gravity_compensated,
             self._states.state,
             self._states.homed,
@@ -873,7 +901,7 @@ class Arm:
             (moves.velocity_ratio, moves.acceleration_ratio),
             self.gripper is not None and self.gripper.closed,
             self._lock is not None,
-            motors.brakes and bool(motors.locked.all()),
+            motors.brakes and np.count_nonzero(motors.locked) == len(motors.locked),
         )
 
     # ------------------------------------------------------------------ used by the world
@@ -1142,6 +1170,19 @@ class Arm:
             self._clock.time,
         )
 
+    def _in_own_frame(self, T: Array) -> Array:
+        """Return a pose in the frame of `measured_cp` in the arm's reference frame, (4, 4)."""
+        if self._base is not None:
+            return inverse(self._base[0]).dot(T)
+        return self._clock.frames.own(self.name, T, self._clock.reference_arm)
+
+    def _jacobian(self, frame: WrenchFrame) -> Array:
+        """Return J with (linear; angular) = J @ qd where the arm is, (6, n)."""
+        if self._clock.frames.follows(self.name):
+            return self._clock.frames.jacobian(self.name, frame)
+        of = jacobian_body if frame == "body" else jacobian_spatial
+        return of(self.description.mechanism, self.positions())
+
     def _local_pose(self, q: Array) -> Pose:
         mechanism = self.description.mechanism
         return Pose(chain_pose(mechanism)(q), mechanism.reference, self._clock.time)
@@ -1170,7 +1211,7 @@ class Arm:
         mechanism = self.description.mechanism
         if self.type != "PSM" or "wrist_pitch" not in mechanism.frame_index:
             return True
-        if self._direct:
+        if self._clock.frames.follows(self.name):
             depth = self._clock.frames.depth(self.name)
         else:
             q = self.positions()

@@ -439,7 +439,7 @@ class JointControl:
         return (
             self.states.ready
             and not (self.lent or self.taken or m.brakes or m.welded)
-            and not m.modes[part].any()
+            and not np.count_nonzero(m.modes[part])
         )
 
     def tell(self, event: str, **values: object) -> None:
@@ -455,7 +455,7 @@ class JointControl:
             values = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
             if len(values) != len(limits):
                 return False
-            for value, (low, high) in zip(values, limits, strict=True):
+            for value, (low, high) in zip(values, limits):  # noqa: B905  as many, and often
                 if type(value) is not float or not low <= value <= high:  # NaN is neither
                     return False
         except TypeError:

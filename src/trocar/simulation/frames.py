@@ -6,12 +6,19 @@ MjData, which is never stepped.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import CART, DISPLAY, RigDescription
+from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
+from trocar.errors import LoopError
 from trocar.geometry.se3 import inverse
+from trocar.kinematics.forward import coordinates
+from trocar.kinematics.loop_table import LoopTable
+from trocar.kinematics.loops import coordinate_rates, folding_table, passive_frames
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
 from trocar.simulation.controllers import WrenchFrame
@@ -19,14 +26,21 @@ from trocar.simulation.controllers import WrenchFrame
 Array = NDArray[np.float64]
 
 IDENTITY = np.eye(4)
+#: Newton's method brings a tip to a pose to this [m or rad]. Source: our own choice; rounding is
+#: some 1e-15, and 1e-9 is promised.
+REACHED = 1e-11
+#: It takes at most so many steps, each of at most the second figure [rad or m]. Source: our own
+#: choice; from a closed form that is off by some mm it takes three.
+NEWTON_STEPS, LONGEST_STEP = 10, 0.2
 
 
 class Frames:
     """Poses of one rig's frames in the world and in each other.
 
-    Tips are where the measured joints have them (forward kinematics, loops as drawn), so that they
+    Tips are where the measured joints have them (forward kinematics, loops closed), so that they
     agree with `trocar fk`; bodies are where the physics has them, which is off by the loops'
-    compliance (0.3 to 0.6 um in motion, measured).
+    compliance (0.3 to 0.6 um in motion, measured). Without `follows` an arm's tip is where the
+    physics has it.
 
     Args:
         rig: its description
@@ -55,13 +69,14 @@ class Frames:
             {arm.name: self._site(naming.frame_site(arm.name, frame)) for arm in rig.arms}
             for frame in ("tip", "reference")
         )
-        self._couple: dict[str, Array] = {}
+        self._linkages: dict[str, Linkage] = {}
         for arm in rig.arms:
             index = table.arms[arm.name]
-            if index.parallel:
-                rows = index.rows
-                couple = self._couple[arm.name] = table.couple[index.qpos][:, rows]
-                self._project[index.qpos] = couple @ table.drive[rows]
+            loops = None if index.parallel else folding_table(arm.arm.mechanism)
+            if len(index.hinges) and (index.parallel or loops):
+                linkage = self._linkages[arm.name] = Linkage(arm, table, loops)
+                self._project[index.qpos] = linkage.couple @ table.drive[index.rows]
+        self._skew = [linkage for linkage in self._linkages.values() if linkage.skew]
         #: Where public poses are seen from, by arm and reference arm: a site, what stands before
         #: it, and the frame's name.
         self._views: dict[tuple[str, str], tuple[Site, Array | None, str]] = {}
@@ -82,16 +97,33 @@ class Frames:
     def tips(self) -> mujoco.MjData:
         """Return the shadow with frames where the measured joints have them."""
         np.dot(self._project, self._qpos, out=self._shown)
+        for linkage in self._skew:
+            linkage.close(self._qpos, self._shown)
         mujoco.mj_kinematics(self._model, self.shadow)
         return self.shadow
 
     def told(self, name: str, q: Array) -> mujoco.MjData:
         """Return the shadow as `tips` does, with one arm at joint positions, (n,)."""
         np.dot(self._project, self._qpos, out=self._shown)
-        index = self._table.arms[name]
-        self._shown[index.qpos] = self._couple[name].dot(q)
+        for linkage in self._skew:
+            linkage.close(self._qpos, self._shown)
+        self._shown[self._table.arms[name].qpos] = self._linkages[name].at(q)[0]
         mujoco.mj_kinematics(self._model, self.shadow)
         return self.shadow
+
+    def posed(self, q: Mapping[str, Array], out: mujoco.MjData) -> mujoco.MjData:
+        """Put another MjData's frames where `tips` has them, with arms at joint positions.
+
+        Args:
+            q: {arm: joint positions (n,)}, of all arms; those that do not follow theirs
+                (`follows`) stay where they are
+            out: of the same model
+        """
+        np.dot(self._project, self._qpos, out=out.qpos)
+        for name, linkage in self._linkages.items():
+            out.qpos[linkage.qpos] = linkage.at(q[name])[0]
+        mujoco.mj_kinematics(self._model, out)
+        return out
 
     # ------------------------------------------------------------------ arms
 
@@ -100,12 +132,17 @@ class Frames:
         self.tips()
         return self._tip[name].seen_from(self._reference[name])
 
+    def local_at(self, name: str, q: Array) -> Array:
+        """Return the tip at joint positions (n,) as `measured` does, of an arm that `follows`."""
+        self.told(name, q)
+        return self._tip[name].seen_from(self._reference[name])
+
     def public(self, name: str, reference_arm: str) -> tuple[Array, str]:
         """Return the measured tip in the frame of the arm's public poses, and that one's name."""
         return self._seen(self._tip[name], name, reference_arm)
 
     def public_at(self, name: str, q: Array, reference_arm: str) -> tuple[Array, str]:
-        """Return the tip at joint positions as `public` does, of an arm with parallelograms."""
+        """Return the tip at joint positions as `public` does, of an arm that `follows`."""
         origin, before, frame = self._origin(name, reference_arm)
         self.told(name, q)
         T = self._tip[name].seen_from(origin)
@@ -126,6 +163,15 @@ class Frames:
         """
         return self._seen(self._reference[name], name, reference_arm)
 
+    def own(self, name: str, T: Array, reference_arm: str) -> Array:
+        """Return a pose in the frame of an arm's public poses in the arm's reference frame."""
+        origin, before, _ = self._origin(name, reference_arm)
+        reference = self._reference[name]
+        if origin is reference:
+            return T if before is None else inverse(before).dot(T)
+        self.tips()
+        return origin.seen_from(reference).dot(T)
+
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
         self.tips()
@@ -140,21 +186,80 @@ class Frames:
             if "rcm" in a.arm.mechanism.frame_index
         }
 
+    def follows(self, name: str) -> bool:
+        """Return whether hinges of an arm follow its joints in closed form, loops included.
+
+        They do not where the arm is welded into the model or several joints fold its loops.
+        """
+        return name in self._linkages
+
     def jacobian(self, name: str, frame: WrenchFrame) -> Array:
-        """Return J with (linear; angular) = J @ qd of an arm with parallelograms, (6, n).
+        """Return J with (linear; angular) = J @ qd of an arm that `follows`, (6, n).
 
         Args:
             name: of the arm
             frame: "body": of the tip in its axes; "spatial": of the point at the reference frame's
                 origin in that frame's axes
         """
-        shadow, tip = self.tips(), self._tip[name]
-        mujoco.mj_comPos(self._model, shadow)
-        seen = tip if frame == "body" else self._reference[name]
-        mujoco.mj_jac(self._model, shadow, self._linear, self._angular, seen.at, tip.body)
-        index = self._table.arms[name]
-        J = self._jacobian[:, index.dof] @ self._table.share[index.rows][:, index.dof].T
+        self.tips()
+        linkage = self._linkages[name]
+        seen = self._tip[name] if frame == "body" else self._reference[name]
+        rates = linkage.at(linkage.drive.dot(self._qpos))[1]
+        J = self._slope(self._tip[name].body, seen.at, rates)
         return np.matmul(seen.turn.T, J.reshape(2, 3, -1)).reshape(6, -1)
+
+    def reach(self, name: str, T: Array, q: Array, tolerance: float = REACHED) -> Array | None:
+        """Find joint positions that bring the tip of an arm that `follows` to a pose, (n,).
+
+        By Newton's method with the loops closed; a jaw is at 0. Fewer than six joints bring it as
+        near as they can, by least squares.
+
+        Args:
+            name: of the arm
+            T: pose in the arm's reference frame, which no joint of it moves, (4, 4)
+            q: where to start, (n,), n <= 6 [rad or m]
+            tolerance: how near is near enough [m or rad]
+
+        Returns:
+            (n,), whatever the limits; None where it does not get there
+        """
+        linkage, tip, shown = self._linkages[name], self._tip[name], self._shown
+        self.bodies()
+        goal = self._reference[name].pose().dot(T)
+        at, axes = goal[:3, 3], goal[:3, :3]
+        every, miss = np.zeros(linkage.drive.shape[0]), np.empty(6)
+        found, far, longest = every[: len(q)], miss[:3], np.inf
+        found[:] = q
+        for _ in range(NEWTON_STEPS):
+            try:
+                shown[linkage.qpos], rates = linkage.at(every)
+            except LoopError:
+                return None
+            mujoco.mj_kinematics(self._model, self.shadow)
+            np.subtract(at, tip.at, out=far)
+            (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = axes.dot(tip.turn.T).tolist()
+            miss[3:] = 0.5 * (r21 - r12), 0.5 * (r02 - r20), 0.5 * (r10 - r01)
+            missed = max(map(abs, miss.tolist()))
+            if missed < REACHED or longest < REACHED:
+                return found if missed <= tolerance and r00 + r11 + r22 > 1.0 else None
+            J = self._slope(tip.body, tip.at, rates)[:, : len(q)]
+            try:
+                step = (
+                    np.linalg.solve(J, miss)
+                    if len(q) == 6
+                    else np.linalg.solve(J.T.dot(J), miss.dot(J))
+                )
+            except np.linalg.LinAlgError:
+                return None
+            longest = max(map(abs, step.tolist()))
+            found += step if longest <= LONGEST_STEP else step * (LONGEST_STEP / longest)
+        return None
+
+    def _slope(self, body: int, point: Array, rates: Array) -> Array:
+        """Return how a point of a body moves with the joints that hinges follow, (6, n)."""
+        mujoco.mj_comPos(self._model, self.shadow)
+        mujoco.mj_jac(self._model, self.shadow, self._linear, self._angular, point, body)
+        return self._jacobian.dot(rates)
 
     # ------------------------------------------------------------------ weight
 
@@ -186,6 +291,10 @@ class Frames:
         origin, before, frame = self._origin(name, reference_arm)
         return origin.id, IDENTITY if before is None else before, frame
 
+    def tip_view(self, name: str) -> int:
+        """Return the id of the site at an arm's tip."""
+        return self._tip[name].id
+
     def own_view(self, name: str) -> int:
         """Return the id of the site at an arm's own reference frame."""
         return self._reference[name].id
@@ -208,6 +317,67 @@ class Frames:
         if frame == arm.own_frame:
             return own, None, frame
         return (self._reference[arm.on] if frame == CART else self._tip[frame]), None, frame
+
+
+class Linkage:
+    """How the hinges of one arm follow its joints, where at most one joint folds its loops.
+
+    Args:
+        arm: the arm
+        table: joints of the model
+        loops: what the couplings leave out, None where loops are parallelograms
+
+    Attributes:
+        couple: hinges by the couplings alone = couple @ q, (h, n)
+        drive: q = drive @ qpos, (n, nq)
+        qpos: addresses of the hinges, (h,)
+        skew: whether the couplings leave something out
+    """
+
+    def __init__(self, arm: RigArm, table: JointTable, loops: LoopTable | None) -> None:
+        index, self._mechanism = table.arms[arm.name], arm.arm.mechanism
+        self.couple, self.drive = table.couple[index.qpos][:, index.rows], table.drive[index.rows]
+        self.qpos, self._dof, self._hinges = index.qpos, index.dof, index.hinges
+        self._rates = table.share[index.rows].T.copy()
+        self.skew = loops is not None
+        if loops is not None:
+            hinge = {frame: k for k, frame in enumerate(index.hinges.tolist())}
+            series = np.zeros((len(loops.series), len(hinge)))
+            series[:, [hinge[k] for k in passive_frames(self._mechanism)]] = loops.series
+            self._loops, self._fold = replace(loops, series=series), self.drive[loops.column]
+            self._coupled = self.couple[:, loops.column]
+
+    def close(self, qpos: Array, shown: Array) -> None:
+        """Close skew loops in `shown`, where the couplings have put the hinges for `qpos`.
+
+        Outside the table's range the hinges are where they are in `qpos`.
+        """
+        found = self._loops.at(float(self._fold.dot(qpos)))
+        if found is None:
+            shown[self.qpos] = qpos[self.qpos]
+        else:
+            shown[self.qpos] += found[0]
+
+    def at(self, q: Array) -> tuple[Array, Array]:
+        """Return where the hinges are at joint positions (n,), and d (every hinge) / d q.
+
+        Returns:
+            (h,) [rad or m], (nv, n); the latter is a buffer that the next call overwrites
+
+        Raises:
+            LoopError: the loops cannot be closed there
+        """
+        if not self.skew:
+            return self.couple.dot(q), self._rates
+        column = self._loops.column
+        found = self._loops.at(float(q[column]))
+        if found is None:
+            every, rates = coordinates(self._mechanism, q), np.zeros_like(self._rates)
+            rates[self._dof] = coordinate_rates(self._mechanism, every)[self._hinges]
+            return every[self._hinges], rates
+        beyond, slope = found
+        self._rates[self._dof, column] = self._coupled + slope
+        return self.couple.dot(q) + beyond, self._rates
 
 
 class Site:

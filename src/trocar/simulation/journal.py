@@ -86,8 +86,7 @@ class Journal:
     def command(self, source: str, name: str, values: dict[str, object]) -> None:
         """Tell what was asked, and keep it."""
         for key, value in values.items():
-            if not isinstance(value, PLAIN):
-                values[key] = _copied(value)
+            values[key] = _copied(value)
         if not self.past.incomplete:
             self.past.keep(self.period, self.time, source, name, values)
         if self.listeners:
@@ -130,7 +129,8 @@ class Past:
     ) -> None:
         """Keep a command; its values belong to this from now on."""
         self._kept.append((period, time, source, name, values))
-        self._numbers += _numbers(values)
+        for value in values.values():
+            self._numbers += value.size if isinstance(value, np.ndarray) else _numbers(value)
         if len(self._kept) > MOST_COMMANDS or self._numbers > MOST_NUMBERS:
             self.forget(
                 f"it began after more than {MOST_COMMANDS} commands or {MOST_NUMBERS} numbers in"
@@ -145,6 +145,8 @@ class Past:
 
 def _numbers(value: object) -> int:
     """Return how many numbers are kept for a value."""
+    if isinstance(value, PLAIN):
+        return 1
     if isinstance(value, np.ndarray):
         return value.size
     if isinstance(value, Mapping):
@@ -165,7 +167,7 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb that the journal tells of."""
-    names = list(inspect.signature(verb).parameters)[1:]
+    names, name = list(inspect.signature(verb).parameters)[1:], verb.__name__
 
     @functools.wraps(verb)
     def told(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -173,7 +175,9 @@ def command(verb: Callable[P, R]) -> Callable[P, R]:
         journal: Journal = owner._journal
         if not journal.inside and (journal.listeners or not journal.past.incomplete):
             given = dict(zip(names, args[1:]))  # noqa: B905  too many are an error of the call
-            journal.command(owner._source, owner._prefix + verb.__name__, {**given, **kwargs})
+            if kwargs:
+                given |= kwargs
+            journal.command(owner._source, owner._prefix + name, given)
         journal.inside += 1
         try:
             return verb(*args, **kwargs)
@@ -210,6 +214,8 @@ def _commanded(world: Any, source: str) -> Any:
 
 def _copied(value: object) -> object:
     """Return a copy that later changes of the original do not reach."""
+    if isinstance(value, PLAIN):
+        return value
     if isinstance(value, np.ndarray):
         return value.copy()
     if isinstance(value, Mapping):

@@ -3,11 +3,14 @@
 Forces and accelerations are those of the last physics period: the integrator solves for the mean
 over a period, so they balance to the last digit and need no step of their own. After an arm was put
 somewhere there is no such period, and they are computed for the state as it stands.
+
+MuJoCo keys a contact by two geoms, or by a flex where a geom is -1. Here both sides of a contact
+are *carriers*: bodies by their ids, then flexes, flex k being carrier `nbody + k`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,11 +18,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.simulation.sensor_readings import Contact, ContactTable
+from trocar.descriptions.records import RigDescription
+from trocar.descriptions.sensor_records import Bodies, Contact, Place, PlaceMotion
+from trocar.modeling.joints import JointTable
+from trocar.simulation.arm import Arm
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
-Bodies = NDArray[np.bool_]
+Index = NDArray[np.intp]
 
 #: Everything that a period depends on.
 WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -28,6 +34,29 @@ WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 BEHIND_PAD_M = 1e-3
 #: A ray goes on so far behind a surface of its own arm. Source: our own choice. [m]
 BEHIND_SURFACE_M = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class ContactTable:
+    """Every place where two bodies touch, a row each; vectors in the world.
+
+    Attributes:
+        time: [s]
+        names: of all bodies, then of all flexes
+        bodies: which two touch, `body` and `other` as in `Contact`, indices of `names`, (n, 2)
+        points: (n, 3) [m]
+        normals: from `other` into `body`, (n, 3)
+        forces: what `other` does to `body`, (n, 3) [N]
+        depths: how far the shapes overlap, (n,) [m]
+    """
+
+    time: float
+    names: tuple[str, ...]
+    bodies: Index
+    points: Array
+    normals: Array
+    forces: Array
+    depths: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,20 +78,47 @@ class Probes:
     """Looks at the physics through a copy of its state, and changes nothing.
 
     Args:
+        rig: its description
+        table: where its arms are in the model
         model, data: the physics
+        arms: by name
         load: the forces at the tips
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, load: TipLoad) -> None:
+    def __init__(
+        self,
+        rig: RigDescription,
+        table: JointTable,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        arms: Mapping[str, Arm],
+        load: TipLoad,
+    ) -> None:
+        self._rig, self._table, self._arms, self._load = rig, table, arms, load
         self._model, self._data = model, data
-        self._load = load
-        self._names = tuple(model.body(k).name for k in range(model.nbody))
+        self._names = carrier_names(model)
 
-    def beyond(self, body: int) -> Bodies:
-        """Return which bodies hang on a body, itself included, (n_bodies,)."""
-        found = np.zeros(self._model.nbody, dtype=np.bool_)
-        found[body] = True
-        for index in range(body + 1, self._model.nbody):
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self._data.time)
+
+    def effort(self, arm: str, joint: str) -> float:
+        """Return what a motor exerts on its joint [N m or N]."""
+        index = self._arms[arm].description.mechanism.joint_index[joint]
+        return float(self._arms[arm].readings()[2][index])
+
+    def bodies(self, arm: str = "", frame: str = "") -> Bodies:
+        """Return the bodies on a frame and beyond it, all of an arm, or everything."""
+        if not arm:
+            return np.ones(len(self._names), dtype=np.bool_)
+        found = np.zeros(len(self._names), dtype=np.bool_)
+        if not frame:
+            found[list(self._table.arms[arm].bodies.values())] = True
+            return found
+        first, _ = self._table.arms[arm].carrier(self._rig.arm(arm), frame)
+        found[first] = True
+        for index in range(first + 1, self._model.nbody):
             found[index] = found[self._model.body_parentid[index]]
         return found
 
@@ -72,7 +128,7 @@ class Probes:
 
     def contact_table(self) -> ContactTable:
         """Return where any two bodies touch, as `contacts` of all bodies does, at once."""
-        data = self._touched(np.ones(self._model.nbody, dtype=np.bool_))
+        data = self._touched(self.bodies())
         here = np.flatnonzero(data.contact.efc_address >= 0)
         found = data.contact
         axes = found.frame[here].reshape(-1, 3, 3)  # rows; the normal leads from the first shape
@@ -83,48 +139,54 @@ class Probes:
         return ContactTable(
             float(self._data.time),
             self._names,
-            self._model.geom_bodyid[found.geom[here]].astype(np.intp),
+            carriers(self._model, found.geom[here], found.flex[here]),
             found.pos[here].copy(),
             -axes[:, 0],
             -(felt[:, None] @ axes)[:, 0],
             -found.dist[here],
         )
 
-    def wrench(self, mine: Bodies, site: Site) -> tuple[Array, Array]:
-        """Return force and torque that act on some bodies from outside, at a site in its axes."""
+    def wrench(self, mine: Bodies, at: Place) -> tuple[Array, Array]:
+        """Return force and torque that act on some bodies from outside, at a place in its axes."""
         data = self._acted()
-        at = site.pose_in(data)
-        origin = at[:3, 3]
+        seen = self._site(at).pose_in(data)
+        origin = seen[:3, 3]
         force, torque = np.zeros(3), np.zeros(3)
         for point, push, turn in self._pushes(data, mine):
             force += push
             torque += np.cross(point - origin, push) + turn
-        return at[:3, :3].T @ force, at[:3, :3].T @ torque
+        return seen[:3, :3].T @ force, seen[:3, :3].T @ torque
 
-    def inertial(self, site: Site) -> tuple[Array, Array]:
-        """Return angular velocity and proper acceleration of a site, in its axes.
+    def motion(self, at: Place) -> PlaceMotion:
+        """Return how a place moves.
 
         a = J dv/dt + dJ/dt v - g, with the last period's dv/dt.
         """
-        model, now = self._model, self._now()
+        model, now, site = self._model, self._now(), self._site(at)
         acceleration = self._acted().qacc.copy()
-        at = site.pose_in(now)
+        seen = site.pose_in(now)
+        back, origin = seen[:3, :3].T, seen[:3, 3]
         linear, angular = np.zeros((3, model.nv)), np.zeros((3, model.nv))
         changing = np.zeros((3, model.nv))
-        mujoco.mj_jac(model, now, linear, angular, at[:3, 3], site.body)
-        mujoco.mj_jacDot(model, now, changing, None, at[:3, 3], site.body)
+        mujoco.mj_jac(model, now, linear, angular, origin, site.body)
+        mujoco.mj_jacDot(model, now, changing, None, origin, site.body)
         proper = linear @ acceleration + changing @ now.qvel - model.opt.gravity
-        return at[:3, :3].T @ (angular @ now.qvel), at[:3, :3].T @ proper
+        return PlaceMotion(back @ (linear @ now.qvel), back @ (angular @ now.qvel), back @ proper)
 
-    def ray(self, start: Site, end: Site, arm: Bodies) -> tuple[float, float]:
-        """Return how far it is from one site towards another to what is no part of an arm.
+    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float]:
+        """Return the distance from a place towards another to a body, and that of the places.
+
+        Args:
+            start, end: of the ray
+            through: bodies that the ray passes through
 
         Returns:
-            distance, below 0 where it reaches behind the first site, inf when nothing lies between
-            the sites; from site to site [m]
+            distance, below 0 where it reaches behind the start, inf when nothing lies between the
+            places; from place to place [m]
         """
         now = self._now()
-        first, last = start.pose_in(now)[:3, 3], end.pose_in(now)[:3, 3]
+        first = self._site(start).pose_in(now)[:3, 3]
+        last = self._site(end).pose_in(now)[:3, 3]
         gap = float(np.linalg.norm(last - first))
         if gap < BEHIND_SURFACE_M:
             return np.inf, gap
@@ -136,10 +198,14 @@ class Probes:
             passed += free
             if free < 0.0 or passed >= gap:
                 break
-            if not arm[self._model.geom_bodyid[hit[0]]]:
+            if not through[self._model.geom_bodyid[hit[0]]]:
                 return passed, gap
             passed += BEHIND_SURFACE_M
         return np.inf, gap
+
+    def _site(self, place: Place) -> Site:
+        body, at = self._table.arms[place.arm].carrier(self._rig.arm(place.arm), place.frame)
+        return Site(body, at @ place.pose)
 
     def _now(self) -> mujoco.MjData:
         """Return the state as it stands, with its positions and velocities worked out."""
@@ -159,7 +225,7 @@ class Probes:
 
     def _touched(self, mine: Bodies) -> mujoco.MjData:
         """Return where the contacts of some bodies stand; those of what sleeps are worked out."""
-        trees = self._model.body_treeid[mine]
+        trees = self._model.body_treeid[mine[: self._model.nbody]]
         if not (self._data.tree_asleep[trees[trees >= 0]] >= 0).any():
             return self._acted()
         scratch = self._copied()  # is never stepped, so nothing in it falls asleep
@@ -182,7 +248,7 @@ class Probes:
         for contact, body, other in self._touching(data, mine):
             if mine[body] != mine[other]:
                 yield contact.point, contact.force, contact.torque
-        for body in np.flatnonzero(mine & data.xfrc_applied.any(axis=1)):
+        for body in np.flatnonzero(mine[: len(data.xfrc_applied)] & data.xfrc_applied.any(axis=1)):
             applied = data.xfrc_applied[body]
             yield data.xipos[body], applied[:3], applied[3:]
         for body, point, force in self._load.acting():
@@ -190,26 +256,28 @@ class Probes:
                 yield data.xpos[body] + data.xmat[body].reshape(3, 3) @ point, force, np.zeros(3)
 
     def _touching(self, data: mujoco.MjData, mine: Bodies) -> Iterator[tuple[Contact, int, int]]:
-        """Yield each contact of some bodies with the ids of the two bodies, one of `mine` first."""
+        """Yield each contact of some carriers with both carriers, one of `mine` first."""
         model, felt = self._model, np.zeros(6)
-        for index in range(data.ncon):
+        pairs = carriers(model, data.contact.geom, data.contact.flex).tolist()
+        for index, (first, second) in enumerate(pairs):
             contact = data.contact[index]
-            shapes = [int(shape) for shape in contact.geom]
-            bodies = [int(model.geom_bodyid[shape]) for shape in shapes]
-            if contact.efc_address < 0 or not mine[bodies].any():
+            if contact.efc_address < 0 or not (mine[first] or mine[second]):
                 continue
             mujoco.mj_contactForce(model, data, index, felt)
             axes = contact.frame.reshape(3, 3)  # rows; the normal leads from the first shape
-            sign = 1.0  # MuJoCo tells what the first does to the second
-            if mine[bodies[0]]:
-                shapes, bodies, sign = shapes[::-1], bodies[::-1], -1.0
-            other, body = bodies
+            shapes = [
+                model.geom(geom).name if geom >= 0 else self._names[carrier]
+                for geom, carrier in zip(contact.geom, (first, second), strict=True)
+            ]
+            body, other, sign = second, first, 1.0  # MuJoCo says what the first does to the second
+            if mine[first]:
+                body, other, shapes, sign = first, second, shapes[::-1], -1.0
             yield (
                 Contact(
-                    body=model.body(body).name,
-                    other=model.body(other).name,
-                    shape=model.geom(shapes[1]).name,
-                    other_shape=model.geom(shapes[0]).name,
+                    body=self._names[body],
+                    other=self._names[other],
+                    shape=shapes[1],
+                    other_shape=shapes[0],
                     point=contact.pos.copy(),
                     normal=sign * axes[0],
                     force=sign * (felt[:3] @ axes),
@@ -219,3 +287,38 @@ class Probes:
                 body,
                 other,
             )
+
+
+def carrier_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Return the names of all bodies, then of all flexes; "body 3" for one without a name."""
+    flex = mujoco.mjtObj.mjOBJ_FLEX
+    bodies = (model.body(k).name or f"body {k}" for k in range(model.nbody))
+    flexes = (mujoco.mj_id2name(model, flex, k) or f"flex {k}" for k in range(model.nflex))
+    return (*bodies, *flexes)
+
+
+def moved_carrier(model: mujoco.MjModel, body: int) -> int:
+    """Return the flex whose vertices or nodes a body is one of; else the body itself."""
+    for k in range(model.nflex):
+        first, count = model.flex_vertadr[k], model.flex_vertnum[k]
+        node, nodes = model.flex_nodeadr[k], model.flex_nodenum[k]
+        if (
+            body in model.flex_vertbodyid[first : first + count]
+            or body in model.flex_nodebodyid[node : node + nodes]
+        ):
+            return model.nbody + k
+    return body
+
+
+def carriers(model: mujoco.MjModel, geoms: NDArray[np.int32], flexes: NDArray[np.int32]) -> Index:
+    """Return the carriers of a contact's sides.
+
+    Args:
+        model: the model
+        geoms: as MuJoCo has them, -1 where a flex touches, (..., 2)
+        flexes: likewise, -1 where a geom touches, (..., 2)
+
+    Returns:
+        (..., 2)
+    """
+    return np.where(geoms >= 0, model.geom_bodyid[geoms], model.nbody + flexes).astype(np.intp)

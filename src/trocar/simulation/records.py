@@ -9,6 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.modeling.build import RigModel
+
 Array = NDArray[np.float64]
 Mode = Literal["position", "effort", "set"]
 
@@ -108,6 +110,25 @@ class ArmSample:
     closed: bool
     orientation_locked: bool
     brakes_locked: bool
+
+
+@dataclass(frozen=True, eq=False)
+class WorldSample:
+    """What a world's readings are computed from, copied in a few microseconds.
+
+    Attributes:
+        time: simulation time [s]
+        model: the rig with its tools, as compiled then; nothing writes to it
+        qpos: MuJoCo's coordinates, (nq,)
+        arms: {name: what else its readings are computed from}
+        reference_arm: arm on setup joints whose tip frame the poses of the others are in
+    """
+
+    time: float
+    model: RigModel
+    qpos: Array
+    arms: Mapping[str, ArmSample]
+    reference_arm: str
 
 
 @dataclass(frozen=True, eq=False)

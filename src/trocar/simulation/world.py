@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
+from trocar.descriptions.sensor_records import SensorReading
+from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
 from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
@@ -28,7 +30,7 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player
-from trocar.simulation.probes import Probes
+from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSample,
     ArmSnapshot,
@@ -36,8 +38,8 @@ from trocar.simulation.records import (
     Recording,
     ShapeRecord,
     Snapshot,
+    WorldSample,
 )
-from trocar.simulation.sensor_readings import ContactsReading, ContactTable, Reading
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import shape_records
@@ -97,7 +99,7 @@ class State:
     reference_arm: str
     servos: Mapping[str, Array]
     arms: Mapping[str, ArmState]
-    sensors: Mapping[str, tuple[int, Reading]]
+    sensors: Mapping[str, tuple[int, SensorReading]]
 
 
 class World:
@@ -494,13 +496,13 @@ class World:
 
     def contacts(self) -> ContactsReading:
         """Return every place where two bodies touch, as a `contacts` sensor without noise does."""
-        return self._sensors.contacts()
+        return ALL_CONTACTS.sample(self._probes, self.rng)
 
     def contact_table(self) -> ContactTable:
         """Return the same as arrays, in one go."""
         return self._probes.contact_table()
 
-    def sensor(self, name: str) -> Reading:
+    def sensor(self, name: str) -> SensorReading:
         """Return what a sensor of the rig tells now.
 
         Raises:
@@ -524,15 +526,19 @@ class World:
         shown = self.frames.bodies()
         return Snapshot(self.time, shown.xpos.copy(), shown.xquat.copy(), found, self._build)
 
-    def samples(self) -> dict[str, ArmSample]:
-        """Return {arm: copies of what its readings are computed from}, quickly."""
+    def sample(self) -> WorldSample:
+        """Return copies of what every reading is computed from, quickly; see `Reader`."""
         every, load = self.servos.read(), self.servos.holding.copy()
-        found: dict[str, ArmSample] = {}
+        told = self.servos.setpoint[:, :2].T.copy()
+        commanded = self.servos.commanded.copy()
+        arms: dict[str, ArmSample] = {}
         for name, arm in self.arms.items():
             rows = arm.motors.index.rows
-            read = None if arm.motors.welded else (*every[:, rows], load[rows])
-            found[name] = arm.sample(read)
-        return found
+            read = None
+            if not arm.motors.welded:
+                read = (*every[:, rows], load[rows], *told[:, rows], commanded[rows])
+            arms[name] = arm.sample(read)
+        return WorldSample(self.time, self.model, self._data.qpos.copy(), arms, self.reference_arm)
 
     def cameras(self) -> dict[str, CameraRecord]:
         """Return every camera of the rig, by name, with where it is now; nothing is drawn."""
@@ -612,8 +618,8 @@ class World:
         model, data = self._model, self._data
         self._player = Player(model, data, self.servos, self.arms)
         self._load = TipLoad(model, data, self.rig, self.joints, self.frames, self._tip_load_n)
-        self._probes = Probes(model, data, self._load)
-        self._sensors = Sensors(self.rig, self.joints, model, data, self.arms, self._probes)
+        self._probes = Probes(self.rig, self.joints, model, data, self.arms, self._load)
+        self._sensors = Sensors(self.rig, self._probes)
         self._cameras = Cameras(self.rig, self.joints, self.frames)
         self._objects.attach(self._model, self._data)
 
@@ -693,12 +699,15 @@ class World:
             if self._bad[list(BAD)].any():
                 break
         kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
-        hinge = self._model.joint(self._culprit(kind)).name
-        owner, _, frame = hinge.partition("/")
+        index = self._culprit(kind)
+        name, detail = self._model.joint(index).name, f"the {BAD[kind]} of {{}} is not finite"
+        owner, _, frame = name.partition("/")
         if owner in self.objects:
-            raise DivergedError(
-                self.time, owner, None, f"the {BAD[kind]} of the object is not finite"
-            )
+            raise DivergedError(self.time, owner, None, detail.format("the object"))
+        if owner not in self.arms:  # belongs to no description: a flex's vertex, a body of its own
+            body = int(self._model.jnt_bodyid[index])
+            moving = carrier_names(self._model)[moved_carrier(self._model, body)]
+            raise DivergedError(self.time, name or f"{index}", None, detail.format(moving))
         mechanism = self.arms[owner].description.mechanism
         moving = mechanism.frame(frame)
         if not moving.couplings and moving.parent:  # a pin, which slides in what moves
@@ -708,7 +717,7 @@ class World:
             self.time,
             naming.scoped(owner, joint),
             float(self.arms[owner].motors.position[mechanism.joint_index[joint]]),
-            f"the {BAD[kind]} of {frame} is not finite",
+            detail.format(frame),
         )
 
     def _culprit(self, kind: int) -> int:

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import load_rig
+from trocar.descriptions.sensors import KINDS
 from trocar.interfaces.crtk.messages import message_type, ros1_encode
 from trocar.interfaces.crtk.topics import topic_table
-from trocar.simulation.sensor_readings import EffortReading
+from trocar.simulation import EffortReading, TwistReading
 
 from .served import Served, stamp_ns
 
@@ -44,6 +45,12 @@ frame = "insertion"
 rate_hz = 50.0
 noise_rad_s = 0.01
 noise_m_s2 = 0.1
+
+[[sensor]]
+name = "speed"
+kind = "twist"
+arm = "PSM1"
+frame = "tip"
 """
 
 
@@ -70,7 +77,9 @@ def test_every_message_of_a_scene_can_be_written(tmp_path: Path) -> None:
     told = [t for t in rows if t.direction == "pub"]
     assert {t.name for t in told if t.name.startswith("sensors/")} == {
         "sensors/motor", "sensors/tip", "sensors/touch", "sensors/between", "sensors/imu_1",
+        "sensors/speed",
     }  # fmt: skip
+    assert {sensor.kind for sensor in served.world.rig.sensors} == set(KINDS)
     for topic in told:
         assert ros1_encode(message_type(topic.type), served.last(topic.name)) is not None, topic
 
@@ -198,7 +207,9 @@ def test_sensors_are_told_as_the_world_reads_them(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text(Path(load_rig("pegs").file).read_text(encoding="utf-8") + SENSORS)
     served = Served(str(file))
-    served.run(0.2)
+    served.run(0.1)
+    served.world.arm("PSM1").move_jp([0.2, 0.0, 0.12, 0.0, 0.0, 0.0])
+    served.run(0.1)
     motor = served.last("sensors/motor")
     assert motor["name"] == ["insertion"]
     exerted = served.world.sensor("motor")
@@ -211,4 +222,9 @@ def test_sensors_are_told_as_the_world_reads_them(tmp_path: Path) -> None:
     assert imu["orientation_covariance"][0] == -1.0
     assert served.last("sensors/between")["name"] == ["distance", "gap"]
     assert served.last("sensors/tip")["header"]["frame_id"] == "tip"
+    speed, seen = served.last("sensors/speed"), served.world.sensor("speed")
+    assert speed["header"]["frame_id"] == "speed"
+    assert isinstance(seen, TwistReading)
+    for told, exact in (("linear", seen.linear), ("angular", seen.angular)):
+        assert np.allclose(point(speed["twist"][told]), exact, atol=0.05 * np.abs(exact).max())
     assert len(served.last("sensors/touch")["contacts"]) > 20

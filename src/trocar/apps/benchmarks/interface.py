@@ -1,7 +1,8 @@
 """What other programs see of a running simulator: rates, lateness, latency, processor time.
 
 A simulator and a subscriber run in processes of their own; rates and
-times are medians of several runs, losses the most of any.
+times are medians of several runs, losses the most of any. First, in this process, what making the
+states costs.
 """
 
 from __future__ import annotations
@@ -27,6 +28,13 @@ from trocar.apps.benchmarks.subscribers import (
 )
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, UnknownNameError
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.scene import CONTACTS
+from trocar.interfaces.crtk.transport import Batch
+from trocar.interfaces.crtk.transports.memory import MemoryTransport
+from trocar.interfaces.crtk.transports.websocket.parcel import PACKING
+from trocar.interfaces.loop import Loop
+from trocar.simulation import World
 
 #: How long streams are listened to. Source: our own choice. [s]
 DURATION_S = 10.0
@@ -42,6 +50,8 @@ CAMERA_HZ, PRESET = 60.0, "dvrk_sd_640x480"
 COME_TO_REST_S = 8.0
 #: Share of what would come or go in a time if nothing was lost: ends are cut off.
 CAME = 0.99
+#: Periods before those that are measured. Source: our own choice.
+WARM_UP = 20
 EYES = ("endoscope/left/image_raw", "endoscope/right/image_raw")
 STATES = ("measured_js", "setpoint_js", "measured_cp", "local/measured_cp")
 #: Blocks of 20 mm that lie on the table beside each other, four in a row. Source: the project's
@@ -65,6 +75,9 @@ MOST_LATE_PERCENT, MOST_LATENCY_MS, MOST_CORES, LEAST_FACTOR = 1.0, 3.0, 1.0, 0.
 #: Commands a second of a flood, and by how much the simulator's memory may grow. Source: the
 #: project's own goal; our own choice: every queue is bounded. [1/s, MB]
 FLOOD_HZ, MOST_GROWN_MB = 10_000.0, 20.0
+#: Periods in which every state is made, at the rate of tf so that it is among them, and how long
+#: that may take. Source: our own choice; the project's own goal. [Hz, ms]
+PERIODS, TF_HZ, MOST_STATES_MS = 300, 50.0, 1.5
 
 
 def interface(
@@ -98,13 +111,56 @@ def interface(
         "subscribers that vanish": _vanishing,
         "a flood of commands": _flooded,
     }
-    found: list[Figure] = []
+    if watch is not None:
+        watch("all state topics of the full cart")
+    found = [state_topics()]
     for name in transports:
         for what, measure in parts.items():
             if watch is not None:
                 watch(f"{name}: {what}")
             found += measure(name, duration_s)
     return found
+
+
+def state_topics(periods: int = PERIODS) -> Figure:
+    """Measure how long making and writing every state of the full cart takes, nothing sent.
+
+    Args:
+        periods: how many are measured; the median counts
+    """
+    loop = Loop(World("full_cart"), speed="max", tick_s=1.0 / TF_HZ)
+    core, sink = Core(loop, rate_hz=TF_HZ), _Written()
+    core.attach(sink)
+    core.begin()
+    states = (t.name for t in core.topics.values() if t.rate in ("state", "tf"))
+    sink.want(*(name for name in states if name != CONTACTS))  # the cart touches nothing
+    took: list[float] = []
+    for _ in range(WARM_UP + periods):
+        loop.tick()
+        before = time.perf_counter()
+        core.publish_waiting()
+        took.append(time.perf_counter() - before)
+    core.close()
+    loop.close()
+    name = f"all {len(sink.states)} state topics of the full cart, made and written as JSON"
+    return Figure(name, 1e3 * statistics.median(took[WARM_UP:]), "ms a period", MOST_STATES_MS)
+
+
+class _Written(MemoryTransport):
+    """Writes messages as the WebSocket does, and throws them away."""
+
+    packing = PACKING
+
+    def __init__(self) -> None:
+        super().__init__([])
+        self.states: set[str] = set()
+
+    def send(self, batch: Batch) -> None:
+        for topic, message in batch:
+            if not isinstance(message, bytes):
+                PACKING.encode(topic.type, message)
+            if topic.rate != "event":
+                self.states.add(topic.name)
 
 
 def _streams(transport: str, duration_s: float) -> list[Figure]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.labs.records import Gains, Row
-from trocar.descriptions import ArmDescription, load_arm, load_tool
-from trocar.descriptions.catalogue import DATA
+from trocar.descriptions import ArmDescription, load_arm
+from trocar.descriptions.catalogue import DATA, document
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -24,28 +24,23 @@ SAME = 1e-5
 
 def own_arm(name: str) -> Document:
     """Return the document of one of trocar's arms."""
-    return _read((DATA / "arms" / f"{name}.toml").read_text(encoding="utf-8"))
+    return document("arms", name)
 
 
 def own_rig(name: str) -> Document:
     """Return the document of one of trocar's rigs."""
-    return _read((DATA / "rigs" / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((DATA / "rigs" / f"{name}.toml").read_text(encoding="utf-8"))
 
 
 def own_tool(name: str) -> Document:
     """Return the document of one of trocar's tools."""
-    with open(load_tool(name).file, "rb") as file:
-        return tomllib.load(file)
+    return document("tools", name)
 
 
 @lru_cache(maxsize=64)
 def known(name: str, tool: str | None = None) -> ArmDescription:
     """Return one of trocar's arms, read once."""
     return load_arm(name, tool)
-
-
-def _read(text: str) -> Document:
-    return tomllib.loads(text)
 
 
 def without(row: Document, name: str) -> None:

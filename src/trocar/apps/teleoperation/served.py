@@ -22,7 +22,7 @@ from trocar.interfaces.crtk.topics import topics_from
 if TYPE_CHECKING:
     from trocar.interfaces.crtk import Core
     from trocar.interfaces.crtk.clock import Stamp
-    from trocar.interfaces.crtk.figures import RigFigures
+    from trocar.interfaces.crtk.sample import RigFigures
 
 #: What is told as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")

@@ -12,13 +12,12 @@ from trocar.errors import TrocarError
 from trocar.interfaces.crtk import happenings
 from trocar.interfaces.crtk.arm_messages import MAKERS
 from trocar.interfaces.crtk.clock import Beat, Stamp
-from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.messages.forms import Packing
-from trocar.interfaces.crtk.plan import Plan
-from trocar.interfaces.crtk.sample import Event, Sample
+from trocar.interfaces.crtk.sample import Event, RigFigures, Sample
 from trocar.interfaces.crtk.sheet import Page, Sheet
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
+from trocar.simulation.readout import Reader
 
 _log = logging.getLogger("trocar")
 
@@ -56,7 +55,7 @@ class Publishing:
     ) -> None:
         self._topics, self._prefixes = topics, prefixes
         self._makers = {**_arm_makers(topics.values()), **extra}
-        self._plan: Plan | None = None
+        self._reader: Reader | None = None
         self._sheet: Sheet
         self._pages: dict[int, Page] = {}
         self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
@@ -67,10 +66,10 @@ class Publishing:
 
     def states(self, sample: Sample, wanted: Iterable[Wanted]) -> list[Out]:
         """Return what is published every period: for each transport, of the topics it wants."""
-        if self._plan is None or self._plan.rig is not sample.rig:
-            self._plan = Plan(sample.rig)
-            self._sheet = Sheet(self._plan, self._topics.values())
-        rig = RigFigures(sample, self._plan)
+        if self._reader is None or self._reader.model is not sample.world.model:
+            self._reader = Reader(sample.world.model)
+            self._sheet = Sheet(self._reader, self._topics.values())
+        rig = RigFigures(sample, self._reader.read(sample.world))
         tf = self._tf.due(sample.elapsed) or bool(sample.cameras)
         made: dict[str, Message | None] = {}
         found: list[Out] = []
@@ -85,7 +84,7 @@ class Publishing:
                 if (message := made[name]) is not None:
                     batch.append((topic, message))
             found.append(batch)
-        rig.let_go()
+        rig.readout.let_go()
         return found
 
     def _filled(

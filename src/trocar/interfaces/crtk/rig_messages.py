@@ -11,9 +11,9 @@ from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.camera_frames import moving_frames, still_frames
 from trocar.interfaces.crtk.clock import Stamp
-from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.publishing import Figure
 from trocar.interfaces.crtk.robot_model import WORLD, fixed_frames, hinge_states
+from trocar.interfaces.crtk.sample import RigFigures
 from trocar.interfaces.crtk.scene import object_poses
 from trocar.interfaces.crtk.transport import Message
 from trocar.simulation.cameras import CameraRecord

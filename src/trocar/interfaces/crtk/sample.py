@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.scene import Scene
-from trocar.simulation.records import ArmSample
+from trocar.simulation.readout import ArmReadout, Readout
+from trocar.simulation.records import ArmSample, WorldSample
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -37,26 +38,42 @@ class Sample:
     Attributes:
         stamp: of every message that is made from it
         elapsed: time since the loop began, pauses included [s]
-        time: simulation time [s]
-        rig: the rig, as its tools are now
-        arms: {name: what its readings are computed from}
+        world: what readings are computed from
         events: what happened since the sample before, oldest first
         scene: objects, and those contacts and sensors that somebody asked for
         cameras: {name: where it is}, when pictures of this moment are to come; tf is told then
-        reference_arm: arm on setup joints whose tip frame the poses of the others are in
         due_s: when its messages are to go out, by the loop's clock; None: at once [s]
     """
 
     stamp: Stamp
     elapsed: float
-    time: float
-    rig: RigDescription
-    arms: Mapping[str, ArmSample]
-    reference_arm: str
+    world: WorldSample
     events: tuple[Event, ...] = ()
     scene: Scene | None = None
     cameras: Mapping[str, Any] = field(default_factory=dict[str, Any])
     due_s: float | None = None
+
+    @property
+    def rig(self) -> RigDescription:
+        """The rig, as its tools were."""
+        return self.world.model.rig
+
+    @property
+    def arms(self) -> Mapping[str, ArmSample]:
+        """{name: what its readings are computed from}."""
+        return self.world.arms
+
+
+@dataclass(frozen=True, eq=False)
+class RigFigures:
+    """What messages are made from: a sample and what its arms read out."""
+
+    sample: Sample
+    readout: Readout
+
+    def arm(self, name: str) -> ArmReadout:
+        """Return an arm's figures."""
+        return self.readout.arm(name)
 
 
 def take(
@@ -68,6 +85,8 @@ def take(
 ) -> Sample:
     """Copy a world, in the thread that steps it; arms for which commands wait are busy."""
     events, scene = beside
-    arms = world.samples()
-    arms |= {name: replace(arm, busy=True) for name, arm in arms.items() if waits(name)}
-    return Sample(stamp, elapsed, world.time, world.rig, arms, world.reference_arm, events, scene)
+    seen = world.sample()
+    waiting = {name: replace(arm, busy=True) for name, arm in seen.arms.items() if waits(name)}
+    if waiting:
+        seen = replace(seen, arms={**seen.arms, **waiting})
+    return Sample(stamp, elapsed, seen, events, scene)

@@ -67,11 +67,9 @@ def quaternion(T: Array) -> Message:
     return {"x": sign * x, "y": sign * y, "z": sign * z, "w": sign * w}
 
 
-def row_stamped(
-    stamp: Stamp, frame_id: str, row: tuple[Sequence[float], Sequence[float]]
-) -> Message:
-    """Return a geometry_msgs/PoseStamped of a position and a quaternion wxyz."""
-    (x, y, z), (w, a, b, c) = row
+def row_stamped(stamp: Stamp, frame_id: str, row: Array) -> Message:
+    """Return a geometry_msgs/PoseStamped of a position and a quaternion xyzw, (7,)."""
+    x, y, z, a, b, c, w = row.tolist()
     return {
         "header": {"stamp": stamp, "frame_id": frame_id},
         "pose": {

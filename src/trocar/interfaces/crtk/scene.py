@@ -15,13 +15,13 @@ from trocar.geometry.se3 import transform
 from trocar.interfaces.commands import Command, Pause, Reset, Resume, Step, Verb
 from trocar.interfaces.crtk.fields import Message, RefusedError, field, shown, text
 from trocar.interfaces.crtk.places import pose
-from trocar.interfaces.crtk.scene_rows import sensor_topic
+from trocar.interfaces.crtk.sensor_rows import sensor_topic
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.topics import Topic
-    from trocar.simulation import World
+    from trocar.simulation import SensorReading, World
     from trocar.simulation.objects import ObjectStates
-    from trocar.simulation.sensor_readings import ContactTable, Reading
+    from trocar.simulation.probes import ContactTable
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Scene:
 
     objects: ObjectStates | None = None
     contacts: ContactTable | None = None
-    readings: Mapping[str, Reading] | None = None
+    readings: Mapping[str, SensorReading] | None = None
 
 
 def look(world: World, asked: frozenset[str]) -> Scene:

@@ -2,23 +2,19 @@
 
 from __future__ import annotations
 
-import re
-
 from trocar.descriptions.records import RigDescription
 from trocar.interfaces.crtk.arm_rows import (
     BOOL,
     EMPTY,
     FLOAT,
-    JOINTS,
     PLACE,
     POSE,
     SPEED,
     TWIST,
-    WRENCH,
     Row,
 )
+from trocar.interfaces.crtk.sensor_rows import CONTACTS, SENSOR_ROWS, sensor_topic
 
-CONTACTS = "trocar_msgs/Contacts"
 INTEGER = "std_msgs/Int32"
 
 #: What every simulator has.
@@ -32,20 +28,6 @@ SCENE: tuple[Row, ...] = (
     ("sub", "scene/step", INTEGER, "periods", "while paused: so many periods, then all states"),
 )
 
-#: {kind of sensor: type, unit, help}.
-SENSORS: dict[str, tuple[str, str, str]] = {
-    "joint_effort": (JOINTS, "N m, N", "effort of a motor"),
-    "tip_wrench": (WRENCH, "N, N m", "what the environment does to an instrument"),
-    "contacts": (CONTACTS, "m, N", "where something is touched"),
-    "proximity": (JOINTS, "m", "position: distance of what lies in the jaw, and its gap"),
-    "imu": ("sensor_msgs/Imu", "rad/s, m/s^2", "angular velocity, and acceleration less gravity"),
-}
-
-
-def sensor_topic(name: str) -> str:
-    """Return the topic of a sensor; what a topic's name may not have becomes an underscore."""
-    return f"sensors/{re.sub('[^A-Za-z0-9_]', '_', name)}"
-
 
 def topics_of(rig: RigDescription) -> tuple[Row, ...]:
     """Return the rows of a rig's objects and sensors, and of its time."""
@@ -58,6 +40,6 @@ def topics_of(rig: RigDescription) -> tuple[Row, ...]:
             ("sub", f"{at}/set_cp", POSE, PLACE, "put the object there, at rest"),
         )
     for sensor in rig.sensors:
-        kind, unit, text = SENSORS[sensor.kind]
-        rows += (("pub state", sensor_topic(sensor.name), kind, unit, text),)
+        row = SENSOR_ROWS[sensor.kind]
+        rows += (("pub state", sensor_topic(sensor.name), row.type, row.unit, row.help),)
     return rows

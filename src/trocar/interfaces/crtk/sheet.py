@@ -6,8 +6,9 @@ time. What they say is what the makers of `arm_messages` and `scene_messages` sa
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -15,28 +16,47 @@ from numpy.typing import NDArray
 
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
-from trocar.interfaces.crtk.figures import RigFigures, joints_of
 from trocar.interfaces.crtk.messages.forms import STAMP, Form, Packing, form, marks
-from trocar.interfaces.crtk.plan import Plan
+from trocar.interfaces.crtk.sample import RigFigures
 from trocar.interfaces.crtk.scene import WORLD
 from trocar.interfaces.crtk.topics import Topic
+from trocar.simulation.readout import Reader
 
 Array = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 #: Topics of joints: whether they tell set-points, and whether the joints are those at the end.
 JOINTS = {
     "measured_js": (False, False),
+    "potentiometers/measured_js": (False, False),
     "setpoint_js": (True, False),
     "jaw/measured_js": (False, True),
     "jaw/setpoint_js": (True, True),
     "gripper/measured_js": (False, True),
 }
-#: Topics of tips: whether they tell set-points, and whether in the arm's own base.
+GRAVITY = "gravity_compensation/setpoint_js"
+#: Topics of tips: the part of the table that tells of them, and which of its two halves.
 TIPS = {
-    "measured_cp": (False, False),
-    "setpoint_cp": (True, False),
-    "local/measured_cp": (False, True),
-    "local/setpoint_cp": (True, True),
+    "measured_cp": ("measured", 1),
+    "setpoint_cp": ("setpoint", 1),
+    "local/measured_cp": ("measured", 0),
+    "local/setpoint_cp": ("setpoint", 0),
+    "measured_cv": ("twists", 1),
+    "local/measured_cv": ("twists", 0),
+    "body/measured_cf": ("wrenches", 0),
+    "spatial/measured_cf": ("wrenches", 1),
+    "body/jacobian": ("jacobians", 0),
+    "spatial/jacobian": ("jacobians", 1),
+}
+#: Those in the frame of public poses, which may change.
+PUBLIC = ("measured_cp", "setpoint_cp", "measured_cv")
+#: Parts of the table that are computed only where somebody wants them.
+PARTS: dict[str, Callable[[RigFigures], Array]] = {
+    "measured": lambda rig: rig.readout.measured_rows,
+    "setpoint": lambda rig: rig.readout.setpoint_rows,
+    "twists": lambda rig: rig.readout.twists,
+    "wrenches": lambda rig: rig.readout.wrenches,
+    "jacobians": lambda rig: rig.readout.jacobians,
 }
 
 
@@ -47,48 +67,71 @@ class Row:
     Attributes:
         topic: which
         where: its numbers in the table, in the order in which its message has them
-        arm: whose frame its pose is told in, "" where that never changes
+        part: of the table, which is only computed for those who want it; "": it is always there
+        arm: whose public poses' frame it is told in, "" where that never changes
         words: names of joints, or the frame
     """
 
     topic: Topic
     where: tuple[int, ...]
+    part: str = ""
     arm: str = ""
     words: tuple[str, ...] = ()
 
     def form(self, packing: Packing, frames: Mapping[str, str]) -> Form:
         """Return the form of its messages, for frames of arms as they are now."""
-        numbers, words = marks(len(self.where)), self.words
-        if self.topic.type == "sensor_msgs/JointState":
-            message = say.joints(STAMP, words, *np.split(numbers, 3))
+        numbers, kind = marks(len(self.where)), self.topic.type
+        frame = frames[self.arm] if self.arm else next(iter(self.words), "")
+        if self.topic.key == GRAVITY:
+            message = say.joints(STAMP, self.words, np.zeros(0), np.zeros(0), numbers)
+        elif kind == "sensor_msgs/JointState":
+            message = say.joints(STAMP, self.words, *np.split(numbers, 3))
+        elif kind == "std_msgs/Float64MultiArray":
+            message = say.matrix(numbers.reshape(6, -1))
+        elif kind == "geometry_msgs/TwistStamped":
+            message = say.twist_stamped(STAMP, frame, numbers)
+        elif kind == "geometry_msgs/WrenchStamped":
+            message = say.wrench_stamped(STAMP, frame, numbers)
         else:
-            x, y, z, a, b, c, w = numbers.tolist()
-            frame = frames[self.arm] if self.arm else words[0]
-            message = say.row_stamped(STAMP, frame, ([x, y, z], [w, a, b, c]))
-        return form(packing, self.topic.type, message, self.where)
+            message = say.row_stamped(STAMP, frame, numbers)
+        return form(packing, kind, message, self.where)
 
 
 class Sheet:
     """The rows of a rig.
 
     Args:
-        plan: of the rig, as its tools are now
+        reader: of the rig, as its tools are now
         topics: every topic
 
     Attributes:
         rows: by the name of the topic
     """
 
-    def __init__(self, plan: Plan, topics: Iterable[Topic]) -> None:
-        arms, objects = plan.rig.arms, plan.rig.objects
-        sizes = [len(joints_of(arm.arm)[1]) for arm in arms]
-        starts = np.cumsum([0, *(6 * size for size in sizes)]).tolist()
-        self._joints = dict(zip((arm.name for arm in arms), starts, strict=False))
-        self._tips, self._poses = starts[-1], 4 * len(plan.tips)
-        self._no_tips = np.zeros(7 * self._poses)
-        self._objects = {f"scene/{prop.name}/measured_cp": k for k, prop in enumerate(objects)}
+    def __init__(self, reader: Reader, topics: Iterable[Topic]) -> None:
+        self._reader = reader
+        rig, arms, moving = reader.model.rig, len(reader.names), len(reader.moving)
+        sizes = [len(arm.arm.mechanism.joint_names) for arm in rig.arms]
+        self._own = [arm.arm.own_joints for arm in rig.arms]
+        starts = np.cumsum([0, *(6 * size for size in sizes), *self._own]).tolist()
+        self._joints = dict(zip(reader.names, starts, strict=False))
+        self._loads = dict(zip(reader.names, starts[arms:], strict=False))
+        shapes = {
+            "measured": (2, arms, 7),
+            "setpoint": (2, arms, 7),
+            "twists": (2, moving, 6),
+            "wrenches": (2, moving, 6),
+            "jacobians": (2, moving, 6, reader.columns),
+        }
+        first, self._parts = starts[-1], dict[str, Index]()
+        for part, shape in shapes.items():
+            self._parts[part] = np.arange(first, first + prod(shape)).reshape(shape)
+            first += prod(shape)
+        self._nothing = {part: np.zeros(where.size) for part, where in self._parts.items()}
+        self._first_object = first
+        self._objects = {f"scene/{prop.name}/measured_cp": k for k, prop in enumerate(rig.objects)}
         self._forms: dict[tuple[int, str], tuple[str, Form]] = {}
-        found = ((topic.name, self._row(topic, plan)) for topic in topics)
+        found = ((topic.name, self._row(topic)) for topic in topics)
         self.rows = {name: row for name, row in found if row is not None}
 
     def form(self, packing: Packing, row: Row, frames: Mapping[str, str]) -> Form:
@@ -99,40 +142,54 @@ class Sheet:
             found = self._forms[key] = frame, row.form(packing, frames)
         return found[1]
 
-    def table(self, rig: RigFigures, tips: bool) -> Array:
-        """Return the numbers of every row; those of tips are 0 where nobody wants them."""
+    def table(self, rig: RigFigures, wanted: frozenset[str]) -> Array:
+        """Return the numbers of every row; those of parts that nobody wants are 0."""
+        arms = [rig.sample.arms[name] for name in self._reader.names]
         parts: list[Array] = []
-        for arm in rig.sample.rig.arms:
-            s = rig.sample.arms[arm.name]
+        for s in arms:
             parts += (s.q, s.qd, s.effort, s.told_q, s.told_qd, s.told_effort)
-        parts += (part.ravel() for part in rig.tip_places) if tips else (self._no_tips,)
+        for s, own in zip(arms, self._own, strict=True):
+            parts.append(s.load[:own] if s.balanced else np.zeros(own))
+        for part, nothing in self._nothing.items():
+            parts.append(PARTS[part](rig).ravel() if part in wanted else nothing)
         scene = rig.sample.scene
         if scene is not None and scene.objects is not None:
             parts += (scene.objects.positions.ravel(), scene.objects.quaternions.ravel())
         return np.concatenate(parts)
 
-    def _row(self, topic: Topic, plan: Plan) -> Row | None:
+    def _row(self, topic: Topic) -> Row | None:
         if topic.name in self._objects:
-            first, count = self._tips + 7 * self._poses, len(self._objects)
-            return Row(topic, _place(first, count, self._objects[topic.name]), words=(WORLD,))
+            at = self._first_object + 3 * self._objects[topic.name]
+            turn = self._first_object + 3 * len(self._objects) + 4 * self._objects[topic.name]
+            where = at, at + 1, at + 2, turn + 1, turn + 2, turn + 3, turn
+            return Row(topic, where, words=(WORLD,))
         if topic.direction != "pub" or topic.arm not in self._joints:
             return None
-        arm = plan.rig.arm(topic.arm).arm
+        arm = self._reader.model.rig.arm(topic.arm)
+        own, names = arm.arm.own_joints, arm.arm.mechanism.joint_names
         if topic.key in JOINTS:
             told, end = JOINTS[topic.key]
-            own, names = joints_of(arm)
-            which = range(own.stop, len(names)) if end else range(own.stop)
+            which = range(own, len(names)) if end else range(own)
             if not which:
                 return None
             first, count = self._joints[topic.arm] + 3 * told * len(names), len(names)
             where = tuple(first + k * count + j for k in range(3) for j in which)
             return Row(topic, where, words=tuple(names[j] for j in which))
-        if topic.key in TIPS and topic.arm in plan.tips:
-            told, local = TIPS[topic.key]
-            which = plan.tips[topic.arm] + told + (0 if local else self._poses // 2)
-            where = _place(self._tips, self._poses, which)
-            return Row(topic, where, "" if local else topic.arm, (f"{topic.arm}_base",))
-        return None
+        if topic.key == GRAVITY:
+            first = self._loads[topic.arm]
+            return Row(topic, tuple(range(first, first + own)), words=names[:own])
+        if topic.key not in TIPS:
+            return None
+        part, half = TIPS[topic.key]
+        rows = self._reader.prepared if part in ("measured", "setpoint") else self._reader.moving
+        if topic.arm not in rows:
+            return None
+        numbers = self._parts[part][half, rows[topic.arm]]
+        where = tuple((numbers[:, :own] if part == "jacobians" else numbers).ravel().tolist())
+        if topic.key in PUBLIC:
+            return Row(topic, where, part, topic.arm)
+        frame = arm.name if topic.key == "body/measured_cf" else arm.own_frame
+        return Row(topic, where, part, words=(frame,))
 
 
 class Page:
@@ -153,7 +210,7 @@ class Page:
         self._rows = [sheet.rows[name] for name in names if name in sheet.rows]
         self.rest = names.difference(sheet.rows)
         self._arms = {row.arm for row in self._rows if row.arm}
-        self._tips = any(row.topic.key in TIPS for row in self._rows)
+        self._parts = frozenset(row.part for row in self._rows)
         self._frames: dict[str, str] | None = None
         self._forms: list[tuple[Topic, Form]] = []
 
@@ -161,16 +218,10 @@ class Page:
         """Return messages as the transport writes them."""
         if not self._rows:
             return []
-        frames = {arm: rig.arm(arm).base[1] for arm in self._arms}
+        frames = {arm: rig.arm(arm).base_frame for arm in self._arms}
         if frames != self._frames:
             rows, form = self._rows, self.sheet.form
             self._forms = [(row.topic, form(self._packing, row, frames)) for row in rows]
             self._frames = frames
-        source = self._packing.source(stamp, self.sheet.table(rig, self._tips))
+        source = self._packing.source(stamp, self.sheet.table(rig, self._parts))
         return [(topic, form.filled(source)) for topic, form in self._forms]
-
-
-def _place(first: int, count: int, index: int) -> tuple[int, ...]:
-    """Return where a pose is among so many positions, then quaternions wxyz: x y z, x y z w."""
-    at, turn = first + 3 * index, first + 3 * count + 4 * index
-    return at, at + 1, at + 2, turn + 1, turn + 2, turn + 3, turn

@@ -19,10 +19,11 @@ from trocar.interfaces.commands import JawServo, JawServoJf
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.compat.joint_commands import JointEffort, JointPosition
-from trocar.interfaces.crtk.figures import ArmFigures, RigFigures
 from trocar.interfaces.crtk.image_rows import Origin, endoscope_eyes, rows_at
+from trocar.interfaces.crtk.sample import RigFigures
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
+from trocar.simulation.readout import ArmReadout
 
 if TYPE_CHECKING:
     from trocar.interfaces.commands import Command
@@ -124,7 +125,7 @@ def states(rig: RigFigures, stamp: Stamp) -> Message:
     return say.joints(stamp, names, q, v, effort)
 
 
-def _state(arm: ArmFigures, joint: Joint) -> tuple[float, float, float]:
+def _state(arm: ArmReadout, joint: Joint) -> tuple[float, float, float]:
     k, s = list(arm.names).index(joint.own), arm.sample
     effort = float(s.effort[k]) if joint.driven else 0.0
     return joint.ratio * float(s.q[k]), joint.ratio * float(s.qd[k]), effort

@@ -17,8 +17,8 @@ from trocar.errors import InputError
 from trocar.interfaces.commands import Command, JawServo, ServoJp, Verb
 from trocar.interfaces.crtk import say
 from trocar.interfaces.crtk.clock import Stamp
-from trocar.interfaces.crtk.figures import RigFigures
 from trocar.interfaces.crtk.image_rows import Origin, endoscope_eyes, rows_at
+from trocar.interfaces.crtk.sample import RigFigures
 from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transport import Message
 

@@ -87,7 +87,7 @@ def marks(count: int) -> Array:
 
 
 def form(packing: Packing, kind: str, message: Message, where: Sequence[int]) -> Form:
-    """Return the form of a message.
+    """Return the form of a message; one without a header has no gap for a stamp.
 
     Args:
         packing: how it is written
@@ -98,13 +98,16 @@ def form(packing: Packing, kind: str, message: Message, where: Sequence[int]) ->
     Raises:
         ValueError: the message is not written with the marks
     """
-    head, rest = _halved(packing.encode(kind, message).partition(packing.stamp(*STAMP)))
+    head, rest, stamps = b"", packing.encode(kind, message), []
+    if "header" in message:
+        head, rest = _halved(rest.partition(packing.stamp(*STAMP)))
+        stamps = [packing.stamp_cut]
     texts: list[bytes] = []
     for mark in reversed(marks(len(where)).tolist()):  # words, which may be anything, come before
         rest, behind = _halved(rest.rpartition(packing.number(mark)))
         texts.append(behind)
     last, *texts = [*texts, rest]
-    pieces, runs = [head], list[list[int]]()
+    pieces, runs = [head] if stamps else [], list[list[int]]()
     for piece, index in zip(reversed(texts), where, strict=True):
         if not piece and runs and runs[-1][1] == index:
             runs[-1][1] += 1
@@ -114,7 +117,7 @@ def form(packing: Packing, kind: str, message: Message, where: Sequence[int]) ->
     pieces.append(last)
     cuts = [cut for first, last in runs for cut in packing.cut(first, last)]
     text = b"%b".join(piece.replace(b"%", b"%%") for piece in pieces)
-    return Form(text, itemgetter(packing.stamp_cut, *cuts))
+    return Form(text, itemgetter(*stamps, *cuts))
 
 
 def _halved(parts: tuple[bytes, bytes, bytes]) -> tuple[bytes, bytes]:

@@ -11,17 +11,15 @@ from math import ceil
 from typing import Any
 
 from trocar.interfaces.crtk.arm_messages import MAKERS
-from trocar.interfaces.crtk.clock import SECOND, Beat
+from trocar.interfaces.crtk.clock import SECOND, Beat, Stamp
 from trocar.interfaces.crtk.core import Core
-from trocar.interfaces.crtk.figures import RigFigures
-from trocar.interfaces.crtk.plan import Plan
-from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.scripts.bus import Bus
 from trocar.interfaces.crtk.scripts.flow import Parts, no_parts
 from trocar.interfaces.crtk.scripts.turns import Turns
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pace import nearest_tick
 from trocar.simulation import World
+from trocar.simulation.readout import Reader, Readout
 
 #: A script's time begins here: a client that asks how old a message is that never came, with its
 #: stamp of zero, has to find it older than it has patience for. Source: our own choice. [ns]
@@ -73,8 +71,8 @@ class Stepped:
         self.core.attach(self.bus)
         self._beat = Beat(self.core.rate_hz)
         self._calls: deque[Callable[[], None]] = deque()
-        self._figures: RigFigures | None = None
-        self._plan = Plan(world.rig)
+        self._reader = Reader(world.model)
+        self._seen: tuple[Readout, Stamp] | None = None
         self._limit_s, self.steps = limit_s, 0
         self._tick_ns = round(tick_s * SECOND)
         self.turns = Turns(self.clock_ns, self._step, self._tick_ns)
@@ -123,14 +121,12 @@ class Stepped:
         maker = MAKERS.get(topic.key) if topic.arm else None
         if maker is None:
             return None
-        if self._figures is None:
-            arms, stamp = self.world.samples(), self.core.stamper.now()
-            world = self.world
-            seen = Sample(stamp, self.simulated_s, world.time, world.rig, arms, world.reference_arm)
-            if self._plan.rig is not seen.rig:  # a tool was exchanged
-                self._plan = Plan(seen.rig)
-            self._figures = RigFigures(seen, self._plan)
-        return maker(self._figures.arm(topic.arm), self._figures.sample.stamp)
+        if self._seen is None:
+            if self._reader.model is not self.world.model:  # a tool was exchanged
+                self._reader = Reader(self.world.model)
+            self._seen = self._reader.read(self.world.sample()), self.core.stamper.now()
+        readout, stamp = self._seen
+        return maker(readout.arm(topic.arm), stamp)
 
     def fail(self, failure: BaseException) -> None:
         """End the run from another thread: the script meets this error when it waits next."""
@@ -143,7 +139,7 @@ class Stepped:
         if self._limit_s is not None and self.simulated_s >= self._limit_s:
             raise self.over()
         ticks = self._ticks(most_ns)
-        self._figures = None
+        self._seen = None
         self._loop.tick(ticks)
         self._clock.sleep(ticks * self._loop.tick_s)
         self.steps += ticks

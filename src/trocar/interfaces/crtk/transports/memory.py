@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
+from trocar.interfaces.crtk.messages.forms import Packing
 from trocar.interfaces.crtk.transport import Batch, Message
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ class MemoryTransport:
     """
 
     name = "memory"
-    packing = None
+    packing: Packing | None = None
 
     def __init__(self, wanted: Iterable[str] | None = None) -> None:
         self._wanted = None if wanted is None else frozenset(wanted)

@@ -1,0 +1,337 @@
+"""What the arms of a sampled world read out: each figure computed once, away from the physics."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.geometry.rotations import quaternion_from_matrix, skew
+from trocar.geometry.se3 import adjoint, inverse, transform
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.jacobian import jacobian_spatial
+from trocar.modeling.build import RigModel
+from trocar.simulation.controllers import WrenchFrame
+from trocar.simulation.frames import Frames
+from trocar.simulation.records import WorldSample
+
+Array = NDArray[np.float64]
+
+#: Singular values of a Jacobian below this share of the largest count as 0. Source: as
+#: `Arm.measured_cf` has it.
+RANK = 1e-9
+#: From a quaternion wxyz to the order of messages.
+XYZW = [1, 2, 3, 0]
+
+
+class Reader:
+    """Reads samples of one compiled rig out, on an MjData of its own; in one thread at a time.
+
+    Args:
+        model: the compiled rig, which nothing writes to
+
+    Attributes:
+        model: as given
+        names: of the arms, in the order of the rig
+        prepared: {arm: its row among poses}, of arms whose poses are computed together: those whose
+            loops are parallelograms
+        moving: {arm: its row among Jacobians}: those of them that are no setup joints
+        columns: joints of the widest of these, jaw or gripper left out
+    """
+
+    def __init__(self, model: RigModel) -> None:
+        self.model = model
+        rig, table, mj = model.rig, model.joints, model.mj
+        self._state, self._posed = mujoco.MjData(mj), mujoco.MjData(mj)
+        self._frames = frames = Frames(rig, table, mj, self._state)
+        self.names = tuple(arm.name for arm in rig.arms)
+        rows = {name: row for row, name in enumerate(self.names) if table.arms[name].parallel}
+        self.prepared = rows
+        movers = [a for a in rig.arms if a.name in rows and a.arm.type != "SUJ"]
+        self.moving = {arm.name: row for row, arm in enumerate(movers)}
+        self.moving_rows = np.array([rows[name] for name in self.moving], dtype=np.intp)
+        self.columns = max((arm.arm.own_joints for arm in movers), default=0)
+        self._tips = [frames.tip_view(name) for name in self.names]
+        self._sites = np.array(self._tips + [frames.own_view(name) for name in self.names])
+        self._views: dict[str, tuple[NDArray[np.intp], Array, tuple[str, ...]]] = {}
+        self._turns = np.zeros((len(movers), 6, mj.nv))
+        # Columns of the moving arms' joints among those of the table, one of zeros behind them.
+        self._shares = np.vstack([table.share, np.zeros(mj.nv)]).T
+        self._joints = np.full((len(movers), self.columns), len(table), dtype=np.intp)
+        for row, arm in enumerate(movers):
+            first, count = table.arms[arm.name].rows.start, arm.arm.own_joints
+            self._joints[row, :count] = range(first, first + count)
+        self._shown: object = None
+
+    def read(self, sample: WorldSample) -> Readout:
+        """Return what a sample reads out; nothing is computed before it is asked for."""
+        return Readout(self, sample)
+
+    def measured(self, sample: WorldSample) -> Array:
+        """Return tips, then reference frames, of all arms in the world, (2, A, 4, 4)."""
+        return self._poses(self._show(sample))
+
+    def setpoint(self, sample: WorldSample) -> Array:
+        """Return the same with every arm that is `prepared` at its set-points."""
+        self._show(sample)
+        q = {name: arm.told_q for name, arm in sample.arms.items()}
+        return self._poses(self._frames.posed(q, self._posed))
+
+    def views(self, sample: WorldSample) -> tuple[NDArray[np.intp], Array, tuple[str, ...]]:
+        """Return where public poses are seen from, arm by arm.
+
+        Returns:
+            rows among the sites of `measured` (2 A), poses of these in the frames of public poses
+            (A, 4, 4), names of the frames
+        """
+        found = self._views.get(sample.reference_arm)
+        if found is None:
+            self._shown = None
+            each = [self._frames.view(name, sample.reference_arm) for name in self.names]
+            row = {site: row for row, site in reversed([*enumerate(self._sites.tolist())])}
+            origins = np.array([row[site] for site, _, _ in each], dtype=np.intp)
+            before = np.array([T for _, T, _ in each])
+            found = origins, before, tuple(frame for _, _, frame in each)
+            self._views[sample.reference_arm] = found
+        return found
+
+    def jacobians(self, sample: WorldSample) -> Array:
+        """Return J with (linear; angular) = J @ qd of the tips in axes of the world, (M, 6, n).
+
+        Rows as in `moving`; an arm with fewer joints than others has zeros behind its own.
+        """
+        shadow, mj = self._show(sample), self.model.mj
+        mujoco.mj_comPos(mj, shadow)
+        for row, turns in zip(self.moving_rows, self._turns, strict=True):
+            site = self._tips[row]
+            at, body = shadow.site_xpos[site], int(mj.site_bodyid[site])
+            mujoco.mj_jac(mj, shadow, turns[:3], turns[3:], at, body)
+        every = self._turns @ self._shares
+        return np.take_along_axis(every, self._joints[:, None, :], axis=2)
+
+    def _show(self, sample: WorldSample) -> mujoco.MjData:
+        """Return the shadow with frames where the measured joints of a sample have them."""
+        if self._shown is not sample:
+            self._state.qpos[:], self._shown = sample.qpos, sample
+            self._frames.tips()
+        return self._frames.shadow
+
+    def _poses(self, shown: mujoco.MjData) -> Array:
+        turns = shown.site_xmat[self._sites].reshape(-1, 3, 3)
+        return transform(turns, shown.site_xpos[self._sites]).reshape(2, -1, 4, 4)
+
+
+class Readout:
+    """The figures of every arm of a sample, as the verbs of `Arm` return them.
+
+    Those of arms that are `prepared` are computed together: it takes little longer than for one.
+
+    Args:
+        reader: of the sample's rig
+        sample: a world at one moment
+    """
+
+    def __init__(self, reader: Reader, sample: WorldSample) -> None:
+        self.reader, self.sample = reader, sample
+        self._arms: dict[str, ArmReadout] = {}
+
+    def arm(self, name: str) -> ArmReadout:
+        """Return an arm's figures."""
+        found = self._arms.get(name)
+        if found is None:
+            found = self._arms[name] = ArmReadout(self, name)
+        return found
+
+    def let_go(self) -> None:
+        """Forget the arms, which hold this: what holds nobody goes without a search for garbage."""
+        self._arms.clear()
+
+    @cached_property
+    def sites(self) -> Array:
+        """Measured tips, then reference frames, of all arms in the world, (2, A, 4, 4)."""
+        return self.reader.measured(self.sample)
+
+    @cached_property
+    def base_frames(self) -> tuple[str, ...]:
+        """Names of the frames of public poses, arm by arm."""
+        frames, arms = self.reader.views(self.sample)[2], self.sample.arms
+        placed = [arms[name].base for name in self.reader.names]
+        return tuple(f if p is None else p[1] for f, p in zip(frames, placed, strict=True))
+
+    @cached_property
+    def bases(self) -> Array:
+        """Reference frames of all arms in the frames of their public poses, (A, 4, 4)."""
+        origins, before, _ = self.reader.views(self.sample)
+        found = before @ inverse(self.sites.reshape(-1, 4, 4)[origins]) @ self.sites[1]
+        for row, name in enumerate(self.reader.names):
+            own, placed = origins[row] == row + len(origins), self.sample.arms[name].base
+            if own or placed is not None:  # what stands in itself is not rounded
+                found[row] = before[row] if placed is None else placed[0]
+        return found
+
+    @cached_property
+    def measured(self) -> Array:
+        """Measured tips in the arms' own reference frames, (A, 4, 4)."""
+        return inverse(self.sites[1]) @ self.sites[0]
+
+    @cached_property
+    def setpoint(self) -> Array:
+        """Tips at the set-points in the arms' own reference frames, (A, 4, 4)."""
+        tips, references = self.reader.setpoint(self.sample)
+        return inverse(references) @ tips
+
+    @cached_property
+    def measured_rows(self) -> Array:
+        """Measured tips as x y z and a quaternion x y z w: local, then public, (2, A, 7)."""
+        return pose_rows(np.stack([self.measured, self.bases @ self.measured]))
+
+    @cached_property
+    def setpoint_rows(self) -> Array:
+        """Tips at the set-points as `measured_rows`, (2, A, 7)."""
+        return pose_rows(np.stack([self.setpoint, self.bases @ self.setpoint]))
+
+    @cached_property
+    def jacobians(self) -> Array:
+        """Jacobians as `Arm.jacobian`: body, then spatial, of the moving arms, (2, M, 6, n)."""
+        tips, references = self.sites[:, self.reader.moving_rows]
+        change = np.zeros((2, len(tips), 6, 6))
+        change[0, :, :3, :3] = change[0, :, 3:, 3:] = tips[:, :3, :3].swapaxes(1, 2)
+        back = references[:, :3, :3].swapaxes(1, 2)
+        change[1, :, :3, :3] = change[1, :, 3:, 3:] = back
+        change[1, :, :3, 3:] = back @ skew(tips[:, :3, 3] - references[:, :3, 3])
+        return change @ self._world_jacobians
+
+    @cached_property
+    def twists(self) -> Array:
+        """Velocities of the tips: local, then public, of the moving arms, (2, M, 6)."""
+        arms, reader = self.sample.arms, self.reader
+        qd = np.zeros((len(reader.moving), reader.columns, 1))
+        for row, name in enumerate(reader.moving):
+            own = reader.model.rig.arm(name).arm.own_joints
+            qd[row, :own, 0] = arms[name].qd[:own]
+        inside = reader.moving_rows
+        moved = (self._world_jacobians @ qd).reshape(-1, 2, 3, 1)
+        back = self.sites[1, inside, :3, :3].swapaxes(1, 2)[:, None]
+        local = back @ moved
+        return np.stack([local, self.bases[inside, None, :3, :3] @ local]).reshape(2, -1, 6)
+
+    @cached_property
+    def wrenches(self) -> Array:
+        """What the motors exert at the tips: body, then spatial, of the moving arms, (2, M, 6)."""
+        arms, reader = self.sample.arms, self.reader
+        effort = np.zeros((len(reader.moving), reader.columns, 1))
+        for row, name in enumerate(reader.moving):
+            own = reader.model.rig.arm(name).arm.own_joints
+            effort[row, :own, 0] = arms[name].effort[:own] - arms[name].load[:own]
+        return _wrench(self.jacobians, effort)
+
+    @cached_property
+    def _world_jacobians(self) -> Array:
+        return self.reader.jacobians(self.sample)
+
+
+class ArmReadout:
+    """Figures of one arm of a sample.
+
+    An arm with general loops computes its own, each once.
+
+    Attributes:
+        arm, sample: its description and sample
+        name, own_frame: its own, and that of its reference frame
+        names, own: of its joints, and which of them are not a jaw's or gripper's
+    """
+
+    def __init__(self, rig: Readout, name: str) -> None:
+        rig_arm = rig.reader.model.rig.arm(name)
+        self._rig, self._row = rig, rig.reader.names.index(name)
+        self.name, self.arm, self.own_frame = name, rig_arm.arm, rig_arm.own_frame
+        self.sample = rig.sample.arms[name]
+        self.own, self.names = slice(0, self.arm.own_joints), self.arm.mechanism.joint_names
+        self._prepared = name in rig.reader.prepared
+
+    @property
+    def base(self) -> tuple[Array, str]:
+        """The arm's reference frame in the frame of its public poses, (4, 4), and that one."""
+        return self._rig.bases[self._row], self.base_frame
+
+    @property
+    def base_frame(self) -> str:
+        """Name of the frame of its public poses."""
+        return self._rig.base_frames[self._row]
+
+    @property
+    def reference_in_world(self) -> Array:
+        """The arm's reference frame in the world, (4, 4)."""
+        return self._rig.sites[1, self._row]
+
+    @property
+    def measured(self) -> Array:
+        """The tip in the frame of its public poses, (4, 4)."""
+        local = self._rig.measured[self._row] if self._prepared else self._tips[0]
+        return self.base[0] @ local
+
+    def tip_row(self, *, setpoint: bool, local: bool) -> Array:
+        """Return where the tip is: x y z and a quaternion x y z w, (7,).
+
+        Args:
+            setpoint: at the set-points, else measured
+            local: in the arm's own reference frame, else as public poses
+        """
+        if self._prepared:
+            rows = self._rig.setpoint_rows if setpoint else self._rig.measured_rows
+            return rows[0 if local else 1, self._row]
+        T = self._tips[int(setpoint)]
+        return pose_rows(T if local else self.base[0] @ T)
+
+    def jacobian(self, frame: WrenchFrame) -> Array:
+        """Return J with (linear; angular) = J @ qd as `Arm.jacobian` does, (6, n)."""
+        which, row = int(frame == "spatial"), self._rig.reader.moving.get(self.name)
+        if row is None:
+            return self._jacobians[which][:, self.own]
+        return self._rig.jacobians[which, row, :, self.own]
+
+    def twist(self, *, local: bool) -> Array:
+        """Return the velocity of the tip: (linear; angular), (6,) [m/s, rad/s].
+
+        Args:
+            local: in axes of the arm's own reference frame, else of the frame of public poses
+        """
+        row = self._rig.reader.moving.get(self.name)
+        if row is not None:
+            return self._rig.twists[0 if local else 1, row]
+        R = self._tips[0][:3, :3] if local else self.measured[:3, :3]
+        found = (self._jacobians[0] @ self.sample.qd).reshape(2, 3) @ R.T
+        return found.ravel()
+
+    def wrench(self, frame: WrenchFrame) -> Array:
+        """Return what the motors exert beside carrying the links: (force; torque), (6,)."""
+        row = self._rig.reader.moving.get(self.name)
+        if row is not None:
+            return self._rig.wrenches[int(frame == "spatial"), row]
+        effort = (self.sample.effort - self.sample.load)[self.own, None]
+        return _wrench(self.jacobian(frame), effort)
+
+    @cached_property
+    def _tips(self) -> Array:
+        """Both tips in the own reference frame, measured and at the set-points, (2, 4, 4)."""
+        return chain_pose(self.arm.mechanism)(np.stack([self.sample.q, self.sample.told_q]))
+
+    @cached_property
+    def _jacobians(self) -> tuple[Array, Array]:
+        spatial = jacobian_spatial(self.arm.mechanism, self.sample.q)
+        return adjoint(inverse(self._tips[0])) @ spatial, spatial
+
+
+def pose_rows(T: Array) -> Array:
+    """Return poses (..., 4, 4) as x y z and quaternions x y z w, (..., 7)."""
+    found = np.empty((*T.shape[:-2], 7))
+    found[..., :3] = T[..., :3, 3]
+    found[..., 3:] = quaternion_from_matrix(T[..., :3, :3])[..., XYZW]
+    return found
+
+
+def _wrench(jacobian: Array, effort: Array) -> Array:
+    """Return the least wrench w that explains efforts best: effort = J^T w, (..., 6)."""
+    return (np.linalg.pinv(jacobian.swapaxes(-1, -2), rcond=RANK) @ effort)[..., 0]

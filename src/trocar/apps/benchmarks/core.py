@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
 import os
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import cast
 
 import mujoco
 import numpy as np
@@ -17,8 +20,10 @@ from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.overlay import Overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
 from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
+from trocar.geometry.se3 import inverse, transform
 from trocar.modeling.build import build
 from trocar.simulation import Batch, World
+from trocar.simulation.jaw import Jaw
 
 Array = NDArray[np.float64]
 Action = Callable[[], object]
@@ -39,7 +44,7 @@ INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 def core(watch: Callable[[str], None] | None = None) -> list[Figure]:
-    """Measure verbs, readings, resets, second worlds and a batch, all against `mj_step`.
+    """Measure verbs, readings, resets, second worlds, the solver and a batch against `mj_step`.
 
     The unit of "PSM steps" is a warm `mj_step` of the rig `psm` that follows a sine, measured in
     the same rounds.
@@ -62,6 +67,9 @@ def core(watch: Callable[[str], None] | None = None) -> list[Figure]:
         if watch is not None:
             watch(f"environment of {rig}")
         found.append(_environment(rig, most))
+    if watch is not None:
+        watch("solver")
+    found += _solver()
     if watch is not None:
         watch("batch")
     return [*found, _batch()]
@@ -150,6 +158,67 @@ def _environment(rig: str, most: float) -> Figure:
     cost = _in_turn({"environment": environment, "bare": bare}, calls=10)
     share = 100.0 * (1.0 - cost["bare"] / cost["environment"])
     return Figure(f"{rig}: Python's share of a 50 Hz step", share, "%", most)
+
+
+def _solver() -> list[Figure]:
+    """Compare steps that start from the solver's last solution with steps that do not."""
+    carts = {welded: World("full_cart", setup_joints=welded) for welded in ("braked", "locked")}
+    asleep = World("pegs")
+    asleep.step(1000)
+    cases = {
+        "full_cart": (carts["braked"], 1.0 / 1.04),
+        "full_cart, setup joints locked": (carts["locked"], 1.0 / 1.3),
+        "pegs, all objects asleep": (asleep, 0.85),
+        "pegs, a block in the jaws": (_holding_a_block(), 0.65),
+    }
+    steps: dict[str, Action] = {}
+    for name, (world, _) in cases.items():
+        cold = copy.copy(world.mj_model)
+        cold.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+        steps[name], steps[f"{name}, cold"] = _moving(world, world.mj_model), _moving(world, cold)
+    cost = _in_turn(steps)
+    found: list[Figure] = []
+    for name, (_, goal) in cases.items():
+        other = "full_cart, cold" if name.startswith("full_cart") else f"{name}, cold"
+        found.append(Figure(f"{name}: a step / {other}", cost[name] / cost[other], "", goal))
+    return found
+
+
+def _moving(world: World, model: mujoco.MjModel) -> Action:
+    """Return a step of a world whose PSM1 turns to and fro about where it is."""
+    data, count = mujoco.MjData(model), itertools.count()
+    mujoco.mj_setState(model, data, world.save().row, INTEGRATION)
+    yaw = 3 * world.joints.arms["PSM1"].rows.start
+    middle = float(data.ctrl[yaw])
+
+    def step() -> None:
+        data.ctrl[yaw] = middle + 0.02 * np.sin(STEP_RAD * next(count))
+        mujoco.mj_step(model, data)
+
+    for _ in range(200):  # objects that a state wakes fall asleep again
+        step()
+    return step
+
+
+def _holding_a_block() -> World:
+    """Return the rig `pegs` with a block in the jaws of PSM1, off the board."""
+    world = World("pegs")
+    arm, at = world.arm("PSM1"), world.object("block2").measured_cp().T[:3, 3]
+    cart = world.reference_pose("PSM1")
+    down = (cart @ arm.local_measured_cp().T)[:3, :3]
+
+    def go(height: float) -> None:
+        T = transform(down, at + np.array([0.0, 0.0, height]))
+        arm.move_cp(arm.base_frame()[0] @ inverse(cart) @ T).wait(timeout_s=4.0)
+
+    jaw = cast(Jaw, arm.jaw)
+    jaw.move_jp([0.6]).wait(timeout_s=2.0)
+    go(0.03)
+    go(0.012)  # the jaw's axis is some 10 mm behind the ends of the fingers
+    jaw.close().wait(timeout_s=2.0)
+    go(0.03)
+    world.step(500)
+    return world
 
 
 def _batch() -> Figure:

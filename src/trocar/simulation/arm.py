@@ -720,26 +720,27 @@ class Arm:
             remote_centre: in the world, (3,) [m]
             read: positions, velocities and efforts (3, n), where they were read already
         """
-        q, qd, effort = self.motors.read() if read is None else read
-        told = self.motors.position.copy()
-        if self.gripper is not None and self.motors.modes[-1] == EFFORT:
-            told[-1] = q[-1]  # nothing holds its levers
-        modes, locked = self.motors.labels()
+        motors, control, states = self.motors, self.control, self._states
+        q, qd, effort = motors.read() if read is None else read
+        setpoint = motors.position.copy()
+        if self.gripper is not None and motors.modes[-1] == EFFORT:
+            setpoint[-1] = q[-1]  # nothing holds its levers
+        modes, locked = motors.labels()
         return ArmSnapshot(
             self.joint_names,
             q,
             qd,
             effort,
-            told,
+            setpoint,
             modes,
             locked,
-            self.busy,
+            bool(control.moves.legs),
             remote_centre,
-            self.warnings,
-            self.last_warning,
-            self._states.state,
-            self._states.homed,
-            self.tool,
+            control.refusals.count,
+            control.refusals.last,
+            states.state,
+            states.homed,
+            self.description.tool,
         )
 
     # ------------------------------------------------------------------ tip

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 
 import mujoco
 import numpy as np
@@ -46,9 +47,6 @@ class Frames:
         rig: its description
         table: its joints
         model, data: the physics
-
-    Attributes:
-        shadow: an MjData of the same model; `bodies` and `tips` say what it holds
     """
 
     def __init__(
@@ -59,16 +57,12 @@ class Frames:
         data: mujoco.MjData,
     ) -> None:
         self._rig, self._table, self._model, self._data = rig, table, model, data
-        self.shadow = shadow = mujoco.MjData(model)
-        self._qpos, self._shown = data.qpos, shadow.qpos
+        self._qpos = data.qpos
         self._known = {arm.name: arm for arm in rig.arms}
+        self._centred = [a.name for a in rig.arms if "rcm" in a.arm.mechanism.frame_index]
         self._project = np.eye(model.nq)
         self._jacobian = np.zeros((6, model.nv))
         self._linear, self._angular = self._jacobian[:3], self._jacobian[3:]
-        self._tip, self._reference = (
-            {arm.name: self._site(naming.frame_site(arm.name, frame)) for arm in rig.arms}
-            for frame in ("tip", "reference")
-        )
         self._linkages: dict[str, Linkage] = {}
         for arm in rig.arms:
             index = table.arms[arm.name]
@@ -81,10 +75,31 @@ class Frames:
         #: it, and the frame's name.
         self._views: dict[tuple[str, str], tuple[Site, Array | None, str]] = {}
 
-    def _site(self, name: str) -> Site:
-        site = self._model.site(name)
-        at, turn = self.shadow.site_xpos[site.id], self.shadow.site_xmat[site.id]
-        return Site(site.id, int(site.bodyid[0]), at, turn.reshape(3, 3))
+    @cached_property
+    def shadow(self) -> mujoco.MjData:
+        """An MjData of the same model, made when first needed; `bodies` and `tips` fill it."""
+        return mujoco.MjData(self._model)
+
+    @cached_property
+    def _shown(self) -> Array:
+        return self.shadow.qpos
+
+    @cached_property
+    def _tip(self) -> dict[str, Site]:
+        return self._sites("tip")
+
+    @cached_property
+    def _reference(self) -> dict[str, Site]:
+        return self._sites("reference")
+
+    def _sites(self, frame: str) -> dict[str, Site]:
+        """Return one site of every arm, by the arm's name."""
+        found: dict[str, Site] = {}
+        for arm in self._known:
+            site = self._model.site(naming.frame_site(arm, frame))
+            at, turn = self.shadow.site_xpos[site.id], self.shadow.site_xmat[site.id]
+            found[arm] = Site(site.id, int(site.bodyid[0]), at, turn.reshape(3, 3))
+        return found
 
     # ------------------------------------------------------------------ what the shadow holds
 
@@ -178,13 +193,12 @@ class Frames:
         return self._reference[name].pose()
 
     def remote_centres(self) -> dict[str, Array]:
-        """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
-        self.tips()
-        return {
-            a.name: self._reference[a.name].at.copy()
-            for a in self._rig.arms
-            if "rcm" in a.arm.mechanism.frame_index
-        }
+        """Return the remote centre of every arm that has one, in the world, (3,) [m].
+
+        Setup joints alone move it, and they have no loops: the shadow shows bodies after this call.
+        """
+        self.bodies()
+        return {name: self._reference[name].at.copy() for name in self._centred}
 
     def follows(self, name: str) -> bool:
         """Return whether hinges of an arm follow its joints in closed form, loops included.

@@ -213,10 +213,12 @@ class Motors:
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)
-        rates = coordinate_rates(self.arm.mechanism, where) @ v
         index = self.index
         self._data.qpos[index.qpos] = where[index.hinges]
-        self._data.qvel[index.dof] = rates[index.hinges]
+        self._data.qvel[index.dof] = 0.0
+        if np.count_nonzero(v):
+            rates = coordinate_rates(self.arm.mechanism, where) @ v
+            self._data.qvel[index.dof] = rates[index.hinges]
         # What the last period's forces did is no longer true; sensors look for this mark.
         self._data.qacc[index.dof] = np.nan
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
 from trocar.simulation.records import Recording
-from trocar.simulation.servos import EFFORT, SET, Servos
+from trocar.simulation.servos import EFFORT, READ_STATE, SET, Servos
 
 Array = NDArray[np.float64]
 
@@ -112,6 +112,7 @@ class Player:
             self._leave_to_servos(table.efforts, table.played)
         begin = self._data.time
         samples = np.zeros((len(table.setpoints) if record else 0, len(self._servos.state())))
+        model, data = self._model, self._data
         setpoints = self._servos.setpoint[:, :2]
         for row, wanted in enumerate(table.setpoints):
             setpoints[:] = wanted
@@ -120,7 +121,7 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                samples[row] = self._servos.state()
+                mujoco.mj_getState(model, data, samples[row], READ_STATE)
         for name in table.played:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]

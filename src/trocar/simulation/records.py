@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,7 @@ Array = NDArray[np.float64]
 Mode = Literal["position", "effort", "set"]
 
 
-@dataclass(frozen=True, eq=False)
-class JointState:
+class JointState(NamedTuple):
     """Joint positions, velocities and efforts at a time [rad or m, per s, N m or N, s]."""
 
     name: tuple[str, ...]
@@ -26,8 +25,7 @@ class JointState:
     time: float
 
 
-@dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """A pose T (4, 4) in the frame `frame_id` at a time [s]."""
 
     T: Array
@@ -35,8 +33,7 @@ class Pose:
     time: float
 
 
-@dataclass(frozen=True, eq=False)
-class Twist:
+class Twist(NamedTuple):
     """A velocity: of a point and of rotation, (3,) each, in axes of `frame_id` [m/s, rad/s]."""
 
     linear: Array
@@ -45,8 +42,7 @@ class Twist:
     time: float
 
 
-@dataclass(frozen=True, eq=False)
-class Wrench:
+class Wrench(NamedTuple):
     """A force and a torque, (3,) each, in `frame_id` [N, N m]."""
 
     force: Array
@@ -55,8 +51,7 @@ class Wrench:
     time: float
 
 
-@dataclass(frozen=True, eq=False)
-class ArmSnapshot:
+class ArmSnapshot(NamedTuple):
     """One arm at a time; arrays follow `joint_names`, the jaw last."""
 
     joint_names: tuple[str, ...]
@@ -131,8 +126,7 @@ class WorldSample:
     reference_arm: str
 
 
-@dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(NamedTuple):
     """A world at a time: where every body is, and every arm.
 
     `build` counts how often the rig was compiled: bodies of another build are others, as after an

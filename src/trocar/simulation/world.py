@@ -336,7 +336,8 @@ class World:
             arm.motors.put(q, np.zeros(len(q)))
         self.servos.apply()
         mujoco.mj_forward(self._model, self._data)
-        self._balance()
+        np.dot(self.joints.share, self._data.qfrc_bias, out=self.servos.holding)  # all is at rest
+        self.servos.write_efforts()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
 
@@ -517,13 +518,13 @@ class World:
             arms: tell every arm's joints, too, which takes ten times as long as all bodies
         """
         found: dict[str, ArmSnapshot] = {}
-        if arms:
-            centres, every = self.remote_centres(), self.servos.read()
+        centres, every = self.frames.remote_centres(), self.servos.read() if arms else None
+        if every is not None:
             for name, arm in self.arms.items():
                 motors = arm.motors
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
-        shown = self.frames.bodies()
+        shown = self.frames.shadow
         return Snapshot(self.time, shown.xpos.copy(), shown.xquat.copy(), found, self._build)
 
     def sample(self) -> WorldSample:
@@ -622,23 +623,26 @@ class World:
         self._sensors = Sensors(self.rig, self._probes)
         self._cameras = Cameras(self.rig, self.joints, self.frames)
         self._objects.attach(self._model, self._data)
+        self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
         """Step the physics and call observers; stop when the state is no longer finite."""
-        left, bad, data, journal = count, self._bad, self._data, self.journal
+        model, data, journal = self._model, self._data, self.journal
+        left, bad, stride = count, self._bad, self._stride
         while left > 0:
             since = journal.period % self._renewal
-            if since == 0 and self._load.size > 0.0:
-                self._load.apply()
-            if journal.period % self._gravity_renewal == 0:
-                self._balance()
-                self._supervise()
+            if since == 0:
+                if self._load.size > 0.0:
+                    self._load.apply()
+                if journal.period % self._gravity_renewal == 0:
+                    self._balance()
+                    self._supervise()
             run = min(left, self._renewal - since)
             left -= run
-            self.copy_state(self._before)
+            mujoco.mj_getState(model, data, self._before, INTEGRATION)
             while run > 0:
-                count = min(run, self._stride)
-                mujoco.mj_step(self._model, data, count)
+                count = run if run < stride else stride
+                mujoco.mj_step(model, data, count)
                 journal.period += count
                 journal.time = data.time
                 run -= count
@@ -673,9 +677,8 @@ class World:
 
     def _supervise(self) -> None:
         """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""
-        for arm in self.arms.values():
-            if arm.gripper is not None:
-                arm.gripper.watch()
+        for gripper in self._grippers:
+            gripper.watch()
         beyond = self.servos.beyond()
         if beyond is None:
             return

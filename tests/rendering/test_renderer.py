@@ -144,7 +144,7 @@ def test_an_unknown_camera_is_named(renderer: Renderer) -> None:
 
 
 def test_shapes_of_another_build_are_refused(renderer: Renderer) -> None:
-    later = replace(WHERE, build=2)
+    later = WHERE._replace(build=2)
     eye = {"eye": replace(camera(stereo()), build=2)}
     with pytest.raises(InputError, match="the snapshot is of build 2"):
         renderer.render(later, eye, "eye")

@@ -96,7 +96,10 @@ class Probes:
     ) -> None:
         self._rig, self._table, self._arms, self._load = rig, table, arms, load
         self._model, self._data = model, data
-        self._names = carrier_names(model)
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return carrier_names(self._model)
 
     @property
     def time(self) -> float:

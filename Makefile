@@ -21,6 +21,7 @@ ROS1_PYTHON ?= /usr/bin/python3
 EXTRAS_run := [all]
 EXTRAS_test := [all,test,browser]
 EXTRAS_cad := [cad]
+EXTRAS_docs := [docs]
 EXTRAS_dev := [dev]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
@@ -30,7 +31,7 @@ $(BIN)/python -m pytest -m browser $(ARGS) || [ $$? = 5 ]
 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile $(ARGS)
 endef
 
-.PHONY: help venv run test check skipped lint bench cad ros1-venv clean
+.PHONY: help venv run test check skipped lint bench cad docs ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -66,6 +67,11 @@ bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 
 cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/trocar cad -o src/trocar/descriptions/data/solids $(ARGS)
+
+docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
+	$(BIN)/python tools/docs/command_line.py
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "site/index.html is the documentation."
 
 ros1-venv: .venv-ros1/.ready ## build .venv-ros1 on the Python that has rospy, for trocar sim --ros1
 

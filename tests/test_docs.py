@@ -23,6 +23,8 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 # Short enough to run here; the others want a browser, a recording or a quiet machine.
 QUICK = ("fk", "ik", "list", "show")
+#: Prints the page on the command line as its generator writes it.
+WRITE = "import runpy, sys; sys.stdout.write(runpy.run_path(sys.argv[1])['page']())"
 
 
 def blocks(text: str, language: str) -> list[str]:
@@ -178,6 +180,17 @@ def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -
     (example,) = blocks(README, "python")
     exec(compile(example, "README.md", "exec"), {})
     assert capsys.readouterr().out
+
+
+def test_the_page_on_the_command_line_is_what_the_program_offers() -> None:
+    written = subprocess.run(
+        [sys.executable, "-c", WRITE, str(ROOT / "tools" / "docs" / "command_line.py")],
+        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8") == written, "make docs"
 
 
 def test_the_page_on_the_command_line_solves_in_python_too() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.inertial import holding_efforts
+from trocar.descriptions.overlay_records import ClosurePatch, Overlay
 from trocar.simulation import World
 
 WORLD_DOWN = np.array([0.0, 0.0, -1.0])
@@ -167,3 +168,31 @@ def test_static_gravity_is_at_most_half_of_each_limit_as_the_cart_tilts_the_arms
             limits = np.array([j.effort_max for j in rig_arm.arm.joints])
             share = np.abs(fed_forward(world, rig_arm.name)) / limits
             assert share.max() <= 0.5, (rig_arm.name, share)
+
+
+def broken_psm() -> Overlay:
+    """A PSM whose upper loop is 1 mm from a parallelogram, as the paper's Table 6 has it."""
+    mechanism = load_arm("psm").mechanism
+    c2 = next(c for c in mechanism.closures if c.name == "c2")
+    return Overlay(
+        "psm", "broken", {}, {"c2": ClosurePatch(c2.point_a + np.array([1e-3, 0, 0]), c2.point_b)}
+    )
+
+
+def test_compensation_follows_loops_that_are_no_parallelograms(rng, random_positions):
+    world = World("psm", calibration=broken_psm())
+    arm = world.rig.arm("PSM1").arm
+    down = world.reference_pose("PSM1")[:3, :3].T @ WORLD_DOWN
+    for q in random_positions(arm, rng, 10):
+        world.set_state("PSM1", q)
+        wanted = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, "PSM1"), wanted, atol=AGREED)
+
+
+def test_a_free_arm_with_broken_loops_stays_where_it_is():
+    world = World("psm", calibration=broken_psm(), friction="paper")
+    arm = world.arm("PSM1")
+    arm.free()
+    before = arm.measured_js().position
+    world.step(5000)
+    assert np.abs(arm.measured_js().position - before).max() < 1e-3  # rad or m

@@ -71,6 +71,12 @@ class Frames:
                 linkage = self._linkages[arm.name] = Linkage(arm, table, loops)
                 self._project[index.qpos] = linkage.couple @ table.drive[index.rows]
         self._skew = [linkage for linkage in self._linkages.values() if linkage.skew]
+        #: Arms whose loops several joints fold: no table says how their hinges follow.
+        self._folded = [
+            (arm.arm.mechanism, table.arms[arm.name])
+            for arm in rig.arms
+            if len(table.arms[arm.name].hinges) and arm.name not in self._linkages
+        ]
         #: Where public poses are seen from, by arm and reference arm: a site, what stands before
         #: it, and the frame's name.
         self._views: dict[tuple[str, str], tuple[Site, Array | None, str]] = {}
@@ -280,12 +286,32 @@ class Frames:
     def holding_efforts(self, out: Array) -> Array:
         """Return the efforts that hold every motor's load still now, (J,) [N m or N].
 
-        By virtual work, with the hinges inside loops in the fixed ratios of parallelograms.
+        See `joint_efforts`.
         """
         shadow = self.bodies()
         mujoco.mj_comPos(self._model, shadow)
         mujoco.mj_rne(self._model, shadow, 0, shadow.qfrc_inverse)
-        return np.dot(self._table.share, shadow.qfrc_inverse, out=out)
+        return self.joint_efforts(shadow.qfrc_inverse, out)
+
+    def joint_efforts(self, forces: Array, out: Array) -> Array:
+        """Return the joint efforts that do the work of forces on all hinges, (J,) [N m or N].
+
+        By virtual work along the closed loops, where the hinges are now: tau = (d hinges / d q)^T f.
+
+        Args:
+            forces: on MuJoCo's degrees of freedom, (nv,)
+            out: written and returned, (J,)
+        """
+        np.dot(self._table.share, forces, out=out)
+        for linkage in self._skew:
+            q = linkage.drive.dot(self._qpos)
+            np.dot(forces, linkage.at(q)[1], out=out[linkage.rows])
+        for mechanism, index in self._folded:
+            where = np.zeros(len(mechanism.frames))
+            where[index.hinges] = self._qpos[index.qpos]
+            rates = coordinate_rates(mechanism, where)[index.hinges]
+            np.dot(forces[index.dof], rates, out=out[index.rows])
+        return out
 
     # ------------------------------------------------------------------ inside
 
@@ -343,6 +369,7 @@ class Linkage:
 
     Attributes:
         couple: hinges by the couplings alone = couple @ q, (h, n)
+        rows: the arm's joints in the table
         drive: q = drive @ qpos, (n, nq)
         qpos: addresses of the hinges, (h,)
         skew: whether the couplings leave something out
@@ -350,6 +377,7 @@ class Linkage:
 
     def __init__(self, arm: RigArm, table: JointTable, loops: LoopTable | None) -> None:
         index, self._mechanism = table.arms[arm.name], arm.arm.mechanism
+        self.rows = index.rows
         self.couple, self.drive = table.couple[index.qpos][:, index.rows], table.drive[index.rows]
         self.qpos, self._dof, self._hinges = index.qpos, index.dof, index.hinges
         self._rates = table.share[index.rows].T.copy()

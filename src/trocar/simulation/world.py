@@ -336,7 +336,7 @@ class World:
             arm.motors.put(q, np.zeros(len(q)))
         self.servos.apply()
         mujoco.mj_forward(self._model, self._data)
-        np.dot(self.joints.share, self._data.qfrc_bias, out=self.servos.holding)  # all is at rest
+        self.frames.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
         self.servos.write_efforts()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0

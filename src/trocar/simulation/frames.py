@@ -296,7 +296,7 @@ class Frames:
     def joint_efforts(self, forces: Array, out: Array) -> Array:
         """Return the joint efforts that do the work of forces on all hinges, (J,) [N m or N].
 
-        By virtual work along the closed loops, where the hinges are now: tau = (d hinges / d q)^T f.
+        By virtual work along the closed loops where they are now: tau = (d hinges / d q)^T f.
 
         Args:
             forces: on MuJoCo's degrees of freedom, (nv,)

@@ -67,7 +67,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 @pytest.fixture(scope="session")
 def opengl() -> str:
     """Return who draws, or skip the test: no extra `scope`, or no OpenGL."""
-    from trocar.rendering.library import open_context
+    from trocar.rendering.context import open_context
 
     try:
         context = open_context()

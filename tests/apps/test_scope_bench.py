@@ -8,7 +8,7 @@ from trocar.apps.benchmarks.live_scope import live
 from trocar.apps.benchmarks.scope import MOST_TRIANGLES, in_motion, sizes, timed
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
-from trocar.rendering.library import open_context
+from trocar.rendering.context import open_context
 from trocar.simulation import World
 
 

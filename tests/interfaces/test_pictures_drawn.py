@@ -15,7 +15,7 @@ from trocar.simulation import World
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
 from trocar.rendering import Renderer, Series
-from trocar.rendering.library import open_context
+from trocar.rendering.context import open_context
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -10,7 +10,7 @@ from trocar.cameras.lens import plane_from_pixels, undistort
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.rendering import Look
-from trocar.rendering.lenses import sources, wide_pinhole
+from trocar.rendering.optics import sources, wide_pinhole
 
 pytestmark = pytest.mark.usefixtures("opengl")
 

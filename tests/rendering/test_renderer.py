@@ -14,7 +14,7 @@ from tests.rendering.scenes import camera, disc, mesh, plate, seen, snapshot, st
 
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import transform
-from trocar.rendering import Channels, Look, Renderer, library, staging
+from trocar.rendering import Channels, Look, Renderer, context, staging
 from trocar.rendering.painter import Painter
 from trocar.rendering.scenery import Scenery
 from trocar.rendering.sight import Boxes, Frustum
@@ -68,7 +68,7 @@ def test_a_lost_context_is_made_anew_and_said(
     def once(self: Painter, *args: Any) -> Any:
         if losses:
             losses.pop()
-            raise library.load().Error("the device was removed")
+            raise context.load().Error("the device was removed")
         return paint(self, *args)
 
     monkeypatch.setattr(Painter, "paint", once)
@@ -96,7 +96,7 @@ def test_a_context_that_is_lost_at_once_again_is_an_error(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def never(*_: Any) -> Any:
-        raise library.load().Error("gone")
+        raise context.load().Error("gone")
 
     monkeypatch.setattr(Painter, "paint", never)
     with pytest.raises(TrocarError, match="lost twice: gone"):

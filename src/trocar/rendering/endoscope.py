@@ -2,22 +2,245 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import logging
+import threading
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
+from types import TracebackType
+from typing import cast
 
 import numpy as np
 
 from trocar.cameras import Calibration
 from trocar.descriptions.cameras import load_camera
-from trocar.errors import UnknownNameError
+from trocar.errors import InputError, TrocarError, UnknownNameError
+from trocar.rendering.exposure import followed
 from trocar.rendering.frames import StereoFrame
-from trocar.rendering.look import Look
+from trocar.rendering.look import AUTO, Look
 from trocar.rendering.renderer import Channels, Renderer
-from trocar.rendering.series import Series
-from trocar.rendering.stream import Stream
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import Snapshot
+
+_log = logging.getLogger("trocar")
+
+Draw = Callable[[Snapshot, Mapping[str, CameraRecord]], StereoFrame]
+#: A snapshot that is this much early is in time. Source: rounding of sums of periods. [s]
+SLACK_S = 1e-9
+#: How long ending may take: a frame that is being drawn is drawn to its end [s].
+FAREWELL_S = 10.0
+
+
+class Stream:
+    """Takes snapshots where the world is stepped, and draws them elsewhere.
+
+    A snapshot that is not drawn yet when the next one is due is dropped and counted; nothing waits
+    in a queue, and the world never waits.
+
+    Args:
+        world: stepped by whoever has it
+        draw: makes a frame
+        rate_hz: frames a simulated second
+
+    Attributes:
+        made, dropped: frames drawn; snapshots that were overtaken before
+
+    Raises:
+        InputError: the rate is not above 0
+    """
+
+    def __init__(self, world: World, draw: Draw, rate_hz: float) -> None:
+        if not isinstance(rate_hz, (int, float)) or not 0.0 < rate_hz < float("inf"):
+            raise InputError(f"rate_hz: got {rate_hz!r}; allowed: above 0")
+        self._world, self._draw, self._period = world, draw, 1.0 / rate_hz
+        self._changed = threading.Condition()
+        self._order: tuple[Snapshot, Mapping[str, CameraRecord]] | None = None
+        self._newest: StereoFrame | None = None
+        self._failure: TrocarError | None = None
+        self._over = False
+        self._due = world.time
+        self.made = self.dropped = 0
+        self._thread = threading.Thread(target=self._run, name="endoscope", daemon=True)
+        self._leave: Callable[[], None] = lambda: None
+
+    def __enter__(self) -> Stream:
+        self._thread.start()
+        self._look()
+        self._leave = self._world.observe(self._look, every=5)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    @property
+    def newest(self) -> StereoFrame | None:
+        """The newest frame, None before the first.
+
+        Raises:
+            TrocarError: why no more are drawn
+        """
+        with self._changed:
+            self._check()
+            return self._newest
+
+    def wait(self, after: StereoFrame | None = None, timeout_s: float = 10.0) -> StereoFrame:
+        """Return a frame that is newer than another one, or the first.
+
+        Raises:
+            TrocarError: there is none after the timeout, or why no more are drawn
+        """
+
+        def fresh() -> bool:
+            frame = self._newest
+            return self._failure is not None or (frame is not None and frame is not after)
+
+        with self._changed:
+            if not self._changed.wait_for(fresh, timeout_s):
+                raise TrocarError(f"no new picture after {timeout_s:g} s; was the world stepped?")
+            self._check()
+            return cast(StereoFrame, self._newest)
+
+    def stop(self) -> None:
+        """Draw no more; the newest frame stays."""
+        self._leave()
+        with self._changed:
+            self._over = True
+            self._changed.notify_all()
+        if self._thread.ident is not None:
+            self._thread.join(FAREWELL_S)
+
+    # ------------------------------------------------------------------ inside
+
+    def _check(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+
+    def _look(self) -> None:
+        """Take a snapshot when one is due; called where the world is stepped."""
+        time = self._world.time
+        if self._due - self._period <= time + SLACK_S < self._due:  # else it was reset
+            return
+        self._due = time + self._period - (time - self._due) % self._period
+        order = self._world.snapshot(arms=False), self._world.cameras()
+        with self._changed:
+            self.dropped += self._order is not None
+            self._order = order
+            self._changed.notify_all()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._over or self._order is not None)
+                order, self._order = self._order, None
+                if self._over or order is None:
+                    return
+            try:
+                frame = self._draw(*order)
+            except Exception as problem:  # noqa: BLE001  told to whoever asks for a frame
+                self._fail(problem)
+                return
+            with self._changed:
+                self._newest = frame
+                self.made += 1
+                self._changed.notify_all()
+
+    def _fail(self, problem: Exception) -> None:
+        if not isinstance(problem, TrocarError):
+            _log.exception("no more pictures")
+        told = problem if isinstance(problem, TrocarError) else TrocarError(repr(problem))
+        with self._changed:
+            self._failure = told
+            self._changed.notify_all()
+
+
+#: After a gap of this much a series begins anew [s]. Source: our own choice.
+GAP_S = 1.0
+#: What moves less since it was drawn stands still [m, and rad]. Source: our own choice: 10 mm ahead
+#: of an eye that is a tenth of a pixel of 1920x1080, and joints that settle are drawn seldom.
+STILL = 5e-7
+
+
+def stands_still(before: Snapshot, now: Snapshot) -> bool:
+    """Return whether no body of a world moved by as much as can be seen."""
+    return before.build == now.build and all(
+        bool((np.abs(a - b) < STILL).all())
+        for a, b in ((before.positions, now.positions), (before.quaternions, now.quaternions))
+    )
+
+
+class Series:
+    """Pictures that follow each other: the exposure of each follows from the one before.
+
+    A camera's first picture is exposed for itself, as is one after a reset, an exchange of a tool
+    or a gap of a second. Time is that of snapshots, so the same snapshots give the same pictures.
+    While nothing moves, none is drawn: the one before is handed out with the new time.
+
+    Args:
+        renderer: draws; its look says whether exposure is automatic
+    """
+
+    def __init__(self, renderer: Renderer) -> None:
+        self._renderer = renderer
+        self._before: dict[str, StereoFrame] = {}
+        self._drawn: dict[str, tuple[Snapshot, tuple[object, ...]]] = {}
+
+    def render(
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        *,
+        beside: Collection[str] = (),
+    ) -> StereoFrame:
+        """Draw what a camera sees, as `Renderer.render`.
+
+        Args:
+            snapshot, cameras, camera: as there
+            beside: "depth", "ids": what is wanted more than the renderer has anyway
+        """
+        stops = self._stops(snapshot, cameras, camera)
+        channels = self._renderer.channels.with_(beside)
+        record = cameras[camera]
+        wanted = record.build, record.calibration, record.angle, stops, channels
+        before, drawn = self._before.get(camera), self._drawn.get(camera)
+        if (
+            before is not None
+            and drawn is not None
+            and drawn[1] == wanted
+            and self._renderer.look.noise == 0.0
+            and stands_still(drawn[0], snapshot)
+        ):
+            frame = replace(before, time=snapshot.time)
+        else:
+            draw = self._renderer.render
+            frame = draw(snapshot, cameras, camera, stops=stops, channels=channels)
+            self._drawn[camera] = snapshot, wanted
+        self._before[camera] = frame
+        return frame
+
+    def _stops(
+        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
+    ) -> float | None:
+        """Return the stops of the next picture, None where none before it says."""
+        before = self._before.get(camera)
+        if before is None or self._renderer.look.exposure != AUTO:
+            return None
+        passed = snapshot.time - before.time
+        if before.build != snapshot.build or not 0.0 <= passed < GAP_S:
+            return None
+        if cameras[camera].kind != "endoscope":
+            return None
+        return followed(before.exposure, before.left, passed)
+
+    def close(self) -> None:
+        """Let go of the graphics library."""
+        self._renderer.close()
 
 
 class Endoscope:

@@ -2,18 +2,148 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.cameras import Calibration
+from trocar.cameras import Calibration, Intrinsics
+from trocar.cameras.lens import distort, plane_from_pixels, undistort, view_bounds
 from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
-from trocar.rendering.lenses import Pinhole, pinhole, sources, wide_pinhole
 from trocar.rendering.lighting import Light, scope_light
 from trocar.rendering.sight import Frustum
 from trocar.simulation.cameras import CameraRecord
+
+#: Points of the inverse of a distortion are computed for every so many pixels, and between them by
+#: two of Newton's steps, which square twice what interpolation misses. Source: our own choice.
+COARSE = 8
+#: Pixels of a picture that will be distorted, over those of the distorted one, along an edge.
+#: Source: our own choice: no detail is lost where a lens magnifies by less.
+FINER = 1.25
+#: Pixels about that picture, so that neighbours of its edge are there.
+RIM = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Pinhole:
+    """An eye without distortion.
+
+    Attributes:
+        width, height: [px]
+        fx, fy, cx, cy: as in K [px]
+        near, far: what is nearer or farther is not seen [m]
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    near: float
+    far: float
+
+    @property
+    def clip(self) -> tuple[float, float, float, float]:
+        """Of x and y over depth: two factors and two offsets into -1 to 1, rows downwards."""
+        return (
+            2.0 * self.fx / self.width,
+            2.0 * self.fy / self.height,
+            (2.0 * self.cx + 1.0) / self.width - 1.0,
+            (2.0 * self.cy + 1.0) / self.height - 1.0,
+        )
+
+    @property
+    def depths(self) -> tuple[float, float]:
+        """A factor and an offset that carry depth z to z times -1 (near) to 1 (far)."""
+        span = self.far - self.near
+        return (self.far + self.near) / span, -2.0 * self.far * self.near / span
+
+    def on(self, width: int, height: int) -> Pinhole:
+        """Return the same eye with more pixels to the right and below."""
+        return replace(self, width=width, height=height)
+
+    def frustum(self, T_eye_reference: Array) -> Frustum:
+        """Return what the eye sees from where it is."""
+        return Frustum(
+            T_eye_reference,
+            (-0.5 - self.cx) / self.fx,
+            (self.width - 0.5 - self.cx) / self.fx,
+            (-0.5 - self.cy) / self.fy,
+            (self.height - 0.5 - self.cy) / self.fy,
+            self.near,
+            max(self.fx, self.fy),
+        )
+
+
+def pinhole(eye: Intrinsics, near: float, far: float) -> Pinhole:
+    """Return an eye as one without distortion."""
+    K = eye.K
+    fx, fy, cx, cy = (float(K[i, j]) for i, j in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Pinhole(eye.width, eye.height, fx, fy, cx, cy, near, far)
+
+
+def wide_pinhole(eye: Intrinsics, near: float, far: float, most: int) -> Pinhole:
+    """Return an eye without distortion that sees all that a distorted one sees.
+
+    Args:
+        eye: the distorted one
+        near, far: [m]
+        most: largest width and height [px]
+    """
+    left, right, top, bottom = view_bounds(eye.K, eye.width, eye.height, eye.distortion)
+    fx, fy = FINER * float(eye.K[0, 0]), FINER * float(eye.K[1, 1])
+    room = most - 2 * RIM
+    fx, fy = min(fx, room / (right - left)), min(fy, room / (bottom - top))
+    width = int(np.ceil((right - left) * fx)) + 2 * RIM
+    height = int(np.ceil((bottom - top) * fy)) + 2 * RIM
+    cx, cy = RIM - 0.5 - left * fx, RIM - 0.5 - top * fy
+    return Pinhole(width, height, fx, fy, cx, cy, near, far)
+
+
+def sources(eye: Intrinsics, wide: Pinhole) -> NDArray[np.float32]:
+    """Return where in the wide picture the light of each pixel of a distorted one comes from.
+
+    Returns:
+        (height, width, 2) [px]
+    """
+    v, u = np.meshgrid(np.arange(eye.height), np.arange(eye.width), indexing="ij")
+    target = plane_from_pixels(np.stack([u, v], axis=-1), eye.K)
+    found = _first_guess(eye)
+    right, down = 1e-6 * np.eye(2)
+    for _ in range(2):
+        at = distort(found, eye.distortion)
+        along_x = (distort(found + right, eye.distortion) - at) / 1e-6
+        along_y = (distort(found + down, eye.distortion) - at) / 1e-6
+        det = along_x[..., 0] * along_y[..., 1] - along_x[..., 1] * along_y[..., 0]
+        miss = target - at
+        dx = (miss[..., 0] * along_y[..., 1] - miss[..., 1] * along_y[..., 0]) / det
+        dy = (miss[..., 1] * along_x[..., 0] - miss[..., 0] * along_x[..., 1]) / det
+        found = found + np.stack([dx, dy], axis=-1)
+    pixels = found * [wide.fx, wide.fy] + [wide.cx, wide.cy]
+    return pixels.astype(np.float32)
+
+
+def _first_guess(eye: Intrinsics) -> Array:
+    """Return undistorted points of the plane z = 1, by interpolation between some pixels."""
+    u = np.append(np.arange(0, eye.width - 1, COARSE), eye.width - 1).astype(np.float64)
+    v = np.append(np.arange(0, eye.height - 1, COARSE), eye.height - 1).astype(np.float64)
+    grid = np.stack(np.meshgrid(u, v), axis=-1)
+    known = undistort(plane_from_pixels(grid, eye.K), eye.distortion)
+    rows = _between(v, known, np.arange(eye.height))
+    across = _between(u, np.swapaxes(rows, 0, 1), np.arange(eye.width))
+    return np.ascontiguousarray(np.swapaxes(across, 0, 1))
+
+
+def _between(knots: Array, values: Array, places: NDArray[np.int64]) -> Array:
+    """Interpolate along the first axis."""
+    if len(knots) == 1:
+        return np.repeat(values, len(places), axis=0)
+    after = np.clip(np.searchsorted(knots, places), 1, len(knots) - 1)
+    share = ((places - knots[after - 1]) / (knots[after] - knots[after - 1]))[:, None, None]
+    return (1.0 - share) * values[after - 1] + share * values[after]
+
 
 Array = NDArray[np.float64]
 

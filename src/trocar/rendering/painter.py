@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError
-from trocar.rendering import sensor, shaders, unlocked
+from trocar.rendering import context, shaders
 from trocar.rendering.card import SEEN, SHADING, Card, tell
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
@@ -67,7 +67,7 @@ class Painter:
         card.context.depth_func = "<"
         if len(stage.shading):
             self._shade(stage, lenses)
-            unlocked.flush()
+            context.flush()
         size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
         found: dict[str, Drawn] = {}
         for some, samples in self._passes(outputs):
@@ -148,7 +148,7 @@ class Painter:
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]
         defines += ["PLACES"] if lenses.places is not None else []
         defines += ["NOISE"] if self._look.noise > 0.0 else []
-        program = card.program(sensor.LENS_VERTEX, sensor.LENS_FRAGMENT, defines)
+        program = card.program(shaders.LENS_VERTEX, shaders.LENS_FRAGMENT, defines)
         target = card.target(
             (lenses.size[0], lenses.size[1] * len(lenses.eyes)), outputs, name="sensed"
         )

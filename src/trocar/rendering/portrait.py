@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, cast
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from trocar.descriptions.records import RigDescription
-from trocar.errors import TrocarError
+from trocar.errors import InputError, TrocarError
 from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
+Picture = NDArray[np.uint8]
 View = Literal["front", "side", "top", "three_quarter"]
 
 #: From the camera into the picture: azimuth, elevation [deg]. Front is seen from the patient.
@@ -42,7 +44,7 @@ def portrait(
     view: View = "three_quarter",
     q: Mapping[str, ArrayLike] | None = None,
     size: tuple[int, int] = (1200, 900),
-) -> Image:
+) -> Picture:
     """Return a picture of a rig that stands still.
 
     Front, side and top are without perspective, so that lengths can be read from them.
@@ -143,7 +145,7 @@ def _corners(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
 
 def _draw(
     model: mujoco.MjModel, data: mujoco.MjData, camera: mujoco.MjvCamera, size: tuple[int, int]
-) -> Image:
+) -> Picture:
     width, height = size
     try:
         window = context_class()(width, height)
@@ -178,3 +180,25 @@ def context_class() -> Any:
     else:
         from mujoco.gl_context import GLContext
     return GLContext
+
+
+def write_pictures(
+    rig: RigDescription,
+    folder: Path,
+    views: Sequence[View] = tuple(VIEWS),
+    size: tuple[int, int] = (1200, 900),
+) -> tuple[Path, ...]:
+    """Write a rig's portraits into a folder, front.png and so on, and return their paths.
+
+    Raises:
+        InputError: the folder cannot be written
+        TrocarError: there is no OpenGL to draw with
+    """
+    images = {view: portrait(rig, view=view, size=size) for view in views}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for view, image in images.items():
+            Image.fromarray(image).save(folder / f"{view}.png", optimize=True)
+    except OSError as problem:
+        raise InputError(f"{folder}: cannot be written: {problem.strerror}") from problem
+    return tuple(folder / f"{view}.png" for view in views)

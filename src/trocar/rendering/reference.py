@@ -14,7 +14,7 @@ from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
-from trocar.rendering.library import PACKAGES
+from trocar.rendering.context import PACKAGES
 from trocar.rendering.portrait import context_class
 from trocar.simulation.records import Snapshot
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from trocar.errors import OvertakenError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import inverse
-from trocar.rendering import unlocked
 from trocar.rendering.card import Card
+from trocar.rendering.context import driver, load, on_processor, read
 from trocar.rendering.exposure import ENDLESS, stops_of, to_be_measured
 from trocar.rendering.frames import StereoFrame
-from trocar.rendering.library import driver, load, on_processor
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
@@ -244,6 +243,6 @@ def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> dict[str, np.ndarray]:
         components, kind = READ[name]
         shape = (len(lenses.eyes), height, width, *((components,) if components > 1 else ()))
         array = found[name] = np.empty(shape, dtype=kind)
-        unlocked.read(place.target, place.number, array.reshape(-1, *shape[2:]))
+        read(place.target, place.number, array.reshape(-1, *shape[2:]))
         array.setflags(write=False)
     return found

@@ -9,8 +9,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.rendering.levels import CELLS, levels
-from trocar.rendering.primitives import Surface, joined, surface
+from trocar.rendering.primitives import CELLS, Surface, joined, levels, surface
 from trocar.simulation.records import ShapeRecord
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from trocar.modeling.mjcf import (
     mjcf_document,
     scene_document,
 )
-from trocar.rendering.pictures import write_pictures
+from trocar.rendering.portrait import write_pictures
 
 #: Of the picture [px]. Source: our own choice; Menagerie's READMEs show theirs 400 px wide.
 PICTURE = (800, 600)

@@ -12,7 +12,7 @@ from trocar.errors import TrocarError
 from .robot_os import ROOT, SYSTEM_PYTHON, Master, Simulator, need
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
-from trocar.rendering.library import open_context
+from trocar.rendering.context import open_context
 
 pytestmark = pytest.mark.slow
 LOOK = ROOT / "tests" / "clients" / "rospy" / "look.py"

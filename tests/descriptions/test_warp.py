@@ -14,12 +14,13 @@ from trocar.descriptions.overlay import (
     ClosurePatch,
     Overlay,
     apply_overlay,
+    carried_axes,
     closure_patch,
     frame_patch,
+    warp,
 )
 from trocar.descriptions.records import ArmDescription, Shape
 from trocar.descriptions.solids import DATA
-from trocar.descriptions.warp import carried_axes, warp
 from trocar.kinematics.forward import pose
 
 ARMS = ["psm", "ecm"]

@@ -11,7 +11,7 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import FramePatch, Overlay, closure_patch
 from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import coordinates, gaps, inverse_kinematics, jacobian_spatial, loops, pose
-from trocar.kinematics.loop_table import TERMS, loop_table, nodes
+from trocar.kinematics.loops import TERMS, loop_table, nodes
 
 GRIPPER = Path(__file__).parents[2] / "examples" / "mechanisms" / "four_bar_gripper.toml"
 

@@ -175,7 +175,7 @@ def broken_psm() -> Overlay:
     mechanism = load_arm("psm").mechanism
     c2 = next(c for c in mechanism.closures if c.name == "c2")
     return Overlay(
-        "psm", "broken", {}, {"c2": ClosurePatch(c2.point_a + np.array([1e-3, 0, 0]), c2.point_b)}
+        "psm", "general", {}, {"c2": ClosurePatch(c2.point_a + np.array([1e-3, 0, 0]), c2.point_b)}
     )
 
 

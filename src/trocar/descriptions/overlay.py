@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import hinge_side
-from trocar.descriptions.overlay_file import (
-    overlay_text,
-    parse_overlay,
-    read_overlay,
-    write_overlay,
-)
-from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
+from trocar.descriptions.overlay_records import ClosureKind, ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
-from trocar.descriptions.records import ArmDescription
-from trocar.descriptions.warp import calibrated_bodies
+from trocar.descriptions.records import ArmDescription, Body, Shape
+from trocar.descriptions.solids import read_solid, seen_and_touched
+from trocar.descriptions.table import Table, parse_table, read_table, toml_text
 from trocar.errors import DescriptionError, InputError, LoopError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
-from trocar.geometry.se3 import transform
+from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import (
     PARALLELOGRAM_TOLERANCE_M,
@@ -221,3 +221,294 @@ def _check_closed(mechanism: Mechanism, overlay: Overlay, where: str) -> None:
         coordinates(mechanism, q)
     except LoopError as problem:
         raise DescriptionError(where, "closures", str(problem)) from problem
+
+
+SCHEMA = 1
+CLOSURES = ("parallelogram", "general")
+HEADER = """\
+# A calibrated robot's own geometry, laid over the description of its kind:
+#   trocar sim --calibration THIS_FILE
+# Lengths in metres, angles in radians; *_sigma_* are standard deviations. xyz and rpy place a
+# frame (of a hinge: its axis) in its parent at coordinate 0; rpy turns about the parent's fixed
+# axes x, y, z, rpy_sigma is of small turns about its own. point_a and point_b are a closing hinge
+# on its two frames.
+"""
+
+
+def read_overlay(path: str | Path) -> Overlay:
+    """Read an overlay.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    return _read(read_table(Path(path).expanduser()))
+
+
+def parse_overlay(text: str, file: str) -> Overlay:
+    """Read an overlay from its text; `file` is what messages call it.
+
+    Raises:
+        DescriptionError: as for `read_overlay`
+    """
+    return _read(parse_table(text, file))
+
+
+def write_overlay(path: str | Path, overlay: Overlay) -> None:
+    """Write an overlay; until the file is whole, what was there before stays.
+
+    Raises:
+        InputError: numbers that are not finite, or a file that cannot be written
+    """
+    text, path = overlay_text(overlay), Path(path).expanduser()
+    beside = ""
+    try:
+        handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(beside, 0o666 & ~umask)
+        os.replace(beside, path)
+    except OSError as problem:
+        if beside:
+            Path(beside).unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
+
+
+def overlay_text(overlay: Overlay) -> str:
+    """Return an overlay as the text of its file; numbers come back to the last bit.
+
+    Raises:
+        InputError: numbers that are not finite
+    """
+    frames = {
+        name: {
+            "xyz_m": patch.xyz,
+            "xyz_sigma_m": patch.xyz_sigma,
+            "rpy_rad": patch.rpy,
+            "rpy_sigma_rad": patch.rpy_sigma,
+        }
+        for name, patch in overlay.frames.items()
+    }
+    closures = {
+        name: {
+            "point_a_m": hinge.point_a,
+            "point_a_sigma_m": hinge.point_a_sigma,
+            "point_b_m": hinge.point_b,
+            "point_b_sigma_m": hinge.point_b_sigma,
+            "slides": hinge.slides,
+        }
+        for name, hinge in overlay.closures.items()
+    }
+    document = {
+        "schema": SCHEMA,
+        "arm": overlay.arm,
+        "closure": overlay.closure,
+        "warnings": overlay.warnings or None,
+        "source": overlay.source or None,
+        "frames": frames or None,
+        "closures": closures or None,
+        "measured": overlay.measured or None,
+    }
+    return f"{HEADER}\n{toml_text(document)}"
+
+
+def _read(table: Table) -> Overlay:
+    if table.raw("schema") != SCHEMA:
+        raise table.fail(
+            "schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}, of a calibration's overlay"
+        )
+    arm = table.text("arm")
+    closure = table.text("closure", "parallelogram", allowed=CLOSURES)
+    warnings = table.texts("warnings")
+    source = table.optional_table("source")
+    about = {key: source.text(key) for key in source.entries()}
+    rows, hinges = table.optional_table("frames"), table.optional_table("closures")
+    frames = {name: _read_frame(rows.table(name)) for name in rows.entries()}
+    closures = {name: _read_closure(hinges.table(name)) for name in hinges.entries()}
+    measured = table.raw("measured", {})
+    if not isinstance(measured, dict):
+        raise table.fail("measured", f"got {measured!r}; allowed: a table")
+    table.done()
+    return Overlay(
+        arm,
+        cast(ClosureKind, closure),
+        frames,
+        closures,
+        cast(dict[str, Any], measured),
+        about,
+        warnings,
+        table.file,
+    )
+
+
+def _read_frame(row: Table) -> FramePatch:
+    patch = FramePatch(
+        row.vector("xyz", 3, "length"),
+        row.vector("rpy", 3, "angle"),
+        _read_sigma(row, "xyz_sigma", "length"),
+        _read_sigma(row, "rpy_sigma", "angle"),
+    )
+    row.done()
+    return patch
+
+
+def _read_closure(row: Table) -> ClosurePatch:
+    patch = ClosurePatch(
+        row.vector("point_a", 3, "length"),
+        row.vector("point_b", 3, "length"),
+        _read_sigma(row, "point_a_sigma", "length"),
+        _read_sigma(row, "point_b_sigma", "length"),
+        row.flag("slides", False),
+    )
+    row.done()
+    return patch
+
+
+def _read_sigma(row: Table, name: str, dimension: str) -> Array | None:
+    if not row.has(name, dimension):
+        return None
+    sigma = row.vector(name, 3, dimension)
+    if (sigma < 0.0).any():
+        raise row.fail(name, f"got {sigma.tolist()}; allowed: 0 or more")
+    return sigma
+
+
+#: Weight of an axis is its distance to the power of minus this. Source: our own choice: the bosses
+#: around an axis move with it as one piece, and the middle of a rod shares its ends' ways.
+POWER = 3.0
+#: Corners of a box of half edges 1.
+CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+#: Nearer than this a point lies on the axis; axes that moved less have not moved. [m]
+NEAR = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedAxis:
+    """An axis of a link, as drawn and as calibrated: points (3,) [m] and directions (3,)."""
+
+    point: Array
+    along: Array
+    point_now: Array
+    along_now: Array
+
+    @property
+    def moved(self) -> bool:
+        """Whether it stands elsewhere now."""
+        away = np.abs(self.point_now - self.point).max()
+        return bool(max(away, np.abs(self.along_now - self.along).max()) > NEAR)
+
+
+def calibrated_bodies(arm: ArmDescription, now: Mechanism, overlay: str) -> tuple[Body, ...]:
+    """Return an arm's bodies with the shapes of the calibrated robot.
+
+    Args:
+        arm: the nominal arm
+        now: its mechanism as calibrated
+        overlay: the overlay's file; a folder `NAME.solids` beside `NAME.toml` holds what `trocar
+            cad --calibration` has drawn for this robot
+    """
+    folder = Path(overlay).with_suffix(".solids") if overlay else None
+    axes = carried_axes(arm.mechanism, now, {body.frame for body in arm.bodies})
+    return tuple(_calibrated(body, axes.get(body.frame, ()), folder) for body in arm.bodies)
+
+
+def _calibrated(body: Body, axes: tuple[CarriedAxis, ...], folder: Path | None) -> Body:
+    if folder is not None and body.solid and folder.is_dir():
+        try:
+            solid = read_solid(body.solid, folder)
+        except KeyError:
+            pass  # of another arm or of a tool
+        else:
+            nominal = len(seen_and_touched(read_solid(body.solid), body.touches))
+            drawn = seen_and_touched(solid, body.touches)
+            return replace(body, shapes=(*drawn, *body.shapes[nominal:]))
+    if not any(axis.moved for axis in axes):
+        return body
+    return replace(body, shapes=tuple(_warped(shape, axes) for shape in body.shapes))
+
+
+def _warped(shape: Shape, axes: tuple[CarriedAxis, ...]) -> Shape:
+    """Return a shape whose mesh, or box that is only touched, has moved with the axes."""
+    turn, at = shape.pose[:3, :3], shape.pose[:3, 3]
+    if shape.kind == "box" and not shape.visible:
+        corners = shape.size * CORNERS
+        moved = (warp(corners @ turn.T + at, axes) - at) @ turn
+        lower, upper = moved.min(axis=0), moved.max(axis=0)
+        place = shape.pose @ transform(np.eye(3), 0.5 * (lower + upper))
+        return replace(shape, pose=place, size=0.5 * (upper - lower))
+    if shape.mesh is None:
+        return shape
+    moved = warp(shape.mesh.vertices @ turn.T + at, axes)
+    vertices = (moved - at) @ turn
+    mark = hashlib.sha256(np.round(vertices, 9).tobytes()).hexdigest()[:8]
+    mesh = replace(shape.mesh, vertices=vertices, name=f"{shape.mesh.name}_{mark}")
+    return replace(shape, mesh=mesh, size=np.abs(vertices).max(axis=0))
+
+
+def warp(points: Array, axes: tuple[CarriedAxis, ...]) -> Array:
+    """Return where points of a link lie when its axes have moved, (n, 3) [m]."""
+    ways, weights = np.zeros((len(axes), *points.shape)), np.zeros((len(axes), len(points)))
+    for k, axis in enumerate(axes):
+        height = (points - axis.point) @ axis.along
+        foot = axis.point + height[:, None] * axis.along
+        ways[k] = axis.point_now + height[:, None] * axis.along_now - foot
+        away = np.linalg.norm(points - foot, axis=1)
+        weights[k] = np.maximum(away, NEAR) ** -POWER
+    share = weights / weights.sum(axis=0)
+    return points + np.einsum("kn,kni->ni", share, ways)
+
+
+def carried_axes(
+    before: Mechanism, now: Mechanism, bodied: set[str]
+) -> Mapping[str, tuple[CarriedAxis, ...]]:
+    """Return the axes that each link carries, in the link's frame, {frame: axes}.
+
+    Args:
+        before: the nominal mechanism
+        now: as calibrated; frames that are new in it, such as pins, are left out
+        bodied: frames with a body, which are links though they may stand still
+    """
+    first, then = _in_links(before, bodied), _in_links(now, bodied)
+    found: dict[str, list[CarriedAxis]] = {}
+    for frame in before.frames:
+        if frame.motion == "fixed" or frame.name not in then:
+            continue
+        link, pose = first[frame.name]
+        found.setdefault(link, []).append(_axis(pose, then[frame.name][1]))
+        own = inverse(frame.after)
+        found.setdefault(frame.name, []).append(_axis(own, own))
+    after = {closure.name: closure for closure in now.closures}
+    for closure in before.closures:
+        other = after[closure.name]
+        side = hinge_side(before, closure)[0]
+        # The far side of a pin that slides is where the pin stands, which is the pin's own frame.
+        point_b = other.point_b
+        if hinge_side(now, other)[1] and not hinge_side(before, closure)[1]:
+            point_b = now.frame(other.frame_b).before[:3, 3]
+        for link, point, moved in (
+            (closure.frame_a, closure.point_a, other.point_a),
+            (side, closure.point_b, point_b),
+        ):
+            upright = np.array([0.0, 0.0, 1.0])
+            found.setdefault(link, []).append(CarriedAxis(point, upright, moved, upright))
+    return {link: tuple(axes) for link, axes in found.items()}
+
+
+def _axis(pose: Array, now: Array) -> CarriedAxis:
+    return CarriedAxis(pose[:3, 3], pose[:3, 2], now[:3, 3], now[:3, 2])
+
+
+def _in_links(mechanism: Mechanism, bodied: set[str]) -> dict[str, tuple[str, Array]]:
+    """Return the link that carries each frame's axis, and the axis' pose in it: {frame: ...}."""
+    at: dict[str, tuple[str, Array]] = {}
+    stands: dict[str, tuple[str, Array]] = {}
+    for frame in mechanism.frames:
+        link, pose = (frame.name, np.eye(4)) if frame.parent is None else stands[frame.parent]
+        at[frame.name] = link, pose @ frame.before
+        still = frame.parent is not None and frame.motion == "fixed" and frame.name not in bodied
+        placed = pose @ frame.before @ frame.after
+        stands[frame.name] = (link, placed) if still else (frame.name, np.eye(4))
+    return at

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +14,223 @@ from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.cameras import read_cameras
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
-from trocar.descriptions.props import check_object_name, read_prop
+from trocar.descriptions.inertial import merged
 from trocar.descriptions.records import (
     DISPLAY,
     REFERENCE_ARM,
     ArmDescription,
     BaseFrame,
+    Body,
+    Movable,
+    Prop,
     RigArm,
     RigDescription,
+    Shape,
 )
 from trocar.descriptions.sensors import read_sensors
+from trocar.descriptions.shapes import (
+    read_body,
+    read_drawn,
+    read_inertia,
+    read_mass,
+    read_shape,
+    read_touches,
+)
+from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
-from trocar.descriptions.teleop import read_teleops
+from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
+
+KINDS: tuple[str, ...] = get_args(TeleopKind)
+#: Of a record's angles and rates: what it is called in a file, and its dimension.
+ANGLES = {
+    "orientation_tolerance": "angle",
+    "gripper_threshold": "angle",
+    "roll_threshold": "angle",
+    "jaw_rate": "angular velocity",
+    "jaw_rate_after_clutch": "angular velocity",
+    "gripper_zero": "angle",
+    "gripper_max": "angle",
+}
+
+
+def read_teleops(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[TeleopDescription, ...]:
+    """Return a rig's teleoperations.
+
+    Raises:
+        DescriptionError: an unknown kind, key or unit, a name used twice, an arm that cannot do
+            what is asked of it
+    """
+    found: list[TeleopDescription] = []
+    for row in rows:
+        teleop = _read_teleop(row, arms)
+        if teleop.name in [other.name for other in found]:
+            raise row.fail("name", f"got {teleop.name!r} a second time")
+        found.append(teleop)
+    return tuple(found)
+
+
+def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
+    kind = cast(TeleopKind, row.text("kind", allowed=KINDS))
+    masters = _masters(row, kind, {arm.name: arm.arm.type for arm in arms})
+    slave = row.text("slave")
+    wanted = kind.upper()
+    able = [arm.name for arm in arms if arm.arm.type == wanted]
+    if slave not in able:
+        known = ", ".join(able) or f"none, for this rig has no {wanted}"
+        raise row.fail("slave", f"got {slave!r}; allowed: {known}")
+    scale = row.number("scale", SCALE)
+    if not 0.0 < scale <= 1.0:
+        raise row.fail("scale", f"got {scale:g}; allowed: above 0 to 1")
+    teleop = TeleopDescription(
+        name=row.text("name", "_".join((*masters, slave))),
+        kind=kind,
+        masters=masters,
+        slave=slave,
+        scale=scale,
+        rotation_locked=row.flag("rotation_locked", False),
+        translation_locked=row.flag("translation_locked", False),
+        align=row.flag("align", True),
+        ignore_jaw=row.flag("ignore_jaw", False),
+        source=row.text("source", ""),
+        **_angles(row),
+    )
+    if teleop.gripper_zero >= teleop.gripper_max:
+        raise row.fail(
+            "gripper_zero",
+            f"got {teleop.gripper_zero:g} rad; allowed: below gripper_max, {teleop.gripper_max:g}",
+        )
+    row.done()
+    return teleop
+
+
+def _masters(row: Table, kind: TeleopKind, types: dict[str, str]) -> tuple[str, ...]:
+    """Return who moves the slave: one `master`, or two `masters`."""
+    key = "master" if kind == "psm" else "masters"
+    masters = (row.text(key),) if kind == "psm" else row.texts(key)
+    if kind == "ecm" and len(set(masters)) != 2:
+        raise row.fail(key, f"got {list(masters)}; allowed: the left and the right master")
+    for name in masters:
+        if not name or types.get(name, "MTM") != "MTM":
+            raise row.fail(key, f"got {name!r}; allowed: an MTM, or a name that no arm has")
+    return masters
+
+
+def _angles(row: Table) -> dict[str, float]:
+    """Return those that the file gives [rad, rad/s]."""
+    found: dict[str, float] = {}
+    for name, dimension in ANGLES.items():
+        if not row.has(name, dimension):
+            continue
+        found[name] = row.quantity(name, dimension)
+        if found[name] < 0.0 or (name.startswith("jaw") and not found[name]):
+            least = "above 0" if name.startswith("jaw") else "0 or more"
+            raise row.fail(name, f"got {found[name]:g}; allowed: {least}")
+    return found
+
+
+#: What the rig itself is called where commands are told.
+RESERVED = ("world",)
+#: What a part of a topic's name may be. Source: ROS 1 and ROS 2, "Names".
+OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+#: Thinner than this share of its length, a mesh has no volume. Source: our own choice; MuJoCo
+#: refuses hulls without volume.
+FLAT = 1e-6
+
+
+def read_prop(row: Table) -> Prop:
+    """Return a prop: shapes in the rig's own file, or bodies in a file of its own.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    name, at = row.text("name"), read_pose(row)
+    moves = row.flag("movable", False)
+    if not moves and (row.has("mass", "mass") or "inertia_kgm2" in row):
+        raise row.fail("movable", "is missing; a prop that stands still has no mass")
+    movable: Movable | None = None
+    if "description" in row:
+        bodies = _read_bodies(row)
+        shapes = tuple(shape for body in bodies for shape in body.shapes)
+        if moves:
+            movable = _from_bodies(row, bodies)
+    else:
+        solid = read_drawn(row)
+        touches = read_touches(row, solid)
+        drawn = () if solid is None else seen_and_touched(solid, touches)
+        shapes = (*drawn, *(read_shape(s) for s in row.tables("shape")))
+        if moves:
+            mass = read_mass(row)
+            movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
+    if moves:
+        _check_touchable(row, shapes)
+    row.text("source", "")
+    row.done()
+    return Prop(name, at, shapes, movable)
+
+
+def check_object_name(table: Table, name: str, arms: Iterable[str]) -> None:
+    """Refuse the name of a movable prop that commands and topics could not tell from others.
+
+    Raises:
+        DescriptionError: what was got and what is allowed
+    """
+    if not OBJECT_NAME.fullmatch(name):
+        raise table.fail(
+            "prop.name",
+            f"got {name!r}; allowed for a movable prop: a letter, then letters, digits and _",
+        )
+    if name in (*arms, *RESERVED):
+        raise table.fail("prop.name", f"got {name!r}, which is an arm or the world itself")
+
+
+def _read_bodies(row: Table) -> list[Body]:
+    """Return the bodies of a prop's own file, whose path is relative to the rig's folder."""
+    table = read_table(Path(row.file).parent / row.text("description"))
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    for key in ("name", "title", "source"):
+        table.text(key, "")
+    bodies = [read_body(body, table.file) for body in table.tables("body")]
+    if not bodies:
+        raise table.fail("body", "is missing; a prop needs at least one body")
+    table.done()
+    return bodies
+
+
+def _from_bodies(row: Table, bodies: list[Body]) -> Movable:
+    """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
+    mass, com, inertia = merged(bodies)
+    wanted = read_mass(row) if row.has("mass", "mass") else mass
+    return Movable(wanted, com, inertia * wanted / mass, bodies[0].inertia_from)
+
+
+def _check_touchable(row: Table, shapes: tuple[Shape, ...]) -> None:
+    """Refuse an object that would fall through everything, or whose hull has no volume."""
+    touching = [shape for shape in shapes if shape.collide]
+    if not touching:
+        raise row.fail(
+            "movable",
+            "got true, but no shape of the prop collides and it would fall through everything;"
+            " allowed: with a shape that has collide = true, or a solid with touches = true",
+        )
+    for shape in touching:
+        if shape.mesh is not None and _is_flat(shape.mesh.vertices):
+            raise row.fail(
+                "movable",
+                f"got true, but the mesh {shape.mesh.name!r} that collides is flat and has no"
+                " volume; allowed: a solid body, or a box, capsule, cylinder or sphere",
+            )
+
+
+def _is_flat(vertices: Array) -> bool:
+    """Tell whether points lie in one plane, as far as their length lets one say."""
+    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return len(spread) < 3 or bool(spread[2] <= FLAT * spread[0])
+
 
 #: Reads an arm by name (or path beside the rig) with a tool's name.
 ArmLoader = Callable[[str, str | None], ArmDescription]

@@ -24,8 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.fitting.hinge import HingeFit, moved_fit
-from trocar.fitting.hinge_model import FREE
+from trocar.fitting.hinge import FREE, HingeFit, moved_fit
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z, skew
 from trocar.geometry.se3 import inverse
 

@@ -1,22 +1,189 @@
-"""Which closed-form chain a mechanism is, and how far it is from being just that."""
+"""Closed-form chains: their joint axes, which chain a mechanism is, and how far it is from it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError
-from trocar.geometry.se3 import inverse, pose_difference
-from trocar.kinematics.chains import Chain, JointAxes, gimbal_arm, rcm_arm, rcm_scope
+from trocar.geometry.dh import modified_dh, standard_dh
+from trocar.geometry.screws import nearest_point_to_lines
+from trocar.geometry.se3 import inverse, pose_difference, transform
 from trocar.kinematics.forward import pose
+from trocar.kinematics.inverse_gimbal_arm import GimbalArmGeometry, inverse_gimbal_arm
+from trocar.kinematics.inverse_rcm_arm import RcmArmGeometry, inverse_rcm_arm, nearest_rcm_arm
+from trocar.kinematics.inverse_rcm_scope import (
+    RcmScopeGeometry,
+    inverse_rcm_scope,
+    nearest_rcm_scope,
+)
 from trocar.kinematics.jacobian import jacobian_spatial
 from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.solutions import Limits
 
 Array = NDArray[np.float64]
+
+HALF = 0.5 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class JointAxes:
+    """Where the joints' axes lie, in the frame that poses are given in.
+
+    Attributes:
+        points: a point on each axis, (n, 3) [m]; means nothing for a joint that slides
+        directions: unit vectors, (n, 3)
+        tip: the tip's position, (3,) [m]
+    """
+
+    points: Array
+    directions: Array
+    tip: Array
+
+
+class Solver(Protocol):
+    """A closed-form inverse: T_0_last (4, 4), limits (n,), seed (n,) or None to (k, n)."""
+
+    def __call__(
+        self, T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
+    ) -> Array:
+        """Solve; `platform` is the angle that a redundant chain's platform is to have."""
+        ...
+
+
+Nearest = Callable[[Array, Limits, Sequence[float]], tuple[float, ...] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """A serial chain with a closed-form inverse.
+
+    Attributes:
+        base: T_reference_0, where its frame 0 stands (4, 4)
+        forward: from joint positions (..., n) to T_0_last (..., 4, 4)
+        solve: from T_0_last to joint positions
+        nearest: the same for the solution nearest to a seed alone, quickly; None where there is no
+            quicker way
+    """
+
+    base: Array
+    forward: Callable[[Array], Array]
+    solve: Solver
+    nearest: Nearest | None = None
+
+
+def rcm_arm(axes: JointAxes) -> Chain:
+    """Fit yaw, pitch, insertion, roll, wrist pitch and wrist yaw about a remote centre."""
+    base = _remote_centre_frame(axes)
+    wrist, yaw = _depth(axes, base, 4), _depth(axes, base, 5)
+    # Only the difference of tool length and insertion offset makes itself felt.
+    geometry = RcmArmGeometry(0.0, wrist, yaw - wrist, np.eye(3))
+
+    def forward(q: Array) -> Array:
+        wrist_pitch = modified_dh(0.0, -HALF, 0.0, q[..., 4] - HALF)
+        wrist_yaw = modified_dh(geometry.wrist_length, -HALF, 0.0, q[..., 5] - HALF)
+        return _shaft(q, wrist) @ wrist_pitch @ wrist_yaw
+
+    def solve(
+        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
+    ) -> Array:
+        _refuse_platform(platform)
+        return inverse_rcm_arm(geometry, T, lower, upper, seed)
+
+    return Chain(base, forward, solve, partial(nearest_rcm_arm, geometry))
+
+
+def rcm_scope(axes: JointAxes) -> Chain:
+    """Fit yaw, pitch, insertion and roll about a remote centre."""
+    base = _remote_centre_frame(axes)
+    length = float((axes.tip - base[:3, 3]) @ -base[:3, 2])
+    geometry = RcmScopeGeometry(0.0, length)
+
+    def forward(q: Array) -> Array:
+        return _shaft(q, length)
+
+    def solve(
+        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
+    ) -> Array:
+        _refuse_platform(platform)
+        return inverse_rcm_scope(geometry, T, lower, upper, seed)
+
+    return Chain(base, forward, solve, partial(nearest_rcm_scope, geometry))
+
+
+def gimbal_arm(axes: JointAxes) -> Chain:
+    """Fit outer yaw, shoulder, elbow and the four axes of a gimbal, which meet in one point."""
+    points, directions = axes.points, axes.directions
+    shoulder, _ = nearest_point_to_lines(points[:2], directions[:2])
+    wrist, _ = nearest_point_to_lines(points[3:], directions[3:])
+    base = transform(_triad(directions[0], -directions[1]), shoulder)
+    along = directions[2]
+    elbow = points[2] + ((shoulder - points[2]) @ along) * along
+    _, back, up = (wrist - elbow) @ base[:3, :3]
+    geometry = GimbalArmGeometry(float(np.linalg.norm(elbow - shoulder)), float(-back), float(up))
+
+    def forward(q: Array) -> Array:
+        return (
+            standard_dh(0.0, HALF, 0.0, q[..., 0] - HALF)
+            @ standard_dh(geometry.upper_arm, 0.0, 0.0, q[..., 1] - HALF)
+            @ standard_dh(geometry.forearm, -HALF, 0.0, q[..., 2] + HALF)
+            @ standard_dh(0.0, HALF, geometry.wrist_height, q[..., 3])
+            @ standard_dh(0.0, -HALF, 0.0, q[..., 4])
+            @ standard_dh(0.0, HALF, 0.0, q[..., 5] - HALF)
+            @ standard_dh(0.0, 0.0, 0.0, q[..., 6] + HALF)
+        )
+
+    def solve(
+        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
+    ) -> Array:
+        return inverse_gimbal_arm(geometry, T, lower, upper, seed, platform_angle=platform)
+
+    return Chain(base, forward, solve)
+
+
+def _remote_centre_frame(axes: JointAxes) -> Array:
+    """Give T_reference_0: where yaw, pitch and shaft meet, y along -yaw and z along -shaft."""
+    meeting = [0, 1, 3]
+    centre, _ = nearest_point_to_lines(axes.points[meeting], axes.directions[meeting])
+    yaw, shaft = axes.directions[0], axes.directions[3]
+    x = np.cross(yaw, shaft)
+    x = x / np.linalg.norm(x)
+    return transform(np.stack([x, -yaw, -np.cross(x, yaw)], axis=-1), centre)
+
+
+def _triad(z: Array, x: Array) -> Array:
+    """Give axes with z as it is and x as near as can be to what is asked, (3, 3)."""
+    y = np.cross(z, x)
+    y = y / np.linalg.norm(y)
+    return np.stack([np.cross(y, z), y, z], axis=-1)
+
+
+def _depth(axes: JointAxes, base: Array, joint: int) -> float:
+    """Give how far past the remote centre the shaft is nearest to a joint's axis [m]."""
+    shaft, axis = -base[:3, 2], axes.directions[joint]
+    offset, slant = axes.points[joint] - base[:3, 3], shaft @ axis
+    return float((offset @ shaft - (offset @ axis) * slant) / (1.0 - slant * slant))
+
+
+def _shaft(q: Array, depth: float) -> Array:
+    """Give T_04 after yaw, pitch, insertion and roll, (..., 4, 4)."""
+    return (
+        modified_dh(0.0, HALF, 0.0, q[..., 0] + HALF)
+        @ modified_dh(0.0, -HALF, 0.0, q[..., 1] - HALF)
+        @ modified_dh(0.0, HALF, q[..., 2] + depth, 0.0)
+        @ modified_dh(0.0, 0.0, 0.0, q[..., 3])
+    )
+
+
+def _refuse_platform(platform: float | None) -> None:
+    if platform is not None:
+        raise InputError("platform_angle: only an arm with a wrist platform takes one")
+
 
 #: Each structure's chain, and its joints: R turns, S slides.
 STRUCTURES = {

@@ -48,8 +48,10 @@ def finishes(things: Scenery, look: Look) -> NDArray[np.float32]:
 if TYPE_CHECKING:
     import moderngl
 
-Array = NDArray[np.float64]
 Commands = NDArray[np.uint32]
+
+Array = NDArray[np.float64]
+
 
 #: What each output holds: components and type.
 FORMATS = {"COLOUR": (4, "f1"), "DEPTH": (1, "f4"), "IDS": (1, "i4"), "NORMALS": (4, "f4")}

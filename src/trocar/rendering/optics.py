@@ -15,6 +15,8 @@ from trocar.rendering.lighting import Light, scope_light
 from trocar.rendering.sight import Frustum
 from trocar.simulation.cameras import CameraRecord
 
+Array = NDArray[np.float64]
+
 #: Points of the inverse of a distortion are computed for every so many pixels, and between them by
 #: two of Newton's steps, which square twice what interpolation misses. Source: our own choice.
 COARSE = 8
@@ -144,8 +146,6 @@ def _between(knots: Array, values: Array, places: NDArray[np.int64]) -> Array:
     share = ((places - knots[after - 1]) / (knots[after] - knots[after - 1]))[:, None, None]
     return (1.0 - share) * values[after - 1] + share * values[after]
 
-
-Array = NDArray[np.float64]
 
 #: What is nearer than this to an eye, or farther, is not seen [m]. Source: our own choice: nothing
 #: of a scope's own tip, and a whole room.

@@ -18,8 +18,7 @@ from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
 from trocar.errors import LoopError
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.forward import coordinates
-from trocar.kinematics.loop_table import LoopTable
-from trocar.kinematics.loops import coordinate_rates, folding_table, passive_frames
+from trocar.kinematics.loops import LoopTable, coordinate_rates, folding_table, passive_frames
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
 from trocar.simulation.controllers import WrenchFrame

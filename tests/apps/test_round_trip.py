@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("lxml", reason="lxml is not installed (extra export)")
 pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
+from trocar.apps import importers
 from trocar.apps.exports import Options, export
-from trocar.apps.foreign import Order, bring_in
 from trocar.descriptions import load_arm
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.geometry.se3 import inverse
@@ -32,8 +32,8 @@ def test_an_exported_arm_comes_back(language: str, name: str, tmp_path: Path, rn
     options = Options(sdf_version="1.11") if language == "sdf" else Options()
     export(rig, language, tmp_path / "out", options)
     (file,) = (tmp_path / "out").glob(FILES[language].format(name=name))
-    order = Order(passive=PASSIVE) if (name, language) == ("mtml", "sdf") else None
-    found = bring_in(file, tmp_path / "back", order)
+    order = importers.Options(passive=PASSIVE) if (name, language) == ("mtml", "sdf") else None
+    found = importers.import_file(file, tmp_path / "back", order)
     back = load_arm(found.file)
     place = rig.arms[0].name
     assert len(back.joints) == len(arm.joints)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.apps.exports.formats import FORMATS
+from trocar.apps.exports import FORMATS
 from trocar.apps.exports.task import Format, Task
 
 
@@ -58,6 +58,8 @@ def test_json_names_files_counts_and_warnings(trocar, tmp_path):
         (("ecn", "--format", "plain"), "unknown arm or rig 'ecn' (did you mean 'ecm'?)"),
         (("psm_si", "--format", "plain"), "has no mass for yaw"),
         (("full_cart", "--format", "plain", "--tool", "X:1"), "allowed: ARM=TOOL"),
+        (("psm", "--format", "plain", "--tool", "SPOON"), "SPOON"),
+        (("psm", "--format", "plain", "--calibration", "none.toml"), "none.toml"),
     ],
 )
 def test_what_cannot_be_exported_is_refused_and_nothing_is_written(

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.apps.exports.export import export
+from trocar.apps.exports import export
 from trocar.descriptions import load_rig
 from trocar.modeling.build import build
 from trocar.modeling.geoms import OBJECTS, contact_masks

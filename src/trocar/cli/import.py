@@ -42,9 +42,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.apps.foreign import Order, bring_in
+    from trocar.apps.importers import Options, import_file
 
-    order = Order(
+    options = Options(
         args.name,
         args.kind,
         args.unit,
@@ -54,7 +54,7 @@ def run(args: Namespace) -> int:
         tuple(name.strip() for name in args.passive.split(",") if name.strip()),
         args.force,
     )
-    found = bring_in(args.file, args.output, order)
+    found = import_file(args.file, args.output, options)
     for text in found.warnings:
         warn(text)
     if args.json:

@@ -1,8 +1,9 @@
 """A lab's own dVRK configuration as a rig.
 
-Reads system-*.json and the files that it names: arms, base frames, setup joints, instruments,
-gains, teleoperation. Writes a rig that `trocar sim --rig` runs, and files of arms that differ from
-the built-in ones. Everything that the rig does not have is listed. docs/your-lab.md shows it.
+Reads system-*.json (console-*.json before version 2.4) and the files that it names: arms, base
+frames, setup joints, instruments, gains, teleoperation. Writes a rig that `trocar sim --rig` runs,
+and files of arms that differ from the built-in ones. Everything that the rig does not have is
+listed. docs/your-lab.md shows it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from trocar.cli.arguments import add_json
 from trocar.cli.output import print_json, table, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.labs import Brought
+    from trocar.apps.dvrk_config import Imported
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -54,14 +55,14 @@ def _tool(text: str) -> tuple[str, str]:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.apps.labs import LabOrder, import_dvrk
+    from trocar.apps.dvrk_config import Options, import_dvrk
 
-    order = LabOrder(
+    options = Options(
         tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.force
     )
-    found = import_dvrk(args.system, args.output, order)
-    for text in found.unknown:
-        warn(f"unknown key, not used: {text}")
+    found = import_dvrk(args.system, args.output, options)
+    for text in (*found.warnings, *(f"unknown key, not used: {text}" for text in found.unknown)):
+        warn(text)
     if args.json:
         print_json(_document(found))
         return 0
@@ -73,7 +74,7 @@ def run(args: Namespace) -> int:
     for teleop in found.rig.teleops:
         move = "moves" if len(teleop.masters) == 1 else "move"
         print(f"  {' and '.join(teleop.masters)} {move} {teleop.slave}, scale {teleop.scale:g}")
-    for text in found.said:
+    for text in found.notes:
         print(f"  {text}")
     if found.idle:
         print("not simulated:", *found.idle, sep="\n  ")
@@ -87,7 +88,7 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _document(found: Brought) -> dict[str, object]:
+def _document(found: Imported) -> dict[str, object]:
     arms = [
         {
             "name": arm.name,
@@ -103,7 +104,8 @@ def _document(found: Brought) -> dict[str, object]:
         "files": found.files,
         "arms": arms,
         "teleops": [asdict(teleop) for teleop in found.rig.teleops],
-        "said": found.said,
+        "said": found.notes,
+        "warnings": found.warnings,
         "not_simulated": found.idle,
         "unknown": found.unknown,
         "agreement": asdict(found.agreement),

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.exports import export, find_rig
-from trocar.apps.exports.formats import FORMATS
-from trocar.apps.exports.meshes import write_meshes
-from trocar.apps.exports.task import Format, Options, Task
+from trocar.apps.exports import FORMATS, export, find_rig
+from trocar.apps.exports.task import Format, Options, Task, write_meshes
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.meshes import Mesh

@@ -1,8 +1,6 @@
-"""Folders that other simulators load: a model, its meshes, and a README that says what they are."""
+"""Folders that other simulators load: a model, its meshes, and a README."""
 
-from trocar.apps.exports.export import Export, export
-from trocar.apps.exports.formats import FORMATS
-from trocar.apps.exports.subject import find_rig
-from trocar.apps.exports.task import Options
+from trocar.apps.exports.export import FORMATS, Export, export, find_rig
+from trocar.apps.exports.task import Format, Options, Task
 
-__all__ = ["FORMATS", "Export", "Options", "export", "find_rig"]
+__all__ = ["FORMATS", "Export", "Format", "Options", "Task", "export", "find_rig"]

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import tomllib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from trocar.apps.exports.formats import FORMATS
-from trocar.apps.exports.task import Options, Task
+from trocar.apps.exports.mjcf import write_mjcf
+from trocar.apps.exports.sdf import write_sdf
+from trocar.apps.exports.task import Format, Options, Task
+from trocar.apps.exports.urdf import write_urdf
 from trocar.apps.folders import check_folder, whole_folder
-from trocar.descriptions.records import RigDescription
+from trocar.descriptions import RigDescription, load_arm, load_rig, names, rig_with_tool
+from trocar.descriptions.calibrated import calibrated_rig
+from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, UnknownNameError
-from trocar.modeling.links import LinkModel, rig_links
+from trocar.modeling.links import rig_links
 from trocar.modeling.markup import lxml_etree
 from trocar.modeling.mesh_files import mesh_names
+
+#: {name after --format: the format}
+FORMATS: dict[str, Format] = {
+    "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
+    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package",)),
+    "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
+}
 
 
 @dataclass(frozen=True)
 class Export:
-    """What was written.
+    """A written folder.
 
     Attributes:
         folder: where
@@ -51,7 +64,7 @@ def export(
         rig: what
         format: one of `FORMATS`
         folder: where; a new folder, or an empty one
-        options: what only some formats ask for
+        options: see `Options`
         force: replace what the folder has under the same names
 
     Raises:
@@ -62,12 +75,19 @@ def export(
     """
     if format not in FORMATS:
         raise UnknownNameError("format", format, FORMATS)
-    _check_options(format, options or Options())
+    chosen = options or Options()
+    for name, value in asdict(chosen).items():
+        if value != getattr(Options(), name) and name not in FORMATS[format].takes:
+            takers = [known for known, one in FORMATS.items() if name in one.takes]
+            raise InputError(
+                f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
+                f" --format {' or '.join(takers)}"
+            )
     check_folder(Path(folder).expanduser(), force)
     lxml_etree()
     model = rig_links(rig)
     with whole_folder(Path(folder), force) as built:
-        task = Task(model, rig, built, mesh_names(model), options or Options())
+        task = Task(model, rig, built, mesh_names(model), chosen)
         warnings = FORMATS[format].write(task)
         files = sorted(p.relative_to(built).as_posix() for p in built.rglob("*") if p.is_file())
     return Export(
@@ -76,22 +96,54 @@ def export(
         files=tuple(files),
         links=len(model.links),
         joints=len(model.joints),
-        triangles=_triangles(model),
+        triangles=sum(
+            len(shape.mesh.faces)
+            for link in model.links
+            for shape in link.shapes
+            if shape.visible and shape.mesh is not None
+        ),
         warnings=warnings,
     )
 
 
-def _check_options(format: str, options: Options) -> None:  # noqa: A002 - as above
-    """Refuse what the format would pass over in silence."""
-    for name, value in asdict(options).items():
-        if value != getattr(Options(), name) and name not in FORMATS[format].takes:
-            takers = [known for known, one in FORMATS.items() if name in one.takes]
-            raise InputError(
-                f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
-                f" --format {' or '.join(takers)}"
-            )
+def find_rig(
+    name: str | Path, tools: Sequence[str] = (), calibrations: Sequence[str] = ()
+) -> RigDescription:
+    """Return the rig that a name stands for: an arm alone and without props, or a rig.
+
+    Args:
+        name: a built-in arm or rig, or the path of a TOML file; a name of both is the arm
+        tools: "TOOL" of a lone arm, or "ARM=TOOL" of an arm in a rig
+        calibrations: overlays as for `load_rig`: "FILE", or "ARM=FILE"
+
+    Raises:
+        UnknownNameError: no such arm, rig or tool
+        InputError, DescriptionError: a file is broken, or fits none of the arms
+    """
+    if _is_arm(name):
+        arm = load_arm(name)
+        rig = replace(lone_arm_rig(arm), name=arm.name)
+    else:
+        rig = load_rig(name)
+    lone = rig.arms[0].name if len(rig.arms) == 1 else ""
+    for request in tools:
+        to, given, tool = request.rpartition("=")
+        if not tool or (given and not to) or not (to or lone):
+            allowed = f"ARM=TOOL, ARM one of {', '.join(a.name for a in rig.arms)}"
+            raise InputError(f"--tool: got {request!r}; allowed: {allowed}")
+        rig = rig_with_tool(rig, to or lone, tool)
+    return calibrated_rig(rig, list(calibrations) or None)
 
 
-def _triangles(model: LinkModel) -> int:
-    shapes = [s for link in model.links for s in link.shapes if s.visible]
-    return sum(len(s.mesh.faces) for s in shapes if s.mesh is not None)
+def _is_arm(name: str | Path) -> bool:
+    text = str(name)
+    if not text.endswith(".toml"):
+        if text not in (*names("arms"), *names("rigs")):
+            known = sorted({*names("arms"), *names("rigs")})
+            raise UnknownNameError("arm or rig", text, known)
+        return text in names("arms")
+    try:
+        with Path(name).expanduser().open("rb") as file:
+            return "arm" not in tomllib.load(file)
+    except (OSError, ValueError):
+        return True  # load_arm says what is wrong with it

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import shutil
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 
 from trocar import __version__
-from trocar.apps.exports.meshes import write_meshes
-from trocar.apps.exports.mjcf_readme import sections
-from trocar.apps.exports.readme import readme
-from trocar.apps.exports.task import Task
+from trocar.apps.exports.task import Task, filled, markdown_table, readme, write_meshes
+from trocar.descriptions.records import ArmDescription
 from trocar.errors import TrocarError
 from trocar.modeling.build import preset
+from trocar.modeling.hinges import hinge_of
 from trocar.modeling.mjcf import (
     MESH_FOLDER,
     MJX,
@@ -19,10 +20,13 @@ from trocar.modeling.mjcf import (
     VARIANTS,
     file_name,
     mjcf_document,
+    prefix,
     scene_document,
 )
 from trocar.rendering.portrait import write_pictures
 
+#: How a body's inertia came about, in words.
+INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "of its solid"}
 #: Of the picture [px]. Source: our own choice; Menagerie's READMEs show theirs 400 px wide.
 PICTURE = (800, 600)
 
@@ -40,8 +44,7 @@ def write_mjcf(task: Task) -> tuple[str, ...]:
     shutil.copyfile(Path(__file__).with_name("LICENSE"), folder / "LICENSE")
     (folder / "CHANGELOG.md").write_text(_changelog(task), encoding="utf-8")
     blind = _draw(task, folder / f"{name}.png")
-    page = readme(task, "mjcf", sections(task, picture=not blind))
-    (folder / "README.md").write_text(page, encoding="utf-8")
+    (folder / "README.md").write_text(_readme(task, picture=not blind), encoding="utf-8")
     return (*blind, *_lost(task))
 
 
@@ -57,16 +60,16 @@ def _draw(task: Task, path: Path) -> tuple[str, ...]:
 
 def _lost(task: Task) -> tuple[str, ...]:
     """Return what the files do not have of the description."""
-    said = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
+    warnings = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
     name = file_name(task.rig)
     for place in task.rig.arms:
         integral = [j for j, gains in preset(place.arm).pid.items() if gains.i]
         if integral:
-            said.append(
+            warnings.append(
                 f"{place.name}: the integral gain of {', '.join(integral)} is in {name}_pid.xml"
                 " alone; a position servo has none"
             )
-    return tuple(said)
+    return tuple(warnings)
 
 
 def _changelog(task: Task) -> str:
@@ -87,3 +90,130 @@ def _changelog(task: Task) -> str:
             "",
         ]
     )
+
+
+def _readme(task: Task, *, picture: bool) -> str:
+    """Return the README; the folder has the model already, whose option block is quoted."""
+    name, arms = file_name(task.rig), task.rig.arms
+    text = (task.folder / f"{name}.xml").read_text(encoding="utf-8")
+    option = text[text.index("<option") : text.index("</option>")]
+    setup_joints = (
+        f"\n- Setup joints have no motors. In `{name}.xml` servos stand for the hands that move"
+        f" them; in `{name}_pid.xml` their brakes hold them (a damping of 1e12), and their servos"
+        " are switched off by group."
+    )
+    gripper = (
+        "\n- A gripper has a spring and no motor: its `ctrl` is the effort of a person's fingers."
+    )
+    alone = (
+        "Two robots from such files do not touch each other. For that give one of them"
+        ' `contype="4" conaffinity="3"` in its class `collision`.'
+    )
+    together = "Which arms touch which is in the classes `..._collision`."
+    body = filled(
+        "mjcf.md",
+        picture=f"## Picture\n\n![{task.model.title}]({name}.png)\n\n" if picture else "",
+        name=name,
+        assets="\n| assets/ | meshes, in metres |" if task.meshes else "",
+        servo=f"{prefix(task.rig, arms[0].name)}{arms[0].arm.joints[0].name}",
+        servos=sum(len(place.arm.joints) for place in arms),
+        setup_joints=setup_joints if any(place.arm.type == "SUJ" for place in arms) else "",
+        grippers=gripper if any(place.arm.has_gripper for place in arms) else "",
+        option=textwrap.dedent(f"  {option}</option>"),
+        touch=alone if len(arms) == 1 and not task.rig.props else together,
+    )
+    return readme(task, "mjcf", body + _sources(task))
+
+
+def _sources(task: Task) -> str:
+    """Return sections with the sources of each description and instrument of a rig."""
+    found: dict[str, str] = {}
+    for place in task.rig.arms:
+        arm = place.arm
+        title = arm.name + (f" with {arm.tool}" if arm.tool else "")
+        if f"Masses: {title}" in found:
+            continue
+        control = preset(arm)
+        found[f"Masses: {title}"] = _masses(arm)
+        gains = f"Source of the gains: {_gains(arm, control.name)}."
+        found[f"Servos: {title}"] = f"{_motors(arm, control.name)}\n\n{gains}{_efforts(arm)}"
+        found[f"Friction and rotors: {title}"] = f"{_friction(arm)}\n\n{_blocks(arm)}"
+        found[f"Axes and loops: {title}"] = _axes(arm)
+    return "".join(f"\n## {heading}\n\n{text}\n" for heading, text in found.items())
+
+
+def _masses(arm: ArmDescription) -> str:
+    rows = [
+        (b.frame, f"{b.mass:.6g}", INERTIA[b.inertia_from], _line(b.source) or "-")
+        for b in arm.bodies
+    ]
+    return markdown_table(("frame", "mass [kg]", "inertia", "source"), rows)
+
+
+def _motors(arm: ArmDescription, control: str) -> str:
+    rows: list[Sequence[str]] = []
+    for joint in arm.joints:
+        gains = arm.control[control].pid[joint.name]
+        turns = joint.kind == "revolute"
+        rows.append(
+            (
+                joint.name,
+                "-" if joint.spring else f"{gains.p:g}",
+                "-" if joint.spring else f"{gains.d:g}",
+                f"{joint.effort_max:g} {'N m' if turns else 'N'}",
+                f"{joint.lower:.6g} to {joint.upper:.6g} {'rad' if turns else 'm'}",
+            )
+        )
+    return markdown_table(("joint", "P", "D", "largest effort", "range"), rows)
+
+
+def _gains(arm: ArmDescription, control: str) -> str:
+    found = [s for block, s in arm.block_sources.items() if block.endswith(f"control {control}")]
+    return "; ".join(dict.fromkeys(_line(source).rstrip(".") for source in found))
+
+
+def _efforts(arm: ArmDescription) -> str:
+    own = [f"{joint.name}: {_line(joint.source)}" for joint in arm.joints if joint.source]
+    whole = f" Limits and largest efforts: {_line(arm.source)}"
+    tool = arm.block_sources.get(arm.tool, "") if arm.tool else ""
+    parts = [whole.rstrip("."), *([_line(tool)] if tool else []), *own]
+    return ". ".join(part.rstrip(".") for part in parts) + "."
+
+
+def _friction(arm: ArmDescription) -> str:
+    rows: list[Sequence[str]] = []
+    for frame in arm.mechanism.frames:
+        if frame.motion == "fixed":
+            continue
+        feels = hinge_of(arm, frame.name, "identified")
+        rows.append(
+            (frame.name, f"{feels.frictionloss:g}", f"{feels.damping:g}", f"{feels.armature:g}")
+        )
+    return markdown_table(
+        ("frame", "dry [N m, N]", "viscous [N m s, N s/m]", "rotor [kg m2, kg]"), rows
+    )
+
+
+def _blocks(arm: ArmDescription) -> str:
+    blocks = ("friction identified", "rotor")
+    rows = [
+        f"- {block}: {_line(source)}"
+        for block, source in arm.block_sources.items()
+        if block.endswith(blocks)
+    ]
+    return "\n".join(rows)
+
+
+def _axes(arm: ArmDescription) -> str:
+    rows = [(f"`{name}`", _line(source)) for name, source in arm.row_sources.items() if source]
+    rows += [
+        (f"`{block}`", _line(source))
+        for block, source in arm.block_sources.items()
+        if block.startswith("loop ")
+    ]
+    return f"{_line(arm.source)}\n\n{markdown_table(('frame', 'source'), rows)}"
+
+
+def _line(text: str) -> str:
+    """Return a source on one line that a table can have."""
+    return " ".join(text.split()).replace("|", "/")

@@ -1,19 +1,24 @@
-"""What a format is asked to write, and what it promises."""
+"""The task of an export, and what all formats share: meshes and READMEs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from trocar import __version__
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import RigDescription
 from trocar.modeling.links import LinkModel
+from trocar.modeling.mesh_files import mesh_files
+
+TEMPLATES = Path(__file__).with_name("templates")
 
 
 @dataclass(frozen=True)
 class Options:
-    """What only some formats ask for.
+    """Options that only some formats take.
 
     Attributes:
         package: URDF: name of the ROS package that the folder becomes; "" for relative paths
@@ -26,14 +31,14 @@ class Options:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What a format is asked to write.
+    """A rig and the folder that a format writes it into.
 
     Attributes:
         model: the rig as links and joints
         rig: the rig
         folder: an empty folder, that of the export once all is written
         meshes: {mesh: its name in files, without folder and ending}, each different from the others
-        options: what the user wants of this format
+        options: of the export
     """
 
     model: LinkModel
@@ -49,8 +54,8 @@ class Format:
 
     Attributes:
         title: for people
-        write: fills the task's folder and returns warnings: what the user should know
-        takes: names of the `Options` that it looks at
+        write: fills the task's folder and returns warnings
+        takes: names of the `Options` that it uses
     """
 
     title: str
@@ -62,3 +67,52 @@ def left_out(rig: RigDescription) -> tuple[str, ...]:
     """Return what a file of one robot, all of whose links hang together, does not have."""
     names = ", ".join(prop.name for prop in rig.objects)
     return (f"what can be moved is not in the file: {names} (mjcf has it)",) if names else ()
+
+
+def write_meshes(
+    meshes: Mapping[Mesh, str], folder: Path, materials: Mapping[Mesh, str] | None = None
+) -> None:
+    """Write each mesh as NAME.obj, in metres.
+
+    Args:
+        meshes: {mesh: its name}
+        folder: where; is made when there is a mesh
+        materials: as `mesh_files` takes them
+    """
+    for name, content in mesh_files(meshes, materials).items():
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+
+def filled(template: str, **values: object) -> str:
+    """Return a text of `templates` with each {{name}} replaced by its value."""
+    text = (TEMPLATES / template).read_text(encoding="utf-8")
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: str(values[match[1]]), text)
+
+
+def readme(task: Task, format: str, body: str) -> str:  # noqa: A002 - what the option is called
+    """Return a README in Markdown: what all formats say around the sections of one."""
+    model = task.model
+    rows: list[Sequence[str]] = []
+    for place in task.rig.arms:
+        overlay = place.arm.overlay
+        geometry = "as drawn" if overlay is None else f"calibrated: {Path(overlay.file).name}"
+        rows.append((place.name, place.arm.name, place.arm.tool or "-", geometry))
+    return filled(
+        "readme.md",
+        title=model.title,
+        name=model.name,
+        format=format,
+        version=__version__,
+        arms=markdown_table(("arm", "description", "instrument", "geometry"), rows),
+        links=len(model.links),
+        joints=len(model.joints),
+        mass=f"{sum(link.mass for link in model.links):.4f}",
+        body=body.strip(),
+    )
+
+
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table in Markdown."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

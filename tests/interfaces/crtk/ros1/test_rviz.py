@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.apps.exports.rviz import rviz_config
+from trocar.apps.exports.urdf import rviz_config
 from trocar.descriptions import load_rig
 from trocar.modeling.links import rig_links
 

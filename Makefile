@@ -66,7 +66,7 @@ bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 	$(BIN)/trocar bench $(ARGS)
 
 cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
-	$(BIN)/trocar cad -o src/trocar/descriptions/data/solids $(ARGS)
+	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
 	$(BIN)/python tools/docs/command_line.py

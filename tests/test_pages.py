@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from trocar.apps.benchmarks.served import served
+from benchmarks.served import served
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.cameras import load_camera
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
@@ -198,7 +198,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
     contains = table.Table.__contains__
 
     def note(self: table.Table, key: str) -> None:
-        if Path(self.file).name == INDEX:  # written by trocar cad, not by people
+        if Path(self.file).name == INDEX:  # written by make cad, not by people
             return
         path = re.sub(r"\[\d+\]", "", self.path)
         if re.fullmatch(NAMES_ONLY, path):

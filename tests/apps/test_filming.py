@@ -11,9 +11,8 @@ import pytest
 from PIL import Image
 
 from trocar.apps.filming import EYES, SHOWN, film, kind_of, take_picture
-from trocar.apps.filming.motions import MOTIONS, SWINGS, mover, swings
-from trocar.apps.filming.show import picture
-from trocar.apps.filming.video import video
+from trocar.apps.filming.film import MOTIONS, SWINGS, mover, swings, video
+from trocar.apps.filming.layers import picture
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.simulation import World
 
@@ -144,9 +143,9 @@ def test_a_disk_that_is_full_is_an_error(pictures: int, tmp_path: Path) -> None:
 
     def written() -> None:
         rng = np.random.default_rng(1)
-        with video(path, (320, 240), 10.0) as out:
+        with video(path, (320, 240), 10.0) as add:
             for _ in range(pictures):
-                out.add(rng.integers(0, 255, (240, 320, 3), np.uint8))
+                add(rng.integers(0, 255, (240, 320, 3), np.uint8))
 
     with pytest.raises(TrocarError, match=r"did not write all of \d+ pictures.*is the disk full"):
         written()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import json
 import re
 import sys
 from pathlib import Path
@@ -10,8 +12,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.plotting import plot
-from trocar.apps.plotting.figure import arm_figure
-from trocar.apps.plotting.thin import thinned
+from trocar.apps.plotting.plot import arm_figure, steps, thinned
 from trocar.errors import InputError, LogError, MissingExtraError, UnknownNameError
 from trocar.recording import open_recording, record
 from trocar.simulation import World
@@ -34,24 +35,71 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_arm_that_moved_has_its_own_png(file: Path, tmp_path: Path) -> None:
-    report = plot(file, tmp_path / "x.png")
+    report = plot(file, tmp_path / "x.png", joint="yaw")
     assert set(report.arms) == {"PSM1", "ECM"}
     assert report.files == tuple(str(tmp_path / f"x-{arm}.png") for arm in report.arms)
     assert all(Path(name).read_bytes().startswith(PNG) for name in report.files)
 
 
 def test_one_arm_has_the_name_that_was_asked_for(file: Path, tmp_path: Path) -> None:
-    assert plot(file, tmp_path / "x.png", "PSM2").files == (str(tmp_path / "x.png"),)
+    assert plot(file, tmp_path / "x.png", "PSM2", "yaw").files == (str(tmp_path / "x.png"),)
 
 
 def test_a_page_holds_every_arm_and_asks_nobody_for_anything(file: Path, tmp_path: Path) -> None:
     plot(file, tmp_path / "x.html")
     page = (tmp_path / "x.html").read_text(encoding="utf-8")
-    assert page.count("<svg") == 2
+    assert page.count("<canvas") == 3 * (7 + 4)  # PSM1 and ECM
     assert "move_jp" in page and "insertion" in page
-    fetched = re.findall(r"(?:src|href|url\()\s*=?\s*[\"'(]?(?!#)[^\"')]*https?://[^\"')]*", page)
-    assert not [f for f in fetched if "w3.org" not in f]
-    assert "<script" not in page and "@import" not in page
+    assert not re.search(r"https?://|@import|<link|<img| src=", page)
+
+
+def test_the_page_carries_the_curves_to_the_last_sample(file: Path, tmp_path: Path) -> None:
+    plot(file, tmp_path / "x.html", "PSM1", "yaw")
+    page = (tmp_path / "x.html").read_text(encoding="utf-8")
+    charts = json.loads(page.partition("const CHARTS = ")[2].partition(";\n")[0])
+    assert [chart["unit"] for chart in charts] == ["deg", "mrad", "N m"]
+    setpoint, measured = charts[0]["curves"]
+    assert (setpoint["held"], measured["held"]) == (True, False)
+    time, values = (np.frombuffer(base64.b64decode(measured[k]), "<f4") for k in "tv")
+    recorded = open_recording(file)
+    columns = recorded.columns("PSM1")
+    assert columns is not None
+    states = recorded.states(columns)
+    np.testing.assert_allclose(time, states.time, rtol=1e-6)
+    np.testing.assert_allclose(values, np.degrees(states.position[:, 0]), rtol=1e-5, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def held(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of set-points at 50 Hz, each held for 20 periods."""
+    world, path = World("psm"), tmp_path_factory.mktemp("held") / "run.mcap"
+    with record(world, path):
+        for k in range(100):
+            world.arm("PSM1").servo_jp([0.002 * k, 0.0, 0.12, 0.0, 0.0, 0.0])
+            world.step(20)
+    return path
+
+
+def test_held_set_points_are_steps_and_their_saw_teeth_are_pale_under_a_mean(held: Path) -> None:
+    recorded = open_recording(held)
+    columns = recorded.columns("PSM1")
+    assert columns is not None
+    states = recorded.states(columns)
+    figure = arm_figure(states, [0], "PSM1", [])
+    position, error, _ = figure.get_axes()
+    (setpoint,) = [x for x in position.get_lines() if x.get_label() == "set-point"]
+    assert setpoint.get_drawstyle() == "steps-post"
+    assert len(np.asarray(setpoint.get_xdata())) <= 102
+    pale, mean = error.get_lines()
+    assert (pale.get_alpha(), mean.get_label()) == (0.25, "error")
+    settled = np.asarray(mean.get_ydata())[500:-200]
+    teeth = np.asarray(pale.get_ydata())[500:-200]
+    assert np.abs(np.diff(settled)).max() < 0.1 * np.abs(np.diff(teeth)).max()
+
+
+def test_steps_keep_each_change_and_the_end() -> None:
+    time, values = steps(np.arange(6.0), np.array([1.0, 1.0, 2.0, 2.0, 2.0, 2.0]))
+    assert (time.tolist(), values.tolist()) == ([0.0, 2.0, 5.0], [1.0, 2.0, 2.0])
 
 
 def test_a_figure_names_joints_units_and_lines(file: Path) -> None:
@@ -109,9 +157,10 @@ def test_what_cannot_be_drawn_is_refused(
     with pytest.raises(InputError, match=r"got the ending '\.pdf'; allowed: \.png, \.html"):
         plot(file, tmp_path / "x.pdf")
     with pytest.raises(InputError, match=r"no/x\.png: cannot be written: No such file"):
-        plot(file, tmp_path / "no" / "x.png", "PSM1")
+        plot(file, tmp_path / "no" / "x.png", "PSM1", "yaw")
     with pytest.raises(LogError, match="there is no such file"):
         plot(tmp_path / "none.mcap")
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'trocar\[plot\]'"):
         plot(file, tmp_path / "x.png", "PSM1")
+    assert plot(file, tmp_path / "x.html", "PSM1").files  # a page draws itself

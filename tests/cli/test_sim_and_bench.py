@@ -166,24 +166,3 @@ def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path)
 def test_bench_refuses_a_duration_of_nothing(capsys):
     assert main(["bench", "--duration", "0"]) == 2
     assert "allowed: above 0" in capsys.readouterr().err
-
-
-def test_a_soak_is_measured_when_it_is_asked_for(capsys):
-    assert main(["bench", "soak", "--duration", "0.02", "--json"]) == 0
-    printed = capsys.readouterr()
-    assert "trocar: measuring soak: 0.02 of 0.02 s ..." in printed.err
-    document = json.loads(printed.out)
-    assert document["table9"] == []
-    names = [figure["name"] for figure in document["figures"]]
-    assert "soak: commands refused or clipped" in names
-    assert {"name", "value", "unit", "limit", "at_least", "met"} == set(document["figures"][0])
-
-
-def test_the_cost_of_recording_is_measured_when_it_is_asked_for(capsys):
-    pytest.importorskip("mcap")
-    words = ["bench", "recording", "--duration", "0.5", "--passes", "1", "--json"]
-    assert main(words) == 0
-    found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
-    assert found["recording: added in the stepping thread"]["limit"] == 8.0
-    minute = found["recording: a simulated minute"]
-    assert 0.0 < minute["value"] <= minute["limit"] == 40.0

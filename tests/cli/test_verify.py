@@ -35,12 +35,23 @@ def test_people_read_tables(trocar) -> None:
 
 
 def test_a_figure_out_of_tolerance_ends_with_status_1(trocar, monkeypatch) -> None:
-    monkeypatch.setattr("trocar.apps.verification.axes.TABLE6_SPREAD_M", 1e-4)
+    monkeypatch.setattr("trocar.apps.verification.linkage.TABLE6_SPREAD_M", 1e-4)
     said = trocar("verify", "--only", "axes", "--arm", "psm", "--json")
     assert said.status == 1
     assert said.document["met"] is False
     assert "3-6: description" in said.document["missed"]
     assert "MISSED" in trocar("verify", "--only", "axes", "--arm", "psm").out
+
+
+def test_a_machine_too_slow_for_real_time_does_not_change_the_status(trocar, monkeypatch) -> None:
+    one = (("PSM", "psm", "braked", 1e9, 1e9),)  # no machine is as fast as this paper's
+    monkeypatch.setattr("trocar.apps.verification.tracking.CONFIGURATIONS", one)
+    monkeypatch.setattr("trocar.apps.verification.tracking.PAPER_CAMERA", 1e9)
+    monkeypatch.setattr("trocar.apps.verification.tracking.REALTIME_S", 0.05)
+    said = trocar("verify", "--only", "realtime", "--json")
+    assert said.status == 0 and said.document["missed"] == []
+    speed = said.document["figures"][0]
+    assert 0.0 < speed["value"] < speed["paper_simulation"] == 1e9
 
 
 def test_a_report_is_named(trocar, tmp_path: Path) -> None:

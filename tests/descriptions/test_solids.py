@@ -132,9 +132,9 @@ def test_a_file_that_lacks_triangles_is_refused(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "is no OBJ file of trocar cad"),
+        ("", "is no OBJ file of make cad"),
         ("v 0 0 0\nv 1 0 0\nf 1 2 3\n", "corners are not there"),
-        ("v 0 0 x\nf 1 2 3\n", "is no OBJ file of trocar cad: could not convert"),
+        ("v 0 0 x\nf 1 2 3\n", "is no OBJ file of make cad: could not convert"),
     ],
 )
 def test_a_broken_file_is_named(folder: Path, text: str, message: str) -> None:

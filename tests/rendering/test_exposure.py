@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 
+from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 from trocar.geometry.se3 import transform
 from trocar.rendering import Endoscope, Look, Renderer, Series, StereoFrame
 from trocar.rendering.exposure import ENDLESS, LEAST, MOST, TARGET, followed, luma, stops_of

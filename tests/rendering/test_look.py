@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 
+from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 from trocar.errors import InputError
 from trocar.geometry.se3 import transform
 from trocar.rendering import Look

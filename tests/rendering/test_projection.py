@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 
+from tests.rendering.scenes import disc, mesh, plate, seen, snapshot, stereo
 from trocar.cameras.lens import plane_from_pixels, undistort
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform, transform_points

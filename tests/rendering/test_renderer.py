@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import camera, disc, mesh, plate, seen, snapshot, stereo
 
+from tests.rendering.scenes import camera, disc, mesh, plate, seen, snapshot, stereo
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import transform
 from trocar.rendering import Channels, Look, Renderer, context, staging

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 
+from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.se3 import transform
 from trocar.rendering import Look, Renderer, Series, StereoFrame

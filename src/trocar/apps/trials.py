@@ -110,6 +110,15 @@ def middle_of_range(arm: ArmDescription) -> Array:
     return middle
 
 
+def random_positions(arm: ArmDescription, seed: int, count: int) -> Array:
+    """Return joint positions all over the ranges, jaws from shut on, (count, n)."""
+    lower, upper = arm.mechanism.lower, arm.mechanism.upper
+    q = np.random.default_rng(seed).uniform(lower, upper, (count, len(lower)))
+    if arm.has_jaw:
+        q[:, -1] = np.abs(q[:, -1])
+    return q
+
+
 def amplitudes(arm: ArmDescription) -> Array:
     """Return the amplitude of each joint, none for a jaw or a gripper, (n,) [rad or m]."""
     found: list[float] = []

@@ -2,10 +2,9 @@
 
 Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
 ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
-Measured only when asked for: core, the cost of verbs and readings in physics steps; recording, the
-cost of recording the full cart in motion; interface, what a program in another process sees of it
-(--transport); scope, how many pictures of the endoscope a second, beside MuJoCo's own renderer; and
-soak, an hour of it (some minutes of the machine's time).
+The part core, measured on request only, is the cost of verbs and readings in physics steps.
+Benchmarks of start-up, recording, clients, pictures and long runs are in the repository:
+python -m benchmarks --help.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import asdict
-from math import isfinite
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
@@ -21,14 +19,12 @@ from trocar.cli.output import print_json, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.benchmarks import Figure, Table9Row
+    from trocar.apps.figures import Figure
+    from trocar.apps.timing import Table9Row
 
-#: What is measured unless parts are asked for, and all that may be.
-PARTS = ("speed", "figures", "startup")
-ALL_PARTS = (*PARTS, "core", "recording", "interface", "scope", "soak")
-#: As `trocar.apps.benchmarks.live_scope` has it [s].
-LIVE_S = 60.0
-TRANSPORTS = ("websocket", "ros1", "ros2")
+#: The parts that are measured by default, and all parts.
+PARTS = ("speed", "figures")
+ALL_PARTS = (*PARTS, "core")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -41,34 +37,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         help=f"what to measure: {', '.join(ALL_PARTS)}; default: {', '.join(PARTS)}",
     )
     parser.add_argument(
-        "--duration",
-        type=number,
-        metavar="S",
-        help="simulated time of a pass (default: 10 s; recording: 4 s), of the soak (3600 s), or"
-        " how long pictures of a size are drawn (4 s)",
+        "--duration", type=number, default=10.0, metavar="S", help="simulated time of a pass (10 s)"
     )
     parser.add_argument(
-        "--live",
-        type=number,
-        metavar="S",
-        help="of the part scope: how long the cart runs in real time while both eyes are drawn and"
-        f" its page is shown in a headless browser, where there is one ({LIVE_S:g} s)",
-    )
-    parser.add_argument(
-        "--no-browser", action="store_true", help="of it: a program looks at the page instead"
-    )
-    parser.add_argument(
-        "--transport",
-        action="append",
-        default=[],
-        choices=TRANSPORTS,
-        help="of the part interface; default: websocket; may be repeated",
-    )
-    parser.add_argument(
-        "--passes",
-        type=int,
-        metavar="N",
-        help="interleaved passes (default: 5; of the recording: 31)",
+        "--passes", type=int, default=5, metavar="N", help="interleaved passes (default: 5)"
     )
     parser.add_argument(
         "--poses", type=int, default=10_000, metavar="N", help="poses of the inverse kinematics"
@@ -86,20 +58,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Measure and print."""
-    timed = args.duration is None or 0.0 < args.duration < float("inf")
-    timed = timed and (args.live is None or 0.0 < args.live < float("inf"))
-    if not timed or (args.passes is not None and args.passes < 1) or args.poses < 1:
-        raise InputError("--duration, --live, --passes and --poses: allowed: above 0")
-    from trocar.apps.benchmarks import (
-        core,
-        figures,
-        interface,
-        recording,
-        scope,
-        soak,
-        startup,
-        table9,
-    )
+    if not 0.0 < args.duration < float("inf") or args.passes < 1 or args.poses < 1:
+        raise InputError("--duration, --passes and --poses: allowed: above 0")
+    from trocar.apps.benchmarks.core import core
+    from trocar.apps.benchmarks.fidelity import fidelity
+    from trocar.apps.figures import figure_rows
+    from trocar.apps.timing import table9
     from trocar.descriptions.overlay import read_overlay
 
     overlays = [read_overlay(file) for file in args.calibration]
@@ -109,31 +73,27 @@ def run(args: Namespace) -> int:
             " how true a calibrated robot is"
         )
     parts = args.part or (("speed",) if overlays else PARTS)
-    each = () if args.duration is None else (args.duration,)
-    passes = {} if args.passes is None else {"passes": args.passes}
-    rows = table9(*each, **passes, watch=_watch, overlays=overlays) if "speed" in parts else []
-    found = figures(_watch, args.poses) if "figures" in parts else []
-    found += startup(_watch) if "startup" in parts else []
-    found += core(_watch) if "core" in parts else []
-    found += recording(*each, **passes, watch=_watch) if "recording" in parts else []
-    if "interface" in parts:
-        found += interface(tuple(args.transport) or ("websocket",), *each, watch=_watch)
-    if "scope" in parts:
-        live_s = LIVE_S if args.live is None else args.live
-        onlooker = "" if args.no_browser else None
-        found += scope(*each, watch=_watch, live_s=live_s, onlooker=onlooker)
-    found += soak(*each, watch=_watch) if "soak" in parts else []
-    found += _replayed(args.log) if args.log else []
+    rows: list[Table9Row] = []
+    found: list[Figure] = []
+    if "speed" in parts:
+        rows = table9(args.duration, args.passes, _watch, overlays)
+    if "figures" in parts:
+        found += fidelity(_watch, args.poses)
+    if "core" in parts:
+        found += core(_watch)
+    if args.log:
+        found += _replayed(args.log)
     if args.json:
-        measured = [{**asdict(f), "met": f.met} for f in found]
-        print_json({"table9": [asdict(row) for row in rows], "figures": measured})
+        print_json({"table9": [asdict(r) for r in rows], "figures": [f.document() for f in found]})
     else:
-        print("\n\n".join(filter(None, [_speeds(rows), _figures(found)])))
+        blocks = [_speeds(rows)] if rows else []
+        blocks += [table(*figure_rows(found))] if found else []
+        print("\n\n".join(blocks))
     return 0
 
 
 def _part(name: str) -> str:
-    if name not in ALL_PARTS:  # argparse's own choices refuse that none is named
+    if name not in ALL_PARTS:  # argparse's own choices reject an empty list
         raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(ALL_PARTS)}")
     return name
 
@@ -143,7 +103,7 @@ def _watch(what: str) -> None:
 
 
 def _replayed(log: str) -> list[Figure]:
-    from trocar.apps.benchmarks import Figure
+    from trocar.apps.figures import Figure
     from trocar.apps.replay import ReplaySettings, replay
 
     _watch("replay")
@@ -160,8 +120,6 @@ def _replayed(log: str) -> list[Figure]:
 
 
 def _speeds(rows: list[Table9Row]) -> str:
-    if not rows:
-        return ""
     head = ["configuration", "real-time factor", "goal", "bare MuJoCo", "overhead", "at rest",
             "collision cost", "paper (Gazebo)"]  # fmt: skip
     lines = [
@@ -176,17 +134,3 @@ def _speeds(rows: list[Table9Row]) -> str:
         "overhead = own time / its; at rest = own time / that of mj_step while the arms rest;\n"
         "collision cost = mj_step with bodies / without, at rest):\n\n" + table(head, lines)
     )
-
-
-def _figures(found: list[Figure]) -> str:
-    if not found:
-        return ""
-    rows: list[list[str]] = []
-    for figure in found:
-        limit = (
-            "" if figure.limit is None else f"{'>=' if figure.at_least else '<='} {figure.limit:g}"
-        )
-        verdict = {None: "", True: "met", False: "MISSED"}[figure.met]
-        value = f"{figure.value:.4g}" if isfinite(figure.value) else "-"
-        rows.append([figure.name, value, figure.unit, limit, verdict])
-    return table(["figure", "measured", "unit", "goal", ""], rows)

@@ -34,7 +34,6 @@ COMMANDS = {
     "calibrate": "a robot's own geometry, from motion capture",
     "fk": "poses of an arm's frames from joint positions",
     "ik": "all joint positions that bring an arm's tip to a pose",
-    "cad": "draw the links' solids, of the nominal or a calibrated robot",
     "list": "names of the built-in arms, tools and rigs",
     "show": "what is known of an arm: frames, limits, masses, sources",
     "export": "an arm or a rig for other simulators: URDF, SDF, MJCF",

@@ -22,7 +22,7 @@ from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.benchmarks import HeadlessReport
+    from trocar.apps.timing import HeadlessReport
 
 HEADLESS_DURATION_S = 10.0
 
@@ -57,7 +57,7 @@ def run(args: Namespace) -> int:
         raise InputError("--json: only a headless run has a report; add --headless")
     if not args.headless:
         return _live(args)
-    from trocar.apps.benchmarks import run_headless
+    from trocar.apps.timing import run_headless
 
     world = make_world(args, args.tip_load)
     with images_of_headless(world, args):

@@ -3,21 +3,22 @@
 Loops over the joint range (closure), the remote centre (rcm: Table 7, Figure 9), distances of
 hinges (axes: Table 6), six joints along a sine (tracking: Figure 10), speed (realtime: Table 9),
 and whether every format has the frames where the kinematics has them (formats). The exit status is
-1 when a figure leaves its tolerance. docs/calibration.md says how each is measured.
+1 when a figure leaves its tolerance; speed, which depends on the machine, is stated without one.
+docs/calibration.md describes how each is measured.
 """
 
 from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_json, table
 
 if TYPE_CHECKING:
-    from trocar.apps.verification import Figure, Part, Verification
+    from trocar.apps.figures import Part
+    from trocar.apps.verification import Verification
 
 PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
 
@@ -85,7 +86,11 @@ def _watch(what: str) -> None:
 
 
 def _document(found: Verification, report: str | None) -> dict[str, Any]:
-    figures = [_entry(part, figure) for part in found.parts for figure in part.figures]
+    figures = [
+        {"part": p.name, "arm": p.arm or None, **figure.document(), "command": p.command}
+        for p in found.parts
+        for figure in p.figures
+    ]
     return {
         "met": not found.missed,
         "judged": found.judged,
@@ -99,49 +104,16 @@ def _document(found: Verification, report: str | None) -> dict[str, Any]:
     }
 
 
-def _entry(part: Part, figure: Figure) -> dict[str, Any]:
-    entry = asdict(figure)
-    del entry["shown"]
-    lower, upper, source = (entry.pop(key) for key in ("lower", "upper", "source"))
-    bounded = figure.met is not None
-    return {
-        "part": part.name,
-        "arm": part.arm or None,
-        **entry,
-        "tolerance": {"lower": lower, "upper": upper} if bounded else None,
-        "met": figure.met,
-        "source": source,
-        "command": part.command,
-    }
-
-
 def _tables(found: Verification) -> str:
-    blocks = [_block(part) for part in found.parts]
     within = found.judged - len(found.missed)
+    blocks = [_block(part) for part in found.parts]
     return "\n\n".join([*blocks, f"{within} of {found.judged} figures are within tolerance."])
 
 
 def _block(part: Part) -> str:
-    whom = f"{part.arm}: " if part.arm else ""
-    lines = [f"{whom}{part.title}"]
+    from trocar.apps.figures import figure_rows
+
+    heading = f"{part.arm}: {part.title}" if part.arm else part.title
     if part.figures:
-        gazebo = any(f.paper_simulation is not None for f in part.figures)
-        head = ["figure", "ours", "unit", "paper", *(["its simulation"] if gazebo else []),
-                "allowed", ""]  # fmt: skip
-        lines.append(table(head, [_row(figure, gazebo) for figure in part.figures]))
-    else:
-        lines += [f"  {note}" for note in part.notes]
-    return "\n".join(lines)
-
-
-def _row(figure: Figure, gazebo: bool) -> list[str]:
-    theirs = [figure.told(figure.paper_simulation)] if gazebo else []
-    return [
-        figure.name,
-        figure.told(figure.value),
-        figure.people_unit,
-        figure.told(figure.paper),
-        *theirs,
-        figure.allowed,
-        {None: "", True: "met", False: "MISSED"}[figure.met],
-    ]
+        return f"{heading}\n{table(*figure_rows(part.figures))}"
+    return "\n".join([heading, *(f"  {note}" for note in part.notes)])

@@ -1,4 +1,4 @@
-"""Solids that `trocar cad` has drawn: what a link looks like, what of it touches, how it is heavy.
+"""Solids that `make cad` has drawn: what a link looks like, what of it touches, how it is heavy.
 
 A folder of solids holds solids.toml and the OBJ files that it names, in millimetres.
 """
@@ -143,7 +143,7 @@ def _shape(row: Table, folder: Path, group: str, seen: bool) -> Shape:
 
 
 def _read(path: Path, name: str) -> Mesh:
-    """Read an OBJ file as `trocar cad` writes it: all corners, then normals of these, then faces.
+    """Read an OBJ file as `make cad` writes it: all corners, then normals of these, then faces.
 
     Raises:
         DescriptionError: it is not one
@@ -157,7 +157,7 @@ def _read(path: Path, name: str) -> Mesh:
         step = 2 if len(normal) else 1  # each corner of a face as k//k, or as k
         faces = _numbers(rest.replace("f ", " ").replace("//", " ")).reshape(-1, 3 * step)
     except (OSError, ValueError) as problem:
-        raise DescriptionError(str(path), "", f"is no OBJ file of trocar cad: {problem}") from None
+        raise DescriptionError(str(path), "", f"is no OBJ file of make cad: {problem}") from None
     corners_of = faces[:, ::step].astype(np.int64) - 1
     if (
         len(normal) not in (0, len(vertices))

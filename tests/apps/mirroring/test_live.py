@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.benchmarks.served import served
+from benchmarks.served import served
 from trocar.apps.mirroring import LiveSource, Mirror
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces import Loop, ServoJp

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.verification import Figure, Part, Verification, check_report, verify, write_report
+from trocar.apps.figures import Figure, Part
+from trocar.apps.verification import Verification, check_report, verify, write_report
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import write_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, Overlay
@@ -47,17 +48,20 @@ def test_a_figure_knows_whether_it_is_met() -> None:
         (2.663e-8, "um", "0.0266"),
         (123.456, "", "123.46"),
         (20.5134, "", "20.51"),
+        (3.1e-12, "", "3.1e-12"),
         (float("nan"), "", "-"),
         (None, "mm", ""),
     ],
 )
 def test_people_are_told_as_many_digits_as_mean_something(value, shown, told) -> None:
-    assert Figure("a", 0.0, "m", shown).told(value) == told
+    assert Figure("a", 0.0, "m", shown=shown).text(value) == told
 
 
 def test_tolerances_are_told() -> None:
-    assert Figure("a", 0.0, "m", "mm", lower=0.14739, upper=0.15001).allowed == "148.7 +- 1.31"
-    assert Figure("a", 0.0, "m", "um", upper=1e-7).allowed == "<= 0.1"
+    assert (
+        Figure("a", 0.0, "m", shown="mm", lower=0.14739, upper=0.15001).allowed == "148.7 +- 1.31"
+    )
+    assert Figure("a", 0.0, "m", shown="um", upper=1e-7).allowed == "<= 0.1"
     assert Figure("a", 0.0, "", lower=0.51).allowed == ">= 0.51"
     assert Figure("a", 0.0, "").allowed == ""
 
@@ -120,8 +124,9 @@ def test_a_figure_out_of_tolerance_stands_at_the_head_of_the_page(tmp_path: Path
     assert "0 of 1 figures are within tolerance" in page
 
 
-def test_a_report_goes_into_a_folder_only(found: Verification, tmp_path: Path) -> None:
+def test_a_report_goes_into_a_folder_only(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
+    found = Verification((Part("formats", "psm", "Formats", (), "trocar verify"),))
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="is no folder; allowed"):

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from tests.interfaces.crtk.served import HandClock, Served
 
+from tests.interfaces.crtk.served import HandClock, Served
 from trocar.interfaces import Loop
 from trocar.interfaces.commands import Pause, Step
 from trocar.interfaces.crtk import Core

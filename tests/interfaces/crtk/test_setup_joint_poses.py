@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.apps.dvrk_config import configurations as lab
 
+from tests.apps.dvrk_config import configurations as lab
 from trocar.apps.dvrk_config import import_dvrk
 from trocar.descriptions.catalogue import DATA
 from trocar.geometry import matrix_from_quaternion

@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.benchmarks.figure import Figure
+from trocar.apps.figures import Figure
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.overlay import Overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
@@ -77,7 +77,10 @@ def core(watch: Callable[[str], None] | None = None) -> list[Figure]:
 
 def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
     calibrated = name == "calibrated psm"
-    world, unit = World("psm", calibration=_skewed()) if calibrated else World(name), _Swinging()
+    world, unit = (
+        World("psm", calibration=skewed_psm()) if calibrated else World(name),
+        _moving(World("psm"), SWING_RAD),
+    )
     world.step(100)
     arm = world.arm("PSM1")
     q = np.array([0.1, 0.1, 0.13, 0.1, 0.1, 0.1])
@@ -95,7 +98,7 @@ def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
     own = world.mj_model, mujoco.MjData(world.mj_model)
     mujoco.mj_setState(*own, world.save().row, INTEGRATION)
     more: dict[str, Action] = {"step": lambda: mujoco.mj_step(*own), "snapshot": world.snapshot}
-    cost = _in_turn({"unit": unit.step, **actions, **more})
+    cost = _in_turn({"unit": unit, **actions, **more})
     found = [
         Figure(f"{name}: {verb}", cost[verb] / cost["unit"], "PSM steps", limit)
         for verb, limit in zip(actions, limits, strict=True)
@@ -104,7 +107,7 @@ def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
     return [*found, Figure(f"{name}: snapshot", snapshot, f"steps of {name}", limit)]
 
 
-def _skewed() -> Overlay:
+def skewed_psm() -> Overlay:
     """Return a PSM with no axis of its linkage as drawn: its loops are no parallelograms."""
     rng, mechanism = np.random.default_rng(0), load_arm("psm").mechanism
     frames: dict[str, FramePatch] = {}
@@ -170,13 +173,13 @@ def _solver() -> list[Figure]:
         "full_cart": (carts["braked"], 1.0 / 1.04),
         "full_cart, setup joints locked": (carts["locked"], 1.0 / 1.3),
         "pegs, all objects asleep": (asleep, 0.85),
-        "pegs, a block in the jaws": (_holding_a_block(), 0.65),
+        "pegs, a block in the jaws": (holding_a_block(), 0.65),
     }
     steps: dict[str, Action] = {}
     for name, (world, _) in cases.items():
         cold = copy.copy(world.mj_model)
         cold.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
-        steps[name], steps[f"{name}, cold"] = _moving(world, world.mj_model), _moving(world, cold)
+        steps[name], steps[f"{name}, cold"] = _moving(world), _moving(world, model=cold)
     cost = _in_turn(steps)
     found: list[Figure] = []
     for name, (_, goal) in cases.items():
@@ -185,15 +188,16 @@ def _solver() -> list[Figure]:
     return found
 
 
-def _moving(world: World, model: mujoco.MjModel) -> Action:
-    """Return a step of a world whose PSM1 turns to and fro about where it is."""
+def _moving(world: World, size: float = 0.02, model: mujoco.MjModel | None = None) -> Action:
+    """Return a step of a world whose PSM1 yaws sinusoidally by `size` [rad] about its set-point."""
+    model = model or world.mj_model
     data, count = mujoco.MjData(model), itertools.count()
     mujoco.mj_setState(model, data, world.save().row, INTEGRATION)
     yaw = 3 * world.joints.arms["PSM1"].rows.start
     middle = float(data.ctrl[yaw])
 
     def step() -> None:
-        data.ctrl[yaw] = middle + 0.02 * np.sin(STEP_RAD * next(count))
+        data.ctrl[yaw] = middle + size * np.sin(STEP_RAD * next(count))
         mujoco.mj_step(model, data)
 
     for _ in range(200):  # objects that a state wakes fall asleep again
@@ -201,7 +205,7 @@ def _moving(world: World, model: mujoco.MjModel) -> Action:
     return step
 
 
-def _holding_a_block() -> World:
+def holding_a_block() -> World:
     """Return the rig `pegs` with a block in the jaws of PSM1, off the board."""
     world = World("pegs")
     arm, at = world.arm("PSM1"), world.object("block2").measured_cp().T[:3, 3]
@@ -257,34 +261,18 @@ def _batch() -> Figure:
             {"bare": bare, "batch": lambda: batch.step(told("batch"), ENVIRONMENT_STEPS)}, calls=1
         )
     name = f"batch of {BATCH} PSMs on {THREADS} of {os.cpu_count()} CPUs, against bare mj_step"
-    return Figure(name, cost["bare"] / cost["batch"], "", 0.95, at_least=True)
-
-
-class _Swinging:
-    """A PSM that follows a sine: its step is the unit."""
-
-    def __init__(self) -> None:
-        world = World("psm")
-        self._model = world.mj_model
-        self._data = mujoco.MjData(self._model)
-        mujoco.mj_setState(self._model, self._data, world.save().row, INTEGRATION)
-        self._angle = 0.0
-
-    def step(self) -> None:
-        self._angle += STEP_RAD
-        self._data.ctrl[0] = SWING_RAD * np.sin(self._angle)
-        mujoco.mj_step(self._model, self._data)
+    return Figure(name, cost["bare"] / cost["batch"], "", lower=0.95)
 
 
 def _in_turn(
-    actions: dict[str, Action], rounds: int = ROUNDS, calls: int = CALLS
+    actions: dict[str, Action], rounds: int | None = None, calls: int | None = None
 ) -> dict[str, float]:
     """Return the median wall time of each action, measured in turn [s]."""
     spent: dict[str, list[float]] = {name: [] for name in actions}
-    for _ in range(rounds):
+    for _ in range(rounds or ROUNDS):
         for name, act in actions.items():
             act()
-            for _ in range(calls):
+            for _ in range(calls or CALLS):
                 before = time.perf_counter()
                 act()
                 spent[name].append(time.perf_counter() - before)

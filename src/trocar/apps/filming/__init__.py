@@ -1,6 +1,6 @@
-"""Pictures and videos of what a camera of a rig sees."""
+"""Pictures and videos of the views of a rig's cameras."""
 
 from trocar.apps.filming.film import film, kind_of, take_picture
-from trocar.apps.filming.show import EYES, SHOWN
+from trocar.apps.filming.layers import EYES, SHOWN
 
 __all__ = ["EYES", "SHOWN", "film", "kind_of", "take_picture"]

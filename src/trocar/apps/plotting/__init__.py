@@ -1,5 +1,5 @@
-"""Draw recordings: joints against their set-points, errors, efforts."""
+"""Plots of recordings: joints against their set-points, errors, efforts."""
 
-from trocar.apps.plotting.draw import PlotReport, plot
+from trocar.apps.plotting.plot import PlotReport, plot
 
 __all__ = ["PlotReport", "plot"]

@@ -1,8 +1,7 @@
-"""How a joint answers a step, and gains that answer better."""
+"""Step responses of joints, and the search for gains that respond better."""
 
-from trocar.apps.tuning.response import StepResponse, step_response
-from trocar.apps.tuning.step_bench import StepBench, StepTrace
-from trocar.apps.tuning.tune import JointTuning, Tried, TuneSettings, TuningReport, tune
+from trocar.apps.tuning.gains import JointTuning, Tried, TuneSettings, TuningReport, tune
+from trocar.apps.tuning.steps import StepBench, StepResponse, StepTrace, step_response
 from trocar.descriptions.records import Gains
 
 __all__ = [

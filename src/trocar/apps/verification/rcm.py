@@ -7,16 +7,40 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.verification.figure import Figure, Part
-from trocar.apps.verification.motion import MARKERS, Drive, Sweep
-from trocar.apps.verification.paper import TABLE7, TABLE7_ERROR_M, PaperRcm
-from trocar.apps.verification.subject import Subject
+from trocar.apps.figures import Figure, Part
+from trocar.apps.verification.subject import MARKERS, Drive, Subject, Sweep
 from trocar.descriptions.calibration_plan import link_of
 from trocar.fitting import PivotFit, fit_hinge, fit_pivot
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PaperRcm:
+    """A row of Table 7: where the remote centre is, and the RMS of where it was seen [m]."""
+
+    position: Vector
+    rms: Vector
+
+
+#: {type of arm: (hardware, the paper's simulation)}. The positions are printed in mm, and so are
+#: the RMS errors, whatever the garbled head of the table says. Source: closed-loop paper, Table 7.
+TABLE7: dict[str, tuple[PaperRcm, PaperRcm]] = {
+    "PSM": (
+        PaperRcm((-1.49e-3, -516.11e-3, 2.19e-3), (0.62e-3, 0.62e-3, 0.31e-3)),
+        PaperRcm((0.56e-3, -518.60e-3, 0.93e-3), (0.85e-3, 1.91e-3, 1.08e-3)),
+    ),
+    "ECM": (
+        PaperRcm((341.11e-3, -0.08e-3, -3.39e-3), (3.72e-3, 2.45e-3, 1.33e-3)),
+        PaperRcm((338.44e-3, -0.05e-3, -0.54e-3), (2.17e-3, 1.14e-3, 0.85e-3)),
+    ),
+}
+#: How far the paper's simulation is from its hardware [m]. Source: closed-loop paper, 4.2.
+TABLE7_ERROR_M = {"PSM": 3.46e-3, "ECM": 3.91e-3}
 
 #: Most RMS without servo error. Source: the project's own goal. [m]
 MOST_RMS_M = 1e-5
@@ -178,26 +202,27 @@ def _general(subject: Subject) -> bool:
 
 def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     kind = subject.arm.type
-    hardware, simulation = TABLE7.get(kind, (None, None))
-    if subject.calibrated:
-        hardware = simulation = None
+    rows = (None, None) if subject.calibrated else TABLE7.get(kind, (None, None))
+    hardware = rows[0]
     told = TOLD[found.drive]
-    theirs = "closed-loop paper, Table 7; " if hardware else ""
-    source = f"{theirs}ours: pivot calibration on the simulated motion"
+    table = "closed-loop paper, Table 7; " if hardware else ""
+    source = f"{table}ours: pivot calibration on the simulated motion"
     figures: list[Figure] = []
     for index, axis in enumerate("XYZ"):
+        paper, theirs = (None if row is None else row.position[index] for row in rows)
         figures.append(
-            Figure(f"{told}: position {axis}", float(found.centre[index]), "m", "mm",
-                   *_of(hardware, simulation, "position", index), source=source)
+            Figure(f"{told}: position {axis}", float(found.centre[index]), "m", shown="mm",
+                   paper=paper, paper_simulation=theirs, source=source)
         )  # fmt: skip
     for index, axis in enumerate("XYZ"):
+        paper, theirs = (None if row is None else row.rms[index] for row in rows)
         figures.append(
-            Figure(f"{told}: RMS {axis}", float(found.rms[index]), "m", "mm",
-                   *_of(hardware, simulation, "rms", index), source=source)
+            Figure(f"{told}: RMS {axis}", float(found.rms[index]), "m", shown="mm",
+                   paper=paper, paper_simulation=theirs, source=source)
         )  # fmt: skip
     bounded = found.drive == "set" and not _general(subject)
     figures.append(
-        Figure(f"{told}: RMS distance", found.rms_distance, "m", "mm",
+        Figure(f"{told}: RMS distance", found.rms_distance, "m", shown="mm",
                upper=MOST_RMS_M if bounded else None,
                source=f"{source}; limit: the project's own goal" if bounded else source)
     )  # fmt: skip
@@ -205,13 +230,13 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
         away = float(np.linalg.norm(found.centre - np.array(hardware.position)))
         error = TABLE7_ERROR_M[kind]
         figures.append(
-            Figure(f"{told}: distance from the hardware's", away, "m", "mm",
+            Figure(f"{told}: distance from the hardware's", away, "m", shown="mm",
                    paper_simulation=error, upper=error,
                    source="closed-loop paper, 4.2; limit: no farther than its own simulation")
         )  # fmt: skip
     for name, error in zip(("yaw", "pitch"), found.servo_error, strict=True):
         figures.append(
-            Figure(f"{told}: servo error of {name}, RMS", float(error), "rad", "mrad",
+            Figure(f"{told}: servo error of {name}, RMS", float(error), "rad", shown="mrad",
                    source="ours: actual minus commanded while the remote centre is estimated")
         )  # fmt: skip
     return figures
@@ -233,13 +258,13 @@ def _measured(subject: Subject, as_measured: Sweep | None) -> list[Figure]:
         return []
     file = overlay.source.get("file", overlay.file)
     source = f"measured, noise included: {file}"
-    figures = [Figure("measured: RMS distance", rms, "m", "mm", source=source)]
+    figures = [Figure("measured: RMS distance", rms, "m", shown="mm", source=source)]
     wander = found.get("wander_rms_m")
     if isinstance(wander, float):
         source = f"measured, what noise alone would make taken off as squares: {file}"
         if isinstance(noise := found.get("noise_rms_m"), float):
             source += f"; less than {1e3 * NOISE_SHARE * noise:.2g} mm may be noise still"
-        figures.append(Figure("measured without noise: RMS distance", wander, "m", "mm",
+        figures.append(Figure("measured without noise: RMS distance", wander, "m", shown="mm",
                               source=source))  # fmt: skip
     if as_measured is not None:
         source = (
@@ -247,15 +272,6 @@ def _measured(subject: Subject, as_measured: Sweep | None) -> list[Figure]:
         )
         figures.append(
             Figure("over the measured range: RMS distance",
-                   cloud(subject, as_measured).rms_distance, "m", "mm", source=source)
+                   cloud(subject, as_measured).rms_distance, "m", shown="mm", source=source)
         )  # fmt: skip
     return figures
-
-
-def _of(
-    hardware: PaperRcm | None, simulation: PaperRcm | None, what: str, index: int
-) -> tuple[float | None, float | None]:
-    """Return the paper's two values of an axis, None where they are not compared."""
-    if hardware is None or simulation is None:
-        return None, None
-    return getattr(hardware, what)[index], getattr(simulation, what)[index]

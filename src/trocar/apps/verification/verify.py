@@ -6,29 +6,54 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.apps.verification.axes import axes
-from trocar.apps.verification.closure import closure
-from trocar.apps.verification.figure import Figure, Part
-from trocar.apps.verification.formats import formats
-from trocar.apps.verification.motion import (
+from trocar.apps.figures import Figure, Part
+from trocar.apps.trials import compiled_poses, random_positions
+from trocar.apps.verification.linkage import axes, closure
+from trocar.apps.verification.rcm import has_remote_centre, rcm
+from trocar.apps.verification.subject import (
     Drive,
+    Subject,
     Sweep,
     measured_ranges,
     sweep,
     swept_joints,
 )
-from trocar.apps.verification.rcm import has_remote_centre, rcm
-from trocar.apps.verification.realtime import realtime
-from trocar.apps.verification.subject import Subject
-from trocar.apps.verification.tracking import tracking
+from trocar.apps.verification.tracking import realtime, tracking
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay, read_overlay
 from trocar.errors import InputError
+from trocar.geometry.se3 import pose_difference
+from trocar.kinematics import forward
 
-#: What can be verified, in the order in which it is told.
+#: Random poses at which formats are compared, and the largest deviation of a frame [m, rad].
+POSES, SEED, FORMAT_LIMIT = 100, 6, 1e-9
+
+
+def formats(subject: Subject) -> Part:
+    """Compare every frame of the compiled MJCF with the kinematics, at random joint positions."""
+    arm, command = subject.arm, subject.command("formats")
+    title = "Formats: one description, the same frames"
+    if not subject.simulated:
+        note = f"{arm.name}: no masses or gains are known, so it has no model"
+        return Part("formats", subject.name, title, (), command, (note,))
+    q = random_positions(arm, SEED, POSES)
+    analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
+    found = compiled_poses(arm, q)
+    off = [pose_difference(poses, analytic[frame]) for frame, poses in found.items()]
+    metres, radians = (max(float(each[k].max()) for each in off) for k in range(2))
+    label = f"MJCF, {len(found)} frames at {POSES} poses"
+    source = (
+        "limit: both sides compute in float64 over some twenty products; MuJoCo places the bodies"
+    )
+    figures = (
+        Figure(f"{label}: position", metres, "m", FORMAT_LIMIT, shown="nm", source=source),
+        Figure(f"{label}: rotation", radians, "rad", FORMAT_LIMIT, shown="urad", source=source),
+    )
+    return Part("formats", subject.name, title, figures, command)
+
+
+#: What can be verified, in display order.
 PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
-#: Parts that are of each arm; the others are of whole rigs.
-OF_ARMS = ("closure", "rcm", "axes", "tracking", "formats")
 #: The arms of the paper's experiments.
 ARMS = ("psm", "ecm")
 Watch = Callable[[str], None]

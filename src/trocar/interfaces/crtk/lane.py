@@ -9,7 +9,7 @@ from typing import Any
 
 #: Time from one large message to the next: two at once may be more than a subscriber's socket
 #: holds, and what is lost there comes late. Source: our own choice, by the images that
-#: `trocar bench interface --transport ros2` counts. [s]
+#: `python -m benchmarks interface --transport ros2` counts. [s]
 APART_S = 0.002
 
 

@@ -23,7 +23,7 @@ from trocar.simulation.journal import Entry
 WAITING_S = 0.5
 #: Messages go out at least so long after the tick that they show, or half a period where that is
 #: shorter: they are made meanwhile, and how long that took this time nobody sees. Source: our own
-#: choice, by the lateness that `trocar bench interface` tells of six arms and twenty objects. [s]
+#: choice, by the lateness of six arms and twenty objects in `python -m benchmarks interface`. [s]
 READY_S = 0.0018
 #: How many events may wait for a sample. Source: our own choice: floods are cut off.
 EVENTS = 1024

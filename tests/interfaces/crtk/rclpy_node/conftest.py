@@ -7,8 +7,8 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 
 import pytest
-from tests.interfaces.crtk.served import running
 
+from tests.interfaces.crtk.served import running
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport
 from trocar.interfaces.crtk.transports.rclpy_node.reach import SAID

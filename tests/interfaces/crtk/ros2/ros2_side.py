@@ -14,7 +14,6 @@ from itertools import count
 from pathlib import Path
 
 from tests.interfaces.crtk.served import running
-
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.ros2 import Network, Ros2Transport, network
 

@@ -1,0 +1,99 @@
+"""Measure what is not a part of `trocar bench`, each figure beside its goal.
+
+startup: time to the help and to the first motion. recording: cost of recording the full cart in
+motion. interface: what a client in another process sees of a simulator. scope: pictures of the
+endoscope a second, beside MuJoCo's own renderer and in real time. soak: an hour of the cart in
+motion (some minutes of the machine's time).
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from collections.abc import Sequence
+
+from trocar.apps.figures import Figure, figure_rows
+from trocar.cli.output import print_json, table
+from trocar.errors import InputError, TrocarError
+
+NAMES = ("startup", "recording", "interface", "scope", "soak")
+TRANSPORTS = ("websocket", "ros1", "ros2")
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run benchmarks, print their figures, and return the exit status."""
+    parser = ArgumentParser(
+        "python -m benchmarks", description=__doc__, formatter_class=RawDescriptionHelpFormatter
+    )
+    parser.add_argument("name", nargs="+", choices=NAMES, metavar="NAME", help=", ".join(NAMES))
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="time of each pass or subscription (recording, scope: 4; interface: 10; soak: 3600)",
+    )
+    parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
+    parser.add_argument(
+        "--transport",
+        action="append",
+        choices=TRANSPORTS,
+        help="of interface; default: websocket; may be repeated",
+    )
+    parser.add_argument(
+        "--live",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="of scope: time of the cart in real time, its page in a headless browser (60)",
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="of scope: a program loads the page instead"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON document")
+    args = parser.parse_args(words)
+    try:
+        for value in (args.duration, args.passes, args.live):
+            if value is not None and not 0.0 < value < float("inf"):
+                raise InputError("--duration, --live and --passes: allowed: above 0")
+        each = () if args.duration is None else (args.duration,)
+        found: list[Figure] = []
+        if "startup" in args.name:
+            from benchmarks.startup import startup
+
+            watch("start-up")
+            found += startup()
+        if "recording" in args.name:
+            from benchmarks.recording import recording
+
+            watch("recording")
+            found += recording(*each or (4.0,), args.passes)
+        if "interface" in args.name:
+            from benchmarks.interface import interface
+
+            found += interface(args.transport or ("websocket",), *each or (10.0,), watch)
+        if "scope" in args.name:
+            from benchmarks.scope import scope
+
+            onlooker = "" if args.no_browser else None
+            found += scope(*each or (4.0,), watch, args.live, onlooker)
+        if "soak" in args.name:
+            from benchmarks.soak import soak
+
+            found += soak(*each, watch=watch)
+    except TrocarError as error:
+        print(f"benchmarks: error: {error}", file=sys.stderr)
+        return 2 if isinstance(error, InputError) else 1
+    if args.json:
+        print_json({"figures": [figure.document() for figure in found]})
+    else:
+        print(table(*figure_rows(found)))
+    return 0
+
+
+def watch(what: str) -> None:
+    """Report progress on stderr."""
+    print(f"measuring {what} ...", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -74,7 +74,7 @@ HOMES = {
     "tools": (),
     "build123d": (),
     "OCP": (),
-    "trimesh": ("apps/importers",),
+    "trimesh": ("apps/importers", "interfaces/viewer"),
     "coacd": ("apps/importers",),
     # Judges of the exports, which only tests call.
     "drake": (),

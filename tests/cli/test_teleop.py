@@ -6,7 +6,7 @@ import gc
 
 import pytest
 
-from trocar.apps.teleoperation.mapping import TABLES
+from trocar.apps.teleoperation.devices import TABLES
 from trocar.cli import main
 from trocar.cli import teleop as command
 
@@ -47,5 +47,6 @@ def test_it_serves_and_says_what_keys_do(capsys: pytest.CaptureFixture[str]) -> 
         gc.unfreeze()  # serving freezes what there is, which other libraries stumble over
     told = capsys.readouterr().out
     assert "W  S" in told
+    assert "use PSM1, PSM2\n" in told  # the rig's
     assert "http://127.0.0.1:" in told
     assert "ws://127.0.0.1:" in told

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
 
-import numpy as np
 import pytest
 
 from trocar.interfaces import ExchangeTool, JawMove, Loop, MoveTo
-from trocar.interfaces.viewer.instrument import NONE, InstrumentChoice
+from trocar.interfaces.commands import Verb
 from trocar.interfaces.viewer.page import Page
+from trocar.interfaces.viewer.panel import NONE, SETTLED, ArmControls, read_arm
 from trocar.interfaces.viewer.scene import Bodies
 from trocar.interfaces.viewer.server import LocalServer, serving
-from trocar.interfaces.viewer.sheet import read_sheet
-from trocar.interfaces.viewer.tuning import SETTLED
 from trocar.simulation import World
 
 MARYLAND = "MARYLAND_BIPOLAR_FORCEPS:400172"
@@ -50,35 +50,33 @@ def test_only_the_bodies_that_look_otherwise_are_sent_again(server: LocalServer)
     assert bodies.renew(world.shapes()) == 0
     world.exchange_tool("PSM1", MARYLAND)
     assert bodies.renew(world.shapes()) == 3  # the wrist, and two fingers
-    assert bodies.show(world.snapshot()) == len(bodies._nodes)
+    assert bodies.show(world.snapshot()) == len(bodies.glbs)
 
 
-def test_a_sheet_tells_which_instruments_fit() -> None:
-    world = World("psm")
-    sheet = read_sheet(world, "PSM1")
-    assert sheet.tool == "LARGE_NEEDLE_DRIVER:400006" and PROGRASP in sheet.tools
-    assert read_sheet(World("ecm"), "ECM").tools == ()
+def test_the_instruments_that_fit_are_read_off_an_arm() -> None:
+    info = read_arm(World("psm"), "PSM1")
+    assert info.tool == "LARGE_NEEDLE_DRIVER:400006" and PROGRASP in info.tools
+    assert read_arm(World("ecm"), "ECM").tools == ()
 
 
 def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
     world, posted = World("psm"), []
-    sheet = read_sheet(world, "PSM1")
-
-    class Desk:
-        def post(self, command: object) -> None:
-            posted.append(command)
-
-    choice = InstrumentChoice(server.gui, Desk(), sheet)  # type: ignore[arg-type]
-    assert choice._choice.value == sheet.tool
-    assert set(choice._choice.options) == {*sheet.tools, NONE}
-    choice._choice._impl.value = MARYLAND
-    choice._chosen(MARYLAND)
-    assert posted == [ExchangeTool("PSM1", MARYLAND)]
-    choice.follow(sheet)  # still the old one: the exchange is on its way
-    assert choice._choice.value == MARYLAND
+    loop: Any = SimpleNamespace(post=posted.append)
+    info = read_arm(world, "PSM1")
+    choice = ArmControls(server.gui, loop, info, world.snapshot()).instrument
+    assert choice is not None
+    assert choice.handle.value == info.tool
+    assert set(choice.handle.options) == {*info.tools, NONE}  # type: ignore[attr-defined]
+    choice.handle._impl.value = MARYLAND
+    choice.touch(MARYLAND)
+    assert posted == [Verb("world", "exchange_tool", {"name": "PSM1", "tool": MARYLAND})]
+    choice.show(info.tool)  # still the old one: the exchange is on its way
+    assert choice.handle.value == MARYLAND
     for _ in range(SETTLED):
-        choice.follow(sheet)  # it was refused
-    assert choice._choice.value == sheet.tool
+        choice.show(info.tool)  # it was refused
+    assert choice.handle.value == info.tool
+    posted[0].apply(world)
+    assert world.arm("PSM1").tool == MARYLAND
 
 
 def test_the_page_shows_the_new_instrument_and_its_limits(
@@ -88,10 +86,10 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
     loop = Loop(world, speed="max")
     page = Page(server, world, loop)
     monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    assert page._panel._controls is not None
-    wide = page._panel._controls._sliders._handles[5]
+    assert page.panel.controls is not None
+    wide = page.panel.controls.sliders.handles[5]
     assert wide.label == "wrist_yaw deg" and wide.max == pytest.approx(80.0, abs=0.1)
-    looks = dict(page._bodies._looks)
+    looks = dict(page.bodies.glbs)
 
     def look() -> None:
         for _ in range(12):
@@ -101,22 +99,21 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
     look()
     loop.post(ExchangeTool("PSM1", MARYLAND))
     look()
-    assert page._panel._controls is not None
-    sliders = page._panel._controls._sliders._handles
+    assert page.panel.controls is not None
+    sliders = page.panel.controls.sliders.handles
     assert sliders[5].max == pytest.approx(90.0, abs=0.1)
-    changed = [body for body, packed in page._bodies._looks.items() if looks[body] != packed]
-    assert len(changed) == 3 and page._build == 2
-    assert page._panel._controls._instrument is not None
-    assert page._panel._controls._instrument._choice.value == MARYLAND
+    changed = [body for body, packed in page.bodies.glbs.items() if looks[body] != packed]
+    assert len(changed) == 3
+    assert page.panel.controls.instrument is not None
+    assert page.panel.controls.instrument.handle.value == MARYLAND
     loop.post(ExchangeTool("PSM1", "none"))  # fewer joints and bodies than the page knew
     look()
-    assert page._panel._controls is not None
-    assert len(page._panel._controls._sliders._handles) == 3
-    assert len(page._bodies._looks) == len(looks) - 5
-    assert "PSM1/insertion/measured" in page._tables._joints.content
-    assert "jaw" not in page._tables._joints.content
-    sent = page._bodies._sent
-    assert sent is not None and np.isfinite(sent).all()
+    assert page.panel.controls is not None
+    assert len(page.panel.controls.sliders.handles) == 3
+    assert len(page.bodies.glbs) == len(looks) - 5
+    assert "PSM1/insertion/measured" in page.tables.joints.content
+    assert "jaw" not in page.tables.joints.content
+    assert page.bodies.show(loop.latest) == 0  # everything was sent
 
 
 def test_another_arm_s_controls_wait_for_its_sheet(
@@ -131,11 +128,11 @@ def test_another_arm_s_controls_wait_for_its_sheet(
     for _ in range(6):
         loop.run(0.02)
         page.refresh()
-    page._panel._choice._impl.value = "PSM2"
-    page._panel._choose()
-    assert page._panel._controls is None
+    page.panel.choice._impl.value = "PSM2"
+    page.panel.choose()
+    assert page.panel.controls is None
     for _ in range(12):
         page.refresh()
         loop.run(0.02)
-    assert page._panel._controls is not None
-    assert len(page._panel._controls._sliders._handles) == 3
+    assert page.panel.controls is not None
+    assert len(page.panel.controls.sliders.handles) == 3

@@ -8,7 +8,7 @@ import pytest
 from trocar.errors import InputError
 from trocar.interfaces import Loop, ServoJp, Verb
 from trocar.interfaces.inbox import Inbox
-from trocar.interfaces.viewer.power import state_line
+from trocar.interfaces.viewer.panel import state_line
 from trocar.simulation import World
 
 

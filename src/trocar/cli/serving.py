@@ -159,6 +159,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             "nothing would be served: leave out --no-page or --no-websocket, or use --headless"
         )
     shared = bool(transports) or session is not None
+    if session is None and shared and not args.no_page:
+        from trocar.apps.teleoperation.session import Session
+
+        session = Session()  # pedals in the page
     loop = _loop(world, args, shared=shared)
     loop.while_running = recording(world, args)
     with ExitStack() as stack:

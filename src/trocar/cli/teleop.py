@@ -1,7 +1,7 @@
 """Drive a rig by hand: keyboard, gamepad, SpaceMouse, or the masters of a surgeon's console.
 
-Serves the page, and topics, as `trocar sim` does; hands move the first instrument, or that of
---arm, as the endoscope sees it. docs/teleoperation.md says more.
+Serve the web viewer and topics as `trocar sim` does, and move the first instrument, or that of
+--arm, in the directions of the endoscope's picture. More in docs/teleoperation.md.
 
 keyboard (in the page: click on the frame in the tab "Drive" first)
   A  D                       left, right
@@ -12,8 +12,11 @@ keyboard (in the page: click on the frame in the tab "Drive" first)
   C  O                       close, open the jaw
   X (held)                   fine: 0.2 of the speed
   Shift (held)               fast: 3 times the speed
-  1  2  3                    use PSM1, PSM2, PSM3
-  V (held)                   drag the endoscope's picture instead
+  1  2 ...                   use the first, second ... instrument
+  V (held)                   camera pedal: drag the endoscope's picture instead
+  K (held)                   clutch: the tool stays
+  G  B  M (held)             pedals coag, bicoag, mono
+  Y  U (held)                pedals cam -, cam +
 
 gamepad (of this machine, extra gamepad; or in the page with --device keyboard)
   left stick                 left, right, up, down
@@ -33,6 +36,7 @@ spacemouse (of this machine, extra spacemouse)
 masters (of a rig that has some, as full_cart_mtm)
   rings and arrows at the handles  carry the simulated masters (drag them in the page)
   gripper sliders            pinch to begin; the jaw follows
+  K  V  G  B  M  Y  U  P     press and release pedals: the letters at their boxes
 """
 
 from __future__ import annotations
@@ -40,19 +44,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import number
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
 
-if TYPE_CHECKING:
-    from trocar.simulation import World
-
-#: Rigs where there is something to do. Source: our own choice.
+#: Default rigs, of devices and of masters. Source: our own choice.
 RIG, RIG_OF_MASTERS = "pegs", "full_cart_mtm"
-#: Where tools are in view, of rigs that have such a pose.
+#: Pose that has the tools in view, of rigs that have it.
 POSE = "work"
 
 
@@ -63,17 +63,19 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--device",
         choices=("keyboard", "gamepad", "spacemouse", "masters"),
-        help="default: keyboard; masters where the rig has some",
+        help="input device; default: keyboard, or masters where the rig has some",
     )
-    parser.add_argument("--arm", help="the instrument to begin with; default: the first")
+    parser.add_argument("--arm", help="first instrument to drive; default: the rig's first")
     parser.add_argument(
-        "--scale", type=number, help="of a device's speeds, or of the way of masters: above 0 to 1"
+        "--scale",
+        type=number,
+        help="factor of a device's speeds or of the masters' translation, above 0 to 1",
     )
     parser.add_argument(
-        "--motion", metavar="FILE", help="carry the masters as in a recording (with masters)"
+        "--motion", metavar="FILE", help="move the masters as in a recording (with masters)"
     )
     parser.add_argument(
-        "--pose", metavar="NAME", help=f"where the arms begin; default: {POSE}, where there is one"
+        "--pose", metavar="NAME", help=f"start pose of the arms; default: {POSE}, if the rig has it"
     )
     parser.add_argument(
         "--duration", type=number, metavar="S", help="stop after this much simulated time"
@@ -84,8 +86,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Let somebody drive."""
-    from trocar.apps.teleoperation.mapping import TABLES
+    """Serve until Ctrl-C or for --duration."""
+    from trocar.apps.teleoperation.devices import table
     from trocar.apps.teleoperation.session import Session
 
     kind = args.device or _device_of(args.rig)
@@ -99,9 +101,11 @@ def run(args: Namespace) -> int:
     args.rig = args.rig or (RIG_OF_MASTERS if kind == "masters" else RIG)
     with closing(Session(kind, args.arm, args.scale, args.motion)) as session:
         world = make_world(args)
-        _begin(world, args.pose)
+        if args.pose is not None or POSE in world.rig.poses:
+            world.reset(pose=args.pose or POSE)
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
-        for line in TABLES[kind]:
+        instruments = [arm.name for arm in world.rig.arms if arm.arm.type == "PSM"]
+        for line in table(kind, instruments):
             print(f"  {line.touch:<26} {line.does}")
         serve(world, args, session)
     return 0
@@ -111,9 +115,3 @@ def _device_of(rig: str | None) -> str:
     from trocar.descriptions import load_rig
 
     return "masters" if rig is not None and load_rig(rig).teleops else "keyboard"
-
-
-def _begin(world: World, pose: str | None) -> None:
-    """Put the arms where they begin."""
-    if pose is not None or POSE in world.rig.poses:
-        world.reset(pose=pose or POSE)

@@ -1,4 +1,4 @@
-"""The cart with its console, teleoperated: ticks in the thread of the test, hands that are told."""
+"""The cart with its console, teleoperated: ticks and hands in the thread of the test."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TICK_S = 0.001
 
 
 class Bench:
-    """A world, its loop and its teleoperation; what components tell lies in `told`."""
+    """A world, its loop and its teleoperation; what components publish lies in `published`."""
 
     def __init__(
         self, rig: str = "full_cart_mtm", *, pose: str = "start", tick_s: float = TICK_S, **world
@@ -25,9 +25,9 @@ class Bench:
         self.loop = Loop(self.world, tick_s=tick_s, speed="max")
         self.engine = Teleoperation(self.loop)
         self.stop = self.engine.start()
-        self.told: list[tuple[str, str, object]] = []
+        self.published: list[tuple[str, str, object]] = []
         for name, one in self.engine.components.items():
-            one.tell = lambda key, value, name=name: self.told.append((name, key, value))
+            one.publish = lambda key, value, name=name: self.published.append((name, key, value))
         self.console = self.engine.console
 
     def run(self, seconds: float) -> None:
@@ -35,7 +35,9 @@ class Bench:
             self.loop.tick()
 
     def states(self, name: str) -> list[object]:
-        return [value for who, key, value in self.told if (who, key) == (name, "current_state")]
+        return [
+            value for who, key, value in self.published if (who, key) == (name, "current_state")
+        ]
 
     def enable(self, name: str = "MTMR_PSM1", *, hand: bool = True, wait: float = 2.0) -> None:
         """Enable a component; once it is aligned a hand pinches."""
@@ -43,8 +45,8 @@ class Bench:
         one.command("enable")
         self.run(wait)
         if hand:
-            self.pinch(*one.says.masters)
-        assert one.current == "ENABLED", (one.current, self.told)
+            self.pinch(*one.description.masters)
+        assert one.current == "ENABLED", (one.current, self.published)
         assert one.following
 
     def pinch(self, *masters: str) -> None:

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from trocar.apps.teleoperation.device import Device
-from trocar.apps.teleoperation.drive import Drive
-from trocar.apps.teleoperation.inputs import component_with_inputs
-from trocar.apps.teleoperation.mapping import AXES, TABLES, from_keys, from_pad, from_puck
+from trocar.apps.teleoperation.devices import (
+    AXES,
+    PEDAL_KEYS,
+    TABLES,
+    Drive,
+    from_keys,
+    from_pad,
+    from_spacemouse,
+    table,
+)
+from trocar.apps.teleoperation.session import Device
 from trocar.errors import InputError
 from trocar.geometry import rotation_vector_from_matrix
 from trocar.interfaces import Loop
@@ -32,14 +39,16 @@ class Clock:
 class Session:
     """Somebody at a device, in the thread of the test."""
 
-    def __init__(self, rig: str = "pegs", name: str = "KEYBOARD") -> None:
+    def __init__(
+        self, rig: str = "pegs", name: str = "KEYBOARD", published: Sequence[str] = ()
+    ) -> None:
         self.world, self.clock = World(rig), Clock()
         if "work" in self.world.rig.poses:
             self.world.reset(pose="work")
         self.loop = Loop(self.world, tick_s=0.001, clock=self.clock)
         self.device = Device(self.loop, name)
-        self.core = Core(self.loop, components=(component_with_inputs(self.device),))
-        self.transport = MemoryTransport(["system/warning"])
+        self.core = Core(self.loop, components=self.device.components())
+        self.transport = MemoryTransport(["system/warning", *published])
         self.core.attach(self.transport)
         self.core.begin()
 
@@ -58,7 +67,7 @@ class Session:
         self.run(seconds)
 
     def drive(self, drive: Drive, seconds: float = 0.4) -> None:
-        self.device.hear(drive)
+        self.device.receive(drive)
         self.run(seconds)
 
     def tip_in_image(self, arm: str = "PSM1") -> np.ndarray:
@@ -157,8 +166,11 @@ LEFT, DOWN = (-1, 0, 0), (0, -1, 0)
         (from_pad([0.0, 0.0, 0.0, 1.0], []), DOWN),
         (from_pad([0.0, 0.0, -1.0, 0.0], []), LEFT),
         (from_pad([0.0, 0.0, 1.0, 0.0], []), RIGHT),
-        (from_puck((0, 0, 0), (1.0, 0.0, 0.0), ()), UP),  # the cap's far edge is lifted
-        (from_puck((0, 0, 0), (0.0, 0.0, 1.0), ()), RIGHT),  # and goes right: clockwise from above
+        (from_spacemouse((0, 0, 0), (1.0, 0.0, 0.0), ()), UP),  # the cap's far edge is lifted
+        (
+            from_spacemouse((0, 0, 0), (0.0, 0.0, 1.0), ()),
+            RIGHT,
+        ),  # and goes right: clockwise from above
     ],
 )
 def test_arrows_stick_and_cap_turn_the_jaws_their_way_in_the_picture(
@@ -180,7 +192,7 @@ def test_arrows_stick_and_cap_turn_the_jaws_their_way_in_the_picture(
         (from_keys(["KeyQ"]), -1),
         (from_pad([], [0.0] * 5 + [1.0]), 1),
         (from_pad([], [0.0] * 4 + [1.0]), -1),
-        (from_puck((0, 0, 0), (0.0, -1.0, 0.0), ()), 1),  # its right edge is pressed
+        (from_spacemouse((0, 0, 0), (0.0, -1.0, 0.0), ()), 1),  # its right edge is pressed
     ],
 )
 def test_rolling_right_is_clockwise_in_the_picture(drive: Drive, clockwise: int) -> None:
@@ -228,12 +240,65 @@ def test_a_device_that_falls_silent_holds_is_disabled_and_it_is_said(
     session.press("KeyD", seconds=0.3)
     session.run(0.45)
     assert session.state == "DISABLED"
-    assert "KEYBOARD: said nothing for 0.5 s" in caplog.text
+    assert "KEYBOARD: sent nothing for 0.5 s" in caplog.text
     there = session.world.arm("PSM1").setpoints()
     session.run(0.3)
     np.testing.assert_array_equal(session.world.arm("PSM1").setpoints(), there)
     session.press()
     assert session.state == "ENABLED"
+
+
+def test_a_device_waits_for_its_first_input_as_long_as_it_takes(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    session = Session()
+    assert "first input" in session.device.engine.components[session.device.used].message
+    session.world.reset(pose="work")
+    for _ in range(70):  # arms have 60 s to get ready
+        session.world.step(1000)
+        session.run(0.001)
+    assert not caplog.text
+    session.press("KeyD")
+    assert session.state == "ENABLED"
+
+
+@pytest.mark.parametrize(
+    ("key", "topics"),
+    [
+        ("KeyK", ["console/clutch", "footpedals/clutch"]),
+        ("KeyV", ["console/camera", "footpedals/camera"]),
+        ("KeyG", ["footpedals/coag"]),
+        ("KeyB", ["footpedals/bicoag"]),
+        ("KeyY", ["footpedals/cam_minus"]),
+        ("KeyU", ["footpedals/cam_plus"]),
+    ],
+)
+def test_a_key_that_is_held_presses_a_pedal(key: str, topics: list[str]) -> None:
+    session = Session(published=topics)
+    session.press(key)
+    session.press()
+    for topic in topics:
+        pressed = [m["buttons"] for m in session.transport.received[topic]]
+        assert pressed[-2:] == [[1], [0]]
+
+
+def test_a_page_that_loses_the_keys_releases_the_pedals() -> None:
+    session = Session(published=["footpedals/coag"])
+    session.press("KeyG")
+    session.press("aside")
+    assert session.transport.last("footpedals/coag")["buttons"] == [0]
+
+
+def test_the_clutch_key_stops_the_tool_and_goes_on_when_it_is_released() -> None:
+    session = Session()
+    session.press("KeyD", seconds=0.3)
+    session.press("KeyD", "KeyK", seconds=0.1)
+    before = session.world.arm("PSM1").setpoints()
+    session.press("KeyD", "KeyK", seconds=0.3)
+    np.testing.assert_array_equal(session.world.arm("PSM1").setpoints(), before)
+    session.press("KeyD", seconds=0.3)
+    session.press("KeyD", seconds=0.3)
+    assert np.abs(session.world.arm("PSM1").setpoints() - before).max() > 1e-3
 
 
 def test_a_page_that_loses_the_keys_puts_them_aside(caplog: pytest.LogCaptureFixture) -> None:
@@ -306,20 +371,20 @@ def test_sticks_at_rest_and_unknown_keys_do_nothing() -> None:
         from_keys(["KeyZ", "F1"]),
         from_pad([0.1, -0.1, 0.0, 0.05], [0.0] * 17),
         from_pad([], []),
-        from_puck((0.05, 0.0, -0.1), (0.0, 0.0, 0.1), (False, False)),
+        from_spacemouse((0.05, 0.0, -0.1), (0.0, 0.0, 0.1), (False, False)),
     ):
         assert not drive.linear.any()
         assert not drive.angular.any()
 
 
-def test_a_pad_and_a_puck_move_as_the_tables_say() -> None:
+def test_a_pad_and_a_spacemouse_move_as_the_tables_say() -> None:
     right = from_pad([1.0, 0.0, 0.0, 0.0], [])
     assert right.move == (1.0, 0.0, 0.0)
     assert from_pad([0.0, -1.0], []).move[1] == 1.0
     assert from_pad([], [0.0] * 7 + [1.0]).move[2] == 1.0
-    assert from_puck((1.0, 0.0, 0.0), (0, 0, 0), ()).move == (1.0, 0.0, 0.0)
-    assert from_puck((0.0, -1.0, 0.0), (0, 0, 0), ()).move == (0.0, 0.0, 1.0)
-    assert from_puck((0.0, 0.0, -1.0), (0, 0, 0), ()).move == (0.0, 1.0, 0.0)
+    assert from_spacemouse((1.0, 0.0, 0.0), (0, 0, 0), ()).move == (1.0, 0.0, 0.0)
+    assert from_spacemouse((0.0, -1.0, 0.0), (0, 0, 0), ()).move == (0.0, 0.0, 1.0)
+    assert from_spacemouse((0.0, 0.0, -1.0), (0, 0, 0), ()).move == (0.0, 1.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -327,7 +392,7 @@ def test_a_pad_and_a_puck_move_as_the_tables_say() -> None:
     [
         (from_keys(["KeyW", "ArrowUp"]), 10, 30),
         (from_pad([1.0, 0.0, 1.0, 0.0], []), 17, 52),
-        (from_puck((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), ()), 17, 52),
+        (from_spacemouse((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), ()), 17, 52),
     ],
 )
 def test_speeds_are_those_of_the_documentation(drive: Drive, mm_s: int, deg_s: int) -> None:
@@ -343,7 +408,18 @@ def test_the_fine_button_makes_sticks_slower_by_as_much_as_the_table_says() -> N
     assert "0.2 of the speed" in said["X (held)"]
 
 
+def test_a_table_lists_the_instruments_of_the_rig_only() -> None:
+    def uses(device: str, *instruments: str) -> list[str]:
+        return [x.does for x in table(device, instruments) if "use" in x.does]
+
+    assert uses("keyboard", "PSM1", "PSM2") == ["use PSM1, PSM2"]
+    assert uses("keyboard", "PSM1") == uses("gamepad", "PSM1") == []
+    assert len(uses("gamepad", "PSM1", "PSM2")) == 1
+
+
 def test_every_key_is_in_the_table_that_people_see() -> None:
     text = " ".join(line.touch for line in TABLES["keyboard"])
     for key in AXES:
         assert key.removeprefix("Key") in text or key.startswith("Arrow")
+    for pedal, letter in PEDAL_KEYS.items():
+        assert pedal == "operator_present" or f"{letter} " in text

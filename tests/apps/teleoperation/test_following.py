@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.replay import repeat
-from trocar.apps.teleoperation.tool import ToolTeleoperation
+from trocar.apps.teleoperation.psm import PsmTeleoperation
 from trocar.geometry import angle_between
 from trocar.recording import record
 from trocar.simulation import World
@@ -31,7 +31,7 @@ def shifted(T: np.ndarray, by: np.ndarray = SHIFT) -> np.ndarray:
 
 def following(bench: Bench) -> Any:
     one = bench.engine.components["MTMR_PSM1"]
-    assert isinstance(one, ToolTeleoperation)
+    assert isinstance(one, PsmTeleoperation)
     return one
 
 
@@ -117,7 +117,7 @@ def test_alignment_is_reached_from_twenty_random_places() -> None:
         world.set_state("MTMR", q)
         one.command("enable")
         bench.run(0.01)
-        while angle_between(np.eye(3), one.offset) > one.says.orientation_tolerance:
+        while angle_between(np.eye(3), one.offset) > one.description.orientation_tolerance:
             bench.run(0.1)
             assert world.time < 100.0, q
         assert one.current == "ALIGNING_MTM"  # until a hand is there

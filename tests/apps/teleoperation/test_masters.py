@@ -10,13 +10,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from trocar.apps.teleoperation import engine_and_components, polling
-from trocar.apps.teleoperation import gamepad as gamepad_module
-from trocar.apps.teleoperation import puck as puck_module
-from trocar.apps.teleoperation.drive import STILL, Drive
-from trocar.apps.teleoperation.mapping import from_keys, from_puck
+from trocar.apps.teleoperation import devices, engine_and_components
+from trocar.apps.teleoperation.devices import (
+    STILL,
+    Drive,
+    Poll,
+    Source,
+    SpaceMouse,
+    from_keys,
+    from_spacemouse,
+)
 from trocar.apps.teleoperation.motion import Motion, Player
-from trocar.apps.teleoperation.polling import Poll, Source
 from trocar.apps.teleoperation.session import Session
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, MissingExtraError, UnknownNameError
@@ -70,8 +74,8 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     core = Core(loop, components=session.components(loop))
     core.attach(MemoryTransport([]))
     core.begin()
-    assert session._engine is not None
-    player = session._engine.players[0]
+    assert session.engine is not None
+    player = session.engine.players[0]
     assert isinstance(player, Player)
     before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
     while not player.over:
@@ -94,7 +98,7 @@ def test_a_reset_lets_a_recorded_motion_begin_anew_once_its_master_is_aligned() 
     player = Player(bench.engine, Motion(times, {"MTMR": joints}))
     bench.engine.players.append(player)
     bench.console.enable(True)
-    bench.console.see_operator(True)
+    bench.console.set_operator_present(True)
     one = bench.engine.components["MTMR_PSM1"]
 
     def wait_until(done: Callable[[], bool]) -> None:
@@ -150,9 +154,9 @@ def test_a_master_somewhere_else_is_asked_to_turn_and_then_moves_the_tool(tmp_pa
     away.one.command("enable")
     away.run(0.2)
     assert away.one.current == "ALIGNING_MTM"
-    asked = away.transport.last("HAND/move_cp")
-    assert asked["header"]["frame_id"] == "HRSV"
-    away.turn = asked["pose"]["orientation"]
+    goal = away.transport.last("HAND/move_cp")
+    assert goal["header"]["frame_id"] == "HRSV"
+    away.turn = goal["pose"]["orientation"]
     away.run(0.1)
     assert away.one.following
     before = away.world.arm("PSM1").setpoint_cp().T[:3, 3]
@@ -173,7 +177,9 @@ def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_p
     away.run(0.3, talk=False)
     assert away.one.current == "DISABLED"
     assert not away.one.following
-    assert "HAND: said nothing for 0.1 s" in str(away.transport.last("HAND_PSM1/error")["data"])
+    assert "HAND: published nothing for 0.1 s" in str(
+        away.transport.last("HAND_PSM1/error")["data"]
+    )
     np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
 
 
@@ -185,12 +191,12 @@ def test_half_the_scale_of_a_device_halves_all_its_speeds(key: str) -> None:
         loop = Loop(world, tick_s=0.001, clock=Clock())
         session = Session("keyboard", scale=scale)
         Core(loop, components=session.components(loop)).begin()
-        device = session._device
+        device = session.device
         assert device is not None
-        assert f"scale {scale:g}" in session.driving(None).tell()
+        assert f"scale {scale:g}" in session.driving(None).status()
         arm, seen = world.arm("PSM1"), []
         for keys in ([], [key]):
-            device.hear(from_keys(keys))
+            device.receive(from_keys(keys))
             for _ in range(200):
                 loop.tick()
             seen.append((arm.local_setpoint_cp().T, arm.setpoints()[-1]))
@@ -201,6 +207,26 @@ def test_half_the_scale_of_a_device_halves_all_its_speeds(key: str) -> None:
     whole = changed(1.0)
     assert np.abs(whole).max() > 1e-3
     np.testing.assert_allclose(changed(0.5), 0.5 * whole, rtol=1e-3, atol=1e-9)
+
+
+@pytest.mark.parametrize("rig", ["psm", "full_cart_mtm"])
+def test_where_clients_drive_the_page_has_the_pedals(rig: str) -> None:
+    loop, session = Loop(World(rig), tick_s=0.001), Session()
+    core = Core(loop, components=session.components(loop))
+    transport = MemoryTransport(["footpedals/coag"])
+    core.attach(transport)
+    core.begin()
+    driving = session.driving(None)
+    assert driving.title == "Pedals" and not driving.tables
+    assert core.topics["console/teleop/enable"].later == (rig == "psm")
+    (coag,) = (pedal for pedal in driving.pedals if pedal.label == "Coag")
+    for on in (True, False):
+        coag.press(on)
+        for _ in range(10):  # until the next sample
+            loop.tick()
+        core.publish_waiting()
+        assert coag.pressed() is on
+        assert transport.last("footpedals/coag")["buttons"] == [int(on)]
 
 
 def test_what_a_session_cannot_be_is_refused() -> None:
@@ -216,17 +242,15 @@ def test_what_a_session_cannot_be_is_refused() -> None:
         Session("masters", "ECM").components(Loop(World("full_cart_mtm", setup_joints="locked")))
 
 
-@pytest.mark.parametrize(
-    ("module", "name"), [(gamepad_module, "gamepad"), (puck_module, "spacemouse")]
-)
-def test_a_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, module, name) -> None:
-    monkeypatch.setattr(module, "find_spec", lambda _: None)
+@pytest.mark.parametrize("name", ["gamepad", "spacemouse"])
+def test_a_library_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(devices, "find_spec", lambda _: None)
     with pytest.raises(MissingExtraError, match=rf"trocar\[{name}\]"):
         Session(name)
 
 
 class FakeHid:
-    """Stands for the library of HID devices, with one puck plugged in."""
+    """Stands for the library of HID devices, with one spacemouse plugged in."""
 
     def __init__(self) -> None:
         self.reports: list[bytes] = []
@@ -267,9 +291,8 @@ class Pauses(list):
 def polled(source: Source, count: int) -> tuple[list[Drive], Pauses]:
     """Return what a device says in so many looks, and the pauses before each of them."""
     heard: list[Drive] = []
-    poll, pauses = Poll(source, heard.append), Pauses(count)
-    poll._over = pauses  # type: ignore[assignment]
-    poll._run()
+    pauses = Pauses(count)
+    Poll(source, heard.append, pauses.wait).run()
     return heard, pauses
 
 
@@ -282,7 +305,7 @@ class Moody:
     def open(self) -> None:
         self.opened += 1
 
-    def look(self) -> Drive | None:
+    def poll(self) -> Drive | None:
         mood = self.moods.pop(0)
         if isinstance(mood, OSError):
             raise mood
@@ -310,48 +333,48 @@ def test_a_device_that_cannot_be_read_is_told_of_once_and_comes_back(
 def test_a_device_that_is_not_there_is_looked_for_less_often() -> None:
     bad = OSError("no answer")
     _, pauses = polled(Moody(STILL, STILL, None, None, bad, STILL, STILL), 7)
-    often, seldom = polling.PERIOD_S, polling.RETRY_S
+    often, seldom = devices.PERIOD_S, devices.RETRY_S
     assert pauses[1:] == [often, often, seldom, seldom, seldom, often, often]
     assert seldom > 10 * often
 
 
-def test_a_puck_that_cannot_be_opened_is_refused_and_one_that_comes_back_so_is_told_of(
+def test_a_spacemouse_that_cannot_be_opened_is_refused_and_one_that_comes_back_so_is_told_of(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     hid = FakeHid()
-    monkeypatch.setattr(puck_module, "find_spec", lambda _: True)
-    monkeypatch.setattr(puck_module, "import_module", lambda _: hid)
-    puck = puck_module.Puck()
+    monkeypatch.setattr(devices, "find_spec", lambda _: True)
+    monkeypatch.setattr(devices, "import_module", lambda _: hid)
+    spacemouse = SpaceMouse()
     hid.open = False
-    heard, _ = polled(puck, 3)
+    heard, _ = polled(spacemouse, 3)
     assert not heard
     assert len(caplog.records) == 1
     assert "open failed" in caplog.text
     with pytest.raises(InputError, match=r"cannot be opened.*udev"):
-        puck_module.Puck()
+        SpaceMouse()
     hid.open = True
-    assert polled(puck, 2)[0] == [from_puck((0.0,) * 3, (0.0,) * 3, ())] * 2
+    assert polled(spacemouse, 2)[0] == [from_spacemouse((0.0,) * 3, (0.0,) * 3, ())] * 2
 
 
-def test_a_puck_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_spacemouse_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPatch) -> None:
     hid = FakeHid()
-    monkeypatch.setattr(puck_module, "find_spec", lambda _: True)
-    monkeypatch.setattr(puck_module, "import_module", lambda _: hid)
-    puck = puck_module.Puck()
-    puck.open()
+    monkeypatch.setattr(devices, "find_spec", lambda _: True)
+    monkeypatch.setattr(devices, "import_module", lambda _: hid)
+    spacemouse = SpaceMouse()
+    spacemouse.open()
     hid.reports = [b"\x01" + struct.pack("<3h", 350, 0, -350), b"\x03\x01"]
-    drive = puck.look()
+    drive = spacemouse.poll()
     assert drive is not None
     assert drive.move == (1.0, 1.0, 0.0)
     assert drive.grip == -1.0
     hid.plugged = False
-    assert puck.look() is None
+    assert spacemouse.poll() is None
     hid.plugged = True
-    again = puck.look()
+    again = spacemouse.poll()
     assert again is not None and not again.linear.any()
     hid.plugged = False
     with pytest.raises(InputError, match="none is plugged in"):
-        puck_module.Puck()
+        SpaceMouse()
 
 
 def _fail(_index: int) -> int:
@@ -376,22 +399,20 @@ def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
     )
     nothing = SimpleNamespace(init=lambda: None, pump=lambda: None)
     library = SimpleNamespace(display=nothing, event=nothing, error=RuntimeError)
-    monkeypatch.setattr(gamepad_module, "find_spec", lambda _: True)
-    monkeypatch.setattr(
-        gamepad_module, "import_module", lambda name: library if name == "pygame" else sdl
-    )
-    pad = gamepad_module.Gamepad()
+    monkeypatch.setattr(devices, "find_spec", lambda _: True)
+    monkeypatch.setattr(devices, "import_module", lambda name: library if name == "pygame" else sdl)
+    pad = devices.Gamepad()
     pad.open()
-    drive = pad.look()
+    drive = pad.poll()
     assert drive is not None
     assert drive.move == (1.0, 0.0, 1.0)
     assert drive.grip == 1.0
     one.get_axis = sdl.Controller = _fail
     with pytest.raises(OSError, match="just unplugged"):
-        pad.look()
+        pad.poll()
     with pytest.raises(InputError, match=r"just unplugged.*takes gamepads of the page"):
-        gamepad_module.Gamepad()
+        devices.Gamepad()
     there[0] = False
-    assert pad.look() is None
+    assert pad.poll() is None
     with pytest.raises(InputError, match="no gamepad is plugged in"):
-        gamepad_module.Gamepad()
+        devices.Gamepad()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trocar.apps.teleoperation.view import view_in_world
+from trocar.apps.teleoperation.slave import view_in_world
 from trocar.geometry import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.simulation import World
 

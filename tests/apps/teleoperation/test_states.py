@@ -28,7 +28,9 @@ class Served:
         self.run(0.01)
 
     def names(self) -> list[str]:
-        return [t for t in self.core.topics if t.startswith(("MTMR_", "MTML_", "console"))]
+        return [
+            t for t in self.core.topics if t.startswith(("MTMR_", "MTML_", "console", "footpedals"))
+        ]
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.001)):
@@ -40,7 +42,7 @@ class Served:
         self.run(0.01)
         return accepted
 
-    def told(self, topic: str) -> list[object]:
+    def published(self, topic: str) -> list[object]:
         return [m["data"] for m in self.transport.received.get(topic, [])]
 
     def follow(self) -> None:
@@ -50,7 +52,7 @@ class Served:
         for opening in (0.2, 1.0):
             self.send("MTMR/gripper/servo_jp", position=[opening])
             self.run(0.3)
-        assert self.told(f"{NAME}/following")[-1] is True
+        assert self.published(f"{NAME}/following")[-1] is True
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +70,9 @@ def test_every_row_of_teleoperation_is_served_where_a_rig_has_masters(served: Se
 
 
 def test_what_stands_is_told_when_it_begins(served: Served) -> None:
-    assert served.told(f"{NAME}/current_state")[0] == "DISABLED"
-    assert served.told(f"{NAME}/scale")[0] == 0.2
-    assert served.told("console/teleop/selected")[:3] == [
+    assert served.published(f"{NAME}/current_state")[0] == "DISABLED"
+    assert served.published(f"{NAME}/scale")[0] == 0.2
+    assert served.published("console/teleop/selected")[:3] == [
         "MTMR_PSM1", "MTML_PSM2", "MTML_MTMR_ECM",
     ]  # fmt: skip
     offset = served.transport.last(f"{NAME}/alignment_offset")["quaternion"]
@@ -80,18 +82,18 @@ def test_what_stands_is_told_when_it_begins(served: Served) -> None:
 def test_a_component_goes_through_its_states_and_back() -> None:
     served = Served()
     served.follow()
-    assert served.told(f"{NAME}/current_state") == [
+    assert served.published(f"{NAME}/current_state") == [
         "DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED",
     ]  # fmt: skip
     assert served.send(f"{NAME}/set_scale", data=0.5)
-    assert served.told(f"{NAME}/scale")[-1] == 0.5
+    assert served.published(f"{NAME}/scale")[-1] == 0.5
     assert served.send(f"{NAME}/lock_rotation", data=True)
     assert served.world.arm("MTMR").orientation_locked
     assert served.send(f"{NAME}/lock_translation", data=True)
     assert served.transport.last(f"{NAME}/translation_locked")["buttons"] == [1]
     assert served.send(f"{NAME}/state_command", string="disable")
-    assert served.told(f"{NAME}/following")[-1] is False
-    assert served.told(f"{NAME}/current_state")[-1] == "DISABLED"
+    assert served.published(f"{NAME}/following")[-1] is False
+    assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
 
 
 @pytest.mark.parametrize(
@@ -109,14 +111,14 @@ def test_what_cannot_be_obeyed_is_refused(
 ) -> None:
     served.core.tell_refusals_anew()
     assert not served.send(topic, **fields)
-    assert says in str(served.told("system/warning")[-1])
+    assert says in str(served.published("system/warning")[-1])
 
 
 def test_the_console_enables_what_is_selected_while_an_operator_is_there() -> None:
     served = Served()
     states = served.engine.components
     served.send("console/teleop/enable", data=True)
-    assert served.told("console/teleop/enabled")[-1] is True
+    assert served.published("console/teleop/enabled")[-1] is True
     assert states[NAME].desired == "ALIGNING_MTM"
     assert states["MTML_MTMR_ECM"].desired == "DISABLED"
     served.send("console/emulate_operator_present", buttons=[1])
@@ -138,8 +140,8 @@ def test_an_arm_that_fails_disables_teleoperation_and_it_is_said() -> None:
     served.follow()
     before = served.world.arm("PSM1").setpoints()
     served.send("MTMR/state_command", string="disable")
-    assert served.told(f"{NAME}/current_state")[-1] == "DISABLED"
-    assert "MTMR is not in state" in str(served.told(f"{NAME}/error")[-1])
+    assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
+    assert "MTMR is not in state" in str(served.published(f"{NAME}/error")[-1])
     served.run(0.1)
     np.testing.assert_allclose(served.world.arm("PSM1").setpoints(), before, atol=1e-3)
 
@@ -148,15 +150,32 @@ def test_arms_without_power_are_enabled_and_homed_first() -> None:
     served = Served()
     served.send("PSM1/state_command", string="disable")
     assert served.send(f"{NAME}/state_command", string="enable")
-    assert served.told(f"{NAME}/current_state")[-1] in ("SETTING_ARMS_STATE", "ALIGNING_MTM")
+    assert served.published(f"{NAME}/current_state")[-1] in ("SETTING_ARMS_STATE", "ALIGNING_MTM")
     served.run(3.0)
-    assert served.told(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"
+    assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"
 
 
 def test_a_reset_begins_anew() -> None:
     served = Served()
     served.follow()
     served.send("scene/reset")
-    assert served.told(f"{NAME}/following")[-1] is False
+    assert served.published(f"{NAME}/following")[-1] is False
     served.run(1.5)
-    assert served.told(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"  # until a hand is there
+    assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"  # until a hand is there
+
+
+def test_pedals_of_the_page_are_published_and_act() -> None:
+    served = Served()
+    pedals = served.engine.pedals
+    assert pedals.names[:4] == ["clutch", "camera", "coag", "bicoag"]
+    for name in pedals.names:
+        pedals.press(name, True)
+        served.run(0.01)
+        assert name in pedals.pressed
+        topic = "console/" if name == "operator_present" else "footpedals/"
+        assert served.transport.last(topic + name)["buttons"] == [1]
+    console = served.engine.console
+    assert console.present and console.camera
+    assert served.engine.components[NAME].clutched
+    served.send("console/emulate_clutch", buttons=[0])
+    assert "clutch" not in pedals.pressed and not served.engine.components[NAME].clutched

@@ -4,24 +4,38 @@ from __future__ import annotations
 
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import closing
 
 import numpy as np
 import pytest
 
+from trocar.apps.teleoperation.session import Session
 from trocar.interfaces import Command, Loop
-from trocar.interfaces.viewer.own_thread import run_there
+from trocar.interfaces.crtk import Core
+from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.viewer.page import PERIOD_S, Page
-from trocar.interfaces.viewer.server import address, serving
+from trocar.interfaces.viewer.server import address, run_there, serving
 from trocar.simulation import World
 
+from ..fake_renderer import FakeRenderer
+
 pytest.importorskip("selenium", reason="selenium is not installed")
+from selenium.common.exceptions import (
+    ElementClickInterceptedException,
+    StaleElementReferenceException,
+)
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+
 from .browser import Browser, chromium
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 Script = list[tuple[int, Command]]
+#: Notes of the library's that lie over what a person would press.
+NOTES = "for (const n of document.querySelectorAll('.mantine-Notification-root')) n.remove()"
 #: Whether the largest canvas has a size.
 DRAWN = "return [...document.querySelectorAll('canvas')].some((c) => c.width > 300)"
 
@@ -60,9 +74,10 @@ def body(browser: Browser) -> str:
 class Stage:
     """A rig that runs with its page, in this process."""
 
-    def __init__(self, rig: str) -> None:
+    def __init__(self, rig: str, *, pictures: bool = False) -> None:
         self.world, self.script = World(rig), Script()
         self.loop = Loop(self.world, on_apply=lambda tick, command: self.note(tick, command))
+        self.pictures = Pictures(self.loop, FakeRenderer) if pictures else None
 
     def note(self, tick: int, command: Command) -> None:
         self.script.append((tick, command))
@@ -70,7 +85,9 @@ class Stage:
     def play(self, browser: Browser, act) -> None:
         over = threading.Event()
         with serving("127.0.0.1", 0, "test") as server, closing(self.loop):
-            page = run_there(server, lambda: Page(server, self.world, self.loop))
+            page = run_there(server, lambda: Page(server, self.world, self.loop, self.pictures))
+            if self.pictures is not None:
+                self.pictures.start()
             self.loop.start()
 
             def refresh() -> None:
@@ -85,6 +102,8 @@ class Stage:
             finally:
                 over.set()
                 thread.join()
+                if self.pictures is not None:
+                    self.pictures.close()
 
 
 def test_a_slider_moves_the_arm_and_nothing_but_commands_counts(browser: Browser) -> None:
@@ -160,3 +179,49 @@ def test_effort_mode_gravity_and_pause_work_from_the_page(browser: Browser) -> N
         browser.wait(lambda: browser.number("time") > 0.2, "time flows again")
 
     stage.play(browser, act)
+
+
+def test_pictures_come_and_one_fills_the_screen(browser: Browser) -> None:
+    def full() -> bool:
+        return browser.tab.execute_script("return document.fullscreenElement?.tagName") == "IMG"
+
+    def press() -> bool:
+        browser.tab.execute_script(NOTES)
+        try:
+            browser.tab.find_element(By.CSS_SELECTOR, '[data-trocar="full-screen"]').click()
+        except (StaleElementReferenceException, ElementClickInterceptedException):
+            return False  # the page drew it anew in between, or laid a note over it
+        return True
+
+    def act() -> None:
+        browser.wait(lambda: "a second" in (browser.read("scope") or ""), "pictures come")
+        browser.wait(lambda: full() or press(), "the button can be pressed")
+        browser.wait(full, "the picture fills the screen")
+
+    Stage("ecm", pictures=True).play(browser, act)
+
+
+def test_the_tab_of_the_browser_is_called_trocar_and_a_letter_presses_a_pedal(
+    browser: Browser,
+) -> None:
+    loop, session = Loop(World("psm")), Session()
+    with (
+        closing(loop),
+        closing(Core(loop, components=session.components(loop))) as core,
+        serving("127.0.0.1", 0, "test") as server,
+    ):
+        core.begin()
+        driving = session.driving(None)
+        page = run_there(server, lambda: Page(server, loop.world, loop, driving=driving))
+        loop.start()
+        browser.tab.get(address(server))
+
+        def pressed() -> bool:
+            run_there(server, page.refresh)
+            ActionChains(browser.tab).send_keys("g").perform()
+            time.sleep(0.5)
+            return "coag" in session.engine.pedals.pressed  # type: ignore[union-attr]
+
+        browser.wait(pressed, "coag is pressed")
+        assert browser.tab.title == "trocar"
+        browser.wait(lambda: not pressed(), "coag is released")

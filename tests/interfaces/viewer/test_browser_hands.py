@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from trocar.apps.teleoperation.session import Session
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.viewer.own_thread import run_there
 from trocar.interfaces.viewer.page import PERIOD_S, Page
-from trocar.interfaces.viewer.server import LocalServer, address, serving
+from trocar.interfaces.viewer.server import LocalServer, address, run_there, serving
 from trocar.simulation import World
 
 pytest.importorskip("selenium", reason="selenium is not installed")

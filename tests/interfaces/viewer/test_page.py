@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,21 +13,33 @@ import numpy as np
 import pytest
 import viser
 
-from trocar.interfaces import JawMove, Loop, MoveJp, ServoJf, SetGains
-from trocar.interfaces.viewer.history import SPAN_S, History
+from trocar.interfaces import Loop, MoveJp
+from trocar.interfaces.commands import Verb
+from trocar.interfaces.viewer.driving import Driving, DrivingTab, Pedal
+from trocar.interfaces.viewer.measurements import (
+    SPAN_S,
+    History,
+    Notices,
+    Span,
+    axis_span,
+    joint_table,
+    simulation_cards,
+)
 from trocar.interfaces.viewer.page import Page
-from trocar.interfaces.viewer.plots import LINES, Span, wide_enough
-from trocar.interfaces.viewer.scene import Bodies
-from trocar.interfaces.viewer.server import LocalServer, serving
-from trocar.interfaces.viewer.sheet import ANGLE, LENGTH, JointSheet, read_sheet
-from trocar.interfaces.viewer.sliders import (
+from trocar.interfaces.viewer.panel import (
+    ANGLE,
     HANDS_OFF,
+    LENGTH,
+    SETTLED,
+    ArmControls,
+    JointInfo,
     JointSliders,
     effort_range,
     goal_range,
+    read_arm,
 )
-from trocar.interfaces.viewer.status import Notices, joint_table, simulation_cards
-from trocar.interfaces.viewer.tuning import SETTLED, GainsTable
+from trocar.interfaces.viewer.scene import Bodies
+from trocar.interfaces.viewer.server import LocalServer, serving
 from trocar.simulation import World
 
 from ..fake_world import FakeWorld
@@ -45,8 +58,8 @@ class Desk:
         self.world: Any = FakeWorld()
         self.posted: list[Any] = []
         self.loop: Any = SimpleNamespace(post=self.posted.append)
-        self.sheet = read_sheet(self.world, "PSM1")
-        self.sliders = JointSliders(gui, self.loop, self.sheet, self.now)
+        self.info = read_arm(self.world, "PSM1")
+        self.sliders = JointSliders(gui, self.loop, self.info, self.now)
 
     @property
     def now(self):
@@ -54,11 +67,11 @@ class Desk:
 
     @property
     def shown(self) -> list[float]:
-        return [handle.value for handle in self.sliders._handles]
+        return [handle.value for handle in self.sliders.handles]
 
     def drag(self, joint: int, value: float) -> None:
-        self.sliders._handles[joint]._impl.value = value
-        self.sliders._touched(joint, value)
+        self.sliders.handles[joint]._impl.value = value
+        self.sliders.touch(joint, value)
 
 
 @pytest.fixture
@@ -69,8 +82,8 @@ def desk(server: LocalServer) -> Desk:
 def test_sliders_start_at_the_set_points(server: LocalServer) -> None:
     desk = Desk(server.gui)
     desk.world.arms["PSM1"].setpoint[:] = [0.1, -0.2, 0.1, 1.0, 0.5]
-    sliders = JointSliders(server.gui, desk.loop, desk.sheet, desk.now)
-    shown = [handle.value for handle in sliders._handles]
+    sliders = JointSliders(server.gui, desk.loop, desk.info, desk.now)
+    shown = [handle.value for handle in sliders.handles]
     assert shown == pytest.approx([5.7, -11.5, 100.0, 57.3, 28.6], abs=1e-9)
     assert desk.posted == []
 
@@ -78,15 +91,15 @@ def test_sliders_start_at_the_set_points(server: LocalServer) -> None:
 def test_a_drag_posts_a_move_of_that_joint_alone(desk: Desk) -> None:
     desk.drag(2, 150.0)
     desk.drag(0, 30.0)
-    assert [type(command) for command in desk.posted] == [MoveJp, MoveJp]
-    assert desk.posted[0].position == pytest.approx((0.0, 0.0, 0.15, 0.0))
-    assert desk.posted[1].position == pytest.approx((np.deg2rad(30), 0.0, 0.15, 0.0))
+    assert [command.name for command in desk.posted] == ["move_jp"] * 2
+    assert desk.posted[0].values["q"] == pytest.approx((0.0, 0.0, 0.15, 0.0))
+    assert desk.posted[1].values["q"] == pytest.approx((np.deg2rad(30), 0.0, 0.15, 0.0))
 
 
 def test_the_jaw_has_a_command_of_its_own(desk: Desk) -> None:
     desk.drag(4, -20.0)
-    assert isinstance(desk.posted[0], JawMove)
-    assert desk.posted[0].position == pytest.approx(np.deg2rad(-20))
+    assert desk.posted[0].name == "jaw.move_jp"
+    assert desk.posted[0].values["q"] == pytest.approx((np.deg2rad(-20),))
 
 
 def test_sliders_stay_under_the_hand_and_follow_otherwise(desk: Desk) -> None:
@@ -113,42 +126,56 @@ def test_following_itself_posts_nothing(desk: Desk) -> None:
 def test_in_effort_mode_sliders_are_efforts_from_zero(desk: Desk) -> None:
     desk.world.arms["PSM1"].set_mode("effort", ("yaw", "jaw"))
     desk.sliders.follow(desk.now)
-    yaw, pitch = desk.sliders._handles[:2]
+    yaw, pitch = desk.sliders.handles[:2]
     assert (yaw.label, yaw.min, yaw.max, yaw.value) == ("yaw N m", -3.31, 3.31, 0.0)
     assert pitch.label == "pitch deg"
     desk.drag(0, 0.5)
-    assert desk.posted == [ServoJf("PSM1", (0.5, 0.0, 0.0, 0.0))]
+    assert desk.posted == [Verb("PSM1", "servo_jf", {"effort": (0.5, 0.0, 0.0, 0.0)})]
 
 
 def test_a_locked_brake_greys_its_slider_out(server: LocalServer) -> None:
     desk = Desk(server.gui)
-    sheet = read_sheet(desk.world, "SUJ1")
+    info = read_arm(desk.world, "SUJ1")
     arm = desk.world.snapshot().arms["SUJ1"]
-    sliders = JointSliders(server.gui, desk.loop, sheet, arm)
+    sliders = JointSliders(server.gui, desk.loop, info, arm)
     sliders.follow(replace(arm, locked=(True, False)))
-    assert [handle.disabled for handle in sliders._handles] == [True, False]
+    assert [handle.disabled for handle in sliders.handles] == [True, False]
 
 
 def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: LocalServer) -> None:
-    table = GainsTable(server.gui, desk.loop, desk.sheet)
+    yaw = ArmControls(server.gui, desk.loop, desk.info, desk.world.snapshot()).gains["yaw"]
     for gains in ((1.0, 0.0, 5.0), (15.0, 0.0, 5.0), (150.0, 0.0, 5.0)):
-        table._rows["yaw"]._impl.value = gains
-        table._changed("yaw", gains)
-        table.follow(desk.sheet)
+        yaw.handle._impl.value = gains
+        yaw.touch(gains)
+        yaw.show((100.0, 0.0, 5.0))
     assert desk.posted == []
     for _ in range(SETTLED):
-        table.follow(desk.sheet)
-    assert desk.posted == [SetGains("PSM1", "yaw", p=150.0, i=0.0, d=5.0)]
-    table.follow(desk.sheet)  # still the old gains: not shown, they are on their way
-    assert table._rows["yaw"].value == (150.0, 0.0, 5.0)
+        yaw.show((100.0, 0.0, 5.0))
+    gains = {"joint": "yaw", "p": 150.0, "i": 0.0, "d": 5.0}
+    assert desk.posted == [Verb("PSM1", "set_gains", gains)]
+    yaw.show((100.0, 0.0, 5.0))  # still the old gains: not shown, the new ones are on their way
+    assert yaw.handle.value == (150.0, 0.0, 5.0)
     for _ in range(SETTLED):
-        table.follow(desk.sheet)
-    assert table._rows["yaw"].value == (100.0, 0.0, 5.0)
+        yaw.show((100.0, 0.0, 5.0))
+    assert yaw.handle.value == (100.0, 0.0, 5.0)
     assert len(desk.posted) == 1
 
 
-def joint(lower: float, upper: float, unit=ANGLE, effort: float = 1.0) -> JointSheet:
-    return JointSheet("yaw", unit, lower, upper, effort, (1.0, 0.0, 0.0))
+def test_fingers_squeeze_a_gripper_and_let_it_go(server: LocalServer) -> None:
+    world, posted = World("mtm"), []
+    loop: Any = SimpleNamespace(post=posted.append)
+    info = read_arm(world, "MTMR")
+    sliders = JointSliders(server.gui, loop, info, world.snapshot().arms["MTMR"])
+    sliders.touch(7, 10.0)
+    sliders.touch(7, 60.0)
+    assert posted[0] == Verb("MTMR", "gripper.squeeze_to", {"angle": pytest.approx(np.deg2rad(10))})
+    assert posted[1] == Verb("MTMR", "gripper.release", {})
+    for command in posted:
+        command.apply(world)
+
+
+def joint(lower: float, upper: float, unit=ANGLE, effort: float = 1.0) -> JointInfo:
+    return JointInfo("yaw", unit, lower, upper, effort, (1.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(("lower", "upper"), [(-1.59941, 1.59941), (0.0, 0.24), (-0.7, 1.39626)])
@@ -167,18 +194,18 @@ def test_an_effort_slider_stays_inside_the_limit(limit: float) -> None:
     assert 50 < high / step < 1001
 
 
-def test_a_sheet_tells_what_a_real_arm_is_set_to() -> None:
+def test_arm_info_is_read_off_a_real_arm() -> None:
     world = World("psm")
-    sheet = read_sheet(world, "PSM1")
-    assert [joint.unit for joint in sheet.joints] == [LENGTH if k == 2 else ANGLE for k in range(7)]
-    assert sheet.joints[0].effort_max == pytest.approx(3.316, abs=1e-3)
-    assert sheet.gravity_compensation and not sheet.has_brakes
-    assert sheet.joints[-1].is_jaw and "home" in sheet.poses
+    info = read_arm(world, "PSM1")
+    assert [joint.unit for joint in info.joints] == [LENGTH if k == 2 else ANGLE for k in range(7)]
+    assert info.joints[0].effort_max == pytest.approx(3.316, abs=1e-3)
+    assert info.gravity_compensation and not info.has_brakes
+    assert info.joints[-1].is_jaw and "home" in info.poses
     world.arm("PSM1").use_gravity_compensation(False)
     world.arm("PSM1").set_gains("yaw", p=11.0)
-    sheet = read_sheet(world, "PSM1")
-    assert not sheet.gravity_compensation
-    assert sheet.joints[0].gains[0] == 11.0
+    info = read_arm(world, "PSM1")
+    assert not info.gravity_compensation
+    assert info.joints[0].gains[0] == 11.0
 
 
 def test_history_keeps_the_last_seconds_and_forgets_after_a_reset() -> None:
@@ -202,11 +229,10 @@ def test_history_keeps_the_last_seconds_and_forgets_after_a_reset() -> None:
 @pytest.mark.parametrize("height", [0.0, 1e-3, 0.7, 89.0])
 def test_an_axis_holds_its_values_between_round_numbers(middle: float, height: float) -> None:
     values = middle + height * np.array([-0.5, 0.5])
-    span = wide_enough(values, Span(0.0, 0.0), least=0.01)
+    span = axis_span(values, Span(0.0, 0.0), least=0.01)
     assert span.low <= values.min() and values.max() <= span.high
     assert 0.01 <= span.high - span.low <= 3 * max(height, 0.01) + 1e-9
-    assert wide_enough(values, span, least=0.01) == span
-    assert LINES > 2
+    assert axis_span(values, span, least=0.01) == span
 
 
 def test_bodies_send_only_what_moved(server: LocalServer) -> None:
@@ -236,28 +262,28 @@ def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(
     loop = Loop(world, speed="max")
     page = Page(server, world, loop)
     page.refresh()
-    assert page._looks == 0
+    assert page.tables.joints.content == ""
     monkeypatch.setattr(server, "get_clients", lambda: {0: None})
     loop.post(MoveJp("PSM1", (0.5, 0.0, 0.1, 0.0)))
     for _ in range(12):
         loop.run(0.1)
         page.refresh()
-    assert page._panel.arm == "PSM1"
-    assert page._panel._controls is not None
-    assert page._panel._controls._sliders._handles[0].value == pytest.approx(28.6, abs=0.2)
-    assert "PSM1/yaw/measured" in page._tables._joints.content
-    page._tools.set_visible(True)
+    assert page.panel.arm.name == "PSM1"
+    assert page.panel.controls is not None
+    assert page.panel.controls.sliders.handles[0].value == pytest.approx(28.6, abs=0.2)
+    assert "PSM1/yaw/measured" in page.tables.joints.content
+    page.tools.set_visible(True)
     page.refresh()
     loop.run(0.01)
     page.refresh()
-    assert np.allclose(page._tools._nodes["PSM2"].position, (-0.15, -0.25, 0.9))
+    assert np.allclose(page.tools.nodes["PSM2"].position, (-0.15, -0.25, 0.9))
 
 
 def test_tables_show_numbers_in_units_for_people() -> None:
     world: Any = FakeWorld()
     world.arms["PSM1"].q[:] = [np.deg2rad(12.345), -1e-9, 0.1, 0.0, 0.0]
     arm = world.snapshot().arms["PSM1"]
-    table = joint_table(read_sheet(world, "PSM1"), arm)
+    table = joint_table(read_arm(world, "PSM1"), arm)
     assert '<td data-trocar="PSM1/yaw/measured">12.35</td>' in table.replace("12.34<", "12.35<")
     assert '<td data-trocar="PSM1/insertion/measured">100.00</td>' in table
     assert "-0.00" not in table and "insertion [mm]" in table
@@ -278,7 +304,6 @@ def test_the_last_warnings_are_kept_newest_first() -> None:
         log.info("not a warning")
     log.warning("nobody listens")
     assert notices.newest_first == ("clipped 5", "clipped 4", "clipped 3")
-    assert notices.count == 6
 
 
 def test_a_message_cannot_smuggle_markup_into_the_page(server: LocalServer) -> None:
@@ -287,5 +312,33 @@ def test_a_message_cannot_smuggle_markup_into_the_page(server: LocalServer) -> N
     with page.notices.listening():
         logging.getLogger("trocar").warning("<script>alert(1)</script>")
     page.fail(ValueError("<b>bold</b>"))
-    content = page._tables._messages.content
+    content = page.tables.messages.content
     assert "<script>" not in content and "&lt;b&gt;bold" in content
+
+
+def test_a_pedal_is_pressed_by_its_box_and_its_key_and_shows_who_else_pressed_it(
+    server: LocalServer,
+) -> None:
+    pressed, calls = [False], []
+
+    def press(on: bool) -> None:
+        pressed[0] = on
+        calls.append(on)
+
+    pedal = Pedal("Coag", press, lambda: pressed[0], "G")
+    tab = DrivingTab(server, Driving("Pedals", {}, lambda: "", pedals=[pedal]))
+    (box,) = [h for h in handles(server, viser.GuiCheckboxHandle) if h.label == "Coag (G)"]
+    (command,) = server.gui._command_handle_from_uuid.values()
+    assert command.hotkey == "G"
+    for on in (True, False, True):
+        (trigger,) = command._impl.trigger_cb
+        asyncio.run(trigger(None))  # type: ignore[arg-type]
+        assert calls[-1] is on and box.value is on
+    pressed[0] = False  # somebody else released it
+    for _ in range(6 * (SETTLED + 1)):
+        tab.show({})
+    assert box.value is False and len(calls) == 3
+
+
+def handles(server: LocalServer, kind: type) -> list[Any]:
+    return [h for h in server.gui._gui_input_handle_from_uuid.values() if isinstance(h, kind)]

@@ -1,4 +1,4 @@
-"""Teleoperation of a world: looks on in its loop's thread and moves slaves after masters.
+"""Teleoperation of a world: its components, the console that switches them, and their ticks.
 
 Commands are the arms' own verbs, given between two ticks, so a recording of them repeats the
 motion exactly, and the same motion of masters makes the same motion of slaves.
@@ -6,38 +6,222 @@ motion exactly, and the same motion of masters makes the same motion of slaves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
 
-from trocar.apps.teleoperation.arm_master import ArmMaster
-from trocar.apps.teleoperation.carrier import Carrier
-from trocar.apps.teleoperation.component import Component
-from trocar.apps.teleoperation.console import Console
-from trocar.apps.teleoperation.reading import Master
-from trocar.apps.teleoperation.scope import ScopeTeleoperation
-from trocar.apps.teleoperation.states import DISABLED
-from trocar.apps.teleoperation.tool import ToolTeleoperation
+from trocar.apps.teleoperation.component import (
+    ALIGNING,
+    DISABLED,
+    ENABLED,
+    Component,
+    Publish,
+    publish_nothing,
+)
+from trocar.apps.teleoperation.devices import PEDAL_KEYS
+from trocar.apps.teleoperation.ecm import EcmTeleoperation
+from trocar.apps.teleoperation.masters import ArmMaster, Master
+from trocar.apps.teleoperation.psm import PsmTeleoperation
+from trocar.apps.teleoperation.slave import Carrier
 from trocar.descriptions.teleop_records import TeleopDescription
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.commands import Command
+from trocar.interfaces.crtk import say
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.state import Elapsed
 
 if TYPE_CHECKING:
     from trocar.simulation import World
 
-#: Ticks until the next look while nothing is enabled. Source: our own choice.
+#: Ticks until the next call while nothing is enabled. Source: our own choice.
 PATIENT = 1000
-KINDS = {"psm": ToolTeleoperation, "ecm": ScopeTeleoperation}
+KINDS = {"psm": PsmTeleoperation, "ecm": EcmTeleoperation}
+
+
+class Console:
+    """Switches components by what the surgeon does; in the loop's thread.
+
+    Switched on and with an operator present the selected tools follow; while the camera pedal is
+    pressed the endoscope does. Source: SAW mtsIntuitiveResearchKitConsole.cpp, UpdateTeleopState.
+
+    Args:
+        components: by name, in the order in which they are preferred
+
+    Attributes:
+        enabled: whether teleoperation is switched on
+        present, camera: whether an operator is there, and the camera pedal is pressed
+        selected: names of the components that are used; no arm is in two that move tools
+        publish: called with what changes
+    """
+
+    def __init__(self, components: Mapping[str, Component]) -> None:
+        self._components = components
+        self.enabled = self.present = self.camera = False
+        self.selected: list[str] = []
+        self.scale = min((c.scale for c in components.values()), default=0.2)
+        self.publish: Publish = publish_nothing
+        for name in components:
+            if not self._rivals(name):
+                self.selected.append(name)
+
+    def enable(self, on: bool) -> None:
+        """Switch teleoperation."""
+        self.enabled = on
+        self.publish("enabled", on)
+        self._update()
+
+    def set_operator_present(self, present: bool) -> None:
+        """Note whether an operator is there."""
+        self.present = present
+        self._update()
+
+    def press_camera(self, pressed: bool) -> None:
+        """Press or release the camera pedal."""
+        self.camera = pressed
+        self._update()
+
+    def press_clutch(self, pressed: bool) -> None:
+        """Press or release the clutch of every component."""
+        for component in self._components.values():
+            component.press_clutch(pressed)
+
+    def select(self, name: str) -> None:
+        """Use a component, and no longer those that move tools with an arm of it.
+
+        Raises:
+            UnknownNameError: no such component
+        """
+        self._check(name)
+        for rival in self._rivals(name):
+            self.unselect(rival)
+        if name not in self.selected:
+            self.selected.append(name)
+        self.publish("selected", name)
+        self._update()
+
+    def unselect(self, name: str) -> None:
+        """Use a component no longer.
+
+        Raises:
+            UnknownNameError: no such component
+        """
+        self._check(name)
+        if name in self.selected:
+            self.selected.remove(name)
+        self._request(self._components[name], DISABLED)
+        self.publish("unselected", name)
+        self._update()
+
+    def set_scale(self, scale: float) -> None:
+        """Change the scale of every component.
+
+        Raises:
+            InputError: not above 0 to 1
+        """
+        if not 0.0 < scale <= 1.0:
+            raise InputError(f"got a scale of {scale:g}; allowed: above 0 to 1")
+        self.scale = scale
+        for component in self._components.values():
+            component.set_scale(scale)
+        self.publish("scale", scale)
+
+    def _update(self) -> None:
+        """Request of each component the state that follows from switch, operator and pedal."""
+        for name in self.selected:
+            component = self._components[name]
+            is_ecm = component.description.kind == "ecm"
+            if not self.enabled:
+                self._request(component, DISABLED)
+            elif not self.present:
+                self._request(component, DISABLED if is_ecm else ALIGNING)
+            else:
+                self._request(component, ENABLED if is_ecm == self.camera else DISABLED)
+
+    def _request(self, component: Component, state: str) -> None:
+        if component.desired != state:
+            component.request(state)
+
+    def _rivals(self, name: str) -> list[str]:
+        """Return the selected components that move tools with an arm of this one."""
+
+        def arms(one: str) -> set[str]:
+            description = self._components[one].description
+            tools = description.kind == "psm"
+            return {description.slave, *description.masters} if tools else set()
+
+        return [other for other in self.selected if other != name and arms(name) & arms(other)]
+
+    def _check(self, name: str) -> None:
+        if name not in self._components:
+            raise UnknownNameError("component", name, self._components, "teleoperation")
+
+
+class Pedals:
+    """The foot pedals and the head sensor of the console, pressed in the page or by keys.
+
+    A pedal is published under every name that there is for it, as `footpedals/coag`; clutch,
+    camera and the operator's presence act on teleoperation, too.
+
+    Args:
+        console: of the teleoperation
+        call: calls a function in the loop's thread
+
+    Attributes:
+        pressed: names of those that are pressed
+    """
+
+    #: Those that act on teleoperation.
+    ACTIVE = ("operator_present", "clutch", "camera")
+
+    def __init__(self, console: Console, call: Callable[[Callable[[], object]], bool]) -> None:
+        self._console, self._call = console, call
+        self._topics: Collection[str] = ()
+        self._publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005
+        self.pressed: set[str] = set()
+
+    def connect(
+        self, topics: Collection[str], publish: Callable[[str, Mapping[str, Any]], None]
+    ) -> None:
+        """Publish from now on; `topics` are the names of those that are served."""
+        self._topics, self._publish = topics, publish
+
+    @property
+    def names(self) -> list[str]:
+        """The pedals that are published, in the order of their keys."""
+        return [name for name in PEDAL_KEYS if self._topics_of(name)]
+
+    def press(self, name: str, on: bool) -> None:
+        """Press or release a pedal; from any thread."""
+        self.note(name, on)
+        if name in self.ACTIVE:
+            self._call(partial(self.act, name, on))
+        for topic in self._topics_of(name):
+            self._publish(topic, say.joy(int(on)))
+
+    def note(self, name: str, on: bool) -> None:
+        """Note that a pedal is pressed or released."""
+        (self.pressed.add if on else self.pressed.discard)(name)
+
+    def act(self, name: str, on: bool) -> None:
+        """Do what a pedal does to teleoperation; in the loop's thread."""
+        if name == "operator_present":
+            self._console.set_operator_present(on)
+        elif name == "clutch":
+            self._console.press_clutch(on)
+        elif name == "camera":
+            self._console.press_camera(on)
+
+    def _topics_of(self, name: str) -> list[str]:
+        return [t for t in (f"console/{name}", f"footpedals/{name}") if t in self._topics]
 
 
 @dataclass(frozen=True)
-class Ask:
-    """Something that is asked of teleoperation, done in the loop's thread.
+class Call:
+    """A command to teleoperation: a function to call in the loop's thread.
 
     Attributes:
-        act: does it
+        act: the function
         stream: of those with the same only the newest counts; None: each does
     """
 
@@ -45,7 +229,7 @@ class Ask:
     stream: tuple[str, str] | None = None
 
     def apply(self, world: World) -> None:  # noqa: ARG002  as every command
-        """Do it."""
+        """Call it."""
         self.act()
 
 
@@ -56,8 +240,8 @@ class Player(Protocol):
         """Go on by a period [s]."""
         ...
 
-    def begin_anew(self) -> None:
-        """Begin anew, after a reset put the masters somewhere else."""
+    def restart(self) -> None:
+        """Start again, after a reset put the masters somewhere else."""
         ...
 
 
@@ -66,15 +250,17 @@ class Teleoperation:
 
     Args:
         loop: of a world; components follow at each of its ticks
-        teleops: what there is; the rig's own when omitted
-        masters: {name: where it is read}, of those that are no arms of the rig
+        teleops: their descriptions; the rig's own when omitted
+        masters: {name: master}, of those that are no arms of the rig
 
     Attributes:
         world: the loop's
         components: {name: component}, in the order in which they were described
         masters: {name: master}
         console: switches them
-        players: what moves masters by itself
+        pedals: of the console
+        carriers: {name of a simulated master: a hand that carries it}
+        players: move masters by themselves
 
     Raises:
         InputError: a master that is neither an arm of the rig nor given
@@ -87,13 +273,15 @@ class Teleoperation:
         masters: Mapping[str, Master] | None = None,
     ) -> None:
         self._loop, self.world = loop, loop.world
-        given = dict(masters or {})
         self.masters: dict[str, Master] = {}
         self.components: dict[str, Component] = {}
-        for says in self.world.rig.teleops if teleops is None else teleops:
-            own = [self._master(name, given) for name in says.masters]
-            self.components[says.name] = KINDS[says.kind](self.world, says, own)
-        #: Hands that carry simulated masters, by their names.
+        for description in self.world.rig.teleops if teleops is None else teleops:
+            for name in description.masters:
+                if name not in self.masters:
+                    self.masters[name] = self._master(name, masters or {})
+            own = [self.masters[name] for name in description.masters]
+            kind = KINDS[description.kind]
+            self.components[description.name] = kind(self.world, description, own)
         self.carriers = {
             name: Carrier(self.world, name)
             for name, master in self.masters.items()
@@ -101,26 +289,31 @@ class Teleoperation:
         }
         self.players: list[Player] = []
         self.console = Console(self.components)
+        self.pedals = Pedals(self.console, self.call)
         self._periods = self.world.periods
 
     def start(self) -> Callable[[], None]:
-        """Look on from now on; call the result to stop."""
+        """Follow the loop's ticks from now on; call the result to stop."""
         return self._loop.watch(self)
 
-    def ask(self, act: Callable[[], object]) -> bool:
-        """Do something at the next tick, in the loop's thread; from any thread.
+    def call(self, act: Callable[[], object], stream: tuple[str, str] | None = None) -> bool:
+        """Call a function at the next tick, in the loop's thread; from any thread.
+
+        Args:
+            act: the function
+            stream: of those with the same only the newest counts; None: each does
 
         Returns:
             False when too much waits already
         """
-        return self._loop.post(Ask(act))
+        return self._loop.post(Call(act, stream))
 
     # ------------------------------------------------------------------ in the loop's thread
 
     def rest(self) -> None:
-        """Let every component hold its slave, until it is wanted again."""
+        """Let every component hold its slave, until it is requested again."""
         for component in self.components.values():
-            component.desire(DISABLED)
+            component.request(DISABLED)
 
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  the world's own time counts
         """Let every component do what is due after the periods that passed."""
@@ -129,17 +322,11 @@ class Teleoperation:
         if passed < 0:
             for carrier in self.carriers.values():
                 carrier.let_go()
-            for component in self.components.values():
-                component.begin_anew()
-            for player in self.players:
-                player.begin_anew()
+            for each in (*self.components.values(), *self.players):
+                each.restart()
         elif passed:
-            for player in self.players:
-                player.tick(passed * self.world.timestep)
-            for carrier in self.carriers.values():
-                carrier.tick(passed * self.world.timestep)
-            for component in self.components.values():
-                component.tick(passed * self.world.timestep)
+            for each in (*self.players, *self.carriers.values(), *self.components.values()):
+                each.tick(passed * self.world.timestep)
 
     def patience(self) -> int:
         """Return 1 while something is enabled."""
@@ -148,17 +335,14 @@ class Teleoperation:
         return PATIENT if resting else 1
 
     def refused(self, command: Command, reason: str) -> None:
-        """Do nothing: who asked learns of it."""
+        """Do nothing: the loop warns the sender."""
 
     def _master(self, name: str, given: Mapping[str, Master]) -> Master:
-        if name not in self.masters:
-            if name in given:
-                self.masters[name] = given[name]
-            elif name in self.world.arms:
-                self.masters[name] = ArmMaster(name)
-            else:
-                raise InputError(
-                    f"teleoperation: got the master {name!r}; allowed: an arm of the rig, or one "
-                    "that is read from elsewhere"
-                )
-        return self.masters[name]
+        if name in given:
+            return given[name]
+        if name in self.world.arms:
+            return ArmMaster(name)
+        raise InputError(
+            f"teleoperation: got the master {name!r}; allowed: an arm of the rig, or one "
+            "that is read from elsewhere"
+        )

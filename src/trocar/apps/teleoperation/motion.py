@@ -1,4 +1,4 @@
-"""Masters that are carried as they were in a recording."""
+"""The motion of masters in a recording, and a player that carries simulated masters by it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.teleoperation.component import ALIGNING
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
@@ -27,7 +28,7 @@ PINCH, PINCH_S = 0.2, 0.3
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What masters did.
+    """The recorded motion of masters.
 
     Attributes:
         times: from the beginning, (k,) [s]
@@ -67,16 +68,19 @@ class Motion:
         if after == 0:
             return rows[0]
         before = self.times[after - 1]
-        share = (time - before) / (self.times[after] - before)
-        return (1.0 - share) * rows[after - 1] + share * rows[after]
+        ratio = (time - before) / (self.times[after] - before)
+        return (1.0 - ratio) * rows[after - 1] + ratio * rows[after]
 
 
 class Player:
-    """Carry masters as recorded, from where they are, once what they move is aligned.
+    """Carry masters as recorded, from where they are, once their slaves follow.
 
     Args:
         engine: its masters are carried
-        motion: how
+        motion: the recorded one
+
+    Raises:
+        InputError: the rig has none of the recorded masters
     """
 
     def __init__(self, engine: Teleoperation, motion: Motion) -> None:
@@ -88,7 +92,7 @@ class Player:
                 f"--motion: got the masters {', '.join(motion.joints)}; allowed: {known}"
             )
         self._from: dict[str, Array] = {}
-        self.begin_anew()
+        self.restart()
 
     @property
     def over(self) -> bool:
@@ -100,8 +104,8 @@ class Player:
         """Whether it carries masters now."""
         return self._time >= 0.0 and not self.over
 
-    def begin_anew(self) -> None:
-        """Wait again until what these masters move is aligned, and then play from the start."""
+    def restart(self) -> None:
+        """Wait again until the slaves of these masters follow, and then play from the start."""
         self._time, self._waited = -1.0, 0.0
 
     def tick(self, period_s: float) -> None:
@@ -123,11 +127,11 @@ class Player:
         mine = [
             components[name]
             for name in console.selected
-            if set(components[name].says.masters) & set(self._names)
-            and components[name].says.kind == "psm"
+            if set(components[name].description.masters) & set(self._names)
+            and components[name].description.kind == "psm"
         ]
         if not all(one.following for one in mine):
-            if any(one.current == "ALIGNING_MTM" for one in mine):
+            if any(one.current == ALIGNING for one in mine):
                 self._waited += period_s
                 self._pinch(shut=self._waited % (2.0 * PINCH_S) < PINCH_S)
             return

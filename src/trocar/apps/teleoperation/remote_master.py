@@ -1,118 +1,140 @@
-"""A master that is somewhere else: a real MTM, or a program, that speaks over the same topics."""
+"""A master that is no arm of the rig: a real MTM, or a program, that speaks over its own topics."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.teleoperation.reading import MasterLostError, Reading
+from trocar.apps.teleoperation.engine import Teleoperation
+from trocar.apps.teleoperation.masters import TURNED, Master, MasterLostError, Reading
+from trocar.apps.teleoperation.topics import call, component
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
+from trocar.interfaces.crtk import Component, Core, Topic, say
+from trocar.interfaces.crtk.arm_rows import (
+    BOOL,
+    COMMAND,
+    EMPTY,
+    JOINTS,
+    PLACE,
+    POSE,
+    STATE,
+    WRENCH,
+)
+from trocar.interfaces.crtk.component import served
+from trocar.interfaces.crtk.fields import Message, flag, joints, text
+from trocar.interfaces.crtk.places import pose
+from trocar.interfaces.crtk.topics import topics_from
 
 if TYPE_CHECKING:
+    from trocar.interfaces.loop import Loop
     from trocar.simulation import World
 
 Array = NDArray[np.float64]
 
-#: A master that said nothing for this long is gone. Source: our own choice: ten messages of the
+#: A master that reports nothing for this long is lost. Source: our own choice: ten messages of the
 #: dVRK's slowest usual rate. [s]
 SILENCE_S = 0.1
-#: Its goal is told again so often while it is aligned. Source: our own choice. [s]
+#: Time between two messages of its goal while it is aligned. Source: our own choice. [s]
 AGAIN_S = 1.0
-TURNED = np.deg2rad(0.2)
+#: Frame of a master's poses. Source: as of a rig's masters.
+DISPLAY = "HRSV"
+ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
-#: Called with a topic without the arm's name, and the fields of its message.
-Publish = Callable[[str, Mapping[str, Any]], None]
+#: Topics that follow the master's name: published by it ("sub"), and commands to it ("pub").
+ROWS = (
+    ("sub 1", "measured_cp", POSE, PLACE, "pose of the master, published by itself"),
+    ("sub 1", "gripper/measured_js", JOINTS, "rad", "its gripper, published by itself"),
+    ("sub", "operating_state", STATE, "", "published by itself"),
+    ("pub", "state_command", COMMAND, "", "home"),
+    ("pub", "move_cp", POSE, PLACE, "orientation of the tool"),
+    ("pub", "body/servo_cf", WRENCH, "N, N m", "zero"),
+    ("pub", "lock_orientation", "geometry_msgs/Quaternion", "xyzw", "hold the gimbal"),
+    ("pub", "unlock_orientation", EMPTY, "", "free the gimbal"),
+    ("pub", "use_gravity_compensation", BOOL, "", "switch gravity compensation"),
+    ("pub", "hold", EMPTY, "", "stay"),
+)
 
 
-class RemoteMaster:
-    """Keeps what the topics of a master said last, and asks over them what is asked of it.
+class RemoteMaster(Master):
+    """The last messages of a master, and commands to it.
 
     Args:
-        name: what stands before its topics: "MTMR"
+        name: the prefix of its topics: "MTMR"
         now: wall time [s]
 
     Attributes:
         name: as given
-        publish: sends a message to it
+        publish: called with a topic without the name, and the fields of its message
     """
 
     def __init__(self, name: str, now: Callable[[], float]) -> None:
         self.name, self._now = name, now
-        self.publish: Publish = lambda topic, fields: None  # noqa: ARG005  nobody listens yet
+        self.publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005  not connected yet
         self._T: Array | None = None
         self._gripper: float | None = None
-        self._heard: float | None = None
+        self._received: float | None = None
         self._state: tuple[str, bool] = ("", False)
-        self._wanted: Array | None = None
-        self._asked = -np.inf
+        self._requested: Array | None = None
+        self._sent = -np.inf
 
-    # ------------------------------------------------------------------ what it says
+    def receive_pose(self, T: Array) -> None:
+        """Take its pose in the frame of the stereo display, (4, 4)."""
+        self._T, self._received = T, self._now()
 
-    def hear_pose(self, T: Array) -> None:
-        """Take where it is, in the frame of the stereo display, (4, 4)."""
-        self._T, self._heard = T, self._now()
-
-    def hear_gripper(self, opening: float) -> None:
-        """Take how far its gripper is open [rad]."""
+    def receive_gripper(self, opening: float) -> None:
+        """Take the opening of its gripper [rad]."""
         self._gripper = opening
 
-    def hear_state(self, state: str, homed: bool) -> None:
+    def receive_state(self, state: str, homed: bool) -> None:
         """Take its operating state."""
         self._state = state, homed
 
-    # ------------------------------------------------------------------ as a master
-
-    def why_not_ready(self, world: World) -> str:  # noqa: ARG002  as every master
-        """Return what keeps it from being used."""
+    def objection(self, world: World) -> str:  # noqa: ARG002
+        """Return why it cannot be used."""
         if self._T is None:
-            return f"{self.name} says nothing"
+            return f"{self.name} publishes nothing"
         state, homed = self._state
         if state and (state != "ENABLED" or not homed):
             return f'{self.name} is not in state "ENABLED" and homed but "{state}"'
         return ""
 
-    def get_ready(self, world: World) -> None:
-        """Ask it to be enabled and homed, where it said that it is not."""
-        self._wanted = None
-        if self._T is not None and self.why_not_ready(world):
+    def prepare(self, world: World) -> None:
+        """Ask it to be enabled and homed, if it reported that it is not."""
+        self._requested = None
+        if self._T is not None and self.objection(world):
             self.publish("state_command", {"string": "home"})
 
-    def read(self, world: World) -> Reading:  # noqa: ARG002  as every master
-        """Return what it said last.
+    def read(self, world: World) -> Reading:  # noqa: ARG002
+        """Return its last pose and gripper.
 
         Raises:
-            MasterLostError: it has said nothing for a while
+            MasterLostError: it has published nothing for a while
         """
-        if self._T is None or self._heard is None:
+        if self._T is None or self._received is None:
             return Reading(np.eye(4))
-        if self._now() - self._heard > SILENCE_S:
-            self._T = self._heard = None
-            raise MasterLostError(self.name, f"said nothing for {SILENCE_S:g} s")
+        if self._now() - self._received > SILENCE_S:
+            self._T = self._received = None
+            raise MasterLostError(self.name, f"published nothing for {SILENCE_S:g} s")
         return Reading(self._T, self._gripper)
 
-    def align(self, world: World, R: Array) -> str:  # noqa: ARG002  as every master
+    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Ask it to turn where it is."""
         if self._T is None:
-            return f"{self.name} says nothing"
-        turned = self._wanted is None or angle_between(self._wanted, R) > TURNED
-        if turned or self._now() - self._asked > AGAIN_S:
-            self._wanted, self._asked = R.copy(), self._now()
+            return f"{self.name} publishes nothing"
+        turned = self._requested is None or angle_between(self._requested, R) > TURNED
+        if turned or self._now() - self._sent > AGAIN_S:
+            self._requested, self._sent = R.copy(), self._now()
             self.publish("move_cp", {"T": transform(R, self._T[:3, 3])})
         return ""
 
-    def meet(self, gripper: float) -> None:
-        """Do nothing: fingers hold the gripper, and the jaw comes to them."""
-
-    def give_way(self) -> None:
-        """Do nothing: the hand is where it is."""
-
-    def let_go(self, world: World, *, locked: bool) -> None:  # noqa: ARG002  as every master
-        """Ask it to exert nothing but what carries its links, as the dVRK does."""
-        self._wanted = None
+    def release(self, world: World, *, locked: bool) -> None:  # noqa: ARG002
+        """Ask it to exert only its links' weight, as the dVRK does."""
+        self._requested = None
         self.publish("use_gravity_compensation", {"data": True})
         self.publish("body/servo_cf", {})
         if locked and self._T is not None:
@@ -120,8 +142,70 @@ class RemoteMaster:
         else:
             self.publish("unlock_orientation", {})
 
-    def hold(self, world: World) -> None:  # noqa: ARG002  as every master
+    def hold(self, world: World) -> None:  # noqa: ARG002
         """Ask it to stay where it is."""
-        self._wanted = None
+        self._requested = None
         if self._T is not None:
             self.publish("hold", {})
+
+
+def component_of(master: RemoteMaster, engine: Teleoperation) -> Component:
+    """Return what a core serves of a master that is no arm of the rig.
+
+    Args:
+        master: the master
+        engine: calls in the loop's thread
+    """
+    rows = tuple((m, f"{master.name}/{key}", kind, u, t) for m, key, kind, u, t in ROWS)
+
+    def begin(core: Core) -> Callable[[], None]:
+        master.publish = partial(_publish, core, master.name)
+        return lambda: None
+
+    def handle(
+        read: Callable[[Message], Callable[[], None]], topic: Topic, message: Message
+    ) -> None:
+        call(engine, read(message), (master.name, topic.name))
+
+    readers: dict[str, Callable[[Message], Callable[[], None]]] = {
+        "measured_cp": lambda m: partial(master.receive_pose, pose(m, "pose")),
+        "gripper/measured_js": lambda m: partial(
+            master.receive_gripper, float(joints(m, "position", ("gripper",))[0])
+        ),
+        "operating_state": lambda m: partial(
+            master.receive_state, text(m, "state"), flag(m, "is_homed")
+        ),
+    }
+    handlers = {f"{master.name}/{key}": partial(handle, read) for key, read in readers.items()}
+    return Component(served(topics_from(rows)), handlers, begin)
+
+
+def _publish(core: Core, name: str, key: str, fields: Mapping[str, Any]) -> None:
+    message = dict(fields)
+    if key == "move_cp":
+        at = say.pose(fields["T"])
+        message = {"header": say.header(core.stamper.stamp(), DISPLAY), "pose": at}
+    elif key == "lock_orientation":
+        message = say.quaternion(fields["T"])
+    elif key == "body/servo_cf":
+        message = {"wrench": {"force": ZERO, "torque": ZERO}}
+    core.emit(f"{name}/{key}", message)
+
+
+def engine_and_components(loop: Loop) -> tuple[Teleoperation, tuple[Component, ...]]:
+    """Return the teleoperation of a loop's rig, and what a core serves of it.
+
+    Masters that are no arms of the rig are read from topics of their names.
+    """
+    names = {name for teleop in loop.world.rig.teleops for name in teleop.masters}
+    remote = {
+        name: RemoteMaster(name, lambda: loop.now) for name in sorted(names - set(loop.world.arms))
+    }
+    engine = Teleoperation(loop, None, remote)
+    parts = (component_of(master, engine) for master in remote.values())
+    return engine, (component(engine), *parts)
+
+
+def components(loop: Loop) -> tuple[Component, ...]:
+    """Return what a core serves of the teleoperation of a loop's rig: nothing where it has none."""
+    return engine_and_components(loop)[1] if loop.world.rig.teleops else ()

@@ -1,34 +1,38 @@
-"""An arm that follows poses in small steps, a thousand times a second.
+"""Arms that follow poses in small steps, a thousand times a second: slaves, and carried masters.
 
-Its joints are solved by Newton's method from where they are told to be, which takes a tenth of the
-closed form's time and cannot leave its branch; where that does not converge, the closed form has
-the last word. Joints are told velocities, too, or they would lag behind by their damping.
+The surgeon's axes are x left, y up, z away from the eyes, as on the stereo display. Joints are
+commanded velocities, too, or they would lag behind by their damping.
 """
 
 from __future__ import annotations
 
+from math import radians
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
-from trocar.geometry.se3 import inverse
-from trocar.kinematics.chain_pose import chain_pose
-from trocar.kinematics.inverse import inverse_kinematics
+from trocar.geometry.rotations import (
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+    rotation_z,
+)
+from trocar.geometry.se3 import inverse, transform
 from trocar.simulation.arm import SAFE_DEPTH_M
 
 if TYPE_CHECKING:
-    from trocar.simulation.arm import Arm
+    from trocar.simulation import World
 
 Array = NDArray[np.float64]
 
-#: Joints are moved by so little to learn what that does. Source: our own choice. [rad or m]
-STEP = 1e-6
-#: A pose is met when nothing misses by more. Source: our own choice. [m, rad]
-MET = 1e-10
-TRIES = 6
-#: A step of Newton's method that is longer leaves its branch. Source: our own choice. [rad or m]
+#: The surgeon's axes in those of an image (x right, y down): both of the screen's are turned round.
+R_IMAGE_VIEW = rotation_z(np.pi)
+#: Without an endoscope somebody stands before the robot and looks across it at the table, against
+#: the world's y. Source: our own choice, as the surgeon at full_cart_mtm's console does.
+R_WORLD_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+#: A solution that is farther from the set-points is on another branch. Source: our own choice.
+#: [rad or m]
 FAR = 0.3
 INSERTION = 2
 #: A tip that is held back by more is not pushed on. Source: our own choice; joints that lag far
@@ -36,28 +40,51 @@ INSERTION = 2
 LEASH_M = 0.01
 
 
+def view_in_world(world: World) -> Array:
+    """Return the surgeon's frame, T_world_view (4, 4).
+
+    That of the rig's endoscope, bent ones included; else of an ECM's scope; else of the room.
+    """
+    for camera in world.rig.cameras:
+        if camera.kind == "endoscope":
+            seen = world.cameras()[camera.name].T_world_camera
+            return seen @ transform(R_IMAGE_VIEW, np.zeros(3))
+    for name, arm in world.arms.items():
+        if arm.type == "ECM":
+            return world.reference_pose(name) @ arm.local_measured_cp().T
+    return transform(R_WORLD_VIEW, np.zeros(3))
+
+
+def base_in_view(world: World, arm: str) -> Array:
+    """Return an arm's own reference frame in the surgeon's frame now, (4, 4)."""
+    return inverse(view_in_world(world)) @ world.reference_pose(arm)
+
+
 class Slave:
     """Lead a tool's tip.
 
     Args:
-        arm: a PSM, or a master that a hand carries
-        T_view_base: the arm's own reference frame as the surgeon sees it, (4, 4)
+        world: the arm's
+        name: of a PSM, or of a master that a hand carries
+        T_view_base: the arm's own reference frame in the surgeon's, (4, 4)
     """
 
-    def __init__(self, arm: Arm, T_view_base: Array) -> None:
-        self._arm = arm
+    def __init__(self, world: World, name: str, T_view_base: Array) -> None:
+        self._world, self._arm = world, world.arm(name)
         self._T_view_base, self._T_base_view = T_view_base, inverse(T_view_base)
-        mechanism = arm.description.mechanism
-        self._mechanism = mechanism
-        self._tip, self._own = chain_pose(mechanism), arm.description.own_joints
-        whole = arm.setpoints()
-        self._told, self._rest = whole[: self._own], whole[self._own :]
-        self._deepest_out = self._insertion_of(SAFE_DEPTH_M)
+        self._own = self._arm.description.own_joints
+        whole = self._arm.setpoints()
+        self._commanded, self._rest = whole[: self._own], whole[self._own :]
+        self._least_insertion = -np.inf
+        if self._arm.type == "PSM" and "wrist_pitch" in self._arm.description.mechanism.frame_index:
+            depth = world.frames.depth(name)
+            measured = float(self._arm.positions()[INSERTION])
+            self._least_insertion = measured + SAFE_DEPTH_M - depth
 
     @property
     def T(self) -> Array:
-        """Where the tip is told to be, as the surgeon sees it, (4, 4)."""
-        return self._T_view_base @ self._tip(np.concatenate([self._told, self._rest]))
+        """The commanded pose of the tip as the surgeon sees it, (4, 4)."""
+        return self._T_view_base @ self._tip(self._commanded)
 
     def follow(self, T: Array, period_s: float) -> str:
         """Bring the tip to a pose as the surgeon sees it, (4, 4), within a period [s].
@@ -65,92 +92,102 @@ class Slave:
         Returns:
             why it stays where it is, "" when it follows
         """
-        wanted = self._T_base_view @ T
-        q = self._solved(wanted)
-        why = q if isinstance(q, str) else self._why_not(q, wanted)
-        if why or isinstance(q, str):
-            self._arm.servo_jp(self._told)
-            return why
+        goal = self._T_base_view @ T
+        try:
+            q = self._solve(goal)
+            reason = self._objection(q, goal)
+        except TrocarError as problem:
+            q, reason = self._commanded, str(problem)
+        if reason:
+            self._arm.servo_jp(self._commanded)
+            return reason
         inside = np.clip(q, self._arm.lower[: self._own], self._arm.upper[: self._own])
-        speed = (inside - self._told) / period_s
-        self._told = inside
+        speed = (inside - self._commanded) / period_s
+        self._commanded = inside
         self._arm.servo_jp(inside, speed)
         beyond = np.flatnonzero(inside != q)
         return f"{self._arm.joint_names[beyond[0]]} is at its limit" if beyond.size else ""
 
-    def _why_not(self, q: Array, wanted: Array) -> str:
-        """Return why joint positions must not be gone to, "" when they may."""
-        if self._deepest_out is not None and q[INSERTION] < self._deepest_out:
+    def _solve(self, goal: Array) -> Array:
+        """Return the joints that bring the tip to a pose in the arm's own base, (n,).
+
+        Newton's method goes on beyond the limits, where the closed form finds nothing.
+        """
+        arm, frames = self._arm, self._world.frames
+        if self._own <= 6 and frames.follows(arm.name):
+            found = frames.reach(arm.name, goal, self._commanded)
+            if found is not None and np.abs(found - self._commanded).max() <= FAR:
+                return found
+        return arm.inverse_kinematics(arm.base_frame()[0] @ goal, self._commanded)
+
+    def _objection(self, q: Array, goal: Array) -> str:
+        """Return why joint positions must not be commanded, "" when they may."""
+        if q[INSERTION] < self._least_insertion:
             return (
                 f"the wrist would come nearer than {1e3 * SAFE_DEPTH_M:.0f} mm to the remote centre"
             )
-        here = self._arm.readings()[0]
-        both = self._tip(np.stack([here, np.concatenate([self._told, self._rest])]))[:, :3, 3]
-        lag, far = both[0] - both[1], both[0] - wanted[:3, 3]
-        if lag @ lag > LEASH_M**2 < far @ far:
-            return "something is in its way"
-        return ""
+        here = self._world.frames.measured(self._arm.name)[:3, 3]
+        lag, way = here - self._tip(self._commanded)[:3, 3], here - goal[:3, 3]
+        return "something is in its way" if lag @ lag > LEASH_M**2 < way @ way else ""
 
-    def _solved(self, wanted: Array) -> Array | str:
-        """Return the joints that bring the tip to a pose in its own base, or why there are none."""
-        q = self._told.copy()
-        J: Array | None = None
-        for _ in range(TRIES):
-            if J is None:
-                T, J = self._pose_and_jacobian(q)
-            else:
-                T = self._tip(np.concatenate([q, self._rest]))
-            misses = _miss(T, wanted)
-            if np.abs(misses).max() < MET:
-                return q
-            step = _step(J, misses)
-            if np.abs(step).max() > FAR:
-                break
-            q = q + step
-        return self._closed_form(wanted)
-
-    def _closed_form(self, wanted: Array) -> Array | str:
-        structure = self._arm.description.inverse_kinematics
-        try:
-            return inverse_kinematics(self._mechanism, structure, wanted, self._told)[0]
-        except TrocarError as problem:
-            return str(problem)
-
-    def _pose_and_jacobian(self, q: Array) -> tuple[Array, Array]:
-        """Return the tip's pose and how it moves with each joint: (linear; angular), (6, n)."""
-        rows = np.tile(np.concatenate([q, self._rest]), (self._own + 1, 1))
-        rows[np.arange(1, self._own + 1), np.arange(self._own)] += STEP
-        found = self._tip(rows)
-        R, p = found[:, :3, :3], found[:, :3, 3]
-        D = R[1:] @ R[0].T
-        turn = np.stack([D[:, 2, 1] - D[:, 1, 2], D[:, 0, 2] - D[:, 2, 0], D[:, 1, 0] - D[:, 0, 1]])
-        return found[0], np.concatenate([(p[1:] - p[0]).T, 0.5 * turn]) / STEP
-
-    def _insertion_of(self, depth: float) -> float | None:
-        """Return the insertion that puts the wrist so far past the remote centre, None without."""
-        if self._arm.type != "PSM" or "wrist_pitch" not in self._mechanism.frame_index:
-            return None
-        q = np.concatenate([self._told, self._rest])
-        wrist = chain_pose(self._mechanism, "wrist_pitch")(q)[:3, 3]
-        ahead = chain_pose(self._mechanism, "roll")(q)[:3, 2]
-        return float(q[INSERTION] - ahead @ wrist + depth)
+    def _tip(self, q: Array) -> Array:
+        return self._world.frames.local_at(self._arm.name, np.concatenate([q, self._rest]))
 
 
-def _step(J: Array, misses: Array) -> Array:
-    """Return the smallest change of joints that makes up for what misses, (n,)."""
-    if J.shape[0] == J.shape[1]:
-        try:
-            return np.asarray(np.linalg.solve(J, misses), dtype=np.float64)
-        except np.linalg.LinAlgError:
-            pass
-    return np.asarray(np.linalg.lstsq(J, misses, rcond=1e-6)[0], dtype=np.float64)
+#: Fastest that a hand carries a master. Source: our own choice: hands are slower. [m/s, rad/s]
+SPEED, TURN = 0.5, radians(180.0)
+#: A hand comes up to its goal as slowly as this makes it. Source: our own choice. [s]
+SOFT_S = 0.06
 
 
-def _miss(T: Array, wanted: Array) -> Array:
-    """Return how far a pose is from another: (linear; angular) in their base's axes, (6,).
+class Carrier:
+    """Carry a master's handle towards a goal; in the loop's thread.
 
-    The angular part is half of what is skew in the rotation between them, exact to second order.
+    Args:
+        world: the master is an arm of its rig
+        name: of the arm
     """
-    D = wanted[:3, :3] @ T[:3, :3].T
-    turn = 0.5 * np.array([D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]])
-    return np.concatenate([wanted[:3, 3] - T[:3, 3], turn])
+
+    def __init__(self, world: World, name: str) -> None:
+        self._world, self._name = world, name
+        self._goal: Array | None = None
+        self._hand: Slave | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a hand has hold of it."""
+        return self._goal is not None
+
+    def carry(self, T: Array) -> None:
+        """Bring the handle to a pose in the world, (4, 4), as fast as a hand does."""
+        self._goal = T
+        if self._hand is None:
+            arm = self._world.arm(self._name)
+            arm.hold()  # its set-points are then where it is
+            self._hand = Slave(self._world, self._name, self._world.reference_pose(self._name))
+
+    def let_go(self) -> None:
+        """Take the hand away; the master stays where it is."""
+        if self._hand is not None:
+            self._world.arm(self._name).hold()
+        self._goal = self._hand = None
+
+    def tick(self, period_s: float) -> None:
+        """Go on by a period [s]."""
+        if self._goal is None or self._hand is None:
+            return
+        here = self._hand.T
+        way = self._goal[:3, 3] - here[:3, 3]
+        turn = rotation_vector_from_matrix(self._goal[:3, :3] @ here[:3, :3].T)
+        p = here[:3, 3] + _part(way, SPEED, period_s)
+        R = matrix_from_rotation_vector(_part(turn, TURN, period_s)) @ here[:3, :3]
+        self._hand.follow(transform(R, p), period_s)
+
+
+def _part(way: Array, fastest: float, period_s: float) -> Array:
+    """Return how much of a way is made in a period: softly at its end, not faster than allowed."""
+    length = float(np.linalg.norm(way))
+    if length == 0.0:
+        return way
+    step = min(length / SOFT_S, fastest) * period_s
+    return way * min(step / length, 1.0)

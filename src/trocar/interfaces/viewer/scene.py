@@ -1,21 +1,25 @@
-"""The three-dimensional half of the page: the cart, the floor, the light and the camera."""
+"""The three-dimensional half of the page: arms and objects, marks, the floor, light and camera."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
 from itertools import groupby
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+import trimesh
+import trimesh.visual
 import viser
 from numpy.typing import NDArray
+from trimesh.exchange.gltf import export_glb
+from trimesh.visual.material import PBRMaterial
 
-from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.interfaces.viewer.finishes import finish
-from trocar.interfaces.viewer.glb import Part, pack
-from trocar.interfaces.viewer.meshes import half_extents, mesh
+from trocar.errors import InputError
+from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 
 if TYPE_CHECKING:
+    from trocar.simulation import World
     from trocar.simulation.records import ShapeRecord, Snapshot
 
 Floats = NDArray[np.float64]
@@ -23,85 +27,261 @@ Floats = NDArray[np.float64]
 STILL = 1e-5
 """A pose whose numbers all changed less is not sent again: 10 um, 20 urad, far below a pixel."""
 
+EDGE, EDGE_MAX_M = 0.12, 0.006
+"""Radius of a box's edges over its smallest half size, and its upper bound [m]. Source: by eye."""
+
+SMOOTH = np.deg2rad(40.0)
+"""Edges sharper than this are drawn sharp [rad]. Source: chosen by eye, below a right angle."""
+
 VIEW = np.array([0.85, 1.0, 0.38])
-"""From the middle of the arms towards the camera. Source: chosen by eye: across the patient."""
+"""From the middle of the rig towards the camera. Source: chosen by eye: across the patient."""
 
 SKY, HORIZON = (142, 160, 180), (232, 237, 242)
 """Colours of the backdrop's upper and lower edge. Source: chosen by eye."""
 
-MARGIN = 0.95
-"""Distance over the one at which a sphere around everything would just fit. Source: by eye."""
+ABOVE_M = 0.002
+"""Height of the floor's lines above the rig's floor, so that neither hides the other [m]."""
+
+MARGIN = 1.08
+"""Distance over the one at which everything just fits a square view. Source: chosen by eye."""
+
+WORK = np.array([0.0, 0.0, -0.25])
+"""From a remote centre to the work below it [m]. Source: about the reach of an instrument."""
 
 FIELD_OF_VIEW = np.deg2rad(38.0)
 """Vertical angle of the camera [rad]. Source: chosen by eye."""
 
+CENTRE_RADIUS_M, CENTRE_COLOUR = 0.009, (255, 120, 20)
+"""Of the sphere that marks a remote centre [m]. Source: chosen by eye."""
+
+ANCHORS: tuple[Literal["bottom-left", "bottom-right"], ...] = ("bottom-left", "bottom-right")
+"""Labels of neighbours lean to different sides, so that they hide each other less."""
+
+LABEL_LIFT = np.array([0.0, 0.0, 0.012])
+"""From a remote centre up to its label [m]. Source: chosen by eye."""
+
+AXES_M, AXES_RADIUS_M = 0.05, 0.0014
+"""Length and radius of a tool frame's axes [m]. Source: chosen by eye."""
+
+
+@lru_cache(maxsize=256)
+def primitive(kind: str, size: tuple[float, ...], rounding: float = 0.0) -> trimesh.Trimesh:
+    """Make the closed surface of a shape in its own frame.
+
+    Args:
+        kind: "box", "capsule", "cylinder" or "sphere"
+        size: MuJoCo's sizes of that kind: half edges, (radius, half length) or radius; more numbers
+            than needed are ignored [m]
+        rounding: radius of a box's edges [m]; 0: `EDGE`
+
+    Raises:
+        InputError: another kind
+    """
+    if kind == "box":
+        half = np.array(size[:3])
+        edge = rounding or min(EDGE * float(half.min()), EDGE_MAX_M)
+        ball = trimesh.creation.icosphere(subdivisions=2, radius=edge).vertices
+        signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 1, 3)
+        return trimesh.convex.convex_hull((signs * (half - edge) + ball).reshape(-1, 3))
+    if kind == "cylinder":
+        return trimesh.creation.cylinder(size[0], 2 * size[1], sections=32)
+    if kind == "capsule":
+        return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
+    if kind == "sphere":
+        return trimesh.creation.icosphere(subdivisions=3, radius=size[0])
+    raise InputError(f"no picture of a shape of kind {kind!r}: box, capsule, cylinder, sphere")
+
+
+def half_extents(kind: str, size: Sequence[float] | Floats) -> Floats:
+    """Return how far a shape reaches along its own axes, (3,) [m]."""
+    if kind in ("box", "mesh"):
+        return np.array(size[:3], dtype=np.float64)
+    radius, length = float(size[0]), 0.0 if kind == "sphere" else float(size[1])
+    return np.array([radius, radius, length if kind == "cylinder" else length + radius])
+
+
+def parts_of(shapes: Sequence[ShapeRecord]) -> list[trimesh.Trimesh]:
+    """Join the shapes of one body into one mesh per material, in the body's frame."""
+
+    def look(shape: ShapeRecord) -> tuple[float, ...]:
+        return (*shape.rgba, shape.metal, shape.gloss)
+
+    parts: list[trimesh.Trimesh] = []
+    for _, group in groupby(sorted(shapes, key=look), key=look):
+        same = list(group)
+        meshes = [_surface(shape) for shape in same]
+        # Copies, as of a list of one, lose the normals.
+        part: Any = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
+        part.visual = trimesh.visual.TextureVisuals(material=_material(same[0]))
+        parts.append(part)
+    return parts
+
+
+def _surface(shape: ShapeRecord) -> trimesh.Trimesh:
+    """Return a shape in its body's frame."""
+    if shape.triangles is None:
+        size = tuple(float(value) for value in shape.size)
+        mesh = _smooth_primitive(shape.kind, size, shape.rounding).copy(include_cache=True)
+    else:
+        vertices, faces = shape.triangles
+        mesh = trimesh.Trimesh(vertices, faces, vertex_normals=shape.normals, process=False)
+        if shape.normals is None:
+            mesh.unmerge_vertices()  # each triangle is drawn flat
+    return mesh.apply_transform(shape.pose)
+
+
+@lru_cache(maxsize=256)
+def _smooth_primitive(kind: str, size: tuple[float, ...], rounding: float) -> trimesh.Trimesh:
+    return trimesh.graph.smooth_shade(primitive(kind, size, rounding), angle=SMOOTH)
+
+
+def _material(shape: ShapeRecord) -> PBRMaterial:
+    """Return how a shape reflects light; what the descriptions call gloss is smoothness."""
+    srgb = np.array(shape.rgba[:3])
+    # glTF has linear light. Source: IEC 61966-2-1.
+    light = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return PBRMaterial(
+        baseColorFactor=(*light, shape.rgba[3]),
+        metallicFactor=shape.metal,
+        roughnessFactor=1.0 - shape.gloss,
+        alphaMode="BLEND" if shape.rgba[3] < 1.0 else None,
+    )
+
+
+def glb(parts: Sequence[trimesh.Trimesh]) -> bytes:
+    """Return meshes as binary glTF, with normals."""
+    return export_glb(trimesh.Scene(parts), include_normals=True)
+
 
 class Bodies:
-    """One node per body; only those that moved are sent."""
+    """One node per body; only those that moved are sent.
+
+    Attributes:
+        glbs: {body: its look, as binary glTF}
+    """
 
     def __init__(self, scene: viser.SceneApi, shapes: Iterable[ShapeRecord]) -> None:
         self._scene = scene
-        self._looks: dict[int, bytes] = {}
+        self.glbs: dict[int, bytes] = {}
         self._nodes: dict[int, viser.GlbHandle] = {}
         self.renew(shapes)
 
     def renew(self, shapes: Iterable[ShapeRecord]) -> int:
         """Show other shapes, as after an exchange of a tool; return how many bodies look new."""
         by_body = sorted(shapes, key=lambda shape: shape.body)
-        looks = {
-            body: pack(parts_of(tuple(group)))
+        glbs = {
+            body: glb(parts_of(tuple(group)))
             for body, group in groupby(by_body, key=lambda shape: shape.body)
         }
-        for body in [b for b, look in self._looks.items() if looks.get(b) != look]:
+        for body in [b for b, glb in self.glbs.items() if glbs.get(b) != glb]:
             self._nodes.pop(body).remove()
-        fresh = [body for body in looks if body not in self._nodes]
+        fresh = [body for body in glbs if body not in self._nodes]
         for body in fresh:
-            self._nodes[body] = self._scene.add_glb(f"/cart/body_{body}", looks[body])
-        self._looks = looks
+            self._nodes[body] = self._scene.add_glb(f"/cart/body_{body}", glbs[body])
+        self.glbs = glbs
         self._index = np.array(list(self._nodes), dtype=int)
-        self._sent: Floats | None = None
+        self._sent = np.full((len(self._index), 7), np.inf)
         return len(fresh)
 
     def show(self, snapshot: Snapshot) -> int:
         """Send the poses that changed; return how many."""
         positions, quaternions = snapshot.positions, snapshot.quaternions
         poses = np.concatenate([positions[self._index], quaternions[self._index]], axis=1)
-        moved = self._moved(poses)
+        moved = np.any(np.abs(poses - self._sent) > STILL, axis=1)
         for row in np.flatnonzero(moved):
             node = self._nodes[int(self._index[row])]
             node.position, node.wxyz = poses[row, :3], poses[row, 3:]
-        if self._sent is None:
-            self._sent = poses
-        else:
-            self._sent[moved] = poses[moved]
+        self._sent[moved] = poses[moved]
         return int(np.count_nonzero(moved))
 
-    def _moved(self, poses: Floats) -> NDArray[np.bool_]:
-        if self._sent is None:
-            return np.ones(len(poses), dtype=bool)
-        return np.any(np.abs(poses - self._sent) > STILL, axis=1)
+
+class RemoteCentres:
+    """A small sphere and the arm's name at each point that the trocar keeps still."""
+
+    def __init__(self, scene: viser.SceneApi, snapshot: Snapshot) -> None:
+        names = [name for name, arm in snapshot.arms.items() if arm.remote_centre is not None]
+        self._nodes = {
+            name: (
+                scene.add_icosphere(
+                    f"/marks/centre_{name}",
+                    radius=CENTRE_RADIUS_M,
+                    color=CENTRE_COLOUR,
+                    subdivisions=3,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                ),
+                scene.add_label(
+                    f"/marks/label_{name}", name, anchor=ANCHORS[k % 2], font_screen_scale=0.75
+                ),
+            )
+            for k, name in enumerate(names)
+        }
+        self.show(snapshot)
+
+    def show(self, snapshot: Snapshot) -> None:
+        """Move the marks to where the centres are."""
+        for name, (sphere, label) in self._nodes.items():
+            centre = snapshot.arms[name].remote_centre
+            if centre is not None:
+                sphere.position, label.position = centre, centre + LABEL_LIFT
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide all of them."""
+        for nodes in self._nodes.values():
+            for node in nodes:
+                node.visible = visible
 
 
-def parts_of(shapes: Sequence[ShapeRecord]) -> list[Part]:
-    """Join the shapes of one body into one set of triangles per finish, in the body's frame."""
-    parts: list[Part] = []
-    by_finish = sorted(shapes, key=lambda shape: (repr(finish(shape)), shape.normals is None))
-    for (look, flat), group in groupby(by_finish, key=lambda s: (finish(s), s.normals is None)):
-        vertices, normals, faces, count = [], [], [], 0
-        for shape in group:
-            points, triangles = shape.triangles or mesh(shape.kind, shape.size, shape.rounding)
-            vertices.append(points @ shape.pose[:3, :3].T + shape.pose[:3, 3])
-            if shape.normals is not None:
-                normals.append(shape.normals @ shape.pose[:3, :3].T)
-            faces.append(triangles + count)
-            count += len(points)
-        smooth = None if flat else np.concatenate(normals)
-        parts.append(Part(np.concatenate(vertices), np.concatenate(faces), look, smooth))
-    return parts
+class ToolFrames:
+    """Three axes at the tip of each arm: x red, y green, z blue.
+
+    Attributes:
+        visible: whether they are shown
+        nodes: {arm: its axes}
+    """
+
+    def __init__(self, scene: viser.SceneApi, arms: Iterable[str]) -> None:
+        self.visible = False
+        self.nodes = {
+            name: scene.add_frame(
+                f"/marks/tip_{name}", axes_length=AXES_M, axes_radius=AXES_RADIUS_M, visible=False
+            )
+            for name in arms
+        }
+
+    def show(self, tips: Mapping[str, Floats]) -> None:
+        """Move the axes to the tips: {arm: T_world_tip (4, 4)}."""
+        for name, tip in tips.items():
+            node = self.nodes[name]
+            node.position, node.wxyz = tip[:3, 3], quaternion_from_matrix(tip[:3, :3])
+
+    def set_visible(self, visible: bool) -> None:
+        """Show or hide all of them."""
+        self.visible = visible
+        for node in self.nodes.values():
+            node.visible = visible
 
 
-def light(scene: viser.SceneApi) -> None:
-    """A key light from the upper left that throws shadows, a soft sky, a studio's reflections."""
+def tips_of(world: World) -> dict[str, Floats]:
+    """Return the tip of every arm in the world, T_world_tip (4, 4); call it through `Loop.ask`."""
+    return {
+        name: world.reference_pose(name) @ arm.local_measured_cp().T
+        for name, arm in world.arms.items()
+        if arm.type in ("PSM", "ECM", "MTM")
+    }
+
+
+def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> None:
+    """Add light, backdrop and floor, and point the camera of every new browser.
+
+    A key light from the upper left throws shadows; the backdrop grows darker upwards, so that the
+    white arms stand out; the floor, on which the rig stands, has lines every 10 cm and every metre.
+    The camera has all arms in sight, and the work below their remote centres.
+    """
+    scene = server.scene
+    floors = [shape for shape in shapes if shape.name.startswith("floor")]
+    heights = corners(floors or shapes, snapshot)[:, 2]
+    floor = float(heights.max() if floors else heights.min()) + ABOVE_M
     scene.configure_default_lights(enabled=False)
     scene.configure_environment_map("studio", environment_intensity=0.25)
     scene.add_light_directional(
@@ -113,17 +293,9 @@ def light(scene: viser.SceneApi) -> None:
     scene.add_light_hemisphere(
         "/light/sky", sky_color=(236, 242, 255), ground_color=(120, 118, 115), intensity=0.3
     )
-
-
-def backdrop(scene: viser.SceneApi) -> None:
-    """A wall that grows darker upwards, so that the white arms stand out."""
     rise = np.linspace(0.0, 1.0, 256)[:, None, None]
     colours = (1 - rise) * np.array(SKY) + rise * np.array(HORIZON)
     scene.set_background_image(np.repeat(colours, 8, axis=1).astype(np.uint8), format="png")
-
-
-def floor(scene: viser.SceneApi) -> None:
-    """A floor that takes the shadows, with lines every 10 cm and every metre."""
     scene.add_grid(
         "/floor",
         width=12.0,
@@ -140,27 +312,49 @@ def floor(scene: viser.SceneApi) -> None:
         fade_distance=9.0,
         fade_strength=1.6,
         fade_from="origin",
+        position=(0.0, 0.0, floor),
     )
-
-
-def look_at_all(server: viser.ViserServer, shapes: Sequence[ShapeRecord], now: Snapshot) -> None:
-    """Point the camera of every new browser so that all arms are in sight."""
-    low, high = bounds([shape for shape in shapes if shape.arm] or shapes, now)
-    middle = (low + high) / 2
-    distance = 0.5 * float(np.linalg.norm(high - low)) / np.sin(FIELD_OF_VIEW / 2) * MARGIN
+    arms = corners([shape for shape in shapes if shape.arm] or shapes, snapshot)
+    centres = (arm.remote_centre for arm in snapshot.arms.values())
+    work = [centre + WORK for centre in centres if centre is not None]
     camera = server.initial_camera
     camera.fov = FIELD_OF_VIEW
-    camera.look_at = middle
-    camera.position = middle + distance * VIEW / np.linalg.norm(VIEW)
+    camera.position, camera.look_at = camera_for(np.array([*arms, *work]), VIEW)
     camera.near, camera.far = 0.02, 60.0
 
 
-def bounds(shapes: Sequence[ShapeRecord], now: Snapshot) -> tuple[Floats, Floats]:
-    """Bound the shapes in the world [m]: low (3,), high (3,)."""
+def camera_for(points: Floats, view: Floats) -> tuple[Floats, Floats]:
+    """Return where the nearest camera stands that has points in a square view, and what it faces.
+
+    Args:
+        points: (n, 3) [m]
+        view: direction from the points to the camera, (3,)
+
+    Returns:
+        position and the middle of what is seen, (3,) each [m]
+    """
+    forward = -view / np.linalg.norm(view)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    R = np.stack([right, np.cross(right, forward), forward])
+    across, ahead = (points @ R.T)[:, :2], (points @ R.T)[:, 2:]
+    # A camera at (x, y) and depth -d sees a point where |p_xy - xy| <= tan(fov / 2) (p_z + d).
+    t = np.tan(FIELD_OF_VIEW / 2)
+    high, low = (across / t - ahead).max(axis=0), (-across / t - ahead).max(axis=0)
+    xy, depth = t * (high - low) / 2, MARGIN * float((high + low).max()) / 2
+    middle = float(ahead.min() + ahead.max()) / 2
+    return R.T @ [*xy, -depth], R.T @ [*xy, middle]
+
+
+def corners(shapes: Sequence[ShapeRecord], snapshot: Snapshot) -> Floats:
+    """Return the corners of the boxes around shapes, in the world, (n, 3) [m]."""
     bodies = [shape.body for shape in shapes]
-    turns = matrix_from_quaternion(now.quaternions[bodies])
+    R = matrix_from_quaternion(snapshot.quaternions[bodies])
     poses = np.array([shape.pose for shape in shapes])
-    middles = now.positions[bodies] + (turns @ poses[:, :3, 3:])[..., 0]
     halves = np.array([half_extents(shape.kind, shape.size) for shape in shapes])
-    reach = (np.abs(turns @ poses[:, :3, :3]) @ halves[..., None])[..., 0]
-    return (middles - reach).min(axis=0), (middles + reach).max(axis=0)
+    signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    local = poses[:, None, :3, 3] + np.einsum(
+        "nij,nkj->nki", poses[:, :3, :3], halves[:, None] * signs
+    )
+    placed = snapshot.positions[bodies][:, None] + np.einsum("nij,nkj->nki", R, local)
+    return placed.reshape(-1, 3)

@@ -1,16 +1,31 @@
-"""Open the page: on this machine only, on the port that was asked for, and quietly."""
+"""The web viewer's server: viser behind our own answers to requests, on this machine only.
+
+viser serves its client to every host name, lets every page frame it, and the client connects to any
+address in its own address (`?websocket=`, `?playbackPath=`) and runs the scripts that are sent from
+there. So every request comes to `ClientPage` before viser sees it.
+
+Build, refresh and touch the page in viser's own thread and nowhere else (`run_there`). viser takes
+messages from any thread, but wakes its senders with an `asyncio.Event`, which is not thread-safe:
+now and then a message from another thread raises "deque mutated during iteration" (viser 1.1.1,
+once in some minutes at 30 updates a second). In one thread there is no race and no need of locks.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import io
 import logging
+import secrets
 import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from http import HTTPStatus
+from importlib.resources import files
+from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import viser
 import viser.infra._infra as viser_infra
@@ -19,24 +34,137 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
 from trocar.errors import InputError, TrocarError
-from trocar.interfaces.origins import PageAccess
-from trocar.interfaces.viewer.client_page import ClientPage
+from trocar.interfaces.origins import PageAccess, names_loopback
 
-#: Where viser's server tells of whoever hangs up before a word, as browsers and scanners do.
-_strangers = logging.getLogger("websockets.server")
+T = TypeVar("T")
+
+#: The logger and message by which websockets reports clients that hang up before their request, as
+#: browsers and port scanners do.
+_handshakes = logging.getLogger("websockets.server")
 HUNG_UP = "opening handshake failed"
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
-_constructing = threading.Lock()
+CLIENT = Path(viser.__file__).parent / "client" / "build" / "index.html"
+#: The start of viser's client, the place where it inserts the script that it has unpacked, and the
+#: title of the browser's tab.
+UNPACKER, UNPACKED, TITLE = '<script data-p="', 'e.type="module";', "<title>Viser</title>"
+
+
+class ClientPage:
+    """Answer the requests of browsers with viser's client, secured.
+
+    Args:
+        access: which pages may connect to viser's WebSocket
+        sockets: addresses, as ws://127.0.0.1:9090, that the page reaches besides its own
+
+    Attributes:
+        nonce: of the scripts that may run; one for the whole run: none of the page's HTML comes
+            from a request
+
+    Raises:
+        InputError: a socket whose address no policy can name
+        TrocarError: this version of viser has another page
+    """
+
+    def __init__(self, access: PageAccess, sockets: Sequence[str] = ()) -> None:
+        self._access = access
+        self.nonce = secrets.token_urlsafe()
+        self._html = self._with_our_script(CLIENT.read_text(encoding="utf-8"))
+        self._headers = {
+            "Content-Security-Policy": _policy(self.nonce, sockets),
+            "X-Frame-Options": "DENY",
+            "X-Content-Type-Options": "nosniff",
+            "Cross-Origin-Opener-Policy": "same-origin",
+            "Cross-Origin-Resource-Policy": "same-origin",
+            "Referrer-Policy": "no-referrer",
+            "Cache-Control": "no-store",
+        }
+
+    def respond(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request, or return None: it opens viser's WebSocket."""
+        host = request.headers.get("Host", "")
+        if not names_loopback(host):
+            return self._text(
+                connection,
+                HTTPStatus.FORBIDDEN,
+                "Host: allowed: localhost or a loopback address; to look from elsewhere, forward "
+                "the port with ssh\n",
+            )
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            origin = request.headers.get("Origin")
+            refusal = self._access.objection(origin, request.path, {f"http://{host}"})
+            if refusal is None:
+                return None
+            return self._text(connection, HTTPStatus.FORBIDDEN, refusal)
+        path, _, query = request.path.partition("?")
+        if path not in ("/", "/index.html"):
+            return self._text(connection, HTTPStatus.NOT_FOUND, "there is only /\n")
+        if query:
+            response = self._text(connection, HTTPStatus.FOUND, "the page takes no parameters\n")
+            response.headers["Location"] = "/"
+            return response
+        response = self._text(connection, HTTPStatus.OK, self._html)
+        del response.headers["Content-Type"]
+        response.headers["Content-Type"] = "text/html; charset=utf-8"
+        return response
+
+    def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
+        response = connection.respond(status, text)
+        response.headers.update(self._headers)
+        return response
+
+    def _with_our_script(self, html: str) -> str:
+        if any(html.count(part) != 1 for part in (UNPACKER, UNPACKED, TITLE)):
+            raise TrocarError(f"viser {viser.__version__}: its page is not that of 1.1; use 1.1")
+        html = html.replace(TITLE, "<title>trocar</title>")
+        ours = files("trocar.interfaces.viewer").joinpath("client.js").read_text(encoding="utf-8")
+        ours = ours.replace("{{QUERY}}", self._access.query)
+        begin = f'<script nonce="{self.nonce}"'
+        html = html.replace(UNPACKER, f"{begin}>\n{ours}</script>\n{begin}{UNPACKER[7:]}")
+        return html.replace(UNPACKED, f'e.nonce="{self.nonce}";{UNPACKED}')
+
+
+def _policy(nonce: str, sockets: Sequence[str]) -> str:
+    """Return the Content-Security-Policy of the page and of the frame inside it.
+
+    Raises:
+        InputError: a socket on an IPv6 address, which a policy has no way to write
+    """
+    for url in sockets:
+        if "[" in url:
+            raise InputError(
+                f"keys of the page cannot be sent to {url}: browsers allow a page no IPv6 "
+                "address; leave out --host, or drive by another --device"
+            )
+    directives = {
+        "default-src": "'none'",
+        # viser's client is packed, and its unpacker and its messages' are WebAssembly. Scripts from
+        # messages, which viser uses for plotly alone, would need 'unsafe-eval', and so would its
+        # sorter of Gaussian splats: its one refusal in the browser's console is expected.
+        "script-src": f"'nonce-{nonce}' 'wasm-unsafe-eval'",
+        # viser's socket lives in a worker that the client makes of itself.
+        "worker-src": "blob:",
+        # 'self' covers ws: of the same host and port. The client fetches its own assets, which are
+        # data:, and images and light maps that it was sent, as blob:.
+        "connect-src": " ".join(("'self'", "data:", "blob:", *sockets)),
+        "img-src": "data: blob:",
+        "font-src": "data:",
+        # Mantine, viser's library of widgets, styles by attributes.
+        "style-src": "'unsafe-inline'",
+        "base-uri": "'none'",
+        "form-action": "'none'",
+        "frame-ancestors": "'none'",
+    }
+    return "; ".join(f"{name} {sources}" for name, sources in directives.items())
 
 
 class LocalServer(viser.ViserServer):
     """viser's server behind our own answers to requests, and without its tunnel to the outside.
 
     Args:
-        host, port: where it listens
-        label: what the page's panel is called
+        host, port: address to listen on
+        label: title of the page's control panel
         page: answers requests, from the first on
 
     Attributes:
@@ -53,13 +181,16 @@ class LocalServer(viser.ViserServer):
         return None
 
 
+_constructing = threading.Lock()
+
+
 @contextlib.contextmanager
 def _answered_by(
     respond: Callable[[ServerConnection, Request], Response | None],
 ) -> Iterator[None]:
     """Let viser open its port with our answers to requests in place of its own.
 
-    viser listens before its constructor returns, and takes no other answers.
+    viser listens before its constructor returns, and has no option for other answers.
 
     Raises:
         TrocarError: this version of viser opens its port in another way
@@ -95,7 +226,7 @@ def serving(
     Args:
         host: a loopback address; the page lets everybody drive, so no other is accepted
         port: port to listen on; 0 takes any free one
-        label: what the page's panel is called
+        label: title of the page's control panel
         access: which web pages may connect; when omitted, the page itself
         sockets: addresses, as ws://127.0.0.1:9090, that the page reaches besides its own
 
@@ -108,7 +239,7 @@ def serving(
     page = ClientPage(access, sockets)
     with _quiet():
         server = LocalServer(host, port, label, page)
-    _strangers.addFilter(_is_news)
+    _handshakes.addFilter(_is_defect)
     try:
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
@@ -117,11 +248,11 @@ def serving(
     finally:
         with _quiet():
             server.stop()
-        _strangers.removeFilter(_is_news)
+        _handshakes.removeFilter(_is_defect)
 
 
 def address(server: LocalServer) -> str:
-    """Say where the page is."""
+    """Return the page's address."""
     host = server.get_host()
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
@@ -135,7 +266,8 @@ def _checked_host(host: str) -> str:
     return LOOPBACK[0] if host == "localhost" else host
 
 
-def _is_news(record: logging.LogRecord) -> bool:
+def _is_defect(record: logging.LogRecord) -> bool:
+    """Drop reports of clients that hung up; what else fails in a handshake is a defect."""
     problem = record.exc_info[1] if record.exc_info else None
     ended = isinstance((problem and problem.__cause__) or problem, EOFError | ConnectionError)
     return not (ended and record.getMessage() == HUNG_UP)
@@ -143,7 +275,7 @@ def _is_news(record: logging.LogRecord) -> bool:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep viser's banners off the terminal: what is printed is the caller's business."""
+    """Keep viser's banners off the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield
 
@@ -167,3 +299,32 @@ def _taken(host: str, port: int) -> InputError:
     return InputError(
         f"port {port} on {host} is taken: choose another (--port), or 0 for any free one"
     )
+
+
+def run_there(server: viser.ViserServer, work: Callable[[], T]) -> T:
+    """Call a function in viser's thread; return what it returns, raise what it raises."""
+
+    async def job() -> T:
+        return work()
+
+    return asyncio.run_coroutine_threadsafe(job(), server.get_event_loop()).result()
+
+
+def when_touched(handle: viser.GuiInputHandle[Any], act: Callable[[Any], object]) -> None:
+    """Call `act(value)` in viser's thread when a person changes an input.
+
+    When the page itself changes it nothing is called.
+    """
+
+    @handle.on_update
+    async def _(event: viser.GuiEvent[Any]) -> None:
+        if event.client_id is not None:
+            act(event.target.value)
+
+
+def when_pressed(buttons: viser.GuiButtonGroupHandle, act: Callable[[str], object]) -> None:
+    """Call `act(name)` in viser's thread when a person presses a button of a group."""
+
+    @buttons.on_click
+    async def _(event: viser.GuiEvent[viser.GuiButtonGroupHandle]) -> None:
+        act(event.target.value)

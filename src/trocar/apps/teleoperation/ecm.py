@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.teleoperation.component import Component
-from trocar.apps.teleoperation.reading import Reading
+from trocar.apps.teleoperation.masters import Reading
 
 if TYPE_CHECKING:
     from trocar.simulation.arm import Arm
@@ -47,40 +47,26 @@ class Hands:
 
         Args:
             before: where they were
-            scale: share of the way towards the eyes that counts
+            scale: ratio of the way towards the eyes that counts
         """
         was, now = before.middle, self.middle
         return np.array(
             [
-                _turn(now[[2, 0]], was[[2, 0]]),
-                _turn(was[[2, 1]], now[[2, 1]]),
+                _angle(now[[2, 0]], was[[2, 0]]),
+                _angle(was[[2, 1]], now[[2, 1]]),
                 scale * (np.linalg.norm(was) - np.linalg.norm(now)),
-                _turn(before.up[:2], self.up[:2]),
+                _angle(before.up[:2], self.up[:2]),
             ]
         )
 
 
-def _turn(a: Array, b: Array) -> float:
+def _angle(a: Array, b: Array) -> float:
     """Return the angle from a vector in a plane to another, (2,) each [rad]."""
     return float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
 
 
-class ScopeTeleoperation(Component):
+class EcmTeleoperation(Component):
     """An endoscope that both hands drag; there is nothing to align."""
-
-    def _align(self, readings: Sequence[Reading]) -> None:
-        self._enable(readings)
-
-    def _engage(self, readings: Sequence[Reading]) -> None:
-        arm = self.world.arm(self.says.slave)
-        self._hands = Hands.of(readings)
-        self._joints = self._told = arm.setpoints()[: arm.description.own_joints]
-
-    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
-        arm = self.world.arm(self.says.slave)
-        q = self.goal(arm, Hands.of(readings))
-        arm.servo_jp(q, (q - self._told) / period_s)
-        self._told = q
 
     def goal(self, arm: Arm, hands: Hands) -> Array:
         """Return the joints that keep what was seen between the hands, within limits, (4,)."""
@@ -90,9 +76,20 @@ class ScopeTeleoperation(Component):
         change = np.array([right * c + up * s, right * s - up * c, near, -clockwise])
         return np.clip(self._joints + change, arm.lower, arm.upper)
 
-    def _let_hands_move(self) -> None:
-        self._lock_hands()
+    def _align(self, readings: Sequence[Reading]) -> None:
+        self._enable(readings)
 
-    def _lock_hands(self) -> None:
+    def _engage(self, readings: Sequence[Reading]) -> None:
+        arm = self.world.arm(self.description.slave)
+        self._hands = Hands.of(readings)
+        self._joints = self._commanded = arm.setpoints()[: arm.description.own_joints]
+
+    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
+        arm = self.world.arm(self.description.slave)
+        q = self.goal(arm, Hands.of(readings))
+        arm.servo_jp(q, (q - self._commanded) / period_s)
+        self._commanded = q
+
+    def _release_masters(self, *, clutch: bool) -> None:  # noqa: ARG002  locked in both cases
         for master in self.masters:
-            master.let_go(self.world, locked=True)
+            master.release(self.world, locked=True)

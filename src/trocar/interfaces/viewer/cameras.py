@@ -1,4 +1,4 @@
-"""The window that shows what the cameras see: one eye, both, or both for coloured glasses."""
+"""The window of the rig's cameras: one eye, both, or both as an anaglyph."""
 
 from __future__ import annotations
 
@@ -14,36 +14,39 @@ from trocar.interfaces.packing import Packer
 from trocar.interfaces.pairs import Picture, anaglyph, side_by_side
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.shots import Shot
-from trocar.interfaces.viewer.own_thread import when_pressed, when_touched
+from trocar.interfaces.viewer.server import when_pressed, when_touched
 
 RATE_HZ = 30.0
-"""How often a picture is shown, at most. Source: our own choice, as often as the cart is."""
+"""Largest rate of pictures on the page. Source: our own choice, as often as the scene."""
 
 SPAN = 30
 """Pictures over which their rate is measured."""
 
-ANSWERED_S = 0.2
-"""A page that nobody has refreshed for so long looks at no camera [s]."""
+VISIBLE_S = 0.2
+"""Without a refresh for so long nobody looks at the page, and no picture is drawn [s]."""
 
 WIDTH, GAP = 345, 12
-"""Of the window, and its distance from the edges, in CSS pixels. Source: chosen by eye."""
+"""Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
 
-LEFT, RIGHT, BOTH, GLASSES, OFF = "left", "right", "both", "anaglyph", "off"
+LEFT, RIGHT, BOTH, ANAGLYPH, OFF = "left", "right", "both", "anaglyph", "off"
 
 #: client.js finds the picture beside the button; Escape ends the full screen.
 FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
 <button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
 border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full screen</button>
-<span style="opacity:.62" data-trocar="scope">{said}</span></div>"""
+<span style="opacity:.62" data-trocar="scope">{status}</span></div>"""
 
 
-class EndoscopeWindow:
+class CameraWindow:
     """The window; made and refreshed in viser's thread, given pictures in theirs.
 
     Args:
-        gui: of the page
-        pictures: draws
+        gui: the page's widgets
+        pictures: draws what the cameras see
         cameras: {name: how many eyes it has}, the first one shown
+
+    Attributes:
+        image, line: the picture, and the line below it
     """
 
     def __init__(self, gui: viser.GuiApi, pictures: Pictures, cameras: Mapping[str, int]) -> None:
@@ -54,34 +57,35 @@ class EndoscopeWindow:
         self._awaited = False
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
-        self._said = ""
+        self._status = ""
         window = gui.add_panel()
         with window.add_tab("Cameras"):
             if len(cameras) > 1:
                 choice = gui.add_dropdown("Camera", list(cameras))
-                when_touched(choice, self._look_through)
-            self._buttons = gui.add_button_group("View", self._views())
-            when_pressed(self._buttons, self._choose)
-            self._image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
-            self._line = gui.add_html(FULL_SCREEN.format(said=""))
+                when_touched(choice, self.choose_camera)
+            both = max(cameras.values()) > 1
+            views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
+            when_pressed(gui.add_button_group("View", views), self.choose_view)
+            self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
+            self.line = gui.add_html(FULL_SCREEN.format(status=""))
         window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
         self.leave = pictures.add(self)
 
     # ------------------------------------------------------------------ viser's thread
 
     def show(self, now_s: float) -> None:
-        """Show the newest picture; to be called while somebody looks at the page."""
+        """Show the newest picture; to be called while the page is open."""
         self._seen = now_s
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
-            self._image._data = fresh  # the handle would pack a picture anew, in this thread
+            self.image._data = fresh  # the handle would pack a picture anew, in this thread
 
-    def tell(self) -> None:
+    def show_status(self) -> None:
         """Write how many pictures come, and what went wrong."""
-        said = self._pictures.failure or self._figures()
-        if said != self._said:
-            self._said = said
-            self._line.content = FULL_SCREEN.format(said=escape(said))
+        status = self._pictures.failure or self._figures()
+        if status != self._status:
+            self._status = status
+            self.line.content = FULL_SCREEN.format(status=escape(status))
 
     def _figures(self) -> str:
         if self._view == OFF:
@@ -92,33 +96,31 @@ class EndoscopeWindow:
         dropped = self._pictures.dropped
         return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
 
-    def _look_through(self, camera: str) -> None:
+    def choose_camera(self, camera: str) -> None:
+        """Show another camera."""
         self._camera = camera
         self._came.clear()
         if self._cameras[camera] == 1 and self._view != OFF:
             self._view = LEFT
 
-    def _choose(self, view: str) -> None:
+    def choose_view(self, view: str) -> None:
+        """Show another view of the camera."""
         self._view = view
         self._came.clear()
-
-    def _views(self) -> tuple[str, ...]:
-        both = max(self._cameras.values()) > 1
-        return (LEFT, RIGHT, BOTH, GLASSES, OFF) if both else (LEFT, OFF)
 
     # ------------------------------------------------------------------ other threads
 
     def wanted(self) -> Collection[str]:
-        """Return the chosen camera, when somebody looks and a picture is due."""
+        """Return the chosen camera, if the page is open and a picture is due."""
         now = time.perf_counter()
-        if self._view == OFF or now - self._seen > ANSWERED_S or now < self._due:
+        if self._view == OFF or now - self._seen > VISIBLE_S or now < self._due:
             return ()
         self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
         self._awaited = True
         return (self._camera,)
 
     def take(self, shot: Shot) -> None:
-        """Keep a picture for the page, of those that come for others as well what it wants."""
+        """Keep a picture that the page requested; others belong to other takers."""
         if shot.camera != self._camera or self._view == OFF or not self._awaited:
             return
         self._awaited = False

@@ -15,18 +15,17 @@ from PIL import Image
 from trocar.interfaces import Loop
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.shots import Order, Shot
-from trocar.interfaces.viewer.endoscope import (
-    ANSWERED_S,
+from trocar.interfaces.viewer.cameras import (
+    ANAGLYPH,
     BOTH,
-    GLASSES,
     LEFT,
     OFF,
     RIGHT,
-    EndoscopeWindow,
+    VISIBLE_S,
+    CameraWindow,
 )
-from trocar.interfaces.viewer.own_thread import run_there
 from trocar.interfaces.viewer.page import Page
-from trocar.interfaces.viewer.server import LocalServer, serving
+from trocar.interfaces.viewer.server import LocalServer, run_there, serving
 from trocar.simulation import World
 
 from ..fake_renderer import FakeRenderer
@@ -46,13 +45,13 @@ def world() -> World:
 
 
 @pytest.fixture
-def window(server: LocalServer, world: World) -> EndoscopeWindow:
+def window(server: LocalServer, world: World) -> CameraWindow:
     pictures = Pictures(Loop(world), FakeRenderer)
     eyes = {"endoscope": 2, "room": 1}
-    return run_there(server, lambda: EndoscopeWindow(server.gui, pictures, eyes))
+    return run_there(server, lambda: CameraWindow(server.gui, pictures, eyes))
 
 
-def shot(window: EndoscopeWindow, camera: str = "endoscope") -> Shot:
+def shot(window: CameraWindow, camera: str = "endoscope") -> Shot:
     """A light picture on the left, a dark one on the right."""
     left = np.full((48, 64, 3), LIGHT, np.uint8)
     right = np.full((48, 64, 3), DARK, np.uint8) if camera == "endoscope" else None
@@ -63,9 +62,9 @@ def shot(window: EndoscopeWindow, camera: str = "endoscope") -> Shot:
     return Shot(camera, order, frame, window._pictures._packer)
 
 
-def shown(server: LocalServer, window: EndoscopeWindow) -> np.ndarray:
+def shown(server: LocalServer, window: CameraWindow) -> np.ndarray:
     run_there(server, lambda: window.show(time.perf_counter()))
-    data = window._image._data
+    data = window.image._data
     assert data is not None
     return np.asarray(Image.open(io.BytesIO(data))).astype(int)
 
@@ -75,7 +74,7 @@ def shown(server: LocalServer, window: EndoscopeWindow) -> np.ndarray:
     [
         (LEFT, (64, 48), LIGHT, LIGHT),
         (RIGHT, (64, 48), DARK, DARK),
-        (GLASSES, (64, 48), LIGHT, DARK),
+        (ANAGLYPH, (64, 48), LIGHT, DARK),
         (BOTH, (128, 48), (LIGHT + DARK) / 2, (LIGHT + DARK) / 2),
     ],
 )
@@ -85,9 +84,9 @@ def test_a_view_shows_the_eyes_that_it_says(
     red: float,
     blue: float,
     server: LocalServer,
-    window: EndoscopeWindow,
+    window: CameraWindow,
 ) -> None:
-    window._choose(view)
+    window.choose_view(view)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("endoscope",)
     window.take(shot(window))
@@ -98,7 +97,7 @@ def test_a_view_shows_the_eyes_that_it_says(
 
 
 def test_nothing_is_asked_for_unless_somebody_looks(
-    server: LocalServer, window: EndoscopeWindow
+    server: LocalServer, window: CameraWindow
 ) -> None:
     assert window.wanted() == ()
     run_there(server, lambda: window.show(time.perf_counter()))
@@ -108,24 +107,24 @@ def test_nothing_is_asked_for_unless_somebody_looks(
     first, window._fresh = window._fresh, None
     window.take(shot(window))  # another one's: it is not packed for nobody
     assert first is not None and window._fresh is None
-    run_there(server, lambda: window.show(time.perf_counter() - 2 * ANSWERED_S))
+    run_there(server, lambda: window.show(time.perf_counter() - 2 * VISIBLE_S))
     window._due = 0.0
     assert window.wanted() == ()
 
 
-def test_off_is_off(server: LocalServer, window: EndoscopeWindow) -> None:
-    window._choose(OFF)
+def test_off_is_off(server: LocalServer, window: CameraWindow) -> None:
+    window.choose_view(OFF)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ()
     window.take(shot(window))
     assert window._fresh is None
-    run_there(server, window.tell)
-    assert ">off<" in window._line.content
+    run_there(server, window.show_status)
+    assert ">off<" in window.line.content
 
 
-def test_another_camera_can_be_looked_through(server: LocalServer, window: EndoscopeWindow) -> None:
-    window._choose(BOTH)
-    window._look_through("room")
+def test_another_camera_can_be_looked_through(server: LocalServer, window: CameraWindow) -> None:
+    window.choose_view(BOTH)
+    window.choose_camera("room")
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("room",)
     window.take(shot(window))
@@ -135,17 +134,17 @@ def test_another_camera_can_be_looked_through(server: LocalServer, window: Endos
 
 
 def test_the_line_says_how_many_come_and_what_went_wrong(
-    server: LocalServer, window: EndoscopeWindow
+    server: LocalServer, window: CameraWindow
 ) -> None:
-    run_there(server, window.tell)
-    assert "no picture yet" in window._line.content
+    run_there(server, window.show_status)
+    assert "no picture yet" in window.line.content
     window._came.extend(np.arange(31) / 25.0)
     window._pictures.dropped = 3
-    run_there(server, window.tell)
-    assert "25 a second, 3 dropped" in window._line.content
+    run_there(server, window.show_status)
+    assert "25 a second, 3 dropped" in window.line.content
     window._pictures.failure = "no OpenGL <b>"
-    run_there(server, window.tell)
-    assert "no OpenGL &lt;b&gt;" in window._line.content
+    run_there(server, window.show_status)
+    assert "no OpenGL &lt;b&gt;" in window.line.content
 
 
 def test_the_page_has_the_window_and_shows_what_is_drawn(
@@ -156,12 +155,12 @@ def test_the_page_has_the_window_and_shows_what_is_drawn(
     pictures.start()
     page = run_there(server, lambda: Page(server, world, loop, pictures))
     monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    assert page._scope is not None
-    before = page._scope._image._data
+    assert page.cameras is not None
+    before = page.cameras.image._data
     end = time.monotonic() + 20
-    while page._scope._image._data is before:
+    while page.cameras.image._data is before:
         assert time.monotonic() < end
         run_there(server, page.refresh)
         loop.run(0.02)
     pictures.close()
-    assert run_there(server, lambda: Page(server, world, loop))._scope is None
+    assert run_there(server, lambda: Page(server, world, loop)).cameras is None

@@ -1,0 +1,219 @@
+"""The topics of teleoperation: its components, the console's pedals, keys and gamepads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trocar.apps.teleoperation.component import COMMANDS
+from trocar.apps.teleoperation.component import Component as Teleop
+from trocar.apps.teleoperation.devices import Drive, from_keys, from_pad
+from trocar.apps.teleoperation.engine import Teleoperation
+from trocar.apps.teleoperation.psm import PsmTeleoperation
+from trocar.interfaces.crtk import Component, Topic, say
+from trocar.interfaces.crtk.arm_rows import JOY, STRING
+from trocar.interfaces.crtk.component import served
+from trocar.interfaces.crtk.fields import (
+    Message,
+    RefusedError,
+    button,
+    flag,
+    number,
+    text,
+    vector,
+)
+from trocar.interfaces.crtk.teleop_rows import topics_of
+from trocar.interfaces.crtk.topics import topics_from
+
+if TYPE_CHECKING:
+    from trocar.interfaces.crtk import Core
+    from trocar.interfaces.crtk.clock import Stamp
+    from trocar.interfaces.crtk.sample import RigFigures
+
+Handler = Callable[[Topic, Message], None]
+
+#: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
+JOYS = ("rotation_locked", "translation_locked")
+#: What stands before the console's own topics.
+CONSOLE = "console/teleop"
+
+KEYS, PAD = "teleop/keys", "teleop/gamepad"
+#: Sent when nobody presses keys any longer: the page has lost them to another window.
+ASIDE = "aside"
+
+INPUTS = (
+    ("sub 1", KEYS, STRING, "", "codes of the keys that are held, with spaces between; or `aside`"),
+    ("sub 1", PAD, JOY, "", "axes and buttons in the standard layout of browsers; none: aside"),
+)
+
+
+def call(
+    engine: Teleoperation, act: Callable[[], object], stream: tuple[str, str] | None = None
+) -> None:
+    """Call a function for a message, as `Teleoperation.call` does.
+
+    Raises:
+        RefusedError: too many commands wait
+    """
+    if not engine.call(act, stream):
+        raise RefusedError("full", "too many commands wait already")
+
+
+def pedal_component(engine: Teleoperation) -> Component:
+    """Return what a core serves of pedals: topics that emulate them also act."""
+
+    def handler(name: str) -> Handler:
+        def handle(topic: Topic, message: Message) -> None:  # noqa: ARG001  as every handler
+            on = button(message) == 1  # a quick tap was released again
+            engine.pedals.note(name, on)
+            call(engine, partial(engine.pedals.act, name, on))
+
+        return handle
+
+    hears = {f"console/emulate_{name}": handler(name) for name in engine.pedals.ACTIVE}
+
+    def begin(core: Core) -> Callable[[], None]:
+        engine.pedals.connect(core.topics, core.emit)
+        return lambda: None
+
+    return Component({}, {}, begin, hears)
+
+
+def component(engine: Teleoperation) -> Component:
+    """Return what a core serves of teleoperation: requests, states, pedals, and its ticks."""
+    pedals = pedal_component(engine)
+    cores: list[Core] = []
+
+    def publish(before: str, key: str, value: object) -> None:
+        fields = say.joy(int(bool(value))) if key in JOYS else {"data": value}
+        cores[-1].emit(f"{before}/{key}", fields)
+
+    def begin(core: Core) -> Callable[[], None]:
+        """Publish how everything stands, and each change from now on."""
+        cores.append(core)
+        pedals.begin(core)
+        for one in engine.components.values():
+            one.publish = partial(publish, one.name)
+            for key, value in _state(one).items():
+                one.publish(key, value)
+        console = engine.console
+        console.publish = partial(publish, CONSOLE)
+        console.publish("enabled", console.enabled)
+        console.publish("scale", console.scale)
+        for name in console.selected:
+            console.publish("selected", name)
+        return engine.start()
+
+    def request(read: Callable[[Message], Any], act: Callable[[Any], None]) -> Handler:
+        """Return a handler that reads a message at once and acts in the loop's thread."""
+
+        def handle(topic: Topic, message: Message) -> None:  # noqa: ARG001  as every handler
+            call(engine, partial(act, read(message)))
+
+        return handle
+
+    def read_name(message: Message) -> str:
+        name = text(message, "data")
+        if name not in engine.components:
+            raise RefusedError(
+                "component", f"got {name!r}; allowed: {', '.join(engine.components)}"
+            )
+        return name
+
+    console = engine.console
+    handlers = {
+        f"{CONSOLE}/enable": request(_read_flag, console.enable),
+        f"{CONSOLE}/select": request(read_name, console.select),
+        f"{CONSOLE}/unselect": request(read_name, console.unselect),
+        f"{CONSOLE}/set_scale": request(_read_scale, console.set_scale),
+    }
+    makers: dict[str, Any] = {}
+    for name, one in engine.components.items():
+        handlers[f"{name}/state_command"] = request(_read_command, one.command)
+        handlers[f"{name}/set_scale"] = request(_read_scale, one.set_scale)
+        if isinstance(one, PsmTeleoperation):
+            handlers[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
+            handlers[f"{name}/lock_translation"] = request(_read_flag, one.lock_translation)
+            handlers[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
+            makers[f"{name}/alignment_offset"] = partial(_offset, one)
+    rows = topics_of([one.description for one in engine.components.values()])
+    return Component(served(topics_from(rows)), handlers, begin, pedals.hears, makers)
+
+
+def input_component(
+    engine: Teleoperation, name: str, receive: Callable[[Drive | None], object]
+) -> Component:
+    """Return what a core serves of keys and sticks.
+
+    Args:
+        engine: calls in the loop's thread
+        name: of the device
+        receive: called there with each command, None: the device is put aside
+    """
+
+    def handler(read: Callable[[Message], Drive | None]) -> Handler:
+        def handle(topic: Topic, message: Message) -> None:
+            call(engine, partial(receive, read(message)), (name, topic.name))
+
+        return handle
+
+    handlers = {KEYS: handler(_read_keys), PAD: handler(_read_pad)}
+    return Component(served(topics_from(INPUTS)), handlers, lambda _: lambda: None)
+
+
+def _read_keys(message: Message) -> Drive | None:
+    held = text(message, "data").split()
+    return None if held == [ASIDE] else from_keys(held)
+
+
+def _read_pad(message: Message) -> Drive | None:
+    axes = vector(message, "axes")
+    buttons = vector(message, "buttons")
+    if not axes.size and not buttons.size:
+        return None
+    return from_pad(axes.tolist(), buttons.tolist())
+
+
+def _read_command(message: Message) -> str:
+    word = text(message, "string")
+    if word not in COMMANDS:
+        raise RefusedError("state", f"got {word!r}; allowed: {', '.join(COMMANDS)}")
+    return word
+
+
+def _read_flag(message: Message) -> bool:
+    return flag(message, "data")
+
+
+def _read_scale(message: Message) -> float:
+    scale = number(message, "data")
+    if not 0.0 < scale <= 1.0:
+        raise RefusedError("scale", f"got a scale of {scale:g}; allowed: above 0 to 1")
+    return scale
+
+
+def _state(one: Teleop) -> Mapping[str, object]:
+    """Return what a component publishes before anything happens."""
+    found: dict[str, object] = {
+        "current_state": one.current,
+        "desired_state": one.desired,
+        "following": one.following,
+        "scale": one.scale,
+    }
+    if isinstance(one, PsmTeleoperation):
+        found |= {
+            "rotation_locked": one.rotation_locked,
+            "translation_locked": one.translation_locked,
+            "align_mtm": one.align,
+        }
+    return found
+
+
+def _offset(one: PsmTeleoperation, rig: RigFigures, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
+    """Return a geometry_msgs/QuaternionStamped of the rotation from handle to tip."""
+    T = np.eye(4)
+    T[:3, :3] = one.offset
+    return {"header": say.header(stamp, one.masters[0].name), "quaternion": say.quaternion(T)}

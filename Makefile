@@ -6,6 +6,7 @@
 .DEFAULT_GOAL := help
 
 BIN := .venv/bin
+comma := ,
 ARGS ?=
 # Tests run in this many processes; JOBS=0 runs them in one.
 JOBS ?= 2
@@ -27,11 +28,23 @@ EXTRAS_dev := [dev]
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
 # chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
 define tests
-$(BIN)/python -m pytest -m browser $(ARGS) || [ $$? = 5 ]
-OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile $(ARGS)
+$(BIN)/python -m pytest -m browser --durations=10 $(ARGS) || [ $$? = 5 ]
+OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile --durations=30 $(ARGS)
 endef
 
-.PHONY: help venv run test check skipped lint bench cad docs ros1-venv clean
+# pip's own output is hundreds of lines, and silence for a minute looks like a hang.
+define install
+@echo "Installing trocar$(2) into $(1) from pinned versions; this takes about a minute:"
+@{ $(1)/bin/python -m pip install --progress-bar off --constraint constraints.txt \
+	--build-constraint constraints.txt --editable '.$(2)'; echo "status $$?"; } | \
+	while read -r word name rest; do case "$$word $$name" in \
+		Collecting*) printf '%s ' "$${name%%[<>=!~;[(]*}";; \
+		"Installing collected") printf '\nInstalling %s packages ...\n' "$$(($$(echo $$rest | wc -w) - 1))";; \
+		status*) exit $$name;; \
+	esac; done
+endef
+
+.PHONY: help venv run quick test check skipped lint bench cad docs ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -43,8 +56,13 @@ run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and
 	@echo "  trocar --help                                 all commands; README.md has a tour of them"
 	@echo "  trocar render -o scope.png                    the endoscope's picture"
 	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
+	@echo "  trocar sample samples                         small files for replay, calibrate, ..."
 	@echo "  python examples/09_websocket_client.py        a client that moves this robot"
 	$(BIN)/trocar sim $(ARGS)
+
+quick: .venv/.ready-test ## run the tests of what changed, within a minute (ARGS="tests/kinematics")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quick -m "not browser and not slow" \
+		-n $(JOBS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
 test: .venv/.ready-test ## run all tests (browser tests where there is a Chromium)
 	$(tests)
@@ -80,9 +98,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
 .venv/.ready-%: .venv/.created pyproject.toml constraints.txt src/trocar/__init__.py
-	@echo "Installing trocar$(EXTRAS_$*) into .venv from pinned versions (about a minute) ..."
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt \
-		--build-constraint constraints.txt --editable '.$(EXTRAS_$*)'
+	$(call install,.venv,$(EXTRAS_$*))
 	@touch $@
 
 # rospy belongs to the system's Python; crtk_msgs, which nobody packages, is made for clients.
@@ -93,8 +109,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 		"Python 3.11 or newer; $(ROS1_PYTHON) is $$($(ROS1_PYTHON) --version 2>&1)" >&2; exit 1; }
 	$(ROS1_PYTHON) -m venv --system-site-packages --clear .venv-ros1
 	.venv-ros1/bin/python -m pip install --quiet --upgrade --constraint constraints.txt pip
-	.venv-ros1/bin/python -m pip install --quiet --constraint constraints.txt \
-		--build-constraint constraints.txt --editable '.[record,export,scope]'
+	$(call install,.venv-ros1,[record$(comma)export$(comma)scope])
 	.venv-ros1/bin/python -m trocar.interfaces.crtk.transports.ros1.packages .venv-ros1/ros
 	@touch $@
 
@@ -105,6 +120,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 		"Python 3.11 or newer; $(PYTHON) is $$("$(PYTHON)" --version 2>&1)" >&2; exit 1; }
 	@"$(PYTHON)" -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot build an" \
 		"environment; on Debian and Ubuntu: sudo apt install python3-venv" >&2; exit 1; }
+	@echo "Creating .venv with $(PYTHON) ..."
 	@$(BIN)/python -c 'import sys, pip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 		|| "$(PYTHON)" -m venv --clear .venv
 	$(BIN)/python -m pip install --quiet --upgrade --constraint constraints.txt pip

@@ -28,10 +28,10 @@ from trocar.apps.figures import Figure
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.scene import CONTACTS
-from trocar.interfaces.crtk.transport import Batch
+from trocar.interfaces.crtk.core import Batch
+from trocar.interfaces.crtk.sample import CONTACTS
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.transports.websocket.parcel import PACKING
+from trocar.interfaces.crtk.transports.websocket.server import encode
 from trocar.interfaces.loop import Loop
 from trocar.simulation import World
 
@@ -290,16 +290,13 @@ def state_topics(periods: int = PERIODS) -> Figure:
 class _Encoder(MemoryTransport):
     """Encodes messages as the WebSocket does, and sends none."""
 
-    packing = PACKING
-
     def __init__(self) -> None:
         super().__init__([])
         self.states: set[str] = set()
 
     def send(self, batch: Batch) -> None:
         for topic, message in batch:
-            if not isinstance(message, bytes):
-                PACKING.encode(topic.type, message)
+            encode(topic.type, message)
             if topic.rate != "event":
                 self.states.add(topic.name)
 

@@ -24,10 +24,9 @@ from trocar.apps.figures import Figure
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.transport import Batch
+from trocar.interfaces.crtk.core import Batch
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
-from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.shots import Shot
+from trocar.interfaces.pictures import Pictures, Shot
 from trocar.interfaces.viewer import serve
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
 from trocar.rendering.reference import Reference
@@ -197,7 +196,7 @@ class Listener:
         came: {stamp: arrival [s]}
     """
 
-    name, packing = "listener", None
+    name = "listener"
 
     def __init__(self) -> None:
         self.subscribed = False

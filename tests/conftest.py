@@ -1,8 +1,10 @@
-"""What several rooms' tests share: seeded random joint positions, recordings."""
+"""What tests share: choice by --quick and --skipped-before, random positions, logs."""
 
 from __future__ import annotations
 
 import gzip
+import subprocess
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.apps.mocap.perturb import perturbed
+from trocar.apps.mocap.robots import perturbed
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import Overlay, overlay_between
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
@@ -19,6 +21,17 @@ from trocar.errors import TrocarError
 from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
 
 SKIPPED = "trocar/skipped"
+ROOT = Path(__file__).parents[1]
+#: As in test_architecture: a package imports only those before it.
+PACKAGES = (
+    "geometry", "kinematics", "fitting", "cameras", "descriptions", "modeling", "simulation",
+    "recording", "rendering", "interfaces", "apps", "cli",
+)  # fmt: skip
+#: Tests of the whole repository that take a second.
+ALWAYS = ("test_architecture.py", "test_repository.py", "test_exports.py", "test_startup.py")
+#: With --quick, no test begins later than this after the start [s]. Source: our own choice; the
+#: slowest test without the mark `slow` ends within a minute then.
+QUICK_S = 45.0
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -27,11 +40,67 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="run only the tests that the last run skipped, for instance after more is installed",
     )
+    parser.addoption(
+        "--quick",
+        action="store_true",
+        help="run the tests of packages that changed since the last commit (or in it), then those"
+        " above, for as long as a minute allows",
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):  # the controller of pytest-xdist sees every report
+    if config.getoption("--quick"):
+        config.pluginmanager.register(Quick(config))
+    elif not hasattr(config, "workerinput"):  # the controller of pytest-xdist sees every report
         config.pluginmanager.register(Skipped(config))
+
+
+def changed() -> set[str]:
+    """Return names of packages, folders and files that the work tree or the last commit changed."""
+    for words in (("status", "--porcelain", "-uall"), ("diff", "--name-only", "HEAD~1")):
+        said = subprocess.run(
+            ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+        )
+        paths = [Path(line.split(" ")[-1]).parts for line in said.stdout.splitlines()]
+        if paths:
+            return {part for path in paths if path[0] in ("src", "tests") for part in path[1:4]}
+    return set()
+
+
+class Quick:
+    """Chooses tests by what changed, nearest first, and stops in time."""
+
+    def __init__(self, config: pytest.Config) -> None:
+        self._end = time.monotonic() + QUICK_S
+        named = config.invocation_params.args and config.args != config.getini("testpaths")
+        self._changed = names = changed()
+        touched = [name for name in PACKAGES if name in names]
+        above = PACKAGES[PACKAGES.index(touched[0]) :] if touched else ()
+        files = sorted(name for name in names if name.startswith("test_"))
+        nearest_first = list(dict.fromkeys([*files, *touched, *ALWAYS, *above]))
+        #: Folders and files in order; None: the command line names what to run.
+        self._order = None if named else nearest_first
+
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        if self._order is None or not collection_path.is_relative_to(ROOT / "tests"):
+            return None
+        parts = collection_path.relative_to(ROOT / "tests").parts
+        return True if parts and parts[0] not in (*self._order, "conftest.py") else None
+
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        places = self._order or []
+
+        def place(item: pytest.Item) -> tuple[int, bool]:
+            first, *rest = item.path.relative_to(ROOT / "tests").parts
+            names = {name for part in rest for name in (part, part.removeprefix("test_"))}
+            near = {*names, *(name.removesuffix(".py") for name in names)} & self._changed
+            return places.index(first) if first in places else len(places), not near
+
+        items.sort(key=place)
+
+    def pytest_runtest_setup(self) -> None:
+        if time.monotonic() > self._end:
+            pytest.skip("no time left in make quick; make test runs it")
 
 
 class Skipped:

@@ -1,24 +1,22 @@
-"""The rooms of trocar may only look down, and each heavy library has one home.
+"""The rules of the packages: which may import which, and where each heavy library lives.
 
-CONTRIBUTING.md shows the house; this file holds its walls. Everything is read with `ast`:
-no file of trocar is run, so a broken room cannot hide what it imports.
+CONTRIBUTING.md shows the packages. Files are parsed, never run, and imports under TYPE_CHECKING
+count like any other.
 """
 
 from __future__ import annotations
 
 import ast
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
+ROOT = Path(__file__).parents[1]
+SRC = ROOT / "src" / "trocar"
 
-SRC = Path(__file__).parents[1] / "src" / "trocar"
-FILES = sorted(SRC.rglob("*.py"))
-
-# Lowest first. A room may import itself and any room before it.
-ROOMS = [
+# Lowest first. A package may import itself and any package before it.
+PACKAGES = [
     "errors",
     "geometry",
     "kinematics",
@@ -33,6 +31,10 @@ ROOMS = [
     "apps",
     "cli",
 ]
+# Folders inside these packages must not import each other.
+ISOLATED = ("interfaces", "apps")
+# Folders beside src/, which import trocar and which trocar never imports.
+OUTSIDE_THE_WHEEL = ("benchmarks", "tools", "tests", "examples")
 
 # Library -> the folders (or files, without .py) allowed to import it.
 HOMES = {
@@ -52,8 +54,9 @@ HOMES = {
     "tomli_w": ("descriptions",),
     "gymnasium": ("interfaces/gym",),
     "viser": ("interfaces/viewer",),
-    "msgspec": ("apps/dvrk_config", "interfaces/crtk/transports/websocket", "interfaces/viewer"),
+    "msgspec": ("apps/dvrk_config", "interfaces/inbox", "interfaces/crtk", "interfaces/viewer"),
     "websockets": ("interfaces/viewer", "interfaces/crtk/transports/websocket"),
+    "rich": ("cli",),
     "rospy": ("interfaces/crtk/transports/ros1",),
     "PyKDL": ("interfaces/crtk/scripts",),
     "rosgraph": ("interfaces/crtk/transports/ros1",),
@@ -64,14 +67,12 @@ HOMES = {
     "moderngl": ("rendering",),
     "mcap": ("recording",),
     "zstandard": ("recording",),
-    "rosbags": ("apps/replay",),
-    "lz4": ("apps/mirroring",),
+    "rosbags": ("apps/follow", "apps/samples", "interfaces/crtk/transports/ros2"),
+    "apsw": ("apps/follow",),
     "matplotlib": ("apps",),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/importers"),
-    # Outside the package: the benchmarks, and the drawing of solids with its library.
-    "benchmarks": (),
-    "tools": (),
+    # Draws the solids in tools/cad.
     "build123d": (),
     "OCP": (),
     "trimesh": ("apps/importers", "interfaces/viewer"),
@@ -82,149 +83,133 @@ HOMES = {
     "pinocchio": (),
     "yourdfpy": (),
 }
-# Siblings inside these folders must not know each other.
-ISOLATED = ("interfaces", "apps")
 
 # The witnesses against MuJoCo: what they may import beside trocar and the standard library ...
 LIBRARIES = {"geometry": {"numpy"}, "kinematics": {"numpy", "scipy"}, "fitting": {"numpy"}}
-# ... in which they open no file.
+# ... of which they use nothing that opens files.
 FILE_ACCESS = {"io", "os", "pathlib", "shutil", "tempfile", "tomllib", "importlib"}
-
-# Below the interfaces there is simulation time only.
-TIMELESS = tuple(ROOMS[: ROOMS.index("rendering")])
-WALL_CLOCKS = {"time", "datetime", "sched"}
-# Who talks to trocar is none of the simulation's business.
-OUTSIDE_WORLD = {"socket", "socketserver", "http", "asyncio", "selectors", "ssl", "urllib"}
-
-# Robots and their parts, which the witnesses do not know.
+# Robots and their parts, which the witnesses do not name.
 ROBOTS = ("psm", "ecm", "suj", "mtm", "davinci", "da_vinci", "dvrk", "needle_driver")
+
+# Packages with simulation time alone, deterministic and without clients.
+TIMELESS = tuple(PACKAGES[: PACKAGES.index("rendering")])
+WALL_CLOCKS = {"time", "datetime", "sched"}
+NETWORK = {"socket", "socketserver", "http", "asyncio", "selectors", "ssl", "urllib"}
 
 
 @dataclass(frozen=True)
 class Import:
-    """One imported name: where it stands and whether a function has to run to reach it."""
+    """One imported name: its line, and whether it is imported inside a function."""
 
     line: int
     name: str
-    deferred: bool
+    deferred: bool = False
 
     @property
     def library(self) -> str:
         return self.name.split(".")[0]
 
 
-def names_of(node: ast.Import | ast.ImportFrom, package: list[str]) -> list[str]:
-    """Every absolute name that one statement imports."""
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    up = len(package) - node.level + 1
-    base = ".".join(package[:up]) if node.level else ""
-    base = ".".join(filter(None, [base, node.module]))
-    return [f"{base}.{alias.name}" for alias in node.names]
+def imports(source: str, package: str) -> list[Import]:
+    """Return every import of a module's source, as absolute names."""
 
-
-def imports(path: Path, tree: ast.AST | None = None) -> list[Import]:
-    """Every import of a file, deferred ones included."""
-    package = ["trocar", *path.relative_to(SRC).parent.parts]
+    def names(node: ast.Import | ast.ImportFrom) -> list[str]:
+        if isinstance(node, ast.Import):
+            return [alias.name for alias in node.names]
+        parts = package.split(".")
+        base = parts[: len(parts) - node.level + 1] if node.level else []
+        return [".".join(filter(None, [*base, node.module, alias.name])) for alias in node.names]
 
     def walk(node: ast.AST, deferred: bool) -> Iterator[Import]:
         for child in ast.iter_child_nodes(node):
             if isinstance(child, ast.Import | ast.ImportFrom):
-                yield from (Import(child.lineno, n, deferred) for n in names_of(child, package))
+                yield from (Import(child.lineno, name, deferred) for name in names(child))
             inside = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             yield from walk(child, deferred or inside)
 
-    return list(walk(tree or ast.parse(path.read_text(encoding="utf-8")), deferred=False))
+    return list(walk(ast.parse(source), deferred=False))
 
 
-def place(path: Path) -> str:
-    """Where a file lives: its folder, or its own name for a file at the top; "" for the root."""
-    relative = path.relative_to(SRC)
-    here = relative.parent.as_posix() if len(relative.parts) > 1 else relative.stem
-    return "" if here in ("__init__", "__main__") else here
-
-
-def module_path(path: Path) -> str:
-    return path.relative_to(SRC).with_suffix("").as_posix()
+SOURCES = {
+    path.relative_to(SRC).with_suffix("").as_posix(): path.read_text(encoding="utf-8")
+    for path in sorted(SRC.rglob("*.py"))
+}
+# {"apps/trials": its imports}
+IMPORTS = {
+    here: imports(source, ".".join(["trocar", *here.split("/")[:-1]]))
+    for here, source in SOURCES.items()
+}
 
 
 def lies_in(here: str, folders: tuple[str, ...]) -> bool:
     return any(f"{here}/".startswith(f"{folder}/") for folder in folders)
 
 
-def complaint(here: str, name: str) -> str | None:
-    """Why a file `here`, as `module_path` has it, may not import `name`, or None."""
-    parts = name.split(".")
-    if parts[0] != "trocar":
-        homes = HOMES.get(parts[0])
-        if homes is not None and not lies_in(here, homes):
-            return f"{parts[0]} may only be imported under {homes or 'tests'}"
-        return None
-    room = here.split("/")[0]
-    if room == "":  # the front doors may open onto any room
-        return None
-    if room not in ROOMS:
-        return f"{here} lies in no known room"
-    if parts[1:] == ["__version__"]:
-        return None
-    if len(parts) < 2 or parts[1] not in ROOMS:
-        return "import from the room that owns the name, not from the package root"
-    if ROOMS.index(parts[1]) > ROOMS.index(room):
-        return f"{room} may not look up into {parts[1]}"
-    if room in ISOLATED and parts[1] == room and "/" in here:
-        sibling = len(parts) > 2 and (SRC / room / parts[2]).is_dir()
-        if sibling and parts[2] != here.split("/")[1]:
-            return f"{here} may not know its sibling {room}/{parts[2]}"
-    return None
+def against_order(here: str, name: str) -> str:
+    """Say why a file may not import a name of trocar, "" where it may."""
+    first, *parts = name.split(".")
+    if first in OUTSIDE_THE_WHEEL:
+        return "trocar is complete without what lies outside the wheel"
+    package, *folders = here.split("/")
+    if first != "trocar" or not folders or parts == ["__version__"]:
+        if first == "trocar" and package not in (*PACKAGES, "__init__", "__main__"):
+            return f"{package} is no known package"
+        return ""  # the front doors import any package
+    if package not in PACKAGES:
+        return f"{package} is no known package"
+    if not parts or parts[0] not in PACKAGES:
+        return "import from the package that owns the name, not from trocar"
+    if PACKAGES.index(parts[0]) > PACKAGES.index(package):
+        return f"{package} may not import {parts[0]}"
+    if package in ISOLATED and parts[0] == package and (SRC / package / parts[1]).is_dir():
+        return "" if parts[1] == folders[0] else f"{here} may not import its sibling {parts[1]}"
+    return ""
 
 
-def each_file(files: list[Path] = FILES) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("path", files, ids=[module_path(p) for p in files])
+def away_from_home(here: str, found: Import) -> str:
+    """Say why a file may not import a library in this place, "" where it may."""
+    homes = HOMES.get(found.library)
+    if homes is not None:
+        return "" if lies_in(here, homes) else f"may only be imported under {homes or 'tests'}"
+    if found.deferred and not lies_in(here, ("cli", "__init__", "__main__")):
+        return "only subcommands and optional libraries are imported inside functions"
+    return ""
 
 
-def rooms(*names: str) -> list[Path]:
-    return [path for path in FILES if place(path).split("/")[0] in names]
+def cycle(graph: Mapping[str, set[str]]) -> list[str]:
+    """Return nodes that form a cycle, [] where there is none."""
+    done: set[str] = set()
+
+    def search(node: str, trail: list[str]) -> list[str]:
+        if node in trail:
+            return trail[trail.index(node) :]
+        if node in done:
+            return []
+        found = next(filter(None, (search(n, [*trail, node]) for n in sorted(graph[node]))), [])
+        done.add(node)
+        return found
+
+    return next(filter(None, (search(node, []) for node in sorted(graph))), [])
 
 
-@each_file()
-def test_imports_point_down(path: Path) -> None:
-    here = place(path) and module_path(path)
-    bad = [
-        f"line {i.line}: {i.name}: {why}" for i in imports(path) if (why := complaint(here, i.name))
-    ]
-    assert not bad, "\n".join(bad)
+def module_graph() -> dict[str, set[str]]:
+    """Return which module imports which; a package stands for its `__init__`."""
+    modules = {
+        f"trocar.{here.replace('/', '.')}".removesuffix(".__init__"): here for here in IMPORTS
+    }
+    graph: dict[str, set[str]] = {}
+    for module, here in modules.items():
+        graph[module] = set()
+        for name in (found.name for found in IMPORTS[here]):
+            target = name if name in modules else name.rpartition(".")[0]
+            if target in modules and target not in (module, "trocar"):
+                graph[module].add(target)
+    return graph
 
 
-@each_file()
-def test_a_deferred_import_is_a_subcommand_or_an_optional_library(path: Path) -> None:
-    if lies_in(place(path), ("cli",)) or place(path) == "":
-        return
-    bad = [f"line {i.line}: {i.name}" for i in imports(path) if i.deferred]
-    assert not [b for b in bad if b.split()[-1].split(".")[0] not in HOMES], "\n".join(bad)
-
-
-@each_file(rooms(*LIBRARIES))
-def test_the_witnesses_need_no_library_but_their_own_and_open_no_file(path: Path) -> None:
-    allowed = LIBRARIES[place(path).split("/")[0]] | {"trocar"}
-    standard = set(sys.stdlib_module_names) - FILE_ACCESS
-    bad = [f"line {i.line}: {i.name}" for i in imports(path) if i.library not in allowed | standard]
-    assert not bad, "\n".join(bad)
-
-
-@each_file(rooms(*LIBRARIES))
-def test_the_witnesses_know_no_robot_by_name(path: Path) -> None:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    bad = [
-        f"line {line}: {word}"
-        for line, word in words(tree)
-        if any(robot in word.lower() for robot in ROBOTS)
-    ]
-    assert not bad, "\n".join(bad)
-
-
-def words(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Every identifier and string of the code; docstrings may speak of robots."""
-    for node in ast.walk(tree):
+def words(source: str) -> Iterator[tuple[int, str]]:
+    """Yield every identifier and string of the code; docstrings may name robots."""
+    for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             node.value.value = ""  # a docstring
         elif isinstance(node, ast.Name):
@@ -239,47 +224,78 @@ def words(tree: ast.AST) -> Iterator[tuple[int, str]]:
             yield node.lineno, node.value
 
 
-@each_file(rooms(*TIMELESS))
-def test_no_wall_clock_below_the_interfaces(path: Path) -> None:
-    bad = [f"line {i.line}: {i.name}" for i in imports(path) if i.library in WALL_CLOCKS]
+def test_packages_import_only_lower_packages_and_siblings_are_strangers() -> None:
+    bad = [
+        f"{here}:{found.line}: {found.name}: {why}"
+        for here, every in IMPORTS.items()
+        for found in every
+        if (why := against_order(here, found.name))
+    ]
     assert not bad, "\n".join(bad)
 
 
-@each_file(rooms(*TIMELESS))
-def test_no_socket_below_the_interfaces(path: Path) -> None:
-    bad = [f"line {i.line}: {i.name}" for i in imports(path) if i.library in OUTSIDE_WORLD]
+def test_no_module_imports_itself_through_others() -> None:
+    assert not (found := cycle(module_graph())), " -> ".join(found)
+
+
+def test_a_heavy_library_is_imported_in_its_home_alone() -> None:
+    bad = [
+        f"{here}:{found.line}: {found.name}: {why}"
+        for here, every in IMPORTS.items()
+        for found in every
+        if (why := away_from_home(here, found))
+    ]
     assert not bad, "\n".join(bad)
 
 
-@pytest.mark.parametrize(
-    ("here", "name", "why"),
-    [
-        ("geometry", "trocar.kinematics.forward.pose", "look up"),
-        ("kinematics", "trocar.fitting.fit_hinge", "look up"),
-        ("simulation", "trocar.interfaces.loop", "look up"),
-        ("descriptions", "mujoco.MjModel", "may only be imported"),
-        ("interfaces", "viser.ViserServer", "may only be imported"),
-        ("apps/importers", "pinocchio", "under tests"),
-        ("apps/trials", "trocar.apps.benchmarks.core.core", "sibling"),
-        ("kinematics", "trocar.load_arm", "room that owns the name"),
-        ("modelling", "trocar.errors.InputError", "no known room"),
-    ],
-)
-def test_the_walls_stop_what_they_are_for(here: str, name: str, why: str) -> None:
-    assert why in (complaint(here, name) or "")
+def test_the_witnesses_need_numpy_alone_open_no_file_and_name_no_robot() -> None:
+    standard = set(sys.stdlib_module_names) - FILE_ACCESS | {"trocar"}
+    bad: list[str] = []
+    for here, every in IMPORTS.items():
+        allowed = LIBRARIES.get(here.split("/")[0])
+        if allowed is None:
+            continue
+        bad += [f"{here}:{i.line}: {i.name}" for i in every if i.library not in allowed | standard]
+        bad += [
+            f"{here}:{line}: {word}"
+            for line, word in words(SOURCES[here])
+            if any(robot in word.lower() for robot in ROBOTS)
+        ]
+    assert not bad, "\n".join(bad)
 
 
-def test_siblings_are_strangers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "interfaces" / "crtk").mkdir(parents=True)
-    monkeypatch.setitem(globals(), "SRC", tmp_path)
-    assert "sibling" in (complaint("interfaces/viewer", "trocar.interfaces.crtk.codec") or "")
-    assert complaint("interfaces/viewer", "trocar.interfaces.loop.Loop") is None
+def test_below_rendering_there_is_no_wall_clock_and_no_network() -> None:
+    bad = [
+        f"{here}:{found.line}: {found.name}"
+        for here, every in IMPORTS.items()
+        for found in every
+        if lies_in(here, TIMELESS) and found.library in WALL_CLOCKS | NETWORK
+    ]
+    assert not bad, "\n".join(bad)
 
 
-def test_relative_and_deferred_imports_are_seen() -> None:
+def test_the_rules_catch_what_they_are_for() -> None:
+    for here, name, why in (
+        ("geometry/se3", "trocar.kinematics.forward.pose", "may not import kinematics"),
+        ("kinematics/loops", "trocar.fitting.fit_hinge", "may not import fitting"),
+        ("simulation/world", "trocar.interfaces.loop.Loop", "may not import interfaces"),
+        ("apps/trials", "trocar.apps.calibration.x", "sibling calibration"),
+        ("interfaces/viewer/serve", "trocar.interfaces.crtk.Core", "sibling crtk"),
+        ("kinematics/forward", "trocar.load_arm", "package that owns the name"),
+        ("modelling/build", "trocar.errors.InputError", "no known package"),
+        ("apps/trials", "benchmarks.speed", "outside the wheel"),
+    ):
+        assert why in against_order(here, name)
+    assert not against_order("interfaces/viewer/serve", "trocar.interfaces.loop.Loop")
+    assert "may only be" in away_from_home("descriptions/rigs", Import(1, "mujoco.MjModel"))
+    assert "under tests" in away_from_home("apps/trials", Import(1, "pinocchio"))
+    assert "inside functions" in away_from_home("apps/trials", Import(1, "math.pi", deferred=True))
+    assert cycle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
+    assert not cycle({"a": {"b", "c"}, "b": {"c"}, "c": set()})
     source = "from . import rotations\ndef late():\n    from ..errors import InputError\n"
-    found = imports(SRC / "geometry" / "se3.py", ast.parse(source))
-    assert found == [
-        Import(1, "trocar.geometry.rotations", deferred=False),
+    assert imports(source, "trocar.geometry") == [
+        Import(1, "trocar.geometry.rotations"),
         Import(3, "trocar.errors.InputError", deferred=True),
     ]
+    typed = "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from trocar.cli import main\n"
+    assert Import(3, "trocar.cli.main") in imports(typed, "trocar.apps")

@@ -81,7 +81,7 @@ def test_every_source_of_the_page_is_an_option(capsys: pytest.CaptureFixture[str
     [
         (["--bag", "x.bag", "--ros1"], "not allowed with argument"),
         ([], "one of the arguments --ros1 --ros2 --websocket --bag is required"),
-        (["--bag", "x.bag", "--no-page"], "x.bag: there is no such bag"),
+        (["--bag", "x.bag", "--no-page"], "x.bag: there is no such file; allowed: rosbag 1"),
         (["--bag", "x.bag", "--json"], "--json: only a run without the page has a report"),
         (["--ros1", "--speed", "max"], "--speed max: a robot that is there now"),
         (["--websocket", "here"], "allowed: ws://HOST:PORT"),

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 SRC = Path(__file__).parents[1] / "src"
-HEAVY = {"mujoco", "viser", "scipy", "ruckig", "numpy"}
+HEAVY = {"mujoco", "viser", "scipy", "ruckig", "numpy", "rich"}
 
 IMPORT = "import trocar, sys; print(*sys.modules)"
 COMMAND = """

@@ -42,7 +42,7 @@ def test_the_centre_of_an_arm_not_as_drawn_is_found_to_rounding(exact):
     truth = simulated.truth["rcm"]
     assert report.fit.post == pytest.approx(truth["position_in_base_body_m"], abs=1e-12)
     assert report.distance is not None
-    assert report.distance[0] == pytest.approx(truth["distance_to_pitch_axis_m"], abs=1e-12)
+    assert report.distance.value == pytest.approx(truth["distance_to_pitch_axis_m"], abs=1e-12)
     assert report.fit.rms < 1e-12 and report.warnings == ()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.mocap.perturb import perturbed
+from trocar.apps.mocap.robots import perturbed
 from trocar.apps.mocap.simulate import MocapSettings, simulate_tracks
 from trocar.apps.mocap.writers import write_tracks
 from trocar.cli import main

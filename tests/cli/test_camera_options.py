@@ -15,7 +15,10 @@ LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
     ("options", "complaint"),
     [
         (("--rig", "ecm", "--preset", "kitchen"), "dvrk_sd_640x480"),
-        (("--rig", "psm", "--preset", "hd_1280x720"), "psm has none drawn"),
+        (
+            ("--rig", "psm", "--preset", "hd_1280x720"),
+            "--preset: psm has no endoscope",
+        ),
         (("--rig", "ecm", "--camera-rate", "0"), "camera rate: got 0 Hz"),
         (("--rig", "ecm", "--vignette", "3"), "vignette: got 3"),
         (("--rig", "ecm", "--record-images"), "--record or --foxglove-record"),

@@ -61,6 +61,18 @@ def test_people_are_told_what_was_written_and_what_is_true(trocar, tmp_path):
         assert said in answer.out
 
 
+def test_tracks_are_noisy_unless_noise_is_switched_off(trocar, tmp_path):
+    """Without noise every standard deviation that a calibration states would be 0."""
+    truths = [
+        trocar("mocap", "--arm", "psm", *QUICK, *words, "-o", tmp_path / "a.csv", "--json").document
+        for words in ((), ("--noise-mm", "0", "--noise-deg", "0"))
+    ]
+    noise = [truth["settings"]["noise"] for truth in truths]
+    assert noise[0]["position"] == pytest.approx(1e-4)
+    assert noise[0]["rotation"] == pytest.approx(np.radians(0.05))
+    assert noise[1]["position"] == noise[1]["rotation"] == 0.0
+
+
 def test_a_calibrated_robot_stands_before_the_cameras(trocar, tmp_path):
     patches = {}
     for closure in load_arm("psm").mechanism.closures:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import os
+import shutil
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import trocar as package
 from trocar.cli import fk, main
 from trocar.cli.arguments import keep_negative_numbers
+from trocar.cli.output import progress_bar, progress_steps
 from trocar.cli.program import COMMANDS
 from trocar.errors import DivergedError
 
@@ -29,25 +31,27 @@ def start(*words: str) -> subprocess.Popen[bytes]:
     )
 
 
-def module(command: str) -> str:
-    return f"trocar.cli.{command.replace('-', '_')}"
-
-
-def test_help_names_every_command_that_is_there(capsys):
+def test_help_names_every_command(capsys):
     with pytest.raises(SystemExit) as end:
         main(["--help"])
     told = capsys.readouterr().out
     assert not end.value.code
     for name, summary in COMMANDS.items():
-        assert (name in told.split() and summary in told) == bool(find_spec(module(name)))
+        assert f"  {name}" in told and summary in told
 
 
-@pytest.mark.parametrize("name", [n for n in COMMANDS if find_spec(module(n))])
-def test_every_command_explains_itself(name, capsys):
-    with pytest.raises(SystemExit) as end:
-        main([name, "--help"])
-    assert not end.value.code
-    assert f"usage: trocar {name}" in capsys.readouterr().out
+def test_without_a_command_the_help_is_printed(trocar):
+    answer = trocar()
+    assert (answer.status, answer.err) == (0, "")
+    assert answer.out.startswith("usage: trocar") and COMMANDS["sim"] in answer.out
+
+
+def test_every_command_explains_itself(capsys):
+    for name in COMMANDS:
+        with pytest.raises(SystemExit) as end:
+            main([name, "--help"])
+        assert not end.value.code
+        assert f"usage: trocar {name}" in capsys.readouterr().out
 
 
 def test_version_is_the_package_s(capsys):
@@ -112,8 +116,9 @@ def test_an_interruption_says_so(trocar, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        ([], "the following arguments are required: COMMAND (see trocar --help)"),
-        (["fly"], "argument COMMAND: invalid choice: 'fly'"),
+        (["--all"], "the following arguments are required: COMMAND (see trocar --help)"),
+        (["fly"], "unknown command 'fly'; known: sim, render, "),
+        (["simm"], "unknown command 'simm' (did you mean 'sim'?); known: sim, "),
         (["fk"], "fk: the following arguments are required: ARM, Q (see trocar fk --help)"),
         (["fk", "psm", "much"], "fk: argument Q: got 'much'; allowed: a number"),
         (["fk", "psm", "-much"], "fk: the following arguments are required: Q"),
@@ -125,6 +130,77 @@ def test_a_command_line_that_cannot_be_read_is_refused_in_one_line(words, compla
     answer = trocar(*words)
     assert answer.status == 2
     assert answer.complaint.startswith(complaint)
+
+
+def completed(line: str) -> list[str]:
+    """Ask bash what it would complete a line with, a space at its end for a new word."""
+    words = line.split(" ")
+    typed = " ".join(f"'{word}'" for word in words)
+    script = (
+        f"{run_completion('bash')}\nCOMP_WORDS=({typed}); COMP_CWORD={len(words) - 1}; _trocar;"
+        ' printf "%s\\n" "${COMPREPLY[@]}"'
+    )
+    found = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert not found.stderr
+    return found.stdout.split()
+
+
+def run_completion(shell: str) -> str:
+    process = start("completion", shell)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, b"")
+    return out.decode()
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
+def test_bash_completes_commands_options_and_names():
+    assert completed("trocar re") == ["render", "replay"]
+    assert completed("trocar sim --hea") == ["--headless"]
+    assert "two_psm_ecm" in completed("trocar sim --rig ")
+    assert completed("trocar sim --speed ") == ["realtime", "max"]
+    assert completed("trocar fk ps") == ["psm", "psm_si"]
+    assert completed("trocar sim --record ") == []  # bash completes file names by itself
+
+
+def test_zsh_takes_the_completion_of_bash_and_fish_has_its_own():
+    assert run_completion("zsh").startswith("autoload -Uz bashcompinit")
+    fish = run_completion("fish").splitlines()
+    assert all(line.startswith("complete -c trocar ") for line in fish)
+    sim = [line for line in fish if "__fish_seen_subcommand_from sim'" in line]
+    assert any(" -l rig -a " in line and "two_psm_ecm" in line for line in sim)
+
+
+class Terminal(io.StringIO):
+    """A stderr that somebody watches."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_long_work_has_a_bar_with_an_estimate_on_a_terminal(monkeypatch):
+    screen = Terminal()
+    monkeypatch.setattr(sys, "stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with progress_bar("rows") as watch:
+        assert watch is not None
+        watch(1, 4)
+        watch(4, 4)
+    with progress_steps("measuring", 3) as announce:
+        announce("speed")
+        announce("start-up")
+    drawn = screen.getvalue()
+    assert "1 of 4 rows" in drawn and "4 of 4 rows" in drawn and "left" in drawn
+    assert "measuring speed" in drawn and "measuring start-up" in drawn
+
+
+def test_elsewhere_steps_are_lines_and_a_bar_is_nothing(capsys):
+    with progress_bar("rows") as watch:
+        assert watch is None
+    with progress_steps("measuring") as announce:
+        announce("speed")
+    with progress_steps() as announce:
+        announce("reading")
+    assert capsys.readouterr().err == "trocar: measuring speed ...\n"
 
 
 def test_a_number_is_no_option():

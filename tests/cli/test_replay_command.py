@@ -80,7 +80,7 @@ def test_the_bar_is_wiped_before_an_error_is_told(
     monkeypatch.setattr(sys, "stderr", terminal := Terminal())
     with pytest.raises(LogError):
         run(log + ".missing")
-    assert terminal.getvalue().endswith("\r\x1b[K")
+    assert terminal.getvalue().endswith("\x1b[2K")  # erase the line
 
 
 @pytest.mark.parametrize("option", [("--mode", "fast"), ("--wrist", "left"), ("--window", "long")])

@@ -25,6 +25,18 @@ LAG_S = 0.02
 LENGTHS = ("insertion", "lift")
 
 
+def verbs(*names: str):
+    """Mark methods of a class as commands, as the simulation does."""
+
+    def mark(kind: type) -> type:
+        for name in names:
+            getattr(kind, name).is_command = True
+        return kind
+
+    return mark
+
+
+@verbs("move_jp", "servo_jp", "servo_jf")
 class FakeJaw:
     def __init__(self, arm: FakeArm) -> None:
         self._arm = arm
@@ -39,6 +51,18 @@ class FakeJaw:
         self._arm.effort[-1:] = effort
 
 
+@verbs(
+    "servo_jp",
+    "servo_jf",
+    "move_jp",
+    "move_to",
+    "hold",
+    "set_mode",
+    "set_gains",
+    "use_gravity_compensation",
+    "release_brakes",
+    "lock_brakes",
+)
 class FakeArm:
     """An arm whose set-points run to their goals at a limited speed."""
 
@@ -152,6 +176,7 @@ PSM = {
 SUJ = {"lift": (-0.38, 0.84), "swing": (-1.5, 1.5)}
 
 
+@verbs("reset")
 class FakeWorld:
     """One column, and an arm of three bodies for each PSM."""
 
@@ -165,6 +190,10 @@ class FakeWorld:
         self.objects = {}
         self.rig = Namespace(name="fake", title="A fake", poses={"start": dict.fromkeys(centres)})
         self.arms["SUJ1"] = FakeArm("SUJ1", "SUJ", SUJ, None)
+
+    @property
+    def periods(self) -> int:
+        return self.steps
 
     def arm(self, name: str) -> FakeArm:
         if name not in self.arms:

@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from trocar.interfaces import ExchangeTool, JawMove, Loop, MoveTo
-from trocar.interfaces.commands import Verb
+from trocar.interfaces import Command, Loop
 from trocar.interfaces.viewer.page import Page
 from trocar.interfaces.viewer.panel import NONE, SETTLED, ArmControls, read_arm
 from trocar.interfaces.viewer.scene import Bodies
@@ -29,11 +28,11 @@ def server() -> Iterator[LocalServer]:
 def test_an_exchange_is_applied_between_two_ticks() -> None:
     world = World("three_psm")
     loop = Loop(world, speed="max")
-    loop.post(MoveTo("PSM2", "work"))
+    loop.post(Command("PSM2", "move_to", {"name": "work"}))
     loop.start(duration_s=1.0)
-    loop.post(ExchangeTool("PSM1", MARYLAND))
-    loop.post(ExchangeTool("PSM1", "SPOON"))
-    loop.post(JawMove("PSM1", 0.5))
+    loop.post(Command("PSM1", "set_tool_type", {"name": MARYLAND}))
+    loop.post(Command("PSM1", "set_tool_type", {"name": "SPOON"}))
+    loop.post(Command("PSM1", "jaw.move_jp", {"q": [0.5]}))
     loop.wait()
     assert world.arm("PSM1").tool == MARYLAND == loop.latest.arms["PSM1"].tool
     assert loop.state.refused == 1  # the spoon
@@ -69,7 +68,7 @@ def test_a_person_chooses_an_instrument(server: LocalServer) -> None:
     assert set(choice.handle.options) == {*info.tools, NONE}  # type: ignore[attr-defined]
     choice.handle._impl.value = MARYLAND
     choice.touch(MARYLAND)
-    assert posted == [Verb("world", "exchange_tool", {"name": "PSM1", "tool": MARYLAND})]
+    assert posted == [Command("world", "exchange_tool", {"name": "PSM1", "tool": MARYLAND})]
     choice.show(info.tool)  # still the old one: the exchange is on its way
     assert choice.handle.value == MARYLAND
     for _ in range(SETTLED):
@@ -97,7 +96,7 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
             page.refresh()
 
     look()
-    loop.post(ExchangeTool("PSM1", MARYLAND))
+    loop.post(Command("PSM1", "set_tool_type", {"name": MARYLAND}))
     look()
     assert page.panel.controls is not None
     sliders = page.panel.controls.sliders.handles
@@ -106,7 +105,9 @@ def test_the_page_shows_the_new_instrument_and_its_limits(
     assert len(changed) == 3
     assert page.panel.controls.instrument is not None
     assert page.panel.controls.instrument.handle.value == MARYLAND
-    loop.post(ExchangeTool("PSM1", "none"))  # fewer joints and bodies than the page knew
+    loop.post(
+        Command("PSM1", "set_tool_type", {"name": "none"})
+    )  # fewer joints and bodies than the page knew
     look()
     assert page.panel.controls is not None
     assert len(page.panel.controls.sliders.handles) == 3
@@ -124,7 +125,7 @@ def test_another_arm_s_controls_wait_for_its_sheet(
     loop = Loop(world, speed="max")
     page = Page(server, world, loop)
     monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    loop.post(ExchangeTool("PSM2", "none"))
+    loop.post(Command("PSM2", "set_tool_type", {"name": "none"}))
     for _ in range(6):
         loop.run(0.02)
         page.refresh()

@@ -8,23 +8,7 @@ import time
 import numpy as np
 import pytest
 
-from trocar.interfaces import (
-    Brakes,
-    Command,
-    Hold,
-    JawMove,
-    JawServo,
-    JawServoJf,
-    Loop,
-    MoveJp,
-    MoveTo,
-    Reset,
-    ServoJf,
-    ServoJp,
-    SetGains,
-    SetGravityCompensation,
-    SetMode,
-)
+from trocar.interfaces import Command, Loop
 from trocar.simulation import World
 
 
@@ -43,24 +27,46 @@ def after(loop: Loop, duration_s: float, *commands: Command):
 
 def test_moves_and_set_points_arrive(loop: Loop) -> None:
     goal = (0.3, -0.2, 0.15, 0.5, 0.1, -0.1)
-    arm = after(loop, 3.0, MoveJp("PSM1", goal), JawMove("PSM1", 0.6))["PSM1"]
+    arm = after(
+        loop,
+        3.0,
+        Command("PSM1", "move_jp", {"q": goal}),
+        Command("PSM1", "jaw.move_jp", {"q": [0.6]}),
+    )["PSM1"]
     assert arm.q == pytest.approx([*goal, 0.6], abs=2e-3)
     nearby = tuple(value + 0.01 for value in goal)
-    arm = after(loop, 1.0, ServoJp("PSM1", nearby), JawServo("PSM1", 0.5))["PSM1"]
+    arm = after(
+        loop,
+        1.0,
+        Command("PSM1", "servo_jp", {"q": nearby}),
+        Command("PSM1", "jaw.servo_jp", {"q": [0.5]}),
+    )["PSM1"]
     assert arm.setpoint == pytest.approx([*nearby, 0.5])
-    arm = after(loop, 5.0, MoveTo("PSM1", "home"))["PSM1"]
-    home = after(loop, 0.1, Hold("PSM1"))["PSM1"].setpoint
+    arm = after(loop, 5.0, Command("PSM1", "move_to", {"name": "home"}))["PSM1"]
+    home = after(loop, 0.1, Command("PSM1", "hold"))["PSM1"].setpoint
     assert arm.setpoint == pytest.approx(home) and not arm.busy
 
 
 def test_modes_efforts_gains_and_gravity_are_set(loop: Loop) -> None:
     start = loop.latest.arms["PSM1"].q[0]
-    arm = after(loop, 0.1, SetMode("PSM1", "effort", ("yaw", "jaw")))["PSM1"]
+    arm = after(
+        loop, 0.1, Command("PSM1", "set_mode", {"mode": "effort", "joints": ("yaw", "jaw")})
+    )["PSM1"]
     assert arm.modes == ("effort", *["position"] * 5, "effort")
     efforts = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    arm = after(loop, 0.5, ServoJf("PSM1", efforts), JawServoJf("PSM1", 0.05))["PSM1"]
+    arm = after(
+        loop,
+        0.5,
+        Command("PSM1", "servo_jf", {"effort": efforts}),
+        Command("PSM1", "jaw.servo_jf", {"effort": [0.05]}),
+    )["PSM1"]
     assert arm.q[0] > start + 0.02
-    after(loop, 0.1, SetGains("PSM1", "pitch", p=77.0), SetGravityCompensation("PSM1", False))
+    after(
+        loop,
+        0.1,
+        Command("PSM1", "set_gains", {"joint": "pitch", "p": 77.0}),
+        Command("PSM1", "use_gravity_compensation", {"on": False}),
+    )
     answer = loop.ask(
         lambda world: (world.arm("PSM1").gains("pitch")[0], world.arm("PSM1").gravity_compensation)
     )
@@ -72,20 +78,22 @@ def test_a_setup_arm_moves_only_when_its_brakes_are_released() -> None:
     loop = Loop(World("full_cart"), speed="max")
     before = loop.latest.arms["SUJ_PSM1"].q
     goal = tuple(before + np.array([0.02, 0.05, 0, 0, 0, 0]))
-    loop.post(MoveJp("SUJ_PSM1", goal))
+    loop.post(Command("SUJ_PSM1", "move_jp", {"q": goal}))
     arm = after(loop, 0.5)["SUJ_PSM1"]
     assert arm.q == pytest.approx(before, abs=1e-3) and all(arm.locked)
     assert arm.warnings == 1 and "brakes" in arm.last_warning
-    released = Brakes("SUJ_PSM1", released=True)
-    arm = after(loop, 3.0, released, MoveJp("SUJ_PSM1", goal))["SUJ_PSM1"]
+    released = Command("SUJ_PSM1", "release_brakes")
+    arm = after(loop, 3.0, released, Command("SUJ_PSM1", "move_jp", {"q": goal}))["SUJ_PSM1"]
     assert arm.q == pytest.approx(goal, abs=5e-3) and not any(arm.locked)
-    arm = after(loop, 0.5, Brakes("SUJ_PSM1", released=False))["SUJ_PSM1"]
+    arm = after(loop, 0.5, Command("SUJ_PSM1", "lock_brakes"))["SUJ_PSM1"]
     assert all(arm.locked)
 
 
 def test_a_reset_starts_over_exactly(loop: Loop) -> None:
-    first = after(loop, 1.0, MoveTo("PSM1", "home"))["PSM1"].q
-    second = after(loop, 1.0, Reset(), MoveTo("PSM1", "home"))["PSM1"].q
+    first = after(loop, 1.0, Command("PSM1", "move_to", {"name": "home"}))["PSM1"].q
+    second = after(
+        loop, 1.0, Command("world", "reset"), Command("PSM1", "move_to", {"name": "home"})
+    )["PSM1"].q
     assert loop.latest.time == pytest.approx(1.0)
     assert np.array_equal(first, second)
 
@@ -106,7 +114,10 @@ def test_somebody_elses_thread_can_wait_for_a_move() -> None:
 def test_readers_and_the_wall_clock_leave_the_motion_bit_identical() -> None:
     def run(speed, readers: int):
         loop = Loop(World("psm"), speed=speed)
-        for command in (MoveJp("PSM1", (0.4, 0.2, 0.15, 1.0, 0.3, 0.2)), JawMove("PSM1", 0.9)):
+        for command in (
+            Command("PSM1", "move_jp", {"q": (0.4, 0.2, 0.15, 1.0, 0.3, 0.2)}),
+            Command("PSM1", "jaw.move_jp", {"q": [0.9]}),
+        ):
             loop.post(command)
         over = threading.Event()
 
@@ -135,7 +146,7 @@ def test_ticks_that_are_due_together_make_the_motion_of_single_ones():
     for dues in ([1] * 300, [7, 5, 3] * 20):
         world = World("psm")
         loop = Loop(world, tick_s=0.001)
-        loop.post(MoveJp("PSM1", (0.2, -0.1, 0.1, 0.0, 0.0, 0.0)))
+        loop.post(Command("PSM1", "move_jp", {"q": (0.2, -0.1, 0.1, 0.0, 0.0, 0.0)}))
         for due in (1, *dues):
             loop.tick(due)
         reached.append(world.arm("PSM1").measured_js().position)

@@ -14,11 +14,15 @@ from PIL import Image
 
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces import Loop
-from trocar.interfaces.packing import FORMATS, Packer
-from trocar.interfaces.pairs import anaglyph, side_by_side
-from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.shots import Shot
-from trocar.interfaces.shutter import Shutter
+from trocar.interfaces.pictures import (
+    FORMATS,
+    Packer,
+    Pictures,
+    Shot,
+    Shutter,
+    anaglyph,
+    side_by_side,
+)
 from trocar.simulation import World
 
 from .fake_renderer import FakeRenderer
@@ -120,7 +124,7 @@ def test_a_picture_is_taken_when_it_is_due_and_would_be_drawn_soon(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now = 0.0
-    monkeypatch.setattr("trocar.interfaces.shutter.time.perf_counter", lambda: now)
+    monkeypatch.setattr("trocar.interfaces.pictures.time.perf_counter", lambda: now)
     shutter = Shutter()
     for _ in range(100):  # it learns that drawing takes 20 ms
         shutter.begin()

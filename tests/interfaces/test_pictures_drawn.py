@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from trocar.errors import TrocarError
-from trocar.interfaces import ExchangeTool, Loop, MoveJp
-from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.shots import Shot
+from trocar.interfaces import Command, Loop
+from trocar.interfaces.pictures import Pictures, Shot
 from trocar.simulation import World
 
 pytest.importorskip("moderngl", reason="the extra `scope` is not there")
@@ -63,7 +62,7 @@ def test_pictures_go_on_when_a_tool_is_exchanged_and_show_the_new_one() -> None:
 
     before = wait_for(1)
     for arm in ("PSM1", "PSM2"):
-        loop.post(ExchangeTool(arm, "none"))
+        loop.post(Command(arm, "set_tool_type", {"name": "none"}))
     after = wait_for(3)
     loop.close()
     pictures.close()
@@ -80,7 +79,7 @@ def test_the_motion_is_the_same_to_the_last_bit_whether_somebody_looks() -> None
         if look:
             pictures.add(looker)
             pictures.start()
-        loop.post(MoveJp("ECM", (0.2, 0.1, 0.12, 0.3)))
+        loop.post(Command("ECM", "move_jp", {"q": (0.2, 0.1, 0.12, 0.3)}))
         loop.start(0.6)
         loop.wait()
         pictures.close()

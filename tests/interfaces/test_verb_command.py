@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import InputError
-from trocar.interfaces import Loop, ServoJp, Verb
+from trocar.interfaces import Command, Loop
 from trocar.interfaces.inbox import Inbox
 from trocar.interfaces.viewer.panel import state_line
 from trocar.simulation import World
@@ -16,15 +16,15 @@ def test_a_posted_verb_reaches_the_arm_at_the_next_tick():
     world = World("psm", homed=False)
     loop = Loop(world, speed="max")
     for verb in ("enable", "home"):
-        assert loop.post(Verb("PSM1", verb))
+        assert loop.post(Command("PSM1", verb))
     loop.tick()
     assert world.arm("PSM1").operating_state().state == "ENABLED"
     for _ in range(200):
         loop.tick()
     assert world.arm("PSM1").operating_state().ready
     goal = {"q": np.array([0.1, 0.0, 0.12, 0.0, 0.0, 0.0])}
-    loop.post(Verb("PSM1", "move_jp", goal))
-    loop.post(Verb("PSM1", "jaw.open"))
+    loop.post(Command("PSM1", "move_jp", goal))
+    loop.post(Command("PSM1", "jaw.open"))
     loop.tick()
     assert world.arm("PSM1").busy
 
@@ -32,25 +32,28 @@ def test_a_posted_verb_reaches_the_arm_at_the_next_tick():
 @pytest.mark.parametrize("name", ["fly", "measured_js", "_stop", "jaw.fly"])
 def test_what_is_no_verb_is_an_error(name):
     with pytest.raises(InputError, match="does not have"):
-        Verb("PSM1", name).apply(World("psm"))
+        Command("PSM1", name).apply(World("psm"))
 
 
 def test_of_set_points_the_newest_counts_and_of_relative_ones_each():
     inbox = Inbox()
-    first, second = Verb("PSM1", "servo_cp", {"T": 1}), Verb("PSM1", "servo_jf", {"effort": 2})
-    move, jaw = Verb("PSM1", "move_jp", {"q": 3}), Verb("PSM1", "jaw.servo_jp", {"q": 4})
-    steps = [Verb("PSM1", "servo_jr", {"dq": k}) for k in range(3)]
-    for command in (first, move, ServoJp("PSM1", (0.0,)), second, jaw, *steps):
+    first, second = (
+        Command("PSM1", "servo_cp", {"T": 1}),
+        Command("PSM1", "servo_jf", {"effort": 2}),
+    )
+    move, jaw = Command("PSM1", "move_jp", {"q": 3}), Command("PSM1", "jaw.servo_jp", {"q": 4})
+    steps = [Command("PSM1", "servo_jr", {"dq": k}) for k in range(3)]
+    for command in (first, move, Command("PSM1", "servo_jp", {"q": (0.0,)}), second, jaw, *steps):
         inbox.post(command)
     assert inbox.drain() == [move, second, jaw, *steps]
 
 
 def test_moves_and_states_are_bounded():
     inbox = Inbox(capacity=2)
-    assert inbox.post(Verb("PSM1", "enable"))
-    assert inbox.post(Verb("PSM1", "jaw.move_jp", {"q": [0.0]}))
-    assert not inbox.post(Verb("PSM1", "home"))
-    assert inbox.post(Verb("PSM1", "servo_jp", {"q": [0.0]}))
+    assert inbox.post(Command("PSM1", "enable"))
+    assert inbox.post(Command("PSM1", "jaw.move_jp", {"q": [0.0]}))
+    assert not inbox.post(Command("PSM1", "home"))
+    assert inbox.post(Command("PSM1", "servo_jp", {"q": [0.0]}))
 
 
 def test_the_page_says_the_state_in_words():

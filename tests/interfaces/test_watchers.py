@@ -1,4 +1,4 @@
-"""Who looks on at a loop, and complaints that are told seldom."""
+"""Who looks on at a loop, and complaints that are told limit."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trocar.interfaces import Command, Loop, Pause, SetMode, Verb
-from trocar.interfaces.seldom import KINDS, Seldom, more
+from trocar.interfaces import Command, Loop
+from trocar.interfaces.rate_limit import KINDS, RateLimit, suffix
 from trocar.interfaces.state import Elapsed
 from trocar.simulation import World
 
@@ -37,7 +37,7 @@ def test_a_watcher_sees_every_tick_and_pauses_too(loop: Loop) -> None:
     stop = loop.watch(onlooker)
     loop.tick()
     loop.tick()
-    loop.post(Pause())
+    loop.post(Command("world", "pause"))
     loop.tick()
     assert [(e.simulated_s, e.paused) for e in onlooker.seen] == [
         (0.001, False),
@@ -54,10 +54,10 @@ def test_a_watcher_learns_of_commands_that_raise(
 ) -> None:
     onlooker = Onlooker()
     loop.watch(onlooker)
-    command = Verb("PSM1", "dance")
+    command = Command("PSM1", "dance")
     for _ in range(3):
         loop.post(command)
-    loop.post(SetMode("PSM1", "effort"))
+    loop.post(Command("PSM1", "set_mode", {"mode": "effort"}))
     loop.tick()
     assert [c for c, _ in onlooker.refusals] == [command] * 3
     assert "dance" in onlooker.refusals[0][1]
@@ -65,26 +65,26 @@ def test_a_watcher_learns_of_commands_that_raise(
 
 
 def test_the_same_complaint_is_due_once_in_two_seconds_with_how_many_were_left_out() -> None:
-    seldom = Seldom()
-    assert [seldom.due("a", t) for t in (0.0, 0.5, 1.9)] == [0, None, None]
-    assert seldom.due("b", 1.9) == 0
-    assert seldom.due("a", 2.0) == 2
-    assert more(2) == " (2 more such since)"
-    assert more(0) == ""
-    seldom.forget()
-    assert seldom.due("a", 2.0) == 0
+    limit = RateLimit()
+    assert [limit.due("a", t) for t in (0.0, 0.5, 1.9)] == [0, None, None]
+    assert limit.due("b", 1.9) == 0
+    assert limit.due("a", 2.0) == 2
+    assert suffix(2) == " (2 more such since)"
+    assert suffix(0) == ""
+    limit.forget()
+    assert limit.due("a", 2.0) == 0
 
 
 @given(times=st.lists(st.floats(0.0, 20.0), max_size=50).map(sorted))
 def test_every_complaint_is_told_or_counted(times: list[float]) -> None:
-    seldom = Seldom()
-    told = [seldom.due("kind", t) for t in times]
-    end = seldom.due("kind", 100.0)
+    limit = RateLimit()
+    told = [limit.due("kind", t) for t in times]
+    end = limit.due("kind", 100.0)
     assert sum(1 + unsaid for unsaid in (*told, end) if unsaid is not None) == len(times) + 1
 
 
 def test_kinds_of_complaints_are_bounded() -> None:
-    seldom = Seldom()
+    limit = RateLimit()
     for kind in range(10 * KINDS):
-        seldom.due(kind, 0.0)
-    assert len(seldom._said) <= KINDS
+        limit.due(kind, 0.0)
+    assert len(limit) <= KINDS

@@ -65,16 +65,8 @@ def test_poses_come_back_with_the_joints_that_made_them(
     name: str, rng: np.random.Generator
 ) -> None:
     arm = load_arm(name)
-    compare(arm, arm.mechanism, draw(arm, rng, 500))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SOLVED)
-def test_ten_thousand_poses_come_back_with_the_joints_that_made_them(
-    name: str, rng: np.random.Generator
-) -> None:
-    arm = load_arm(name)
-    compare(arm, arm.mechanism, draw(arm, rng, 10_000))
+    # `trocar bench figures` measures 10,000.
+    compare(arm, arm.mechanism, draw(arm, rng, 2000))
 
 
 @pytest.mark.parametrize("name", SOLVED)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.replay import repeat
+from trocar.apps.follow import repeat
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import Overlay, write_overlay

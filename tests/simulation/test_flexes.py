@@ -22,7 +22,7 @@ MASS = 0.02
 #: A sheet that lies on the table of the rig `psm`, off the arm.
 TISSUE = f"""
 <flexcomp name="tissue" type="grid" dim="2" count="4 4 1" spacing="0.02 0.02 0.02"
-          pos="0.15 0.15 0.003" radius="0.002" mass="{MASS}">
+          pos="0.15 0.15 0.083" radius="0.002" mass="{MASS}">
   <contact selfcollide="none" contype="255" conaffinity="255"/>
   <edge equality="true"/>
 </flexcomp>"""
@@ -74,8 +74,8 @@ def test_what_touches_a_flex_is_no_contact_of_an_arm(with_more: WithMore, tmp_pa
 
 
 def test_an_arm_that_presses_on_a_flex_names_it(with_more: WithMore, tmp_path: Path) -> None:
-    with_more(TISSUE.replace("0.15 0.15 0.003", "0 0 0.003"))
-    world = World(rig_with(tmp_path, TOUCH + TIP, height=0.22))
+    with_more(TISSUE.replace("0.15 0.15 0.083", "0 0 0.083"))
+    world = World(rig_with(tmp_path, TOUCH + TIP))
     world.set_state("PSM1", np.array([0.0, 0.0, 0.2235, 0.0, 0.0, 0.0, 0.0]))
     world.step(20)
     felt = touching(world).contacts

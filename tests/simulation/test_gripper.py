@@ -7,7 +7,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
-from trocar.interfaces.commands import GripperSqueezeTo
+from trocar.interfaces.inbox import Command
 from trocar.simulation import World
 from trocar.simulation.gripper import DEBOUNCE_S
 
@@ -157,13 +157,13 @@ def test_it_has_no_mode_to_choose(arm, mode):
 
 
 def test_the_page_s_command_squeezes_and_lets_go(world, arm):
-    GripperSqueezeTo("MTML", 0.2).apply(world)
+    Command("MTML", "gripper.squeeze_to", {"angle": 0.2}).apply(world)
     world.step(500)
     assert opening(arm) == pytest.approx(0.2, abs=2e-3)
     assert arm.snapshot(None).setpoint[-1] == pytest.approx(0.2)
-    GripperSqueezeTo("MTML", float(arm.upper[-1])).apply(world)
+    Command("MTML", "gripper.release").apply(world)
     world.step(500)
     assert opening(arm) == pytest.approx(OPEN, abs=1e-4)
     assert arm.snapshot(None).setpoint[-1] == opening(arm)
-    with pytest.raises(InputError, match="PSM1 has no gripper"):
-        GripperSqueezeTo("PSM1", 0.2).apply(World("psm"))
+    with pytest.raises(InputError, match="does not have"):
+        Command("PSM1", "gripper.squeeze_to", {"angle": 0.2}).apply(World("psm"))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.replay.repeat import repeat
+from trocar.apps.follow.repeat import repeat
 from trocar.descriptions import load_rig
 from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy

@@ -110,3 +110,37 @@ def test_a_reference_arm_that_no_setup_joints_are_made_for_is_refused():
     for rig, allowed in (("full_cart", "PSM1, PSM2, PSM3, ECM"), ("psm", "none, for the rig has")):
         with pytest.raises(InputError, match=f"reference arm: got 'PSM4'; allowed: {allowed}"):
             World(rig).set_reference_arm("PSM4")
+
+
+def test_a_tip_s_place_in_the_world_is_where_its_body_is() -> None:
+    world = World("suj_two_psm_ecm")
+    for name in ("PSM1", "PSM2"):
+        T = world.arm(name).tip_in_world()
+        assert T.frame_id == "world" and T.time == world.time
+        assert np.abs(T.T - tip_of_psm(world, name)).max() < 1e-6
+
+
+def test_the_tool_of_the_lone_psm_reaches_its_table() -> None:
+    world = World("psm")
+    arm = world.arm("PSM1")
+    (top,) = (prop.pose[2, 3] for prop in world.rig.props if prop.name == "table")
+    T = arm.measured_cp().T
+    for x in (-0.03, 0.0, 0.03):
+        T[:3, 3] = [x, 0.0, top - world.remote_centres()["PSM1"][2]]
+        q = arm.inverse_kinematics(T)
+        assert (arm.lower[:6] <= q).all() and (q <= arm.upper[:6]).all()
+        world.set_state("PSM1", np.append(q, 0.0))
+        assert arm.tip_in_world().T[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
+
+
+def test_worlds_arms_and_jaws_have_readable_representations() -> None:
+    world = World("psm")
+    arm = world.arm("PSM1")
+    assert repr(world) == "<World 'psm' at 0.000 s: PSM1>"
+    assert repr(arm).startswith(
+        "<Arm 'PSM1': PSM with LARGE_NEEDLE_DRIVER:400006, ENABLED; yaw 0, "
+    )
+    assert "insertion 0.12" in repr(arm)
+    assert repr(arm.jaw) == "<Jaw of 'PSM1': 0.0000 rad, set-point 0.0000 rad>"
+    world.exchange_tool("PSM1", "none")
+    assert "with" not in repr(arm) and arm.jaw is None

@@ -123,7 +123,7 @@ def test_verbs_in_any_order_never_move_an_arm_that_is_not_ready(names, seed, rea
 
 
 @pytest.mark.slow
-@settings(max_examples=10_000, deadline=None)
+@settings(max_examples=2_000, deadline=None)  # other ones each run
 @sequences
-def test_ten_thousand_orders_of_verbs_never_move_an_arm_that_is_not_ready(names, seed, ready):
+def test_fresh_orders_of_verbs_never_move_an_arm_that_is_not_ready(names, seed, ready):
     check_sequence(names, seed, ready)

@@ -47,12 +47,9 @@ def imu(frame: str, arm: str = "PSM1", more: str = "") -> str:
     return f'[[sensor]]\nname = "imu"\nkind = "imu"\narm = "{arm}"\nframe = "{frame}"\n{more}\n'
 
 
-def rig_with(folder: Path, sensors: str, rig: str = "psm", height: float = 0.3) -> Path:
-    """Write a built-in rig with sensors; `height` is that of a lone PSM's remote centre [m]."""
+def rig_with(folder: Path, sensors: str, rig: str = "psm") -> Path:
+    """Write a built-in rig with sensors."""
     text = (DATA / "rigs" / f"{rig}.toml").read_text(encoding="utf-8")
-    if height != 0.3:
-        assert text.count("xyz_m = [0.0, 0.0, 0.3]") == 1
-        text = text.replace("xyz_m = [0.0, 0.0, 0.3]", f"xyz_m = [0.0, 0.0, {height}]")
     path = folder / "rig.toml"
     path.write_text(text + "\n" + sensors, encoding="utf-8")
     return path
@@ -197,7 +194,7 @@ def test_inertia_and_weight_are_no_wrench(tmp_path: Path) -> None:
 
 def test_motors_that_press_a_tool_on_the_table_balance_weight_and_wrench(tmp_path: Path) -> None:
     """By virtual work tau = dV/dq - J^T w, with the analytic J; w has the table's friction."""
-    path = rig_with(tmp_path, TIP + MOTORS, height=0.22)
+    path = rig_with(tmp_path, TIP + MOTORS)
     world = World(path, friction="paper", gravity_compensation=False)
     arm = world.arm("PSM1")
     arm.move_jp([0.1, -0.15, 0.205, 0.4, 0.2, -0.1]).wait(5.0)
@@ -249,7 +246,7 @@ def test_only_what_lies_beyond_is_counted(tmp_path: Path) -> None:
 def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses(
     tmp_path: Path,
 ) -> None:
-    world = World(rig_with(tmp_path, TIP + TOUCH, height=0.22))
+    world = World(rig_with(tmp_path, TIP + TOUCH))
     assert touching(world).contacts == ()
     arm = world.arm("PSM1")
     arm.move_jp([0.0, 0.0, 0.24, 0.0, 0.0, 0.0]).wait(5.0)
@@ -261,7 +258,7 @@ def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses
         assert contact.other == contact.other_shape.rpartition("/")[0] == "table"
         assert contact.shape.startswith(f"{contact.body}/")
         np.testing.assert_allclose(contact.normal, [0.0, 0.0, 1.0], atol=1e-12)
-        assert abs(contact.point[2]) < 1e-6
+        assert contact.point[2] == pytest.approx(0.08, abs=1e-6)  # the table of rig psm
         assert 0.0 <= contact.depth < 1e-6
         assert contact.force[2] > 0.0
         assert np.linalg.norm(contact.force[:2]) <= 1.0 * contact.force[2]  # CONTACT_FRICTION
@@ -298,7 +295,7 @@ def test_what_one_arm_does_to_another_the_other_does_to_it(tmp_path: Path) -> No
 
 def test_contacts_can_be_those_of_one_frame_and_what_hangs_on_it(tmp_path: Path) -> None:
     one = TOUCH.replace('"touch"', '"one"') + 'frame = "finger_left"\n'
-    world = World(rig_with(tmp_path, TOUCH + one, height=0.22))
+    world = World(rig_with(tmp_path, TOUCH + one))
     world.arm("PSM1").move_jp([0.0, 0.0, 0.24, 0.0, 0.0, 0.0]).wait(5.0)
     chosen = touching(world, "one").contacts
     assert {c.body for c in chosen} == {"PSM1/finger_left"}
@@ -519,7 +516,7 @@ ALL = TIP + TOUCH + NEAR + MOTORS + imu("tip") + twist("roll")
 
 def test_reading_changes_no_bit_of_the_motion(tmp_path: Path) -> None:
     noisy = ALL.replace('kind = "tip_wrench"', 'kind = "tip_wrench"\nnoise_n = 0.1')
-    path = rig_with(tmp_path, noisy, height=0.22)
+    path = rig_with(tmp_path, noisy)
     watched, alone = World(path), World(path)
     for world in (watched, alone):
         for _ in range(2):
@@ -559,7 +556,7 @@ def test_the_mark_of_an_arm_that_was_put_somewhere_changes_no_bit_of_the_motion(
 
 
 def test_a_reading_right_after_an_arm_was_put_somewhere_is_of_there(tmp_path: Path) -> None:
-    world = World(rig_with(tmp_path, ALL, height=0.22))
+    world = World(rig_with(tmp_path, ALL))
     start = world.rig.poses["start"]["PSM1"]
     pressed = np.array([0.0, 0.0, 0.2274, 0.0, 0.0, 0.0, 0.0])
     assert touching(world).contacts == ()

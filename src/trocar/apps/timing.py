@@ -82,7 +82,11 @@ class Timing:
 
 
 def time_beside_bare(
-    world: World, trajectory: TestTrajectory, every: int, passes: int = 5
+    world: World,
+    trajectory: TestTrajectory,
+    every: int,
+    passes: int = 5,
+    watch: Callable[[int, int], None] | None = None,
 ) -> Timing:
     """Play a trajectory, step the same model alone, and play with a clock around mj_step, in turn.
 
@@ -94,13 +98,16 @@ def time_beside_bare(
         trajectory: what the arms follow
         every: physics periods of a row
         passes: how often each is done
+        watch: called with (passes done, passes) between them
     """
     count = every * len(next(iter(trajectory.positions.values())))
     own: list[float] = []
     bare: list[float] = []
     at_rest: list[float] = []
     recording: Recording | None = None
-    for _ in range(passes):
+    for done in range(passes):
+        if watch is not None:
+            watch(done, passes)
         begin_trajectory(world, trajectory)
         before = time.perf_counter()
         recording = world.play(trajectory.positions, trajectory.velocities, every=every)
@@ -251,13 +258,14 @@ def run_headless(
     passes: int = 5,
     realtime: bool = False,
     record: Callable[[], AbstractContextManager[object]] | None = None,
+    watch: Callable[[int, int], None] | None = None,
 ) -> HeadlessReport:
     """Drive every arm of a world but its setup joints along the test trajectory.
 
     The timed passes sample every 5 ms; loop health is that of a separate, untimed pass that
     samples every physics period. In real time another pass keeps to the wall clock, and it is
     that one's wall time and factor that are reported. With `record` one more pass, the first and
-    untimed, runs inside the context that it returns.
+    untimed, runs inside the context that it returns. `watch` is called with (passes done, passes).
 
     Raises:
         InputError: the duration, a timestep that 5 ms is no whole multiple of, or a file that
@@ -270,7 +278,7 @@ def run_headless(
         with record():
             begin_trajectory(world, trajectory)
             world.play(trajectory.positions, trajectory.velocities, every=every, record=False)
-    timing = time_beside_bare(world, trajectory, every, passes)
+    timing = time_beside_bare(world, trajectory, every, passes, watch)
     wall = _paced_pass(world, trajectory, every) if realtime else timing.own
     gap, rcm, branch = loop_health(world, trajectory, every)
     centred = any(name in trajectory.positions for name in world.remote_centres())

@@ -1,4 +1,4 @@
-"""Arguments that several subcommands take, and a parser that reports errors as trocar does."""
+"""The parser of the command line, and the arguments that several subcommands share."""
 
 from __future__ import annotations
 
@@ -8,26 +8,29 @@ from typing import NoReturn
 
 from trocar.errors import InputError
 
+#: Port of the web viewer.
+PORT = 8080
+
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are InputErrors: one line, no usage before it."""
+    """An argument parser that raises InputError, one line without usage."""
 
     def __init__(self, **options: object) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**options)  # type: ignore[arg-type]
 
     def error(self, message: str) -> NoReturn:
-        """Refuse the command line."""
+        """Reject the command line."""
         command = self.prog.partition(" ")[2]
         where = f"{command}: " if command else ""
         raise InputError(f"{where}{message} (see {self.prog} --help)")
 
 
 def keep_negative_numbers(words: Sequence[str]) -> list[str]:
-    """Return a command line in which argparse takes no number for an option.
+    """Return a command line in which argparse takes no negative number for an option.
 
-    It knows -1 and -0.5, but would take -1.2e-05 and -inf for options. A word that starts with a
-    space is none.
+    argparse recognises -1 and -0.5 as numbers, but not -1.2e-05 and -inf. A leading space keeps a
+    word from being parsed as an option.
     """
     return [f" {word}" if word.startswith("-") and _is_number(word) else word for word in words]
 
@@ -39,34 +42,12 @@ def number(text: str) -> float:
     return float(text)
 
 
-def add_arm(parser: argparse.ArgumentParser) -> None:
-    """Let the user choose an arm and its tool."""
-    parser.add_argument("arm", metavar="ARM", help="a built-in arm (trocar list), or a TOML file")
-    parser.add_argument(
-        "--tool", metavar="TOOL", help='another tool, its TOML file, or "none"; default: the arm\'s'
-    )
-
-
-def add_calibration(parser: argparse.ArgumentParser) -> None:
-    """Let the user lay a calibration over the arm."""
-    parser.add_argument(
-        "--calibration", metavar="OVERLAY", help="a calibrated robot in place of the nominal one"
-    )
-
-
-def add_calibrations(parser: argparse.ArgumentParser) -> None:
-    """Let the user lay calibrations over the arms of a rig."""
-    parser.add_argument(
-        "--calibration",
-        action="append",
-        metavar="[ARM=]OVERLAY",
-        help="a calibrated robot: for this arm, or for all of its kind; may be repeated",
-    )
-
-
-def add_json(parser: argparse.ArgumentParser) -> None:
-    """Let the user ask for JSON."""
-    parser.add_argument("--json", action="store_true", help="print one JSON document, for programs")
+def duration(text: str) -> float:
+    """Read a positive, finite time [s]."""
+    value = number(text)
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"got {value:g}; allowed: above 0 s")
+    return value
 
 
 def _is_number(text: str) -> bool:
@@ -75,3 +56,77 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def add_arm(parser: argparse.ArgumentParser) -> None:
+    """Add an arm and its tool."""
+    parser.add_argument("arm", metavar="ARM", help="built-in arm (trocar list) or TOML file")
+    parser.add_argument(
+        "--tool", metavar="TOOL", help='tool, its TOML file, or "none" (default: the arm\'s own)'
+    )
+
+
+def add_calibration(parser: argparse.ArgumentParser) -> None:
+    """Add the calibration of one arm."""
+    parser.add_argument(
+        "--calibration", metavar="OVERLAY", help="calibrated geometry in place of the nominal one"
+    )
+
+
+def add_calibrations(parser: argparse.ArgumentParser) -> None:
+    """Add the calibrations of a rig's arms."""
+    parser.add_argument(
+        "--calibration",
+        action="append",
+        metavar="[ARM=]OVERLAY",
+        help="calibrated geometry of this arm, or of all arms of its kind; may be repeated",
+    )
+
+
+def add_gains(parser: argparse.ArgumentParser) -> None:
+    """Add the presets of servo gains and of joint friction."""
+    parser.add_argument(
+        "--control", choices=("dvrk", "paper"), default="dvrk", help="servo gains (default: dvrk)"
+    )
+    parser.add_argument(
+        "--friction",
+        choices=("identified", "paper"),
+        default="identified",
+        help="joint friction (default: identified)",
+    )
+
+
+def add_rig(parser: argparse.ArgumentParser, rig: str | None = "full_cart") -> None:
+    """Add the rig; None: the command chooses one."""
+    parser.add_argument(
+        "--rig",
+        default=rig,
+        help=f"built-in rig (trocar list) or TOML file; default: {rig or 'the smallest that fits'}",
+    )
+
+
+def add_port(parser: argparse._ActionsContainer) -> None:
+    """Add the port of the web viewer."""
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=PORT,
+        metavar="N",
+        help=f"web viewer port (default {PORT}, 0 = any free port)",
+    )
+
+
+def add_origin(parser: argparse._ActionsContainer) -> None:
+    """Add the origins of web pages that may connect."""
+    parser.add_argument(
+        "--origin",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="accept pages of this origin, as http://localhost:3000; may be repeated",
+    )
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add JSON output."""
+    parser.add_argument("--json", action="store_true", help="print one JSON document, for programs")

@@ -9,13 +9,12 @@ python -m benchmarks --help.
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, number
-from trocar.cli.output import print_json, table
+from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
 #: The parts that are measured by default, and all parts.
 PARTS = ("speed", "figures")
 ALL_PARTS = (*PARTS, "core")
+#: Steps that each part announces, for the estimate of the progress bar.
+STEPS = {"speed": 6, "figures": 11, "core": 10}
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -75,20 +76,21 @@ def run(args: Namespace) -> int:
     parts = args.part or (("speed",) if overlays else PARTS)
     rows: list[Table9Row] = []
     found: list[Figure] = []
-    if "speed" in parts:
-        rows = table9(args.duration, args.passes, _watch, overlays)
-    if "figures" in parts:
-        found += fidelity(_watch, args.poses)
-    if "core" in parts:
-        found += core(_watch)
-    if args.log:
-        found += _replayed(args.log)
-    if args.json:
-        print_json({"table9": [asdict(r) for r in rows], "figures": [f.document() for f in found]})
-    else:
-        blocks = [_speeds(rows)] if rows else []
-        blocks += [table(*figure_rows(found))] if found else []
-        print("\n\n".join(blocks))
+    steps = sum(STEPS[part] for part in parts) + bool(args.log)
+    with progress_steps("measuring", steps) as watch:
+        if "speed" in parts:
+            rows = table9(args.duration, args.passes, watch, overlays)
+        if "figures" in parts:
+            found += fidelity(watch, args.poses)
+        if "core" in parts:
+            found += core(watch)
+        if args.log:
+            watch("replay")
+            found += _replayed(args.log)
+    document = {"table9": [asdict(r) for r in rows], "figures": [f.document() for f in found]}
+    blocks = [_speeds(rows)] if rows else []
+    blocks += [table(*figure_rows(found))] if found else []
+    print_result(args, document, lambda: "\n\n".join(blocks))
     return 0
 
 
@@ -98,15 +100,10 @@ def _part(name: str) -> str:
     return name
 
 
-def _watch(what: str) -> None:
-    print(f"trocar: measuring {what} ...", file=sys.stderr, flush=True)
-
-
 def _replayed(log: str) -> list[Figure]:
     from trocar.apps.figures import Figure
-    from trocar.apps.replay import ReplaySettings, replay
+    from trocar.apps.follow import ReplaySettings, replay
 
-    _watch("replay")
     report = replay(log, "psm", ReplaySettings())
     found: list[Figure] = []
     for joint, rms in report.tracking_rms.items():

@@ -11,11 +11,10 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json
-from trocar.cli.output import print_json, table, warn
-from trocar.cli.progress import progress_steps
+from trocar.cli.output import print_json, progress_steps, table, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.calibration.records import Calibration
+    from trocar.apps.calibration.calibrate import Calibration
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -74,7 +73,7 @@ def _report(found: Calibration) -> str:
     rows = [
         [label, f"{1e3 * v.value:.4f}", f"{1e3 * v.sigma:.4f}",
          f"{1e3 * found.closed_distances[label]:.4f}",
-         f"{1e3 * (found.closed_distances[label] - v.value):+.4f}"]
+         f"{1e3 * found.absorbed[label]:+.4f}"]
         for label, v in found.axis_distances.items()
     ]  # fmt: skip
     head = ["axes", "measured [mm]", "sigma [mm]", f"{found.closure} [mm]", "absorbed [mm]"]
@@ -88,7 +87,7 @@ def _report(found: Calibration) -> str:
         angles = [[n, f"{v.value:.6f}", f"{v.sigma:.6f}"] for n, v in found.betas.items()]
         parts.append(table(["angle at q = 0", "[rad]", "sigma [rad]"], angles))
     if found.centre is not None:
-        report, distance = found.centre.report, found.centre.distance
+        report, distance = found.centre, found.centre.distance
         places = [
             [axis, f"{1e3 * p:.4f}", f"{1e3 * s:.4f}"]
             for axis, p, s in zip("xyz", report.fit.post, report.fit.sigma_post, strict=True)

@@ -1,4 +1,4 @@
-"""Where the tip of an arm, or any of its frames, is at given joint positions.
+"""Compute the pose of an arm's tip, or of any of its frames, from joint positions.
 
 Joint positions are in radians, the insertion (and a setup joint's slide) in metres, in the
 dVRK's order and with its signs. A PSM takes six, or seven with the jaw's opening angle last;
@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_arm, add_calibration, add_json, number
-from trocar.cli.output import fixed, print_json, short, table, title, warn
+from trocar.cli.output import fixed, print_result, short, table, title, warn
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,9 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, slides m]"
     )
-    parser.add_argument(
-        "--frame", metavar="NAME", help='a frame by its name, or "all"; default: the tip'
-    )
+    parser.add_argument("--frame", metavar="NAME", help='a frame, or "all" (default: the tip)')
     add_json(parser)
 
 
@@ -48,22 +46,17 @@ def run(args: Namespace) -> int:
     head = {"arm": arm.name, "tool": arm.tool or None, "relative_to": arm.mechanism.reference}
     if args.frame == "all":
         frames = forward.poses(arm.mechanism, q)
-        if args.json:
-            print_json({**head, "frames": frames})
-        else:
-            print(_all_frames(arm, frames))
+        print_result(args, {**head, "frames": frames}, lambda: _all_frames(arm, frames))
         return 0
     name = args.frame or arm.mechanism.tip
     pose = forward.pose(arm.mechanism, q, name)
-    if args.json:
-        print_json({**head, "frame": name, "pose": pose})
-    else:
-        print(_one_frame(arm, name, pose))
+    document = {**head, "frame": name, "pose": pose}
+    print_result(args, document, lambda: _one_frame(arm, name, pose))
     return 0
 
 
 def _positions(arm: ArmDescription, values: list[float]) -> list[float]:
-    """Return a value for each joint, jaw or gripper shut where not given; warn beyond limits."""
+    """Return a position per joint, jaw or gripper 0 where not given; warn beyond limits."""
     joints = [joint.name for joint in arm.joints]
     own = joints[: arm.own_joints]
     if len(values) not in (len(joints), len(own)):

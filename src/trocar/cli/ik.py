@@ -1,7 +1,7 @@
-"""All joint positions inside the limits that bring the tip of an arm to a pose.
+"""Compute all joint positions within the limits that bring an arm's tip to a pose.
 
 The pose is in the arm's own frame (relative_to in the answer): three coordinates in metres and
-a quaternion, scalar first. Exit status 1 says that the pose cannot be reached.
+a quaternion, scalar first. Exit status 1: the pose cannot be reached.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_arm, add_calibration, add_json, number
-from trocar.cli.output import fixed, print_json, table, title
+from trocar.cli.output import fixed, print_json, print_result, table, title
 from trocar.errors import InputError, SingularError, UnreachableError
 
 if TYPE_CHECKING:
@@ -41,13 +41,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="Q",
         nargs="+",
         type=number,
-        help="joint positions that solutions come nearest to first; default: middle of the limits",
+        help="sort solutions by distance from these positions (default: middle of the limits)",
     )
     parser.add_argument(
         "--platform",
         metavar="RAD",
         type=number,
-        help="an MTM's wrist platform angle [rad]; default: wrist yaw 0 where the limits allow it",
+        help="an MTM's wrist platform angle [rad] (default: wrist yaw 0 where the limits allow it)",
     )
     add_json(parser)
 
@@ -70,10 +70,9 @@ def run(args: Namespace) -> int:
         print(f"trocar: error: {error}", file=sys.stderr)
         return 1
     names = arm.mechanism.joint_names[: solutions.shape[-1]]
-    if args.json:
-        print_json({**answer, "joints": names, "solutions": solutions})
-    else:
-        print(_report(arm, solutions, first="the seed" if args.seed else "the middle"))
+    first = "the seed" if args.seed else "the middle"
+    document = {**answer, "joints": names, "solutions": solutions}
+    print_result(args, document, lambda: _report(arm, solutions, first))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The arms, tools, rigs and cameras that come with trocar."""
+"""List the arms, tools, rigs and cameras that come with trocar."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from argparse import ArgumentParser, Namespace
 from typing import Any
 
 from trocar.cli.arguments import add_json
-from trocar.cli.output import print_json, table
+from trocar.cli.output import print_result, table
 
 SHELVES = ("arms", "tools", "rigs", "cameras")
 
@@ -21,13 +21,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Print what there is."""
-    wanted = [args.shelf] if args.shelf else SHELVES
-    found = {shelf: _SHELVES[shelf]() for shelf in wanted}
-    if args.json:
-        print_json(found)
-    else:
-        print("\n\n".join(_report(shelf, rows) for shelf, rows in found.items()))
+    """Print the catalogue."""
+    readers = {"arms": _arms, "tools": _tools, "rigs": _rigs, "cameras": _cameras}
+    found = {shelf: readers[shelf]() for shelf in ([args.shelf] if args.shelf else SHELVES)}
+    print_result(args, found, lambda: "\n\n".join(_report(*shelf) for shelf in found.items()))
     return 0
 
 
@@ -80,17 +77,13 @@ def _cameras() -> list[dict[str, Any]]:
     ]
 
 
-_SHELVES = {"arms": _arms, "tools": _tools, "rigs": _rigs, "cameras": _cameras}
-
-
 def _report(shelf: str, rows: list[dict[str, Any]]) -> str:
     head = [shelf[:-1], *(key for key in rows[0] if key != "name")]
-    return table(head, [[_cell(value) for value in row.values()] for row in rows], indent="")
-
-
-def _cell(value: Any) -> str:
-    return (
-        " ".join(map(str, value))
-        if isinstance(value, list)
-        else str(value if value is not None else "-")
-    )
+    cells = [
+        [
+            " ".join(map(str, v)) if isinstance(v, list) else str("-" if v is None else v)
+            for v in row
+        ]
+        for row in (row.values() for row in rows)
+    ]
+    return table(head, cells, indent="")

@@ -1,8 +1,8 @@
 """The simulated arms follow a real robot: live, or as it was recorded.
 
-Listens to /<ARM>/measured_js (and jaw, gripper, setup joints) and puts the arms of the rig there,
-or lets their servos follow. Of a recording the page shows what was done then; --no-page runs
-through it and reports how far the arms lagged behind. docs/mirror.md says more.
+Subscribes to /<ARM>/measured_js (and jaw, gripper, setup joints) and puts the arms of the rig
+there, or lets their servos follow. With --bag, the page shows a recording; --no-page runs through
+it and reports how far the arms lagged behind. See docs/mirror.md.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
-from trocar.cli.cameras import add_look, open_pictures
+from trocar.cli.arguments import add_json, add_origin, add_port, number
 from trocar.cli.output import print_json, table
-from trocar.cli.serving import PORT, add_origin
-from trocar.cli.worlds import add_record, recording
+from trocar.cli.worlds import add_look, add_record, open_pictures, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.mirroring import BagSource, LiveSource, Mirror, MirrorReport
+    from trocar.apps.follow import BagSource, LiveSource, Mirror, MirrorReport
     from trocar.interfaces import Loop
     from trocar.interfaces.origins import PageAccess
     from trocar.interfaces.pictures import Pictures
@@ -39,37 +37,38 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
     )
     parser.add_argument(
-        "--arms", metavar="ARM,...", help="arms that follow; default: all that the source tells of"
+        "--arms", metavar="ARM,...", help="arms that follow; default: all with topics in the source"
     )
     parser.add_argument(
         "--by",
         choices=("set", "servo"),
         default="set",
-        help="put where the robot is (default), or follow it by their own servos",
+        help="put the arms where the robot is (default), or let their servos follow it",
     )
     parser.add_argument("--duration", type=number, metavar="S", help="stop after this much time")
     parser.add_argument(
         "--speed",
         choices=("realtime", "max"),
-        help="of a bag; default: realtime with the page, max without",
+        help="playback of a bag; default: realtime with the page, max without",
     )
     add_record(parser)
-    parser.add_argument(
-        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
-    )
+    add_port(parser)
     parser.add_argument("--no-page", action="store_true", help="serve no page: follow and report")
     parser.add_argument(
         "--serve",
         type=int,
         metavar="N",
-        help="the twin's own topics and images over rosbridge's WebSocket at this port; 0: any",
+        help="serve the twin's own topics and images over rosbridge's WebSocket; 0: any port",
     )
     add_origin(parser)
-    cameras = parser.add_argument_group("what the twin's cameras see")
-    cameras.add_argument("--no-cameras", action="store_true", help="draw nothing")
+    cameras = parser.add_argument_group("cameras of the twin")
+    cameras.add_argument("--no-cameras", action="store_true", help="render no images")
     cameras.add_argument("--camera-rate", type=number, metavar="HZ", help="default: 60")
     cameras.add_argument(
-        "--image-format", choices=("jpeg", "png"), default="jpeg", help="of compressed images"
+        "--image-format",
+        choices=("jpeg", "png"),
+        default="jpeg",
+        help="format of compressed images",
     )
     add_look(cameras)
     add_json(parser)
@@ -83,7 +82,7 @@ def run(args: Namespace) -> int:
         raise InputError("--json: only a run without the page has a report; add --no-page")
     if args.speed == "max" and not args.bag:
         raise InputError("--speed max: a robot that is there now moves in real time; use --bag")
-    from trocar.apps.mirroring import Mirror
+    from trocar.apps.follow import Mirror
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
     from trocar.interfaces.origins import PageAccess
@@ -97,8 +96,8 @@ def run(args: Namespace) -> int:
     loop.while_running = recording(world, args)
     arms = [name.strip() for name in args.arms.split(",") if name.strip()] if args.arms else None
     mirror = Mirror(loop, source, arms, args.by)
-    if mirror.twins.missing and args.bag:
-        print(f"not in {args.bag}: {', '.join(mirror.twins.missing)}", file=sys.stderr)
+    if mirror.missing and args.bag:
+        print(f"not in {args.bag}: {', '.join(mirror.missing)}", file=sys.stderr)
     with ExitStack() as stack:
         stack.enter_context(closing(mirror))
         pictures = _pictures(loop, args, stack)
@@ -114,24 +113,24 @@ def run(args: Namespace) -> int:
     if args.json:
         print_json(asdict(report))
     elif args.no_page:
-        print(_told(report))
+        print(_text(report))
     return 0
 
 
 def _source(args: Namespace) -> BagSource | LiveSource:
-    from trocar.apps.mirroring import BagSource, LiveSource, open_bag
+    from trocar.apps.follow import BagSource, LiveSource, open_bag
 
     if args.bag:
         return BagSource(open_bag(args.bag))
     if args.websocket:
-        from trocar.interfaces.crtk.transports.websocket.listening import WebSocketListener
+        from trocar.interfaces.crtk.transports.websocket.client import WebSocketListener
 
         return LiveSource(WebSocketListener(args.websocket), args.websocket)
     if args.ros1:
-        from trocar.interfaces.crtk.transports.ros1.listening import Ros1Listener
+        from trocar.interfaces.crtk.transports.ros1 import Ros1Listener
 
         return LiveSource(Ros1Listener(), "ROS 1")
-    from trocar.interfaces.crtk.transports.ros2.listening import Ros2Listener
+    from trocar.interfaces.crtk.transports.ros2 import Ros2Listener
 
     return LiveSource(Ros2Listener(), "ROS 2")
 
@@ -147,8 +146,8 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
 
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
-    """Start what draws for the twin's cameras, where anybody could look."""
-    pictures = open_pictures(loop, args)  # what is wrong with the options is said in any case
+    """Start rendering the twin's cameras, where a client could look."""
+    pictures = open_pictures(loop, args)  # checks the options in any case
     if pictures is None or (args.no_page and args.serve is None):
         return None
     stack.enter_context(closing(pictures))
@@ -159,7 +158,7 @@ def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
 def _served(
     loop: Loop, args: Namespace, shared: tuple[Pictures | None, PageAccess], stack: ExitStack
 ) -> str:
-    """Serve the twin's own topics, where that is asked for; return what to tell the user."""
+    """Serve the twin's own topics with --serve; return the line to print."""
     if args.serve is None:
         return ""
     from trocar.interfaces.crtk import Core
@@ -184,12 +183,12 @@ def _show(
     from trocar.interfaces.viewer import serve
 
     pictures, access, address = more
-    told = f"\n{address}" if address else ""
+    more_lines = f"\n{address}" if address else ""
     serve(
         world,
         port=args.port,
         duration_s=args.duration,
-        on_ready=lambda url: print(f"{url}  (Ctrl-C stops){told}", flush=True),
+        on_ready=lambda url: print(f"{url}  (Ctrl-C stops){more_lines}", flush=True),
         loop=loop,
         pictures=pictures,
         note=mirror.page,
@@ -197,7 +196,7 @@ def _show(
     )
 
 
-def _told(report: MirrorReport) -> str:
+def _text(report: MirrorReport) -> str:
     rows = [
         [
             name,

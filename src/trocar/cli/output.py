@@ -1,4 +1,4 @@
-"""What the command line prints: tables for people, one JSON document for programs."""
+"""Output of the command line: tables for people, one JSON document for programs, progress bars."""
 
 from __future__ import annotations
 
@@ -6,23 +6,31 @@ import json
 import math
 import re
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from trocar.descriptions import ArmDescription
 
-GAP = "  "
+#: Least time between two pictures of a progress bar: drawing one takes about 1 ms. [s]
+REFRESH_S = 0.1
+
+
+def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[], str]) -> None:
+    """Print a result: the document with --json, else the text."""
+    if args.json:
+        print_json(document)
+    else:
+        print(text())
 
 
 def print_json(document: Mapping[str, Any]) -> None:
     """Print a document; arrays become lists, NaN and infinity null."""
     text = json.dumps(plain(document), indent=2, allow_nan=False)
-    print(re.sub(r"\[\n[^][{}]*\]", _on_one_line, text))
-
-
-def _on_one_line(values: re.Match[str]) -> str:
-    return f"[{' '.join(values[0][1:-1].split())}]"
+    print(re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text))
 
 
 def plain(value: Any) -> Any:
@@ -39,7 +47,7 @@ def plain(value: Any) -> Any:
 
 
 def warn(message: str) -> None:
-    """Say on stderr what the user should know, but what stops nothing."""
+    """Print a warning on stderr."""
     print(f"trocar: warning: {message}", file=sys.stderr)
 
 
@@ -49,14 +57,14 @@ def title(arm: ArmDescription) -> str:
 
 
 def fixed(value: float, decimals: int = 9) -> str:
-    """Write a number with so many decimals, rounded to 0 without a sign."""
+    """Format with a fixed number of decimals; no sign on 0, - for NaN and infinity."""
     if not math.isfinite(value):
         return "-"
     return f"{round(float(value), decimals) + 0.0:.{decimals}f}"
 
 
 def short(value: float | None) -> str:
-    """Write a number with up to seven digits, what is only rounding as 0, what is none as -."""
+    """Format with up to seven digits; rounding errors as 0; - for None, NaN and infinity."""
     if value is None or not math.isfinite(value):
         return "-"
     return "0" if abs(value) < 1e-12 else f"{value:.7g}"
@@ -65,13 +73,16 @@ def short(value: float | None) -> str:
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ") -> str:
     """Lay out rows under a head; columns of numbers are flush right.
 
+    Unlike rich's, the lines keep their width where no terminal is, and nothing is imported.
+
     Args:
         head: the columns' names with their units
         rows: as many texts each
         indent: what each line starts with
     """
     body = [list(row) for row in rows]
-    right = [all(_numeric(row[i]) for row in body) for i in range(len(head))]
+    numbers = set("0123456789+-.e ")
+    right = [all(row[i] and set(row[i]) <= numbers for row in body) for i in range(len(head))]
     widths = [max(len(line[i]) for line in [head, *body]) for i in range(len(head))]
 
     def line(cells: Sequence[str]) -> str:
@@ -79,10 +90,88 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  "
             cell.rjust(width) if flush else cell.ljust(width)
             for cell, width, flush in zip(cells, widths, right, strict=True)
         )
-        return (indent + GAP.join(padded)).rstrip()
+        return (indent + "  ".join(padded)).rstrip()
 
     return "\n".join([line(head), *(line(row) for row in body)])
 
 
-def _numeric(cell: str) -> bool:
-    return bool(cell) and set(cell) <= set("0123456789+-.e ")
+@contextmanager
+def progress_bar(unit: str, shown: bool = True) -> Iterator[Callable[[int, int], None] | None]:
+    """Yield a function (done, total) that draws a progress bar with an estimate on stderr.
+
+    None where stderr is no terminal, or `shown` is false.
+
+    Args:
+        unit: what is counted
+        shown: whether to draw at all
+    """
+    if not (shown and sys.stderr.isatty()):
+        yield None
+        return
+    drawn = float("-inf")
+
+    def announce(done: int, total: int) -> None:
+        nonlocal drawn
+        if (now := time.monotonic()) >= drawn + REFRESH_S or done == total:
+            drawn = now
+            draw(f"{done} of {total} {unit}", done, total)
+
+    with _bar() as draw:
+        yield announce
+
+
+@contextmanager
+def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callable[[str], None]]:
+    """Yield a function that announces the next step, in a progress bar where stderr is a terminal.
+
+    Args:
+        verb: elsewhere each step prints `trocar: VERB STEP ...`; "": nothing
+        count: number of steps, for an estimate of the time that remains; None: unknown
+    """
+    if not sys.stderr.isatty():
+
+        def announce_line(step: str) -> None:
+            if verb:
+                print(f"trocar: {verb} {step} ...", file=sys.stderr, flush=True)
+
+        yield announce_line
+        return
+    begun = -1
+
+    def announce(step: str) -> None:
+        nonlocal begun
+        begun += 1
+        draw(f"{verb} {step}".strip(), begun, None if count is None else max(count, begun + 1))
+
+    with _bar() as draw:
+        yield announce
+
+
+@contextmanager
+def _bar() -> Iterator[Callable[[str, int, int | None], None]]:
+    """Yield a function (text, done, total) that draws a bar on stderr until the block ends."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(32),
+        TextColumn("{task.description}", markup=False),
+        TimeElapsedColumn(),
+        TextColumn("elapsed,"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+    )
+    # No thread redraws the bar: some commands measure time.
+    with Progress(
+        *columns, console=Console(stderr=True), auto_refresh=False, transient=True
+    ) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda text, done, total: bar.update(
+            task, description=text, completed=done, total=total, refresh=True
+        )

@@ -1,46 +1,46 @@
-"""The program `trocar`: which subcommands there are, and how an error ends it.
+"""The program `trocar`: its subcommands, and how an error ends it.
 
 Exit status: 0 done; 1 the run failed; 2 bad input, nothing was done; 130 interrupted.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
-from importlib.util import find_spec
 
 from trocar import __version__
 from trocar.cli.arguments import Parser, keep_negative_numbers
-from trocar.errors import InputError, TrocarError
+from trocar.errors import InputError, TrocarError, UnknownNameError
 
-#: Subcommand -> what `trocar --help` says of it. The module `trocar.cli.<name>`, hyphens as _, has
+#: Subcommand -> its line in `trocar --help`. The module `trocar.cli.<name>`, hyphens as _, has
 #: `add_arguments(parser)` and `run(args) -> exit status`; it imports heavy libraries in `run` only.
 COMMANDS = {
-    "sim": "simulate a rig: live in the browser, or headless",
-    "render": "what a rig's camera sees, as a picture or a video",
-    "run": "a script of the dVRK without ROS, as fast as it goes",
-    "teleop": "drive a rig by hand: keyboard, gamepad, SpaceMouse, masters",
-    "tune": "step response of an arm's joints, and gains tuned from it",
-    "mirror": "the simulated arms follow a real robot, live or recorded",
+    "sim": "simulate a rig, live in the browser or headless",
+    "render": "write a picture or a video of a rig's camera",
+    "run": "run a dVRK script without ROS",
+    "teleop": "drive a rig by keyboard, gamepad, SpaceMouse or masters",
+    "tune": "measure an arm's step responses and tune its gains",
+    "mirror": "follow a real robot with the simulated arms, live or recorded",
     "replay": "repeat a recording, or drive an arm along one of a real arm",
-    "mocap": "tracks of a simulated arm, as cameras would tell them",
-    "rcm": "the remote centre of an arm from tracks of motion capture",
-    "plot": "draw a recording: joints, errors, efforts",
-    "calibrate": "a robot's own geometry, from motion capture",
-    "fk": "poses of an arm's frames from joint positions",
-    "ik": "all joint positions that bring an arm's tip to a pose",
-    "list": "names of the built-in arms, tools and rigs",
-    "show": "what is known of an arm: frames, limits, masses, sources",
-    "export": "an arm or a rig for other simulators: URDF, SDF, MJCF",
-    "import": "a robot or an object of another tool, as an arm or a prop",
-    "import-dvrk": "a lab's own dVRK configuration, as a rig",
-    "verify": "the paper's experiments repeated, its figures beside ours",
-    "bench": "measure real-time factors beside bare MuJoCo",
+    "mocap": "simulate motion capture of an arm",
+    "rcm": "find an arm's remote centre in motion capture",
+    "plot": "plot a recording: joints, errors, efforts",
+    "calibrate": "identify an arm's own geometry from motion capture",
+    "fk": "forward kinematics: poses from joint positions",
+    "ik": "inverse kinematics: all joint positions of a pose",
+    "list": "list built-in arms, tools, rigs and cameras",
+    "show": "show an arm: frames, limits, masses, sources",
+    "export": "write an arm or a rig as URDF, SDF or MJCF",
+    "import": "import an arm or a prop from URDF, SDF, MJCF or a mesh",
+    "import-dvrk": "import a lab's dVRK configuration, as a rig",
+    "verify": "repeat the closed-loop paper's experiments",
+    "bench": "measure speed beside bare MuJoCo, and accuracy",
+    "sample": "write small sample files for the other commands",
+    "completion": "print the completion script of a shell",
 }
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -55,17 +55,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         the exit status, see above
     """
-    words = sys.argv[1:] if arguments is None else arguments
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        args = build_parser().parse_args(keep_negative_numbers(words))
-        _log_to_stderr()
+        command = next((word for word in words if not word.startswith("-")), None)
+        if command is not None and command not in COMMANDS:
+            raise UnknownNameError("command", command, COMMANDS)
+        parser = build_parser((command or "",))
+        if not words:
+            parser.print_help()
+            return DONE
+        args = parser.parse_args(keep_negative_numbers(words))
+        logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
         status: int = args.run(args)
         sys.stdout.flush()
     except TrocarError as error:
         print(f"trocar: error: {' '.join(str(error).split())}", file=sys.stderr)
         return BAD_INPUT if isinstance(error, InputError) else FAILED
     except BrokenPipeError:  # nobody reads on, as in `trocar show psm | head`
-        _close_output()
+        _discard_output()
         return FAILED
     except KeyboardInterrupt:
         print("trocar: interrupted", file=sys.stderr)
@@ -73,20 +80,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return status
 
 
-def build_parser() -> argparse.ArgumentParser:
-    """Return the parser with every subcommand whose module is there."""
+def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
+    """Return the parser of all subcommands, with the arguments of those that are `described`."""
     parser = Parser(
         prog="trocar",
         description="The da Vinci Research Kit in Python: true mechanism, dynamics, interface.",
-        epilog="trocar COMMAND --help says more. Lengths are in metres, angles in radians.",
+        epilog="See trocar COMMAND --help for a command. Lengths are in metres, angles in radians.",
     )
     parser.add_argument("--version", action="version", version=f"trocar {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, title="commands")
     for name, summary in COMMANDS.items():
-        place = f"trocar.cli.{name.replace('-', '_')}"
-        if find_spec(place) is None:
+        if name not in described:
+            commands.add_parser(name, help=summary)
             continue
-        module = import_module(place)
+        module = import_module(f"trocar.cli.{name.replace('-', '_')}")
         command = commands.add_parser(
             name, help=summary, description=module.__doc__, formatter_class=parser.formatter_class
         )
@@ -95,13 +102,8 @@ def build_parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _log_to_stderr() -> None:
-    """Let warnings of the simulation look like those of the command line."""
-    logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
-
-
-def _close_output() -> None:
-    """Send what is still buffered nowhere, so that the interpreter's own flush does not fail."""
+def _discard_output() -> None:
+    """Redirect buffered output to nowhere, so that the interpreter's own flush does not fail."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

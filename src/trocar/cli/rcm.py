@@ -1,8 +1,8 @@
-"""The remote centre of an arm from tracks of motion capture, by pivot calibration.
+"""Find an arm's remote centre in motion capture, by pivot calibration.
 
 TRACKS is a CSV export of OptiTrack Motive or tidy CSV, of a sweep of yaw and pitch; bodies are
-called ARM_LINK, such as psm_base, psm_yaw, psm_pitch_end. Exit status 2 says that the sweep does
-not fix the centre, as when only one joint turned. docs/calibration.md has the method.
+called ARM_LINK, such as psm_base, psm_yaw, psm_pitch_end. Exit status 2: the sweep does not
+determine the centre, as when only one joint turned. See docs/calibration.md for the method.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json
-from trocar.cli.output import fixed, print_json, table, warn
+from trocar.cli.output import fixed, print_result, table, warn
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,14 +24,12 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("tracks", metavar="TRACKS", help="a file of motion capture")
-    parser.add_argument(
-        "--arm", metavar="ARM", required=True, help="psm, ecm, or the TOML file of one of your own"
-    )
+    parser.add_argument("tracks", metavar="TRACKS", help="file of motion capture")
+    parser.add_argument("--arm", metavar="ARM", required=True, help="psm, ecm, or a TOML file")
     parser.add_argument(
         "--bodies",
         metavar="BODY=NAME,...",
-        help='what bodies are called in the file, as in "psm_yaw=Rigid Body 3"',
+        help='names of bodies in the file, as "psm_yaw=Rigid Body 3"',
     )
     add_json(parser)
 
@@ -47,16 +45,13 @@ def run(args: Namespace) -> int:
     report = find_rcm(read_tracks(args.tracks), arm, bodies)
     for message in report.warnings:
         warn(message)
-    if args.json:
-        print_json(report.as_dict())
-    else:
-        _print(report)
+    print_result(args, report.as_dict(), lambda: _report(report))
     return 0
 
 
-def _print(report: RcmReport) -> None:
+def _report(report: RcmReport) -> str:
     fit, table7 = report.fit, report.table7
-    print(f"remote centre of {report.arm}: where {report.body} turns, in {report.base} [mm]\n")
+    lines = [f"remote centre of {report.arm}: where {report.body} turns, in {report.base} [mm]\n"]
     rows = [
         ("b_post, in the base", fit.post, fit.sigma_post, fit.rms_axes),
         ("b_tip, in the body", fit.tip, fit.sigma_tip, None),
@@ -64,21 +59,23 @@ def _print(report: RcmReport) -> None:
     if table7 is not None:
         rows.append(("from the pitch axis", table7.position, table7.sigma, table7.rms_axes))
     head = ("", "x", "y", "z", "sigma x", "sigma y", "sigma z", "RMS x", "RMS y", "RMS z")
-    print(table(head, [(name, *_cells(p, s, rms)) for name, p, s, rms in rows]))
-    print(f"\nRMS as a distance {_mm(fit.rms, 4)} mm, of which noise {_mm(report.noise_rms, 4)}")
+    lines.append(table(head, [(name, *_cells(p, s, rms)) for name, p, s, rms in rows]))
+    rms, noise = _mm(fit.rms, 4), _mm(report.noise_rms, 4)
+    lines.append(f"\nRMS as a distance {rms} mm, of which noise {noise}")
     if report.distance is not None:
-        value, sigma = report.distance
-        print(f"distance from the pitch axis {_mm(value, 3)} mm, sigma {_mm(sigma, 4)}")
+        value, sigma = _mm(report.distance.value, 3), _mm(report.distance.sigma, 4)
+        lines.append(f"distance from the pitch axis {value} mm, sigma {sigma}")
     outliers = f"{fit.outliers} outliers left out"
-    print(f"condition number {fit.condition:.3g}; {int(fit.used.sum())} samples, {outliers}")
+    lines.append(f"condition number {fit.condition:.3g}; {int(fit.used.sum())} samples, {outliers}")
     if report.cloud:
-        print(f"\nabout each pose, the mean of its samples ({len(report.cloud)} poses):\n")
+        lines.append(f"\nabout each pose, the mean of its samples ({len(report.cloud)} poses):\n")
         head = ("yaw [rad]", "pitch [rad]", "x [mm]", "y [mm]", "z [mm]", "samples")
         poses = [
             (*(fixed(q, 2) for q in c.q), *(_mm(v, 3) for v in c.position), str(c.samples))
             for c in report.cloud
         ]
-        print(table(head, poses))
+        lines.append(table(head, poses))
+    return "\n".join(lines)
 
 
 def _cells(position: Array, sigma: Array, rms: Array | None) -> list[str]:

@@ -1,19 +1,18 @@
-"""Draw what a camera of a rig sees: a picture of one moment, or a video of a motion.
+"""Write the image of a rig's camera: a picture of one moment, or a video of a motion.
 
-The ending says which: .png or .jpg, or .mp4 (extra video). Nothing has to be on a screen, and no
-graphics card has to be there. A video's time is simulated time, however long drawing takes.
+The file name's ending selects the format: .png or .jpg, or .mp4 (extra video). Needs neither a
+display nor a graphics card. A video runs in simulated time, however long drawing takes.
 """
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, number
-from trocar.cli.cameras import add_look, eyes_of, look_of
-from trocar.cli.output import print_json
+from trocar.cli.arguments import add_calibrations, add_json, add_rig, number
+from trocar.cli.output import print_result, progress_bar
+from trocar.cli.worlds import add_look, eyes_of, look_of
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
     from trocar.simulation import World
 
 DURATION_S, RATE_HZ = 10.0, 30.0
-#: As `trocar.apps.filming` has them; that is not imported for a list of words.
+#: As in `trocar.apps.filming`, which is not imported for a list of words.
 EYES = ("both", "left", "right", "anaglyph")
 SHOWN = ("colour", "depth", "ids", "normals")
 MOTIONS = ("instruments", "sine", "still")
@@ -29,40 +28,42 @@ MOTIONS = ("instruments", "sine", "still")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
+    add_rig(parser)
     parser.add_argument(
-        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+        "-o", "--out", required=True, metavar="FILE", help=".png, .jpg or .mp4; overwritten"
+    )
+    parser.add_argument("--camera", metavar="NAME", help="camera of the rig (default: its first)")
+    parser.add_argument(
+        "--pose", metavar="NAME", help='initial pose of the rig (default: "work" if it has one)'
     )
     parser.add_argument(
-        "-o", "--out", required=True, metavar="FILE", help=".png, .jpg or .mp4; written over"
-    )
-    parser.add_argument("--camera", metavar="NAME", help="of the rig; default: its first")
-    parser.add_argument(
-        "--pose", metavar="NAME", help='of the rig, to begin with; default: "work", where it is one'
-    )
-    parser.add_argument(
-        "--after", type=number, default=0.0, metavar="S", help="simulated time before the picture"
+        "--after",
+        type=number,
+        default=0.0,
+        metavar="S",
+        help="simulated time before the picture (default: 0)",
     )
     video = parser.add_argument_group("videos")
     video.add_argument(
-        "--duration", type=number, metavar="S", help=f"simulated time; default: {DURATION_S:g}"
+        "--duration", type=number, metavar="S", help=f"simulated time (default: {DURATION_S:g})"
     )
     video.add_argument(
-        "--rate", type=number, metavar="HZ", help=f"pictures a second; default: {RATE_HZ:g}"
+        "--rate", type=number, metavar="HZ", help=f"frame rate (default: {RATE_HZ:g})"
     )
     video.add_argument(
         "--motion",
         choices=MOTIONS,
         default="instruments",
-        help="what moves: instruments a little (default), all arms along the paper's sine, nothing",
+        help="small motions of the instruments (default), all arms along the paper's sine, or none",
     )
-    picture = parser.add_argument_group("the picture")
+    picture = parser.add_argument_group("picture")
     picture.add_argument("--eye", choices=EYES, default="both", help="default: both, side by side")
     picture.add_argument("--show", choices=SHOWN, default="colour", help="default: colour")
     picture.add_argument(
-        "--angle", type=number, metavar="DEG", help="of the scope's end: 0, 30 (down) or -30"
+        "--angle", type=number, metavar="DEG", help="angle of the endoscope's tip: 0, 30 or -30"
     )
     picture.add_argument(
-        "--samples", type=int, default=4, metavar="N", help="per pixel: smooth edges; default: 4"
+        "--samples", type=int, default=4, metavar="N", help="samples per pixel (default: 4)"
     )
     add_look(picture)
     add_calibrations(parser)
@@ -70,7 +71,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def run(args: Namespace) -> int:
-    """Draw, and say what was written."""
+    """Draw and write."""
     from trocar.apps.filming import film, kind_of, take_picture
 
     path = Path(args.out).expanduser()
@@ -85,23 +86,26 @@ def run(args: Namespace) -> int:
         width, height = take_picture(scope.capture, path, **shown)
         count = 1
     else:
-        width, height, count = film(
-            world,
-            scope.capture_next,
-            path,
-            duration_s=DURATION_S if args.duration is None else args.duration,
-            rate_hz=RATE_HZ if args.rate is None else args.rate,
-            motion=args.motion,
-            progress=_progress if sys.stderr.isatty() else None,
-            **shown,
-        )
+        with progress_bar("pictures", not args.json) as watch:
+            width, height, count = film(
+                world,
+                scope.capture_next,
+                path,
+                duration_s=DURATION_S if args.duration is None else args.duration,
+                rate_hz=RATE_HZ if args.rate is None else args.rate,
+                motion=args.motion,
+                progress=watch,
+                **shown,
+            )
     scope.close()
-    _tell(args, {"file": str(path), "width": width, "height": height, "pictures": count})
+    many = "" if count == 1 else f", {count} pictures"
+    document = {"file": str(path), "width": width, "height": height, "pictures": count}
+    print_result(args, document, lambda: f"{path}: {width} x {height}{many}")
     return 0
 
 
 def _opened(args: Namespace) -> tuple[World, Endoscope]:
-    """Return the world as it is to be drawn, and what draws it."""
+    """Return the world in its initial pose, and its endoscope."""
     from trocar.descriptions.cameras import load_camera
     from trocar.rendering import Endoscope
     from trocar.simulation import World
@@ -124,16 +128,3 @@ def _opened(args: Namespace) -> tuple[World, Endoscope]:
     if periods := round(args.after / world.timestep):
         world.step(periods)
     return world, scope
-
-
-def _progress(done: int, count: int) -> None:
-    print(f"\r{done} of {count} pictures", end="" if done < count else "\n", file=sys.stderr)
-
-
-def _tell(args: Namespace, written: dict[str, object]) -> None:
-    if args.json:
-        print_json(written)
-        return
-    count = written["pictures"]
-    many = "" if count == 1 else f", {count} pictures"
-    print(f"{written['file']}: {written['width']} x {written['height']}{many}")

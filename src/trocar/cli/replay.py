@@ -3,9 +3,10 @@
 A recording of trocar's own (trocar sim --record) is repeated command by command, and every physics
 period is compared to the last bit; of the options only --rig and --json matter then.
 
-Else FILE is what was recorded of a real arm: comma-separated text without a header, plain or gzip,
-a row per sample: the positions of all joints, then their velocities, then their efforts (SI); or a
-rosbag 1, a rosbag 2 or an MCAP file with the topic /<ARM>/measured_js. docs/replay.md says more.
+Otherwise FILE is a recording of a real PSM, ECM or MTM: comma-separated text without a header,
+plain or gzip, a row per sample: the positions of all joints, then their velocities, then their
+efforts (SI); or a rosbag 1, a rosbag 2 or an MCAP file with the topic /<ARM>/measured_js. See
+docs/replay.md.
 """
 
 from __future__ import annotations
@@ -15,17 +16,16 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibration, add_json, number
-from trocar.cli.output import print_json, table
-from trocar.cli.progress import progress_bar
+from trocar.cli.output import print_json, progress_bar, table
 
 if TYPE_CHECKING:
-    from trocar.apps.replay import RepeatReport, ReplayReport
+    from trocar.apps.follow import RepeatReport, ReplayReport
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument("log", metavar="FILE", help="the recording")
-    parser.add_argument("--rig", help="where the rig of a recording of trocar's own lies now")
+    parser.add_argument("--rig", help="path of the rig of a recording of trocar's own, if it moved")
     parser.add_argument(
         "--arm", default="psm", help="a built-in arm (trocar list), or a TOML file; default: psm"
     )
@@ -49,15 +49,18 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=number,
         default=200.0,
         metavar="HZ",
-        help="rows a second, to which a bag is brought; default: 200",
+        help="rows a second; a bag is resampled to it; default: 200",
     )
     parser.add_argument(
         "--wrist",
         choices=("motor", "joint"),
         default="motor",
-        help="which side of the coupling a PSM's wrist and jaw were recorded on; default: motor",
+        help="side of the coupling on which a PSM's wrist and jaw, or an MTM's joints 2 to 4, were"
+        " recorded in a text file; default: motor",
     )
-    parser.add_argument("--topic", help="of a bag's joint states; default: the one that fits")
+    parser.add_argument(
+        "--topic", help="joint states in a bag; default: the only topic that fits the arm"
+    )
     parser.add_argument(
         "--control", choices=("dvrk", "paper"), default="dvrk", help="gains; default: dvrk"
     )
@@ -78,7 +81,7 @@ def run(args: Namespace) -> int:
 
 
 def _repeat(args: Namespace) -> int:
-    from trocar.apps.replay import repeat
+    from trocar.apps.follow import repeat
 
     with progress_bar("periods", not args.json) as watch:
         report = repeat(args.log, args.rig, watch)
@@ -92,7 +95,7 @@ def _repeat(args: Namespace) -> int:
 
 
 def _replay(args: Namespace) -> int:
-    from trocar.apps.replay import ReplaySettings, replay
+    from trocar.apps.follow import ReplaySettings, replay
 
     settings = ReplaySettings(
         mode=args.mode,

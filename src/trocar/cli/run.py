@@ -1,8 +1,9 @@
 """Run a script that was written for the dVRK (import crtk, dvrk), without ROS.
 
-What follows the script's name and is no option of this command is the script's own; all that
-follows `--` is. With --speed max, sleeps, rates and waits last as long as the simulation needs for
-them, and each run is the same to the last bit. The exit status is the script's: 1 when it raises.
+Words after the script's name that are no option of this command go to the script, as does all that
+follows `--`. With --speed max, sleeps, rates and waits take simulated time as fast as it can be
+computed, and each run is the same to the last bit. The exit status is the script's: 1 when it
+raises.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import Parser, number
-from trocar.cli.serving import PORT
+from trocar.cli.arguments import Parser, add_port, number
 from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError, TrocarError
 
@@ -43,7 +43,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     whole = parser.parse_known_args
 
     def parse(words: Sequence[str], namespace: Any = None) -> Any:
-        """Parse what is this command's own, and leave the script's words as they are."""
+        """Parse the options of this command, and leave the script's words as they are."""
         own, rest = _sorted_out(words)
         found, unknown = whole(own, namespace)
         found.arguments = rest
@@ -58,26 +58,23 @@ def _add_options(parser: ArgumentParser) -> None:
         "--speed",
         choices=("realtime", "max"),
         default="realtime",
-        help="at the wall clock's pace (default), or on simulated time as fast as it goes",
+        help="wall-clock pace (default), or simulated time as fast as possible",
     )
     parser.add_argument(
         "--timeout",
         type=number,
         metavar="S",
-        help="end a script that is not over by then: in its own time, and in real time when that"
-        " stands still",
+        help="abort after S seconds of simulated time, or S seconds of wall time without progress",
     )
-    parser.add_argument("--page", action="store_true", help="show the rig in the browser")
-    parser.add_argument(
-        "--port", type=int, default=PORT, metavar="N", help=f"of the page; default: {PORT}; 0: any"
-    )
+    parser.add_argument("--page", action="store_true", help="show the rig in the web viewer")
+    add_port(parser)
     add_record(parser)
     parser.add_argument(
         "--rate",
         type=number,
         default=RATE_HZ,
         metavar="HZ",
-        help=f"of states; default: {RATE_HZ:g}, as the dVRK's, up to 1000",
+        help=f"publication rate of states; default: {RATE_HZ:g}, as the dVRK's; at most 1000",
     )
 
 
@@ -134,8 +131,7 @@ class ScriptPage:
         """Serve the page, which starts the loop; return when time flows."""
         self._loop = loop
         self._thread.start()
-        told = f"{self._ready.result()}  (Ctrl-C stops)"
-        print(told, file=sys.stderr, flush=True)
+        print(f"{self._ready.result()}  (Ctrl-C stops)", file=sys.stderr, flush=True)
         if sys.stdin is not None and sys.stdin.isatty():
             print("Enter starts the script ", file=sys.stderr, end="", flush=True)
             sys.stdin.readline()
@@ -156,7 +152,7 @@ class ScriptPage:
             if not self._ready.done():
                 self._ready.set_exception(problem)
             elif not isinstance(problem, TrocarError):
-                raise  # of the others the script is told by its own flow, once time flows
+                raise  # a TrocarError reaches the script through its simulation
 
 
 def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:

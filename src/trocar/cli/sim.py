@@ -1,10 +1,9 @@
 """Simulate a rig: live for the browser and for clients, or headless along the paper's trajectory.
 
-Live, the page and rosbridge's WebSocket are served on this machine only; their addresses are
-printed when the arms move.
-Headless, every arm but the setup joints follows the paper's sine, and speed, loop health and
-tracking are reported. --tip-load turns a force about each instrument's tip.
---record writes a file that `trocar replay` repeats; headless it is one more pass along the sine.
+Live, serves the web viewer and rosbridge's WebSocket on this machine only and prints their
+addresses when the simulation runs. Headless, moves every arm but the setup joints along the
+paper's sine and reports speed, loop health and tracking. --record writes a file that
+`trocar replay` repeats; headless it is one more pass along the sine.
 """
 
 from __future__ import annotations
@@ -14,11 +13,10 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
-from trocar.cli.cameras import images_of_headless
-from trocar.cli.output import print_json, table
+from trocar.cli.arguments import add_json, duration, number
+from trocar.cli.output import print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, add_world, make_world, recording
+from trocar.cli.worlds import add_record, add_world, images_of_headless, make_world, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,17 +28,26 @@ HEADLESS_DURATION_S = 10.0
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_world(parser)
-    parser.add_argument("--headless", action="store_true", help="no page: measure and report")
     parser.add_argument(
-        "--duration", type=number, metavar="S", help="stop after this much simulated time"
+        "--headless", action="store_true", help="run without viewer and clients, and report"
     )
     parser.add_argument(
-        "--tip-load", type=number, default=0.0, metavar="NEWTON", help="force at every tip"
+        "--duration",
+        type=duration,
+        metavar="S",
+        help="stop after S seconds of simulated time (headless: default 10)",
+    )
+    parser.add_argument(
+        "--tip-load",
+        type=number,
+        default=0.0,
+        metavar="NEWTON",
+        help="apply a rotating force at every tool tip",
     )
     parser.add_argument(
         "--speed",
         choices=("realtime", "max"),
-        help="default: realtime in the browser, max headless",
+        help="default: realtime live, max headless",
     )
     add_record(parser)
     add_json(parser)
@@ -49,35 +56,26 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate."""
-    if args.duration is not None and not 0.0 < args.duration < float("inf"):
-        raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
     if not 0.0 <= args.tip_load < float("inf"):
         raise InputError(f"--tip-load: got {args.tip_load:g}; allowed: 0 N or more")
     if args.json and not args.headless:
         raise InputError("--json: only a headless run has a report; add --headless")
+    world = make_world(args, args.tip_load)
     if not args.headless:
-        return _live(args)
+        print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
+        serve(world, args)
+        return 0
     from trocar.apps.timing import run_headless
 
-    world = make_world(args, args.tip_load)
-    with images_of_headless(world, args):
+    with images_of_headless(world, args), progress_bar("passes", not args.json) as watch:
         report = run_headless(
             world,
             HEADLESS_DURATION_S if args.duration is None else args.duration,
             realtime=args.speed == "realtime",
             record=recording(world, args) if args.record else None,
+            watch=watch,
         )
-    if args.json:
-        print_json(asdict(report))
-    else:
-        print(_report(report))
-    return 0
-
-
-def _live(args: Namespace) -> int:
-    world = make_world(args, args.tip_load)
-    print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
-    serve(world, args)
+    print_result(args, asdict(report), lambda: _report(report))
     return 0
 
 

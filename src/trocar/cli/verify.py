@@ -9,12 +9,11 @@ docs/calibration.md describes how each is measured.
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json
-from trocar.cli.output import print_json, table
+from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from trocar.apps.figures import Part
@@ -59,17 +58,15 @@ def run(args: Namespace) -> int:
 
     if args.report is not None:
         check_report(args.report)
-    found = verify(args.arm, args.calibration, args.only, _watch)
     written = None
-    if args.report is not None:
-        _watch("the report")
-        written = write_report(args.report, found)
-    if args.json:
-        print_json(_document(found, written))
-    else:
-        print(_tables(found))
-        if written is not None:
-            print(f"\n{written}")
+    robots = len(args.arm) or len(args.calibration) or 2
+    with progress_steps("verifying", robots * len(args.only)) as watch:
+        found = verify(args.arm, args.calibration, args.only, watch)
+        if args.report is not None:
+            watch("the report")
+            written = write_report(args.report, found)
+    page = "" if written is None else f"\n\n{written}"
+    print_result(args, _document(found, written), lambda: _tables(found) + page)
     return 1 if found.missed else 0
 
 
@@ -79,10 +76,6 @@ def _parts(text: str) -> tuple[str, ...]:
         if name not in PARTS:
             raise ArgumentTypeError(f"got {name!r}; allowed: {', '.join(PARTS)}")
     return names
-
-
-def _watch(what: str) -> None:
-    print(f"trocar: verifying {what} ...", file=sys.stderr, flush=True)
 
 
 def _document(found: Verification, report: str | None) -> dict[str, Any]:

@@ -1,99 +1,203 @@
-"""The only thread boundary: commands wait here until the next tick."""
+"""Commands, and the inbox in which they wait for the next tick: the only thread boundary."""
 
 from __future__ import annotations
 
 import logging
 import threading
-from collections import Counter
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any
 
-from trocar.interfaces.commands import (
-    Command,
-    GripperSqueezeTo,
-    JawServo,
-    JawServoJf,
-    ServoJf,
-    ServoJp,
-    Verb,
-)
-from trocar.interfaces.state import Question
+import msgspec
+
+from trocar.simulation.journal import Entry, apply_command
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+    from trocar.simulation.arm import Arm
 
 _log = logging.getLogger("trocar")
 
 CAPACITY = 64
-"""How many moves and states of an arm may wait. Source: our own choice, many ticks of orders."""
+"""Moves and states of an arm that may wait. Source: our own choice, many ticks of orders."""
 
-SUPERSEDING = {"servo_jp", "servo_jf", "servo_cp", "servo_cf", "servo_ci", "squeeze_to"}
-"""Set-points of which only the newest counts; servo_jr and servo_cr add up, so each counts."""
+BUDGET_S = 0.0005
+"""Part of each tick for commands that came by topics; an overrun is paid back by the next ticks, so
+that a flood of valid commands does not stop time. Source: our own choice, half a tick. [s]"""
+
+STREAMS = {
+    **dict.fromkeys(
+        ("servo_jp", "servo_jf", "servo_jv", "servo_cp", "servo_cf", "servo_ci"), "arm"
+    ),
+    **dict.fromkeys(("jaw.servo_jp", "jaw.servo_jf"), "jaw"),
+    "gripper.squeeze_to": "gripper",
+}
+"""Verbs that set a point, and the stream of set-points of which only the newest counts; servo_jr
+and servo_cr add up, so each counts."""
+
+AT_ONCE = ("disable", "pause")
+"""Verbs that neither homing nor waiting commands hold up."""
+
+
+class Command(msgspec.Struct, frozen=True):
+    """A verb of an arm, an object or the world, with its arguments; applied between two ticks.
+
+    Args:
+        arm: name of the arm or object; "world" for the verbs of the world, and for those
+            of the loop: "pause", "resume", and "step" (while paused)
+        verb: "servo_jp", "jaw.move_jp", "reset", ...
+        kwargs: arguments by name (SI units and radians)
+        topic: name of the topic that brought it; such a command waits while its arm homes
+        stream: of those with the same arm and stream only the newest counts; "": as of `STREAMS`
+        act: what it does, where that is no verb
+    """
+
+    arm: str
+    verb: str
+    kwargs: Mapping[str, Any] = {}
+    topic: str = ""
+    stream: str = ""
+    act: Callable[[Any], object] | None = None
+
+    def apply(self, world: World) -> None:
+        """Call the verb.
+
+        Raises:
+            InputError: the arm, object or world has no such verb
+            TrocarError: as the verb raises
+        """
+        if self.act is not None:
+            self.act(world)
+            return
+        apply_command(
+            world, Entry(world.periods, world.time, "command", self.arm, self.verb, self.kwargs)
+        )
 
 
 class Inbox:
-    """Keep commands in the order in which they came; of set-points only the newest per arm.
+    """Keep commands in order of arrival; of each stream of set-points only the newest.
 
-    A stream of set-points (servo) may come faster than ticks: an older one that still waits is
-    worthless, so the newer takes its place at the end of the queue. Moves and states all count
-    and are bounded for each arm: when too many wait, a new one is refused with a warning, the
-    first of many. What somebody floods one arm with keeps nobody from another.
+    Other commands are bounded for each arm: beyond the capacity a new one is rejected, with a
+    warning for the first of many, so that a flood for one arm keeps nobody from another.
+
+    A client that sends enable, home and move_jp in one burst means the move to follow the homing,
+    which takes seconds. So commands from topics wait while their arm homes; set-points do not: they
+    are worthless when the arm is home.
+
+    Args:
+        now: wall time [s]
+        capacity: commands of an arm that may wait
+
+    Attributes:
+        rejected: how many commands were turned away
+        drop: called with the first and the number of the commands that a reset overtook
     """
 
-    def __init__(self, capacity: int = CAPACITY) -> None:
-        self._capacity = capacity
+    def __init__(
+        self, now: Callable[[], float] = time.perf_counter, capacity: int = CAPACITY
+    ) -> None:
+        self._now, self._capacity = now, capacity
         self._lock = threading.Lock()
-        self._waiting: dict[object, Command] = {}
-        self._posted = 0
+        self._posted: dict[object, Command] = {}
+        self._count = 0
         self._ordered: Counter[str] = Counter()
         self._said = False
-        self.refused = 0
+        self._held: dict[str, deque[Command]] = {}
+        self._used_s, self._periods = 0.0, 0
+        self.rejected = 0
+        self.drop: Callable[[Command, int], None] = lambda first, count: None  # noqa: ARG005
 
     def post(self, command: Command) -> bool:
-        """Queue a command; return False when it was refused because too many wait."""
-        key, arm = stream(command), getattr(command, "arm", "")
+        """Queue a command, from any thread; return False when too many wait."""
+        arm, stream = command.arm, command.stream or STREAMS.get(command.verb)
         with self._lock:
-            full = key is None and self._ordered[arm] >= self._capacity
-            if full:
-                self.refused += 1
-                say, self._said = not self._said, True
-            else:
-                say = False
-                self._put(key, arm, command)
+            if stream:
+                key = arm, stream
+                self._posted.pop(key, None)
+                self._posted[key] = command
+                return True
+            if self._ordered[arm] + len(self._held.get(arm, ())) < self._capacity:
+                self._count += 1
+                self._ordered[arm] += 1
+                self._posted[self._count] = command
+                return True
+            self.rejected += 1
+            say, self._said = not self._said, True
         if say:
-            _log.warning("%d commands wait already: refused %r", self._capacity, command)
-        return not full
+            _log.warning("%d commands wait already: rejected %r", self._capacity, command)
+        return False
 
     def drain(self) -> list[Command]:
-        """Take everything that waits, oldest first."""
+        """Take everything that was posted, oldest first."""
         with self._lock:
-            taken = list(self._waiting.values())
-            self._waiting.clear()
+            posted = list(self._posted.values())
+            self._posted.clear()
             self._ordered.clear()
             self._said = False
-        return taken
+        return posted
 
-    def dismiss(self) -> None:
-        """Throw away what waits; whoever waits for an answer learns that none will come."""
+    def due(self, world: World) -> Iterator[Command]:
+        """Take what may be applied in this tick, each when the one before it was applied.
+
+        To be called every tick, in the loop's thread.
+        """
+        self._used_s = max(0.0, self._used_s - BUDGET_S)
+        if self._held and world.periods < self._periods:
+            for queue in self._held.values():
+                self.drop(queue[0], len(queue))
+            self._held.clear()
+        for arm in tuple(self._held):
+            yield from self._released(world, arm)
         for command in self.drain():
-            if isinstance(command, Question):
-                command.answer.cancel()
+            arm = command.arm
+            if not command.topic or arm not in world.arms:
+                yield command
+                continue
+            queue = self._held.get(arm)
+            streamed = bool(command.stream or command.verb in STREAMS)
+            if command.verb in AT_ONCE:
+                yield command
+                yield from self._released(world, arm)
+            elif streamed and (not queue or homing(world.arm(arm))):
+                yield command
+            elif queue and streamed and queue[-1].verb == command.verb:
+                queue[-1] = command
+            elif queue or self._used_s > BUDGET_S or homing(world.arm(arm)):
+                self._held.setdefault(arm, deque()).append(command)
+            else:
+                yield from self._timed(command)
+        self._periods = world.periods
 
-    def _put(self, key: tuple[str, str] | None, arm: str, command: Command) -> None:
-        self._posted += 1
-        if key is None:
-            self._ordered[arm] += 1
-            self._waiting[self._posted] = command
-        else:
-            self._waiting.pop(key, None)
-            self._waiting[key] = command
+    @property
+    def held(self) -> frozenset[str]:
+        """Arms for which commands wait; in the loop's thread."""
+        return frozenset(self._held)
+
+    @property
+    def restless(self) -> bool:
+        """Whether the next tick matters."""
+        return bool(self._held) or self._used_s > 0.0
+
+    def _released(self, world: World, arm: str) -> Iterator[Command]:
+        queue = self._held.get(arm)
+        if queue is None:
+            return
+        before = len(queue)
+        while queue and self._used_s <= BUDGET_S and not homing(world.arm(arm)):
+            yield from self._timed(queue.popleft())
+        if len(queue) != before:
+            del self._held[arm]
+            if queue:  # the other arms' turn comes first
+                self._held[arm] = queue
+
+    def _timed(self, command: Command) -> Iterator[Command]:
+        began = self._now()
+        yield command
+        self._used_s += self._now() - began
 
 
-def stream(command: Command) -> tuple[str, str] | None:
-    """Name the stream of set-points that a command belongs to, or None for moves and states."""
-    if isinstance(command, ServoJp | ServoJf):
-        return command.arm, "arm"
-    if isinstance(command, JawServo | JawServoJf):
-        return command.arm, "jaw"
-    if isinstance(command, Verb):
-        *part, verb = command.name.split(".")
-        if verb in SUPERSEDING:
-            return command.arm, part[0] if part else "arm"
-    if isinstance(command, GripperSqueezeTo):
-        return command.arm, "gripper"
-    return getattr(command, "stream", None)
+def homing(arm: Arm) -> bool:
+    """Return whether an arm is on its way home: nothing else keeps one busy that is not homed."""
+    state = arm.operating_state()
+    return state.is_busy and not state.is_homed

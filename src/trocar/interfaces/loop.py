@@ -1,6 +1,6 @@
 """The real-time loop: the one place where simulation time meets the wall clock.
 
-    post(command) -> inbox -> tick: drain, apply -> World.step(n) -> state for everybody to read
+    post(command) -> inbox -> tick: apply what is due -> World.step(n) -> state for all readers
 
 Commands are applied at tick boundaries only, so the motion depends on which command met which
 tick and on nothing else: not on the machine's speed, nor on who watches.
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -18,12 +17,10 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameError
-from trocar.interfaces.commands import Command, Pause, Reset, Resume, Step
-from trocar.interfaces.inbox import Inbox
-from trocar.interfaces.pace import Clock, Pace, nearest_tick, whole_steps
-from trocar.interfaces.publisher import Publisher
-from trocar.interfaces.seldom import Seldom, more
-from trocar.interfaces.state import Elapsed, LoopState, Question, Watcher
+from trocar.interfaces.inbox import Command, Inbox
+from trocar.interfaces.pace import Clock, Pace, Wakeup, WallClock, nearest_tick, whole_steps
+from trocar.interfaces.rate_limit import RateLimit, suffix
+from trocar.interfaces.state import Elapsed, LoopState, Publisher, Watcher
 from trocar.simulation.journal import WORLD
 
 if TYPE_CHECKING:
@@ -41,27 +38,16 @@ SERVER_TICK_S = 0.001
 """The same where programs talk to the arms [s]: a command waits no longer. Source: our own choice,
 the period of the dVRK's own control loop, half of which it takes on average."""
 
+MOST_STEPS = 10_000
+"""Physics periods that one command may step. Source: our own choice: 10 s at 1 ms, for which no
+other command is applied."""
+
+ASK = "ask"
+LOOP_VERBS = ("pause", "resume", "step", "reset")
 
 PATIENCE_S = 0.005
 """Simulated time between two looks at commands and at the clock where nobody waits [s]: ticks in
 between follow each other at once. Source: our own choice, as TICK_S."""
-
-
-class WallClock:
-    """The machine's monotonic clock."""
-
-    def now(self) -> float:
-        """Return seconds since some fixed moment."""
-        return time.perf_counter()
-
-    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:
-        """Return after about this many seconds, or as soon as an event is set."""
-        if seconds <= 0.0:
-            return
-        if until is None:
-            time.sleep(seconds)
-        else:
-            until.wait(seconds)
 
 
 class Loop:
@@ -100,10 +86,11 @@ class Loop:
         self._realtime = speed == "realtime"
         self._clock = clock or WallClock()
         self._on_apply = on_apply
-        self._inbox = Inbox()
+        self._inbox = Inbox(self._clock.now)
+        self._inbox.drop = self._drop
         self._pace = Pace(self._clock, tick_s)
         self._longest = max(1, round(PATIENCE_S / tick_s))
-        self._posted = threading.Event()
+        self._posted = Wakeup()
         self._stopping = threading.Event()
         self._outcome: Future[None] | None = None
         self._paused = False
@@ -111,7 +98,7 @@ class Loop:
         self._ticks = self._stepped = 0
         self._publisher = Publisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
-        self._seldom = Seldom()
+        self._rate_limit = RateLimit()
         self.while_running: Callable[[], AbstractContextManager[object]] = nullcontext
 
     # What other threads may call.
@@ -166,12 +153,21 @@ class Loop:
         Raises:
             UnknownNameError: the command names an arm or object that the rig has not
         """
-        arm = getattr(command, "arm", None)
-        if arm is not None and arm not in self._known:
-            raise UnknownNameError("arm", arm, sorted(self._known - {WORLD}))
+        if command.arm not in self._known:
+            raise UnknownNameError("arm", command.arm, sorted(self._known - {WORLD}))
         accepted = self._inbox.post(command)
         self._posted.set()
         return accepted
+
+    @property
+    def restless(self) -> bool:
+        """Whether commands wait for the next tick."""
+        return self._inbox.restless
+
+    @property
+    def held(self) -> frozenset[str]:
+        """Arms for which commands wait; in the loop's thread."""
+        return self._inbox.held
 
     def ask(self, question: Callable[[World], T]) -> Future[T]:
         """Let the loop answer a question about the world at the next tick boundary.
@@ -183,9 +179,20 @@ class Loop:
             what the function will have returned; cancelled when the loop ends before
         """
         answer: Future[T] = Future()
+
+        def act(world: World) -> None:
+            if not answer.set_running_or_notify_cancel():
+                return
+            try:
+                found = question(world)
+            except Exception as error:  # noqa: BLE001  raised where the answer is read
+                answer.set_exception(error)
+            else:
+                answer.set_result(found)
+
         if self._outcome is not None and self._outcome.done():
             answer.cancel()
-        elif not self._inbox.post(Question(question, answer)):
+        elif not self._inbox.post(Command(WORLD, ASK, {"answer": answer}, act=act)):
             answer.set_exception(InputError("too many commands wait already: ask again"))
         self._posted.set()
         return answer
@@ -262,7 +269,9 @@ class Loop:
                 )
         finally:
             self._world.waiter = None
-            self._inbox.dismiss()
+            for command in self._inbox.drain():
+                if command.verb == ASK:
+                    command.kwargs["answer"].cancel()
             self._publisher.end()
         self._publisher.publish(self._ticks, self._paused, self._all_refused())
 
@@ -270,7 +279,7 @@ class Loop:
         """Step as many ticks as are due unless paused, and apply what waits before the last."""
         self._step(due - 1)
         self._posted.clear()
-        for command in self._inbox.drain():
+        for command in self._inbox.due(self._world):
             self._apply(command)
         self._step(1)
         for watcher in self._watchers:
@@ -287,7 +296,7 @@ class Loop:
 
     def _patience(self, last: int | None) -> int:
         """Return how many ticks may follow each other without a look at the inbox."""
-        most = 1 if self._posted.is_set() else self._longest
+        most = 1 if self._posted.is_set() or self._inbox.restless else self._longest
         ends = most if last is None else last - self._ticks
         return min(most, ends, *(w.patience() for w in self._watchers))
 
@@ -301,32 +310,45 @@ class Loop:
             outcome.set_result(None)
 
     def _apply(self, command: Command) -> None:
-        if self._on_apply is not None and not isinstance(command, Question):
+        if self._on_apply is not None and command.verb != ASK:
             self._on_apply(self._ticks, command)
         try:
-            if isinstance(command, Step) and not self._paused:
-                raise InputError("step: time flows; allowed: while it is paused")
-            command.apply(self._world)
+            if command.arm == WORLD and command.act is None and command.verb in LOOP_VERBS:
+                self._obey(command)
+            else:
+                command.apply(self._world)
         except DivergedError:
             raise
         except TrocarError as error:
             self._refuse(command, str(error))
         except Exception as error:  # noqa: BLE001  one command must not end the simulation
             self._refuse(command, f"{type(error).__name__}: {error}", error)
-        else:
-            if isinstance(command, Step):
-                self._stepped += command.periods
-        if isinstance(command, Pause | Resume):
-            self._paused = isinstance(command, Pause)
-        if isinstance(command, Pause | Resume | Reset):
+
+    def _obey(self, command: Command) -> None:
+        """Apply a verb of the world that changes how time passes."""
+        if command.verb == "reset":
+            command.apply(self._world)
+        if command.verb != "step":
+            self._paused = command.verb == "pause" or (self._paused and command.verb == "reset")
             self._restart()
+            return
+        periods = command.kwargs["periods"]
+        if not self._paused:
+            raise InputError("step: time flows; allowed: while it is paused")
+        if not 1 <= periods <= MOST_STEPS:
+            raise InputError(f"step: got {periods} periods; allowed: 1 to {MOST_STEPS}")
+        self._world.step(periods)
+        self._stepped += periods
+
+    def _drop(self, first: Command, count: int) -> None:
+        self._refuse(first, f"{count} commands waited as the world was reset: dropped")
 
     def _refuse(self, command: Command, reason: str, defect: Exception | None = None) -> None:
-        """Count a refused command and say so, with a traceback where trocar did not expect it."""
+        """Count and log a rejected command, with a traceback of what trocar did not expect."""
         self._refused += 1
-        unsaid = self._seldom.due(reason, self._clock.now())
-        if unsaid is not None:
-            _log.warning("refused: %s%s", reason, more(unsaid), exc_info=defect)
+        unsaid = self._rate_limit.due(reason, self._clock.now())
+        if unsaid is not None and not command.topic:  # whoever serves the topic logs it
+            _log.warning("refused: %s%s", reason, suffix(unsaid), exc_info=defect)
         for watcher in self._watchers:
             watcher.refused(command, reason)
 
@@ -340,4 +362,4 @@ class Loop:
         self._publisher.restart()
 
     def _all_refused(self) -> int:
-        return self._refused + self._inbox.refused
+        return self._refused + self._inbox.rejected

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections import deque
 from typing import Protocol
 
@@ -35,6 +36,56 @@ class Clock(Protocol):
     def sleep(self, seconds: float, until: threading.Event | None = None) -> None:
         """Return after about this many seconds, or as soon as an event is set."""
         ...
+
+
+class Wakeup(threading.Event):
+    """An event that one thread waits for, set in one call in place of six."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lock = threading.Lock()
+        self._lock.acquire()
+        self._on = False
+
+    def is_set(self) -> bool:
+        """Return whether it was set since it was cleared."""
+        return self._on
+
+    def set(self) -> None:
+        """Wake the thread that waits, or let its next wait return at once; from any thread."""
+        self._on = True
+        try:
+            self._lock.release()
+        except RuntimeError:  # it was set already
+            return
+
+    def clear(self) -> None:
+        """Let the next wait last; in the waiting thread."""
+        self._on = False
+        self._lock.acquire(blocking=False)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Return whether it was set, then or within a time [s]."""
+        if not self._on and self._lock.acquire(timeout=-1 if timeout is None else timeout):
+            self._on = True
+        return self._on
+
+
+class WallClock:
+    """The machine's monotonic clock."""
+
+    def now(self) -> float:
+        """Return seconds since some fixed moment."""
+        return time.perf_counter()
+
+    def sleep(self, seconds: float, until: threading.Event | None = None) -> None:
+        """Return after about this many seconds, or as soon as an event is set."""
+        if seconds <= 0.0:
+            return
+        if until is None:
+            time.sleep(seconds)
+        else:
+            until.wait(seconds)
 
 
 class Pace:

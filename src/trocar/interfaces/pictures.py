@@ -1,33 +1,41 @@
-"""What the cameras see, for all who look: drawn in a thread of its own, of the newest snapshot.
+"""Images of the cameras for all subscribers: drawn in a thread of its own, of the newest snapshot.
 
-loop's thread --snapshot, if somebody looks and a picture is due--> newest only --drawn--> takers
+loop's thread --snapshot, if a subscriber and an image are due--> newest only --drawn--> takers
 
-Neither the physics nor a taker ever waits for a picture: a snapshot that is not drawn yet when the
+Neither the physics nor a taker ever waits for an image: a snapshot that is not drawn yet when the
 next one comes is dropped, and counted.
 """
 
 from __future__ import annotations
 
+import io
 import logging
+import os
+import sys
 import threading
 import time
+import weakref
+from collections import deque
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import CancelledError
+from contextlib import suppress
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, get_args
 
-from trocar.errors import InputError, OvertakenError, TrocarError
-from trocar.interfaces.packing import Packer
-from trocar.interfaces.priority import let_others_go_first
-from trocar.interfaces.shots import Order, Renderer, Shot, Taker
-from trocar.interfaces.shutter import Shutter
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from trocar.errors import InputError, OvertakenError, TrocarError, UnknownNameError
+from trocar.interfaces.loop import Loop
+from trocar.interfaces.state import Elapsed
 
 if TYPE_CHECKING:
     from trocar.cameras.records import Calibration
-    from trocar.interfaces.loop import Loop
-    from trocar.interfaces.state import Elapsed
     from trocar.simulation import World
     from trocar.simulation.cameras import CameraRecord
+    from trocar.simulation.records import Snapshot
 
 _log = logging.getLogger("trocar")
 
@@ -43,6 +51,213 @@ COMPLAIN_S = 30.0
 PATIENT = 1000
 #: How long ending may take: a picture that is being drawn is drawn to its end [s].
 FAREWELL_S = 5.0
+Format = Literal["jpeg", "png"]
+FORMATS: tuple[str, ...] = get_args(Format)
+Picture = NDArray[np.uint8]
+
+#: Of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.
+QUALITY = 85
+#: Of PNG: quickly rather than small. Source: our own choice.
+LEVEL = 1
+#: Pictures that are known again: both eyes of two cameras. Source: our own choice.
+KNOWN = 4
+#: A snapshot that waits no longer than this to be drawn is taken. Source: our own choice: images
+#: are taken with states, every 4.5 ms, and drawing is not to wait long for the next one. [s]
+SOON_S = 0.005
+#: How much of a new figure the usual one takes over: how long drawing takes. Source: our own
+#: choice.
+LEARNT = 0.1
+#: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
+NICE = 5
+GREY = (77, 150, 29)
+"""Weights of red, green and blue in 256ths. Source: ITU-R BT.601."""
+
+
+class Packer:
+    """Packs pictures; in one thread only.
+
+    Pillow lets other threads run while it packs into a file, and not while it packs into memory:
+    a tick of a millisecond would wait for it. So it gets a file that lies in memory.
+
+    A picture that nobody can write to, and that comes again, is not packed again.
+
+    Args:
+        format: "jpeg" or "png"
+
+    Raises:
+        UnknownNameError: another format
+    """
+
+    def __init__(self, format: str = "jpeg") -> None:  # noqa: A002  the word of sensor_msgs
+        if format not in FORMATS:
+            raise UnknownNameError("image format", format, FORMATS)
+        self.format = format
+        self._options = {"quality": QUALITY} if format == "jpeg" else {"compress_level": LEVEL}
+        self._file: IO[bytes] | None = None
+        self._known: deque[tuple[Picture, bytes]] = deque(maxlen=KNOWN)
+
+    def pack(self, picture: Picture) -> bytes:
+        """Return a picture (h, w, 3) or (h, w) as the bytes of a file."""
+        if picture.flags.writeable:
+            return self._packed(picture)
+        for known, data in self._known:
+            if known is picture:
+                return data
+        data = self._packed(picture)
+        self._known.append((picture, data))
+        return data
+
+    def _packed(self, picture: Picture) -> bytes:
+        image = Image.fromarray(picture)
+        file = self._begun()
+        image.save(file, self.format, **self._options)
+        size = file.tell()
+        file.seek(0)
+        return file.read(size)
+
+    def _begun(self) -> IO[bytes]:
+        if self._file is None:
+            self._file = _file_in_memory()
+            weakref.finalize(self, self._file.close)
+        self._file.seek(0)
+        return self._file
+
+
+def _file_in_memory() -> IO[bytes]:
+    """Return a file with a descriptor where the system has such files, else a plain buffer."""
+    make = getattr(os, "memfd_create", None)
+    return io.BytesIO() if make is None else os.fdopen(make("trocar-picture"), "r+b", buffering=0)
+
+
+class Renderer(Protocol):
+    """Draws; made, used and closed in one thread."""
+
+    def render(
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        *,
+        beside: Collection[str] = (),
+    ) -> Any:
+        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None.
+
+        Beside the colours it has "depth" and "ids", where they are asked for.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the graphics library."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What is to be drawn: a world at one moment.
+
+    Attributes:
+        stamp: what headers say of it, None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
+        snapshot, cameras: where bodies and cameras are, of one moment
+        wanted: names of the cameras that somebody looks through
+        beside: {camera: what is wanted of it beside colours: "depth", "ids"}
+    """
+
+    stamp: tuple[int, int] | None
+    asked_s: float
+    snapshot: Snapshot
+    cameras: Mapping[str, CameraRecord]
+    wanted: frozenset[str]
+    beside: Mapping[str, Collection[str]] = field(default_factory=dict[str, Collection[str]])
+
+
+class Shot:
+    """What one camera saw at one moment.
+
+    Attributes:
+        camera: its name
+        record: where it was and what its lenses are like, as `World.cameras` tells
+        frame: the picture or two, as the renderer made them
+        stamp: what headers say; None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
+    """
+
+    def __init__(self, camera: str, order: Order, frame: Any, packer: Packer) -> None:
+        self.camera, self.record, self.frame = camera, order.cameras[camera], frame
+        self.stamp, self.asked_s, self._packer = order.stamp, order.asked_s, packer
+        self._packed: dict[str, bytes] = {}
+
+    @property
+    def format(self) -> str:
+        """What `packed` gives: "jpeg" or "png"."""
+        return self._packer.format
+
+    def eye(self, eye: str) -> Picture:
+        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left."""
+        return self.frame.right if eye == "right" else self.frame.left
+
+    @property
+    def calibration(self) -> Calibration:
+        """What the eyes are like that saw it; without distortion where it was not asked for."""
+        return self.frame.calibration
+
+    def packed(self, eye: str) -> bytes:
+        """Return the picture of an eye as a file's bytes, packed once for all who ask."""
+        found = self._packed.get(eye)
+        if found is None:
+            found = self._packed[eye] = self._packer.pack(self.eye(eye))
+        return found
+
+
+class Taker(Protocol):
+    """Somebody who looks."""
+
+    def wanted(self) -> Collection[str]:
+        """Return the cameras to look through now; asked in the loop's thread: be quick."""
+        ...
+
+    def take(self, shot: Shot) -> None:
+        """Take a picture, of a camera that somebody wanted; called in the drawing thread."""
+        ...
+
+
+class Shutter:
+    """Asked in the loop's thread, told by the drawing thread.
+
+    Attributes:
+        owed: whether a picture was due and is not taken yet
+    """
+
+    def __init__(self) -> None:
+        self.owed = False
+        self._usual_s = 0.0
+        self._began: float | None = None
+
+    def takes(self, due: bool, free: bool = True) -> bool:
+        """Tell whether to take a picture now.
+
+        Args:
+            due: whether the next one is due since the last call
+            free: whether none waits to be drawn
+        """
+        self.owed = self.owed or due
+        taken = self.owed and free and self._soon_free()
+        self.owed = self.owed and not taken
+        return taken
+
+    def begin(self) -> None:
+        """Note that drawing begins."""
+        self._began = time.perf_counter()
+
+    def end(self) -> None:
+        """Note that it is done."""
+        began, self._began = self._began, None
+        if began is not None:
+            self._usual_s += LEARNT * (time.perf_counter() - began - self._usual_s)
+
+    def _soon_free(self) -> bool:
+        began = self._began
+        return began is None or self._usual_s - (time.perf_counter() - began) < SOON_S
 
 
 class Pictures:
@@ -257,3 +472,29 @@ class Pictures:
         with self._changed:
             self._drawing, self._order = False, None
         _log.warning("no pictures: %s", reason)
+
+
+def let_others_go_first() -> None:
+    """Make the calling thread, and those that it starts, less urgent than the physics.
+
+    Without a graphics card drawing takes every core that it gets, and the loop would be late.
+    """
+    if sys.platform == "linux":  # elsewhere this would concern the whole process
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
+
+
+def side_by_side(left: Picture, right: Picture) -> Picture:
+    """Return both pictures in one, (h, 2 w, 3), the left eye's on the left."""
+    return np.concatenate([left, right], axis=1)
+
+
+def anaglyph(left: Picture, right: Picture) -> Picture:
+    """Return both in one, (h, w, 3), for glasses that are red on the left and cyan on the right.
+
+    The left eye's picture is grey, which hurts less than colours where tissue is red.
+    """
+    found = right.copy()
+    r, g, b = (left[..., k].astype(np.uint16) for k in range(3))
+    found[..., 0] = (GREY[0] * r + GREY[1] * g + GREY[2] * b) >> 8
+    return found

@@ -1,16 +1,32 @@
-"""What the loop shows to its readers, and how they ask for more."""
+"""State of the loop, published for its readers at a monitor's rate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future
+import threading
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
+
+from trocar.interfaces.inbox import Command
+from trocar.interfaces.pace import Clock, Speedometer
+from trocar.simulation.records import Health, Snapshot
 
 if TYPE_CHECKING:
-    from trocar.interfaces.commands import Command
     from trocar.simulation import World
-    from trocar.simulation.records import Health, Snapshot
+
+SNAPSHOT_PERIOD_S = 1 / 60
+"""Wall time between two published snapshots [s]. Source: our own choice, a monitor's rate."""
+
+LOOKED_AT_S = 0.25
+"""Somebody looks while the last look was no longer ago [s]. Source: our own choice, several times
+the period at which a page looks."""
+
+FRESH_S = 0.1
+"""Who looks again after a while waits no longer for a new state than this [s]. Source: our own
+choice, longer than what a loop does in a tick."""
+
+HEALTH_PERIOD_S = 1.0
+"""Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
+long as a tick or two. Source: our own choice: people read it."""
 
 
 @dataclass(frozen=True)
@@ -69,25 +85,89 @@ class Watcher(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Question:
-    """A question about the world that the loop's thread answers between two ticks.
+class Publisher:
+    """Replace the loop's state for its readers, at a monitor's rate however fast the ticks come.
+
+    What nobody reads is not made: to look everywhere takes as long as several ticks.
 
     Args:
-        ask: a function that only reads
-        answer: where what it returns, or the error that it raises, is put
+        world: what is looked at, in the loop's thread only
+        clock: wall time
     """
 
-    ask: Callable[[World], Any]
-    answer: Future[Any]
+    def __init__(self, world: World, clock: Clock) -> None:
+        self._world, self._clock = world, clock
+        self._speedometer = Speedometer()
+        self._state_due = self._health_due = clock.now()
+        self._read_s = self._made_s = clock.now()
+        self._turn = 0
+        self._fresh = threading.Event()
+        self._thread: int | None = None
+        self._state = self._look(world.health(), 0, False, 0)
 
-    def apply(self, world: World) -> None:
-        """Ask, and put down the answer."""
-        if not self.answer.set_running_or_notify_cancel():
+    def begin(self) -> None:
+        """Publish from the calling thread from now on."""
+        self._thread = threading.get_ident()
+
+    def end(self) -> None:
+        """Publish no longer: readers get what there is."""
+        self._thread = None
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated seconds per second over the last two seconds."""
+        return self._speedometer.factor
+
+    def read(self) -> LoopState:
+        """Return the newest state, from any thread; one that nobody read is made anew first."""
+        now = self._clock.now()
+        self._read_s = now
+        old = now - self._made_s > 2.0 * SNAPSHOT_PERIOD_S
+        if old and self._thread not in (None, threading.get_ident()):
+            self._fresh.clear()
+            self._fresh.wait(FRESH_S)
+        return self._state
+
+    def restart(self) -> None:
+        """Measure the speed anew, after a pause or a reset."""
+        self._speedometer.restart()
+
+    def publish_if_due(self, ticks: int, run_s: float, paused: bool, refused: int) -> None:
+        """Show the newest state if the last one is old; `run_s` is the simulated time so far."""
+        now = self._clock.now()
+        if now < self._state_due:
             return
-        try:
-            found = self.ask(world)
-        except Exception as error:  # noqa: BLE001  whoever asked the wrong thing learns of it
-            self.answer.set_exception(error)
-        else:
-            self.answer.set_result(found)
+        self._state_due = now + SNAPSHOT_PERIOD_S
+        self._speedometer.mark(now, run_s)
+        if now - self._read_s > LOOKED_AT_S or self._read_s < self._made_s:
+            return  # nobody looks, or the newest one was not looked at yet
+        self._show(self._look(self._next_health(now), ticks, paused, refused))
+
+    def publish(self, ticks: int, paused: bool, refused: int) -> None:
+        """Show the newest state now."""
+        self._show(self._look(self._world.health(), ticks, paused, refused))
+
+    def _next_health(self, now: float) -> Health:
+        """Look at the arm whose turn it is, when it is time."""
+        health = self._state.health
+        names = tuple(health.per_arm)
+        if not names or now < self._health_due:
+            return health
+        self._health_due = now + HEALTH_PERIOD_S / len(names)
+        name = names[self._turn % len(names)]
+        self._turn += 1
+        return Health.of({**health.per_arm, name: self._world.arm(name).health()})
+
+    def _show(self, state: LoopState) -> None:
+        self._state, self._made_s = state, self._clock.now()
+        self._fresh.set()
+
+    def _look(self, health: Health, ticks: int, paused: bool, refused: int) -> LoopState:
+        return LoopState(
+            ticks=ticks,
+            snapshot=self._world.snapshot(),
+            health=health,
+            paused=paused,
+            real_time_factor=self._speedometer.factor,
+            refused=refused,
+        )

@@ -136,6 +136,15 @@ class Arm:
         self._jaw = Jaw(self.name, self.journal, self.tell_state)
         self._fit(rig_arm, motors, None)
 
+    def __repr__(self) -> str:
+        """Name the arm and its tool, with its operating state and measured joint positions."""
+        tool = f" with {self.tool}" if self.tool else ""
+        q = ", ".join(
+            f"{joint} {value + 0.0:.4g}"
+            for joint, value in zip(self.joint_names, self.positions().round(5), strict=True)
+        )
+        return f"<Arm {self.name!r}: {self.type}{tool}, {self.operating_state().state}; {q}>"
+
     def _fit(self, rig_arm: RigArm, motors: Motors, before: JointControl | None) -> None:
         """Take what the mounted tool determines."""
         self.description = rig_arm.arm
@@ -766,6 +775,11 @@ class Arm:
             return Pose(base @ self.local_measured_cp().T, frame, self._clock.time)
         T, frame = self._clock.frames.public(self.name, self._clock.reference_arm)
         return Pose(T, frame, self._clock.time)
+
+    def tip_in_world(self) -> Pose:
+        """Return the tip's pose in the frame of the rig, whatever `measured_cp` is relative to."""
+        T = self._clock.frames.reference_pose(self.name) @ self.local_measured_cp().T
+        return Pose(T, "world", self._clock.time)
 
     def setpoint_cp(self) -> Pose:
         """Return the pose of the tip at the set-points, in the frame of `measured_cp`."""

@@ -1,4 +1,4 @@
-"""Another tool on an arm while the world runs: the rig is compiled anew, everything else goes on.
+"""Carry a running world over to another model, when a tool is exchanged.
 
 A new tool has other bodies and perhaps other joints, so the physics needs another model. What the
 old one held of every joint and servo that is still there is carried over by name, bit for bit.
@@ -7,22 +7,16 @@ old one held of every joint and servo that is still there is carried over by nam
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions import rig_with_tool
 from trocar.descriptions.mounting import carried_over, joints_without_tool
 from trocar.descriptions.records import ArmDescription
 from trocar.modeling import naming
-from trocar.modeling.build import build
 from trocar.simulation.motors import Motors
 from trocar.simulation.servos import Servos
-
-if TYPE_CHECKING:
-    from trocar.simulation.world import World
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -51,50 +45,16 @@ WIDTHS = {
 }
 
 
-def exchange(world: World, name: str, tool: str) -> None:
-    """Mount another tool on an arm of a world; nothing changes when that cannot be done.
-
-    Raises:
-        UnknownNameError, InputError, DescriptionError: no such arm or tool, or one that does not
-            fit
-    """
-    arm, rig = world.arm(name), rig_with_tool(world.rig, name, tool)
-    model = build(rig, world.options)
-    arm.come_off()
-    old, new = arm.description, rig.arm(name).arm
-    q = _engaged(arm.positions(), old, new)
-    told = _engaged(arm.setpoints(), old, new)
-    _warn_of_clipped(name, arm.setpoints(), old, told, new)
-    before, motors = (world._model, world._data, world.servos), arm.motors
-    world._adopt(model)
-    _carry(before, (world._model, world._data, world.servos), name)
-    for other in world.arms.values():
-        if other is not arm:
-            other.reattach(world._motors(other.name))
-    new_motors = world._motors(name)
-    _keep_settings(motors, new_motors)
-    sensors = world._sensors
-    world._wire()
-    world._sensors.go_on(sensors, name)
-    arm.refit(rig.arm(name), new_motors, q, told)
-    world._name_poses(arm)
-    rows, holding = new_motors.index.rows, world.servos.holding.copy()
-    world.frames.holding_efforts(world.servos.holding)
-    holding[rows] = world.servos.holding[rows]  # the other arms keep theirs
-    world.servos.holding[:] = holding
-    world.servos.write_efforts()
-    world.journal.event(name, "tool_type", tool=arm.tool)
-
-
-def _engaged(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
+def engaged(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
     """Return where an arm with joints at q, (n_old,), stands with its new tool, (n_new,)."""
     kept = np.isin(old.mechanism.joint_names, [*joints_without_tool(old), ROLL])
     return carried_over(np.where(kept, q, 0.0), old, new)
 
 
-def _warn_of_clipped(
+def warn_of_clipped(
     name: str, before: Array, old: ArmDescription, after: Array, new: ArmDescription
 ) -> None:
+    """Log which joints' set-points the new tool's limits clip."""
     for joint in (*joints_without_tool(old), ROLL):
         here, there = (arm.mechanism.joint_index.get(joint) for arm in (old, new))
         if here is not None and there is not None and before[here] != after[there]:
@@ -104,7 +64,7 @@ def _warn_of_clipped(
             )
 
 
-def _keep_settings(old: Motors, new: Motors) -> None:
+def keep_settings(old: Motors, new: Motors) -> None:
     """Keep power and compensation, and modes and gains of the arm's own joints."""
     before = old.arm.mechanism.joint_index
     for joint in joints_without_tool(new.arm):
@@ -118,7 +78,7 @@ def _keep_settings(old: Motors, new: Motors) -> None:
 Physics = tuple[mujoco.MjModel, mujoco.MjData, Servos]
 
 
-def _carry(old: Physics, new: Physics, name: str) -> None:
+def carry(old: Physics, new: Physics, name: str) -> None:
     """Copy time, joints, servos and the solver's memory of everything but the arm `name`."""
     (model, data, servos), (grown, fresh, inputs) = old, new
     fresh.time = data.time

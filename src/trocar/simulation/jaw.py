@@ -29,6 +29,12 @@ class Jaw:
         self._tell_state = tell_state
         self._joints: JointControl | None = None
 
+    def __repr__(self) -> str:
+        if self._joints is None:
+            return f"<Jaw of {self._source!r}: none mounted>"
+        angle, goal = (float(js.position[0]) for js in (self.measured_js(), self.setpoint_js()))
+        return f"<Jaw of {self._source!r}: {angle:.4f} rad, set-point {goal:.4f} rad>"
+
     def fit(self, control: JointControl | None) -> None:
         """Take the joints of the tool that is mounted now, None where it has no jaw."""
         self._joints = control

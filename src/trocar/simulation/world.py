@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions import RigDescription, load_rig
+from trocar.descriptions import RigDescription, load_rig, rig_with_tool
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
 from trocar.descriptions.sensor_records import SensorReading
 from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
@@ -22,7 +22,7 @@ from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
-from trocar.simulation.exchange import exchange
+from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
 from trocar.simulation.health import warn_of_flattening
 from trocar.simulation.journal import WORLD, Journal, Listener, command
@@ -191,6 +191,10 @@ class World:
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
         warn_of_flattening(self.rig)
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.arms)
+        return f"<World {self.rig.name!r} at {self.time:.3f} s: {names}>"
 
     # ------------------------------------------------------------------ time
 
@@ -449,7 +453,32 @@ class World:
             InputError: the arm takes no tool, or this one is made for another generation
             DescriptionError: the tool's file is broken
         """
-        exchange(self, name, str(tool))
+        arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
+        model = build(rig, self.options)
+        arm.come_off()
+        old, new = arm.description, rig.arm(name).arm
+        q = engaged(arm.positions(), old, new)
+        told = engaged(arm.setpoints(), old, new)
+        warn_of_clipped(name, arm.setpoints(), old, told, new)
+        before, motors = (self._model, self._data, self.servos), arm.motors
+        self._adopt(model)
+        carry(before, (self._model, self._data, self.servos), name)
+        for other in self.arms.values():
+            if other is not arm:
+                other.reattach(self._motors(other.name))
+        new_motors = self._motors(name)
+        keep_settings(motors, new_motors)
+        sensors = self._sensors
+        self._wire()
+        self._sensors.go_on(sensors, name)
+        arm.refit(rig.arm(name), new_motors, q, told)
+        self._name_poses(arm)
+        rows, holding = new_motors.index.rows, self.servos.holding.copy()
+        self.frames.holding_efforts(self.servos.holding)
+        holding[rows] = self.servos.holding[rows]  # the other arms keep theirs
+        self.servos.holding[:] = holding
+        self.servos.write_efforts()
+        self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
     def set_reference_arm(self, name: str) -> None:

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from trocar.apps.calibration import Calibration, Tracks, calibrate, read_tracks
-from trocar.apps.mocap.noise import Noise
-from trocar.apps.mocap.perturb import perturbed
-from trocar.apps.mocap.simulate import MocapSettings, SimulatedTracks, simulate_tracks
+from trocar.apps.mocap.robots import perturbed
+from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
 from trocar.apps.mocap.writers import write_tracks
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.overlay import apply_overlay, overlay_text, parse_overlay
@@ -75,7 +74,7 @@ def test_exact_poses_give_the_robot_back(name: str, seed: int) -> None:
     assert swept["yaw"] == pytest.approx([-0.6, 0.6], abs=0.05)
     assert swept["pitch"] == pytest.approx([-0.6, 0.6], abs=0.05)
     place = truth["rcm"]["position_in_base_body_m"]
-    assert np.abs(found.centre.report.fit.post - place).max() < 1e-8
+    assert np.abs(found.centre.fit.post - place).max() < 1e-8
     assert abs(found.centre.distance.value - truth["rcm"]["distance_to_pitch_axis_m"]) < 1e-8
 
 
@@ -97,7 +96,7 @@ def test_tracks_of_a_simulated_arm_with_servo_errors_give_it_back_as_well(
         assert abs(found.closed_distances[label] - wanted) < 1e-8, label
     assert found.centre is not None
     place = made.truth["rcm"]["position_in_base_body_m"]
-    assert np.abs(found.centre.report.fit.post - place).max() < 1e-8
+    assert np.abs(found.centre.fit.post - place).max() < 1e-8
 
 
 @pytest.mark.parametrize(("name", "seed"), [("psm", 1), ("ecm", 3)])

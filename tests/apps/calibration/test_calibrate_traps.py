@@ -11,10 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.apps.calibration import Tracks, calibrate
-from trocar.apps.calibration.geometry import freedoms, home_points, slots
-from trocar.apps.calibration.linkage import linkage
-from trocar.apps.calibration.motion import marker_poses, mechanism_of
-from trocar.apps.calibration.start import Robot
+from trocar.apps.calibration.linkage import freedoms, home_points, linkage, slots
+from trocar.apps.calibration.robot import Robot, marker_poses, mechanism_of
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.errors import FarFromNominalError, InputError, UndeterminedError
 from trocar.geometry import matrix_from_rotation_vector, transform

@@ -10,8 +10,7 @@ import pytest
 
 from trocar.apps.calibration import Tracks, calibrate
 from trocar.apps.calibration.linkage import linkage
-from trocar.apps.calibration.motion import marker_poses, mechanism_of
-from trocar.apps.calibration.start import Robot
+from trocar.apps.calibration.robot import Robot, marker_poses, mechanism_of
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.overlay import apply_overlay, overlay_text, parse_overlay
 from trocar.errors import InputError

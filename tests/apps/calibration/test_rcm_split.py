@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 from trocar.apps.calibration import Calibration, Tracks, calibrate
-from trocar.apps.calibration.own_centre import own_centre
 from trocar.apps.calibration.placement import calibrated
 from trocar.apps.calibration.rcm import find_rcm
-from trocar.apps.calibration.rcm_frame import centre_links
+from trocar.apps.calibration.rcm_frame import Table7, centre_links, own_centre
 from trocar.apps.calibration.rcm_split import Split, lengths_only, split_centre
-from trocar.apps.calibration.table7 import Table7
 from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks, worn
-from trocar.apps.mocap.noise import spoil
+from trocar.apps.mocap.simulate import spoil
 from trocar.descriptions import ArmDescription, load_arm
 
 SETTINGS = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, Noise(), 3)
@@ -30,7 +28,7 @@ def calibration(real: ArmDescription, noise: Noise | None = None) -> Calibration
 def split(real: ArmDescription, noise: Noise | None = None) -> tuple[Split, Table7]:
     found = calibration(real, noise)
     assert found.centre is not None
-    report = found.centre.report
+    report = found.centre
     assert report.table7 is not None
     return split_centre(found, report, load_arm(real.name)), report.table7
 
@@ -39,7 +37,10 @@ def rms(cloud: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.sum(cloud**2, axis=1))))
 
 
-@pytest.mark.parametrize("name", ["psm", "ecm"])
+ARMS = ["psm", pytest.param("ecm", marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("name", ARMS)
 def test_the_parts_add_up(name: str) -> None:
     arm = worn(load_arm(name), np.random.default_rng(2))
     parts, seen = split(arm, Noise(1e-4, 8.7e-4))
@@ -54,7 +55,7 @@ def test_the_parts_add_up(name: str) -> None:
     assert (seen.frame.position > 0.0).all() and (seen.frame.spread > 0.0).all()
 
 
-@pytest.mark.parametrize("name", ["psm", "ecm"])
+@pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("equal", [True, False])
 def test_links_of_other_lengths_leave_nothing_to_the_axes(name: str, equal: bool) -> None:
     arm, rng = load_arm(name), np.random.default_rng(5)

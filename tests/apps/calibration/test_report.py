@@ -11,9 +11,8 @@ import pytest
 pytest.importorskip("matplotlib", reason="drawings need matplotlib (extra: plot)")
 
 from trocar.apps.calibration import calibrate, read_tracks
-from trocar.apps.calibration.own_centre import own_centre
-from trocar.apps.calibration.rcm_cloud import centre_samples
-from trocar.apps.calibration.rcm_frame import centre_links
+from trocar.apps.calibration.rcm import centre_samples
+from trocar.apps.calibration.rcm_frame import centre_links, own_centre
 from trocar.apps.calibration.report import write_report
 from trocar.apps.mocap import MocapSettings, Noise, simulate_tracks, worn, write_tracks
 from trocar.descriptions import load_arm
@@ -62,7 +61,7 @@ def test_a_calibrated_arms_own_centre_wanders_as_the_worn_arms_did(
     write_tracks(tmp_path / "tracks.csv", simulate_tracks(real, settings), "tidy")
     found = calibrate(read_tracks(tmp_path / "tracks.csv"), arm, closure="general")
     assert found.centre is not None
-    report = found.centre.report
+    report = found.centre
     assert report.table7 is not None
     q, _ = centre_samples(report.hinges, report.fit)
     robot = apply_overlay(arm, found.overlay)

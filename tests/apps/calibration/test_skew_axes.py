@@ -35,7 +35,9 @@ def in_plane(arm: ArmDescription) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize(("name", "seed"), [("psm", 3), ("ecm", 4)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("psm", 3), pytest.param("ecm", 4, marks=pytest.mark.slow)]
+)
 def test_truth_tracks_and_overlay_tell_one_distance_of_skew_axes(name: str, seed: int) -> None:
     arm, rng = load_arm(name), np.random.default_rng(seed)
     robot = worn(perturbed(arm, rng), rng)
@@ -71,7 +73,7 @@ def test_without_the_ground_s_own_axis_the_place_along_skew_axes_is_said_to_be_o
         assert found.closed_distances[label] == pytest.approx(value.value, abs=close), label
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
 def test_a_worn_master_is_calibrated_with_its_leaning_axes(seed: int) -> None:
     arm = load_arm("mtml")
     robot = worn(arm, np.random.default_rng(seed))

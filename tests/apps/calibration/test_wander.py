@@ -12,7 +12,7 @@ import pytest
 from trocar.apps.calibration import Tracks
 from trocar.apps.calibration.rcm import RcmReport, find_rcm
 from trocar.apps.mocap import MocapSettings, Noise, SimulatedTracks, simulate_tracks, worn
-from trocar.apps.mocap.noise import spoil
+from trocar.apps.mocap.simulate import spoil
 from trocar.descriptions import load_arm
 
 POSITION, ROTATION = 1e-4, float(np.deg2rad(0.05))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trocar.apps.replay import repeat
+from trocar.apps.follow import repeat
 from trocar.apps.teleoperation.psm import PsmTeleoperation
 from trocar.geometry import angle_between
 from trocar.recording import record

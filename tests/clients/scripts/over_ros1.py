@@ -11,12 +11,13 @@ import importlib
 import runpy
 import sys
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import rospy
 
+from trocar.interfaces.crtk.scripts.crtk_client import ral
 from trocar.interfaces.crtk.scripts.modules import client_modules
-from trocar.interfaces.crtk.scripts.ral import ral
 
 
 def find(kind, folder):
@@ -31,7 +32,7 @@ class Latest:
 
     def __init__(self, name, kind):
         self.message = None
-        self.end = rospy.Subscriber(f"/{name}", kind, self.heard, tcp_nodelay=True)
+        self.end = rospy.Subscriber(name, kind, self.heard, tcp_nodelay=True)
         self.name, self.get_num_connections = self.end.name, self.end.get_num_connections
 
     def heard(self, message):
@@ -42,25 +43,14 @@ class Latest:
 
 
 class RosNode:
-    """What our `crtk.ral` asks of a node, done by rospy."""
+    """rospy, without delays of small messages, and with waiting."""
 
     flow = SimpleNamespace(look=lambda: None, core=SimpleNamespace(prefixes={}))
-    now = staticmethod(rospy.Time.now)
-    rate = staticmethod(rospy.Rate)
-    on_shutdown = staticmethod(rospy.on_shutdown)
-    latest = staticmethod(Latest)
-    ended = property(lambda _: rospy.is_shutdown())
+    Subscriber = staticmethod(partial(rospy.Subscriber, tcp_nodelay=True))
+    Publisher = staticmethod(partial(rospy.Publisher, tcp_nodelay=True))
 
-    def publisher(self, name, kind):
-        return rospy.Publisher(f"/{name}", kind, queue_size=10, tcp_nodelay=True)
-
-    def subscriber(self, name, kind, heard, size=None):
-        return rospy.Subscriber(f"/{name}", kind, heard, queue_size=size, tcp_nodelay=True)
-
-    listener = subscriber
-
-    def service(self, name, kind):
-        return rospy.ServiceProxy(f"/{name}", kind)
+    def __getattr__(self, name):
+        return getattr(rospy, name)
 
     def wait(self, ready, timeout_s=None):
         end = time.monotonic() + (timeout_s or 0.0)
@@ -69,9 +59,6 @@ class RosNode:
                 return False
             time.sleep(0.001)
         return True
-
-    def shutdown(self):
-        rospy.signal_shutdown("done")
 
 
 class RosRal(ral):
@@ -85,11 +72,13 @@ class RosRal(ral):
     def service_type(kind):
         return find(kind, "srv")
 
-    def create_duration(self, d):
-        return rospy.Duration(d)
+    def latest(self, topic, kind):
+        made = Latest(f"/{self._named(topic)}", self.message(kind))
+        self._subscribers.append(made)
+        return made
 
-    def create_time(self):
-        return rospy.Time()
+    def listen(self, topic, kind, heard):
+        return self.subscriber(topic, self.message(kind), heard)
 
 
 rospy.init_node("script", anonymous=True, disable_signals=True)

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.transport import Transport
+from trocar.interfaces.crtk.core import Transport
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
 from trocar.interfaces.loop import SERVER_TICK_S
 from trocar.simulation import World

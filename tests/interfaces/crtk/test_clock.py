@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.errors import UnknownNameError
-from trocar.interfaces import Pause, Reset, Resume
+from trocar.interfaces import Command
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.state import Elapsed
 
@@ -97,13 +97,13 @@ def test_a_pause_repeats_values_under_new_stamps_and_a_reset_turns_nothing_back(
     served = Served(wanted=["PSM1/measured_js"])
     served.run(0.2)
     before = len(served.messages("PSM1/measured_js"))
-    served.loop.post(Pause())
+    served.loop.post(Command("world", "pause"))
     served.run(0.2)
     paused = served.messages("PSM1/measured_js")[before + 2 :]
     assert len(paused) > 40
     assert all(np.array_equal(m["position"], paused[0]["position"]) for m in paused)
-    served.loop.post(Resume())
-    served.loop.post(Reset())
+    served.loop.post(Command("world", "resume"))
+    served.loop.post(Command("world", "reset"))
     served.run(0.2)
     stamps = [stamp_ns(m) for m in served.messages("PSM1/measured_js")]
     assert (np.diff(stamps) > 0).all()
@@ -113,7 +113,7 @@ def test_a_pause_repeats_values_under_new_stamps_and_a_reset_turns_nothing_back(
 def test_the_simulated_clock_is_told_and_stands_while_paused() -> None:
     served = Served(wanted=["clock", "PSM1/measured_js"], clock="sim")
     served.run(0.1)
-    served.loop.post(Pause())
+    served.loop.post(Command("world", "pause"))
     served.run(0.1)
     times = [ns(m["clock"]) for m in served.messages("clock")]
     assert times == [stamp_ns(m) for m in served.messages("PSM1/measured_js")]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from trocar.errors import UnknownNameError
+
 from .asking import joints, quaternion, setpoints, state
 from .served import Served
 
@@ -23,21 +25,36 @@ def test_nobody_presses_anything_when_the_simulator_starts(psm):
 
 
 @pytest.mark.parametrize(
-    ("what", "shown"),
+    ("topic", "shown"),
     [
-        ("operator_present", ["console/operator_present"]),
-        ("clutch", ["console/clutch", "footpedals/clutch"]),
-        ("camera", ["console/camera", "footpedals/camera"]),
+        ("console/emulate_operator_present", ["console/operator_present"]),
+        ("console/emulate_clutch", ["console/clutch", "footpedals/clutch"]),
+        ("console/emulate_camera", ["console/camera", "footpedals/camera"]),
+        ("footpedals/emulate_clutch", ["console/clutch", "footpedals/clutch"]),
+        ("footpedals/emulate_camera", ["console/camera", "footpedals/camera"]),
+        *(
+            (f"footpedals/emulate_{pedal}", [f"footpedals/{pedal}"])
+            for pedal in ("coag", "bicoag", "cam_plus", "cam_minus")
+        ),
     ],
 )
-def test_a_pedal_that_is_emulated_is_told_of(psm, what, shown):
+def test_every_pedal_can_be_pressed(psm, topic, shown):
     for button in (1, 2, 0):
-        assert psm.core.receive(f"console/emulate_{what}", {"axes": [], "buttons": [button]})
+        assert psm.core.receive(topic, {"axes": [], "buttons": [button]})
         psm.run(0.01)
         for name in shown:
             assert psm.last(name)["buttons"] == [button]
             assert psm.last(name)["header"]["stamp"] > (0, 0)
-    assert not psm.core.receive(f"console/emulate_{what}", {"buttons": [7]})
+    assert not psm.core.receive(topic, {"buttons": [7]})
+
+
+def test_one_command_presses_a_pedal(psm):
+    for pressed in (True, False):
+        assert psm.core.press("coag", pressed)
+        psm.run(0.01)
+        assert psm.last("footpedals/coag")["buttons"] == [int(pressed)]
+    with pytest.raises(UnknownNameError, match="bicoag"):
+        psm.core.press("gas", True)
 
 
 def test_sounds_are_checked_and_told(psm):

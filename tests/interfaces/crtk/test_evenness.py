@@ -12,13 +12,13 @@ import pytest
 
 from tests.interfaces.crtk.served import HandClock, Served
 from trocar.interfaces import Loop
-from trocar.interfaces.commands import Pause, Step
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.clock import Stamper
+from trocar.interfaces.crtk.core import Batch
 from trocar.interfaces.crtk.sample import Sample
-from trocar.interfaces.crtk.transport import Batch
+from trocar.interfaces.crtk.sampler import READY_S, Sampler, behind_s
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.watching import READY_S, Watch, behind_s
+from trocar.interfaces.inbox import Command
 from trocar.simulation import World
 
 TICK_S, BEGIN_S = 0.001, 100.0
@@ -44,8 +44,8 @@ def taken(
     """Return the samples of 0.3 s of a loop."""
     loop = Loop(World("psm"), speed=speed, tick_s=TICK_S, clock=Busy(late_s))
     samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
-    watch = Watch(loop, {"PSM1": "PSM1"}, Stamper(), rate, samples, lambda _: False)
-    watch.asked = frozenset({"PSM1/measured_js"})
+    watch = Sampler(loop, {"PSM1": "PSM1"}, Stamper(), rate, samples, lambda *_: None)
+    watch.wanted = frozenset({"PSM1/measured_js"})
     watch.start()
     loop.run(0.3)
     found = [samples.get() for _ in range(samples.qsize())]
@@ -85,8 +85,8 @@ def test_ticks_follow_one_by_one_only_where_somebody_waits_for_samples_in_time(
     speed: Literal["realtime", "max"], asked: bool, ticks: set[int]
 ) -> None:
     loop = Loop(World("psm"), speed=speed, tick_s=TICK_S, clock=HandClock())
-    watch = Watch(loop, {}, Stamper(), 220.0, queue.SimpleQueue(), lambda _: False)
-    watch.asked = frozenset({"PSM1/measured_js"} if asked else ())
+    watch = Sampler(loop, {}, Stamper(), 220.0, queue.SimpleQueue(), lambda *_: None)
+    watch.wanted = frozenset({"PSM1/measured_js"} if asked else ())
     watch.start()
     found: set[int] = set()
     for _ in range(50):
@@ -97,9 +97,9 @@ def test_ticks_follow_one_by_one_only_where_somebody_waits_for_samples_in_time(
 
 def test_who_steps_a_paused_world_gets_what_comes_of_it_at_once() -> None:
     served = Served("psm", rate_hz=1.0)
-    served.loop.post(Pause())
+    served.loop.post(Command("world", "pause"))
     served.run()
-    served.loop.post(Step(1))
+    served.loop.post(Command("world", "step", {"periods": 1}))
     served.loop.tick()
     sample = served.core._samples.get_nowait()
     assert sample is not None

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from trocar.errors import InputError, MissingExtraError
-from trocar.interfaces import Loop, Pause
-from trocar.interfaces.commands import Verb
+from trocar.interfaces import Command, Loop
 from trocar.interfaces.crtk import Core
+from trocar.interfaces.crtk.sampler import WAITING_S
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.watching import WAITING_S
 from trocar.simulation import World
 
 from .served import Served, stamp_ns
@@ -42,7 +41,7 @@ def test_a_move_of_no_length_is_busy_and_then_not(verb: str) -> None:
         "move_cp": {"T": arm.setpoint_cp().T},
         "jaw.move_jp": {"q": arm.jaw.setpoint_js().position},
     }
-    served.loop.post(Verb("PSM1", verb, here[verb]))
+    served.loop.post(Command("PSM1", verb, here[verb]))
     served.run(0.3)
     told = busy_after(served, before)
     assert told[0] is True
@@ -52,10 +51,10 @@ def test_a_move_of_no_length_is_busy_and_then_not(verb: str) -> None:
 def test_a_move_while_moving_is_told_of_again() -> None:
     served, _ = settle()
     goal = served.world.arm("PSM1").setpoint_js().position + 0.02
-    served.loop.post(Verb("PSM1", "move_jp", {"q": goal}))
+    served.loop.post(Command("PSM1", "move_jp", {"q": goal}))
     served.run(0.02)
     before = len(served.messages(AT_START))
-    served.loop.post(Verb("PSM1", "move_jp", {"q": goal + 0.01}))
+    served.loop.post(Command("PSM1", "move_jp", {"q": goal + 0.01}))
     served.run(0.02)
     assert True in busy_after(served, before)
 
@@ -64,7 +63,7 @@ def test_stamps_of_the_operating_state_increase_strictly() -> None:
     served, _ = settle()
     goal = served.world.arm("PSM1").setpoint_js().position + 0.02
     for sign in (1.0, -1.0, 1.0):
-        served.loop.post(Verb("PSM1", "move_jp", {"q": goal * sign}))
+        served.loop.post(Command("PSM1", "move_jp", {"q": goal * sign}))
         served.run(0.05)
     served.run(1.5)
     stamps = [stamp_ns(m) for m in served.messages(AT_START)]
@@ -80,7 +79,7 @@ def test_the_operating_state_comes_again_every_second() -> None:
 def test_states_that_change_are_told_with_what_was_asked_for() -> None:
     served, before = settle()
     for name in ("disable", "enable"):
-        served.loop.post(Verb("PSM1", "state_command", {"name": name}))
+        served.loop.post(Command("PSM1", "state_command", {"name": name}))
         served.run(0.01)
     assert [m["state"] for m in served.messages(AT_START)[before:]] == ["DISABLED", "ENABLED"]
     desired = [m["data"] for m in served.messages("PSM1/desired_state")]
@@ -89,8 +88,8 @@ def test_states_that_change_are_told_with_what_was_asked_for() -> None:
 
 def test_a_refused_command_is_a_warning_on_its_arms_topic() -> None:
     served, _ = settle()
-    served.loop.post(Verb("PSM1", "servo_jp", {"q": [1.0]}))
-    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+    served.loop.post(Command("PSM1", "servo_jp", {"q": [1.0]}))
+    served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
     served.run(0.01)
     told = [m["data"] for m in served.messages("PSM1/warning")]
     assert len(told) == 2
@@ -100,7 +99,7 @@ def test_a_refused_command_is_a_warning_on_its_arms_topic() -> None:
 
 def test_a_goal_that_was_reached_is_told() -> None:
     served, _ = settle()
-    served.loop.post(Verb("PSM1", "move_jr", {"dq": [0.01, 0, 0, 0, 0, 0]}))
+    served.loop.post(Command("PSM1", "move_jr", {"dq": [0.01, 0, 0, 0, 0, 0]}))
     served.run(0.5)
     assert [m["data"] for m in served.messages("PSM1/goal_reached")] == [True]
 
@@ -109,13 +108,13 @@ def test_another_tool_is_told_and_its_poses_are_published() -> None:
     served, _ = settle()
     served.transport.want("PSM1/measured_cp", "PSM1/jaw/measured_js")
     assert served.core.latched("PSM1/tool_type") == {"data": "LARGE_NEEDLE_DRIVER:400006"}
-    served.loop.post(Verb("PSM1", "set_tool_type", {"name": "PROGRASP_FORCEPS:420093"}))
+    served.loop.post(Command("PSM1", "set_tool_type", {"name": "PROGRASP_FORCEPS:420093"}))
     served.run(0.05)
     assert served.core.latched("PSM1/tool_type") == {"data": "PROGRASP_FORCEPS:420093"}
     p = served.last("PSM1/measured_cp")["pose"]["position"]
     expected = served.world.arm("PSM1").measured_cp().T[:3, 3]
     np.testing.assert_allclose([p["x"], p["y"], p["z"]], expected, atol=1e-6)
-    served.loop.post(Verb("PSM1", "set_tool_type", {"name": "none"}))
+    served.loop.post(Command("PSM1", "set_tool_type", {"name": "none"}))
     served.run(0.02)
     before = len(served.messages("PSM1/jaw/measured_js"))
     served.run(0.05)
@@ -124,7 +123,7 @@ def test_another_tool_is_told_and_its_poses_are_published() -> None:
 
 def test_ratios_of_moves_are_told_when_they_change() -> None:
     served, _ = settle()
-    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 0.5, "of": "velocity"}))
+    served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 0.5, "of": "velocity"}))
     served.run(0.01)
     assert served.core.latched("PSM1/trajectory_j/ratio_v") == {"data": 0.5}
     assert served.core.latched("PSM1/trajectory_j/ratio_a") == {"data": 1.0}
@@ -132,7 +131,7 @@ def test_ratios_of_moves_are_told_when_they_change() -> None:
 
 def test_a_pinched_gripper_is_told() -> None:
     served = Served("mtm", wanted=[])
-    served.loop.post(Verb("MTML", "gripper.squeeze_to", {"angle": 0.0}))
+    served.loop.post(Command("MTML", "gripper.squeeze_to", {"angle": 0.0}))
     served.run(1.0)
     assert len(served.messages("MTML/gripper/pinch")) == 1
     assert served.core.latched("MTML/gripper/closed") == {"data": True}
@@ -143,7 +142,7 @@ def test_samples_that_nobody_publishes_are_left_out_and_events_are_not() -> None
     served = Served(wanted=["PSM1/measured_js"])
     for k in range(800):
         if k == 790:
-            served.loop.post(Verb("PSM1", "state_command", {"name": "disable"}))
+            served.loop.post(Command("PSM1", "state_command", {"name": "disable"}))
         served.loop.tick()
     assert served.core.skipped > 0
     assert served.core.publish_waiting() == round(220 * WAITING_S)
@@ -172,18 +171,18 @@ def test_buttons_pressed_and_released_at_once_have_stamps_of_their_own() -> None
 def test_a_flood_of_commands_that_raise_is_told_once() -> None:
     served, _ = settle()
     for _ in range(300):
-        served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+        served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
         served.run(0.001)
     assert len(served.messages("PSM1/warning")) == 1
     served.run(2.0)
-    served.loop.post(Verb("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
+    served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
     served.run(0.01)
     assert "(299 more such since)" in served.messages("PSM1/warning")[-1]["data"]
 
 
 def test_operating_states_come_again_while_simulated_time_stands() -> None:
     served, before = settle(clock="sim")
-    served.loop.post(Pause())
+    served.loop.post(Command("world", "pause"))
     served.run(3.0)
     assert len(served.messages(AT_START)) - before == 3
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.interfaces.crtk import fields, places
+from trocar.interfaces.crtk import fields
 from trocar.interfaces.crtk.fields import RefusedError
 
 NAMES = ("yaw", "pitch", "insertion")
@@ -52,9 +52,9 @@ def test_a_joint_vector_that_cannot_be_used_says_what_is_allowed(message, reason
 
 def test_a_quaternion_of_another_length_than_one_is_refused():
     with pytest.raises(RefusedError, match="of length 0; allowed: 1"):
-        places.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}, "")
+        fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}, "")
     with pytest.raises(RefusedError, match=r"of length 1\.01"):
-        places.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.01}, "")
+        fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.01}, "")
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4))
@@ -63,12 +63,12 @@ def test_quaternions_are_xyzw(values):
     if length < 1e-3:
         return
     x, y, z, w = (v / length for v in values)
-    R = places.rotation({"x": x, "y": y, "z": z, "w": w}, "")
+    R = fields.rotation({"x": x, "y": y, "z": z, "w": w}, "")
     np.testing.assert_allclose(R, matrix_from_quaternion([w, x, y, z]), atol=1e-12)
 
 
 def test_a_pose_is_metres_and_axes():
-    T = places.pose(
+    T = fields.pose(
         {
             "pose": {
                 "position": {"x": 1.0, "y": 2.0, "z": 3.0},
@@ -109,11 +109,11 @@ def test_whatever_a_message_holds_it_is_used_or_refused(message):
     for read in (
         lambda m: fields.joints(m, "position", NAMES),
         lambda m: fields.joints_or_none(m, "position", NAMES),
-        lambda m: places.pose(m, "pose"),
-        lambda m: places.wrench(m, "pose"),
+        lambda m: fields.pose(m, "pose"),
+        lambda m: fields.wrench(m, "pose"),
         lambda m: fields.text(m, "name"),
         lambda m: fields.flag(m, "x"),
-        lambda m: places.rotation(m, ""),
+        lambda m: fields.rotation(m, ""),
         fields.button,
         fields.stamp,
     ):

@@ -26,7 +26,7 @@ from trocar.interfaces.crtk.messages import (
     service_names,
     service_type,
 )
-from trocar.interfaces.crtk.messages.definition import read_fields
+from trocar.interfaces.crtk.messages.types import read_fields
 
 from .content import ALL, each_type, plain, random_message
 

@@ -62,11 +62,10 @@ def flood(served: Served, rng: np.random.Generator, sent: Callable[[Topic, objec
 
 def check_bounds(served: Served) -> None:
     core, arms = served.core, len(served.world.arms)
-    assert len(core.incoming._newest) <= 1024
-    assert len(core._watch._events) <= 1024
-    assert len(core._seldom._said) <= 1000
-    assert all(count <= 64 for count in core.incoming._turns.waiting.values())
-    assert len(served.loop._inbox._waiting) <= (64 + 2) * arms + 64
+    assert len(core._stamps) <= 1024
+    assert core._sampler.events_waiting <= 1024
+    assert len(core._rate_limit) <= 1000
+    assert len(served.loop._inbox.drain()) <= (64 + 2) * arms + 64
 
 
 def command(made: object) -> object:

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from trocar.apps.replay import repeat
+from trocar.apps.follow import repeat
 from trocar.errors import InputError
 from trocar.interfaces import Loop
+from trocar.interfaces.crtk.images import RecordedImages, images_recorded
 from trocar.interfaces.crtk.messages import cdr_decode, message_type
-from trocar.interfaces.crtk.recorded import RecordedImages, images_recorded
 from trocar.interfaces.pictures import Pictures
 from trocar.recording import Extra, open_recording, record
 from trocar.simulation import World

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trocar.errors import InputError
-from trocar.interfaces.crtk.places import pose
+from trocar.interfaces.crtk.fields import pose
 from trocar.kinematics.links import link_pose
 
 from .asking import HOME, joints, quaternion, state, xyz

@@ -75,7 +75,7 @@ def test_states_follow_from_each_other_and_nothing_moves_in_between(commands, ho
         if m["state"] != "ENABLED" and m["state"] == last["state"]:
             assert not m["is_homed"] or last["is_homed"]
     assert not told[-1]["is_busy"], "what is asked for ends"
-    assert served.core.incoming._turns.waiting == {}
+    assert served.loop.held == frozenset()
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from trocar.descriptions import load_rig
+from trocar.interfaces.crtk.console import PEDALS
 from trocar.interfaces.crtk.topics import Topic, service_table, topic_table
 
 PAGE = Path(__file__).parents[3] / "docs" / "ros.md"
@@ -187,7 +188,9 @@ def test_what_the_dvrk_does_not_have_is_ours_and_named_here(table: dict[str, Top
         for name in ("MTMR_PSM1", "MTML_MTMR_ECM")
         for what in ("error", "warning", "status")
     }
-    assert extra == suj | old | told | hands | viewers | teleops
+    velocities = {f"{n}/servo_jv" for n in ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR")}
+    pedals = {f"footpedals/emulate_{pedal}" for pedal in PEDALS}
+    assert extra == suj | old | told | hands | viewers | teleops | velocities | pedals
 
 
 def test_services_are_those_of_the_dvrk() -> None:

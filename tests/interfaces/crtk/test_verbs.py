@@ -7,8 +7,8 @@ import pytest
 
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
-from trocar.interfaces.crtk import say
-from trocar.interfaces.crtk.arm_commands import READERS
+from trocar.interfaces.crtk import build
+from trocar.interfaces.crtk.arm_topics import EVERY, EXTRA, MOVERS
 from trocar.simulation.controllers import CartesianImpedance
 from trocar.simulation.journal import Entry
 
@@ -17,7 +17,7 @@ from .served import Served
 
 Q = [0.05, 0.02, 0.13, 0.1, 0.05, 0.05]
 T = transform(rotation_z(0.3), [0.01, -0.02, -0.1])
-POSE = {"header": say.header((0, 0), "table"), "pose": say.pose(T)}
+POSE = {"header": build.header((0, 0), "table"), "pose": build.pose(T)}
 WRENCH = [0.1, 0.2, 0.3, 0.01, 0.02, 0.03]
 PUSH = wrench(xyz(*WRENCH[:3]), xyz(*WRENCH[3:]))
 VALID = {"pose_is_valid": {"data": True}, "twist_is_valid": {"data": True}}
@@ -25,7 +25,7 @@ SIDES = ("position_positive", "position_negative", "orientation_positive", "orie
 SPRING = {
     "force_position": xyz(0.1, 0.2, 0.3),
     "force_orientation": quaternion(),
-    "torque_orientation": say.quaternion(T),
+    "torque_orientation": build.quaternion(T),
     **{
         side: {
             "p": xyz(-k, -k, -k),
@@ -42,6 +42,7 @@ VERBS = [
     ("servo_jp", joints(*Q), "servo_jp", {"q": Q}),
     ("servo_jp", joints(*Q, velocity=Q), "servo_jp", {"q": Q, "v": Q}),
     ("servo_jr", joints(*Q), "servo_jr", {"dq": Q}),
+    ("servo_jv", joints(velocity=Q), "servo_jv", {"v": Q}),
     ("servo_jf", joints(effort=Q), "servo_jf", {"effort": Q}),
     ("move_jp", joints(*Q), "move_jp", {"q": Q}),
     ("move_jr", joints(*Q), "move_jr", {"dq": Q}),
@@ -141,7 +142,7 @@ def test_a_spring_is_told_side_by_side(served):
 
 def test_a_masters_orientation_is_a_verb_too():
     served = Served("mtm", wanted=())
-    entry = heard(served, "MTMR", "lock_orientation", say.quaternion(T))
+    entry = heard(served, "MTMR", "lock_orientation", build.quaternion(T))
     assert entry.name == "lock_orientation"
     np.testing.assert_allclose(entry.values["R"], T[:3, :3], atol=1e-12)
     assert heard(served, "MTMR", "unlock_orientation", {}).name == "unlock_orientation"
@@ -171,7 +172,8 @@ def test_every_topic_of_an_arm_is_in_a_test_of_these():
         "set_endoscope_type",
         "lock_brakes",
     }
-    assert told | elsewhere == set(READERS)
+    rows = [row for own in (EVERY, MOVERS, *EXTRA.values()) for row in own]
+    assert told | elsewhere == {row.key for row in rows if row.read is not None}
 
 
 def test_a_pose_that_is_read_can_be_sent_back(served):
@@ -179,7 +181,7 @@ def test_a_pose_that_is_read_can_be_sent_back(served):
     arm = served.world.arm("PSM1")
     served.core.receive("PSM1/servo_jp", joints(*HOME))
     served.run(0.2)
-    there = {"header": say.header((0, 0)), "pose": say.pose(arm.setpoint_cp().T)}
+    there = {"header": build.header((0, 0)), "pose": build.pose(arm.setpoint_cp().T)}
     served.core.receive("PSM1/servo_cp", there)
     served.run()
     np.testing.assert_allclose(arm.setpoint_js().position, HOME, atol=1e-9)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import time
 
 import pytest
+from websockets.sync.client import connect
 
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
+from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
 from trocar.interfaces.loop import SERVER_TICK_S
 from trocar.simulation import World
 
@@ -51,3 +54,24 @@ def test_a_client_sees_the_end_of_every_move_of_zero_length(late_s):
     finally:
         core.close()
         loop.close()
+
+
+def test_a_client_that_reads_right_after_it_subscribed_finds_a_message() -> None:
+    """Its next call is answered after the first message, though the next sample is far away."""
+    loop, transport = Loop(World("psm"), tick_s=SERVER_TICK_S), WebSocketTransport(port=0)
+    core = Core(loop, rate_hz=0.2)
+    core.attach(transport)
+    core.start()
+    loop.start()
+    try:
+        time.sleep(0.3)  # the first sample has been taken, the next comes in 5 s
+        with connect(transport.address) as line:
+            for topic in ("PSM1/measured_js", "PSM1/setpoint_cp", "tf"):
+                line.send(json.dumps({"op": "subscribe", "topic": f"/{topic}"}))
+                line.send(json.dumps({"op": "call_service", "service": "/rosapi/topics"}))
+                answer = json.loads(line.recv(2.0))
+                assert (answer["op"], answer.get("topic")) == ("publish", f"/{topic}")
+                assert json.loads(line.recv(2.0))["op"] == "service_response"
+    finally:
+        loop.close()
+        core.close()

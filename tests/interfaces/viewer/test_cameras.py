@@ -13,8 +13,7 @@ import pytest
 from PIL import Image
 
 from trocar.interfaces import Loop
-from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.shots import Order, Shot
+from trocar.interfaces.pictures import Order, Pictures, Shot
 from trocar.interfaces.viewer.cameras import (
     ANAGLYPH,
     BOTH,

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 import viser
 
-from trocar.interfaces import Loop, MoveJp
-from trocar.interfaces.commands import Verb
+from trocar.interfaces import Command, Loop
 from trocar.interfaces.viewer.driving import Driving, DrivingTab, Pedal
 from trocar.interfaces.viewer.measurements import (
     SPAN_S,
@@ -91,27 +90,27 @@ def test_sliders_start_at_the_set_points(server: LocalServer) -> None:
 def test_a_drag_posts_a_move_of_that_joint_alone(desk: Desk) -> None:
     desk.drag(2, 150.0)
     desk.drag(0, 30.0)
-    assert [command.name for command in desk.posted] == ["move_jp"] * 2
-    assert desk.posted[0].values["q"] == pytest.approx((0.0, 0.0, 0.15, 0.0))
-    assert desk.posted[1].values["q"] == pytest.approx((np.deg2rad(30), 0.0, 0.15, 0.0))
+    assert [command.verb for command in desk.posted] == ["move_jp"] * 2
+    assert desk.posted[0].kwargs["q"] == pytest.approx((0.0, 0.0, 0.15, 0.0))
+    assert desk.posted[1].kwargs["q"] == pytest.approx((np.deg2rad(30), 0.0, 0.15, 0.0))
 
 
 def test_the_jaw_has_a_command_of_its_own(desk: Desk) -> None:
     desk.drag(4, -20.0)
-    assert desk.posted[0].name == "jaw.move_jp"
-    assert desk.posted[0].values["q"] == pytest.approx((np.deg2rad(-20),))
+    assert desk.posted[0].verb == "jaw.move_jp"
+    assert desk.posted[0].kwargs["q"] == pytest.approx((np.deg2rad(-20),))
 
 
 def test_sliders_stay_under_the_hand_and_follow_otherwise(desk: Desk) -> None:
     desk.drag(0, 30.0)
-    desk.sliders.follow(replace(desk.now, busy=True))
+    desk.sliders.follow(desk.now._replace(busy=True))
     assert desk.shown[0] == 30.0  # the arm is still on its way
     arm = desk.world.arms["PSM1"]
     arm.setpoint[0] = np.deg2rad(30.0)
     for _ in range(HANDS_OFF + 1):
-        desk.sliders.follow(replace(desk.now, busy=False))
+        desk.sliders.follow(desk.now._replace(busy=False))
     arm.setpoint[:] = 0.05  # moved by somebody else
-    desk.sliders.follow(replace(desk.now, busy=True))
+    desk.sliders.follow(desk.now._replace(busy=True))
     assert desk.shown == pytest.approx([2.9, 2.9, 50.0, 2.9, 2.9])
     assert len(desk.posted) == 1
 
@@ -130,7 +129,7 @@ def test_in_effort_mode_sliders_are_efforts_from_zero(desk: Desk) -> None:
     assert (yaw.label, yaw.min, yaw.max, yaw.value) == ("yaw N m", -3.31, 3.31, 0.0)
     assert pitch.label == "pitch deg"
     desk.drag(0, 0.5)
-    assert desk.posted == [Verb("PSM1", "servo_jf", {"effort": (0.5, 0.0, 0.0, 0.0)})]
+    assert desk.posted == [Command("PSM1", "servo_jf", {"effort": (0.5, 0.0, 0.0, 0.0)})]
 
 
 def test_a_locked_brake_greys_its_slider_out(server: LocalServer) -> None:
@@ -138,7 +137,7 @@ def test_a_locked_brake_greys_its_slider_out(server: LocalServer) -> None:
     info = read_arm(desk.world, "SUJ1")
     arm = desk.world.snapshot().arms["SUJ1"]
     sliders = JointSliders(server.gui, desk.loop, info, arm)
-    sliders.follow(replace(arm, locked=(True, False)))
+    sliders.follow(arm._replace(locked=(True, False)))
     assert [handle.disabled for handle in sliders.handles] == [True, False]
 
 
@@ -152,7 +151,7 @@ def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: LocalServe
     for _ in range(SETTLED):
         yaw.show((100.0, 0.0, 5.0))
     gains = {"joint": "yaw", "p": 150.0, "i": 0.0, "d": 5.0}
-    assert desk.posted == [Verb("PSM1", "set_gains", gains)]
+    assert desk.posted == [Command("PSM1", "set_gains", gains)]
     yaw.show((100.0, 0.0, 5.0))  # still the old gains: not shown, the new ones are on their way
     assert yaw.handle.value == (150.0, 0.0, 5.0)
     for _ in range(SETTLED):
@@ -168,8 +167,10 @@ def test_fingers_squeeze_a_gripper_and_let_it_go(server: LocalServer) -> None:
     sliders = JointSliders(server.gui, loop, info, world.snapshot().arms["MTMR"])
     sliders.touch(7, 10.0)
     sliders.touch(7, 60.0)
-    assert posted[0] == Verb("MTMR", "gripper.squeeze_to", {"angle": pytest.approx(np.deg2rad(10))})
-    assert posted[1] == Verb("MTMR", "gripper.release", {})
+    assert posted[0] == Command(
+        "MTMR", "gripper.squeeze_to", {"angle": pytest.approx(np.deg2rad(10))}
+    )
+    assert posted[1] == Command("MTMR", "gripper.release", {})
     for command in posted:
         command.apply(world)
 
@@ -264,7 +265,7 @@ def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(
     page.refresh()
     assert page.tables.joints.content == ""
     monkeypatch.setattr(server, "get_clients", lambda: {0: None})
-    loop.post(MoveJp("PSM1", (0.5, 0.0, 0.1, 0.0)))
+    loop.post(Command("PSM1", "move_jp", {"q": (0.5, 0.0, 0.1, 0.0)}))
     for _ in range(12):
         loop.run(0.1)
         page.refresh()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import mujoco
 import pytest
@@ -19,6 +20,7 @@ ARMS = tuple(name for name in names("arms") if not name.endswith("_si"))
 RIGS = tuple(f"{name} rig" for name in names("rigs"))
 
 
+@cache
 def find(name: str) -> RigDescription:
     """Return a lone arm, or a rig where the name says so."""
     if name.endswith(" rig"):
@@ -35,6 +37,17 @@ def written(rig: RigDescription, variant: Variant = POSITION) -> tuple[str, dict
 def compiled(rig: RigDescription, variant: Variant = POSITION) -> mujoco.MjModel:
     """Return a rig's file as MuJoCo has it."""
     return mujoco.MjModel.from_xml_string(*written(rig, variant))
+
+
+@cache
+def model_of(name: str, variant: Variant = POSITION) -> tuple[mujoco.MjModel, list[str]]:
+    """Return an arm's or a rig's compiled file, to be read only, and what MuJoCo warned of."""
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)
+    try:
+        return compiled(find(name), variant), warnings
+    finally:
+        mujoco.set_mju_user_warning(None)
 
 
 @pytest.fixture(autouse=True)

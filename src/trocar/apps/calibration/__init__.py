@@ -1,7 +1,6 @@
 """A robot from motion capture: tracks in, an overlay of its description out."""
 
-from trocar.apps.calibration.calibrate import calibrate
-from trocar.apps.calibration.records import Calibration
+from trocar.apps.calibration.calibrate import Calibration, calibrate
 from trocar.apps.calibration.tracks import (
     Tracks,
     check_together,

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.linkage import Hinge, Linkage
+from trocar.apps.calibration.linkage import APART_M, Hinge, Linkage
 from trocar.apps.calibration.tracks import Tracks, check_together
 from trocar.descriptions.axis_lines import Line, along_to_plane, mean_direction
 from trocar.errors import InputError
@@ -39,8 +40,16 @@ LEAST_SAMPLES = 30
 WRONG_M = 5e-3
 #: Or whose rotation is this far from any. Source: our own choice, as above. [rad]
 WRONG_RAD = 0.05
-#: Two axes nearer than this in the description are one, and have no distance. [m]
-APART_M = 1e-3
+
+
+# Source: our own choice; geometry is smooth on this scale, so it leaves 1e-9 of slopes. [m, rad]
+STEP = 1e-6
+
+
+def slopes(of: Callable[[Array], Any], x: Array) -> Array:
+    """Return the derivative of a function of x, (m, n) or (n,), by central differences."""
+    steps = STEP * np.eye(len(x))
+    return np.stack([(of(x + s) - of(x - s)) / (2.0 * STEP) for s in steps], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,24 @@ class Value:
 
     value: float
     sigma: float
+
+    def as_dict(self) -> dict[str, float]:
+        """Return plain data."""
+        return {"value": self.value, "sigma": self.sigma}
+
+
+@dataclass(frozen=True, eq=False)
+class BaseAxis:
+    """The axis about which the ground of the loops turns on the arm, as tracks show it.
+
+    Attributes:
+        point, direction: in the markers of the ground's body, (3,) [m]; directed as described
+        covariance: of both, (6, 6)
+    """
+
+    point: Array
+    direction: Array
+    covariance: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,49 +2,130 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar import __version__
-from trocar.apps.calibration.axes import (
-    Axes,
-    distances,
-    measure_axes,
-    shared_body,
+from trocar.apps.calibration.axes import Axes, Value, distances, measure_axes, shared_body
+from trocar.apps.calibration.checks import (
+    check_axes,
+    check_centre,
+    named,
+    nominal_betas,
 )
-from trocar.apps.calibration.betas import Pair, betas
-from trocar.apps.calibration.bodies import chosen_bodies, first_positions, seen_samples
-from trocar.apps.calibration.cautions import (
-    closing_warnings,
-    datum_warnings,
-    home_warnings,
-    rest_warnings,
+from trocar.apps.calibration.home import Datum, Home, Pair, betas, find_datum, find_home
+from trocar.apps.calibration.linkage import ClosureKind, Linkage, Slot, home_points, linkage
+from trocar.apps.calibration.placement import (
+    Centre,
+    calibrated,
+    patches,
+    remote_centre_of,
+    still_point,
 )
-from trocar.apps.calibration.datum import find_datum
-from trocar.apps.calibration.geometry import Slot, home_points
-from trocar.apps.calibration.home import find_home
-from trocar.apps.calibration.level import level_of, levelled
-from trocar.apps.calibration.linkage import Linkage, linkage
-from trocar.apps.calibration.motion import mechanism_of
-from trocar.apps.calibration.nominal import check_axes, check_centre, named, nominal_betas
-from trocar.apps.calibration.patches import patches
-from trocar.apps.calibration.placement import Centre, calibrated, remote_centre_of, still_point
-from trocar.apps.calibration.records import Calibration, ClosureKind
-from trocar.apps.calibration.refine import refine
-from trocar.apps.calibration.start import Robot, first_guess
-from trocar.apps.calibration.sweep_centre import CentreFound, base_axis, find_centre
-from trocar.apps.calibration.tracks import Tracks
+from trocar.apps.calibration.rcm import RcmReport, find_centre
+from trocar.apps.calibration.refine import LEAST_BODIES, Refined, Samples, refine
+from trocar.apps.calibration.robot import Robot, first_guess, level_of, levelled, mechanism_of
+from trocar.apps.calibration.tracks import Tracks, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_distance
 from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import Overlay
-from trocar.errors import InputError, UndeterminedError
+from trocar.errors import InputError, TracksError, UndeterminedError
 from trocar.kinematics.loops import loops_are_parallelograms
+from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+
+#: Noise is taken to be at least this, so that exact tracks can be weighted: rounding. [m], [rad]
+LEAST_NOISE = (1e-10, 1e-9)
+#: A side that differs from the closed geometry by this many standard deviations and this much is
+#: worth a warning. Source: our own choice. [m]
+SIGMAS, ABSORBED_M = 5.0, 1e-4
+#: Axes that lean by more are worth a warning where their plane is not known. Source: our own
+#: choice; over the size of a cluster of markers it makes 10 um. [rad]
+SKEW_RAD = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """One robot, measured.
+
+    Attributes:
+        arm: name of the description
+        closure: how its loops close
+        axis_distances: {label: as measured, each by itself [m]}
+        closed_distances: {label: in the closed geometry [m]}
+        nominal_distances: {label: in the description [m]}
+        betas: {name: angle at home [rad]}, empty without a still start
+        centre: the remote centre, None where no sweep shows it
+        wander: root of the mean squared distance of the closed geometry's own remote centre from
+            its middle [m]; None where the arm has none
+        axes, home, refined: how it was found
+        mechanism: the whole arm's, calibrated
+        overlay: what is to be laid over the description
+        warnings: what a user should know
+    """
+
+    arm: str
+    closure: ClosureKind
+    axis_distances: Mapping[str, Value]
+    closed_distances: Mapping[str, float]
+    nominal_distances: Mapping[str, float]
+    betas: Mapping[str, Value]
+    centre: RcmReport | None
+    wander: float | None
+    axes: Axes
+    home: Home
+    refined: Refined
+    mechanism: Mechanism
+    overlay: Overlay
+    warnings: tuple[str, ...]
+
+    @property
+    def absorbed(self) -> dict[str, float]:
+        """{label: by how much a distance changed to close the loops [m]}."""
+        return {k: self.closed_distances[k] - v.value for k, v in self.axis_distances.items()}
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything as one JSON document, in SI units; what cannot be had is absent."""
+        closure: dict[str, Any] = {
+            "kind": self.closure,
+            "axis_distances_m": dict(self.closed_distances),
+            "absorbed_m": self.absorbed,
+            "misfit_m": self.refined.misfit_m,
+            "chi_squared_per_freedom": self.refined.misfit,
+        }
+        if self.wander is not None:
+            closure["remote_centre_wanders_m"] = self.wander
+        axes = {
+            self.axes.linkage.hinge(name).label: {
+                "position_rms_m": fit.residual_position,
+                "rotation_rms_rad": fit.residual_rotation,
+                "span_rad": fit.span,
+                "condition": fit.condition,
+                "samples": int(fit.used.sum()),
+                "outliers": fit.outliers,
+            }
+            for name, fit in self.axes.fits.items()
+        }
+        return {
+            "arm": self.arm,
+            "axis_distances_m": {k: v.as_dict() for k, v in self.axis_distances.items()},
+            "beta_rad": {k: v.as_dict() for k, v in self.betas.items()},
+            **({} if self.centre is None else {"rcm": self.centre.centre_dict()}),
+            "closure": closure,
+            "residuals": {
+                "position_rms_m": self.refined.position_rms,
+                "rotation_rms_rad": self.refined.rotation_rms,
+                "samples": self.refined.samples,
+                "axes": axes,
+            },
+            "warnings": list(self.warnings),
+        }
 
 
 def calibrate(
@@ -64,7 +145,7 @@ def calibrate(
         rcm_tracks: a sweep that turns the base's joint too, where `tracks` has none
         closure: "parallelogram" or "general"; by default what the description's loops are
         bodies: {body: its name in the files} of those that are called otherwise
-        watch: is told what is being done
+        watch: called with the name of each step
 
     Raises:
         InputError: tracks that cannot be used, with what was got and what is needed
@@ -73,32 +154,37 @@ def calibrate(
     """
     if arm.overlay is not None:
         raise InputError(f"{arm.name}: is calibrated already; give its description without overlay")
-    loops = linkage(arm)
-    closure = _closure(arm, loops, closure)
+    loops, names = linkage(arm), bodies or {}
+    parallel = loops_are_parallelograms(loops.mechanism)
+    if closure == "parallelogram" and not parallel:
+        raise InputError(
+            f"{arm.name}: its loops are no parallelograms; allowed: the closure 'general'"
+        )
+    closure = closure or ("parallelogram" if parallel else "general")
     centre = remote_centre_of(arm, loops)
-    tracks, missing = chosen_bodies(tracks, loops, centre, bodies or {})
+    tracks, missing = chosen_bodies(tracks, loops, centre, names)
     found_axes = measure_axes(tracks, loops, watch, sliding=closure == "general")
     axes, home = find_home(tracks.times, found_axes)
     pairs, lines = _plan(arm)
     watch("remote centre")
-    seen, told = _centre(tracks, rcm_tracks, arm, axes, centre, bodies or {})
-    base = None if seen is None else base_axis(seen.report)
+    seen, sweep_warnings = _find_centre(tracks, rcm_tracks, arm, axes, centre, names)
+    base = None if seen is None else seen.hinges.base_axis
     datum = find_datum(axes, home, base)
     # Axes that are taken for parallel are compared where the tracks know them best.
     measured = distances(axes, pairs, None if closure == "parallelogram" else datum.points)
     found_betas = betas(axes, home, lines, datum.at_home) if home.still else {}
     guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
     nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
-    names = named(list(tracks.poses), bodies or {})
+    likely = named(list(tracks.poses), names)
     at_start = nominal_betas(arm, loops.first, lines)
     check_axes(
         tracks.file,
         {label: (value.value, nominal[label]) for label, value in measured.items()},
         {name: (value.value, at_start[name]) for name, value in found_betas.items()},
-        names,
+        likely,
     )
     if seen is not None:
-        check_centre((rcm_tracks or tracks).file, seen, arm, loops, names)
+        check_centre((rcm_tracks or tracks).file, seen, arm, loops, likely)
     samples, enough = seen_samples(tracks, axes, home, guess)
     first = first_positions(axes, home)[enough]
     level = level_of(guess, datum.points)
@@ -107,16 +193,6 @@ def calibrate(
         refined = replace(refined, robot=levelled(refined.robot, level))
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
-    warnings = (
-        *tracks.warnings,
-        *missing,
-        *axes.warnings,
-        *home_warnings(home, bool(lines)),
-        *rest_warnings(refined),
-        *datum_warnings(datum, refined, centre is not None),
-        *closing_warnings(closure, measured, closed, refined, wander),
-        *told,
-    )
     if centre is not None and closure == "general":
         centre = replace(centre, axis=base)
     found = Calibration(
@@ -133,18 +209,146 @@ def calibrate(
         refined=refined,
         mechanism=calibrated(arm, refined.robot, centre),
         overlay=Overlay(arm.name),
-        warnings=warnings,
+        warnings=(),
     )
-    return replace(found, overlay=_overlay(arm, found, tracks, rcm_tracks, centre))
+    warnings = (
+        *tracks.warnings,
+        *missing,
+        *axes.warnings,
+        *_cautions(found, datum, bool(lines), centre is not None),
+        *sweep_warnings,
+    )
+    frames, closures = patches(arm, refined, centre)
+    source = {"file": tracks.file, "sha256": tracks.sha256, "version": f"trocar {__version__}"}
+    if rcm_tracks is not None:
+        source |= {"rcm_file": rcm_tracks.file, "rcm_sha256": rcm_tracks.sha256}
+    document = found.as_dict()
+    measured = {
+        key: document[key]
+        for key in ("axis_distances_m", "beta_rad", "closure", "rcm")
+        if key in document
+    }
+    overlay = Overlay(arm.name, closure, frames, closures, measured, source, warnings)
+    return replace(found, overlay=overlay, warnings=warnings)
 
 
-def _closure(arm: ArmDescription, loops: Linkage, wanted: ClosureKind | None) -> ClosureKind:
-    parallel = loops_are_parallelograms(loops.mechanism)
-    if wanted == "parallelogram" and not parallel:
-        raise InputError(
-            f"{arm.name}: its loops are no parallelograms; allowed: the closure 'general'"
+def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: bool) -> Iterator[str]:
+    """Yield warnings about what the tracks leave open and what the closed geometry cannot explain.
+
+    Args:
+        found: the calibration
+        datum: where along the axes distances are taken
+        has_betas: whether the arm's plan has angles at home
+        has_centre: whether the arm has a remote centre
+    """
+    refined = found.refined
+    if not found.home.still:
+        yield (
+            "no still start of 0.5 s, so joint position 0 is taken where the linkage looks as the"
+            " description has it there" + ("; the betas are absent" if has_betas else "")
         )
-    return wanted or ("parallelogram" if parallel else "general")
+    if not refined.settled:
+        yield (
+            f"the refinement has not come to rest after {len(refined.history) - 1} rounds, so the"
+            " closed geometry is not quite the likeliest: longer or wider sweeps help"
+        )
+    skew = max((float(np.linalg.norm(tilt)) for tilt in refined.robot.tilts.values()), default=0.0)
+    if not datum.shown and skew >= SKEW_RAD:
+        yield (
+            "where along the axes the drawing's plane is does not show: distances are taken midway"
+            " between the clusters of the first axis' two links, and axes lean by up to"
+            f" {1e3 * skew:.2f} mrad, which is as many um for each mm"
+            + ("; sweep the base's joint too" if has_centre else "")
+        )
+    if found.closure == "general" and found.wander is not None and found.wander > ABSORBED_M:
+        yield (
+            f"the remote centre of this linkage wanders by {1e3 * found.wander:.2f} mm (RMS): no"
+            " fixed one exists"
+        )
+    off = [
+        f"{label} by {-1e3 * by:+.2f} mm"
+        for label, by in found.absorbed.items()
+        if abs(by) > max(SIGMAS * found.axis_distances[label].sigma, ABSORBED_M)
+    ]
+    if found.closure == "parallelogram" and off:
+        yield (
+            "the loops do not close as parallelograms: measured sides differ from the closed"
+            f" geometry ({', '.join(off)}), so no fixed remote centre exists; the covariance is"
+            f" scaled by {refined.misfit:.3g}. --closure general keeps the sides as they are"
+        )
+
+
+def chosen_bodies(
+    tracks: Tracks, loops: Linkage, centre: Centre | None, names: Mapping[str, str]
+) -> tuple[Tracks, tuple[str, ...]]:
+    """Select the bodies of the linkage, with a warning that names missing ones.
+
+    Raises:
+        TracksError: a body that is named after this arm but is none of its links, a body that is
+            needed and missing, or no body of the loops
+    """
+    wanted = dict.fromkeys(loops.bodies) | ({centre.base: None} if centre else {})
+    unknown = [body for body in names if body not in wanted]
+    unknown += [
+        b
+        for b in tracks.poses
+        if b.startswith(f"{loops.arm}_") and b not in loops.known and b not in names.values()
+    ]
+    if unknown:
+        raise TracksError(
+            tracks.file,
+            f"unknown bodies: {', '.join(unknown)}; found: {', '.join(tracks.poses)}; expected:"
+            f" {', '.join(wanted)}",
+        )
+    # The base may be missing, and passive links with two hinges.
+    driven = {loops.body_of.get(f) for j in loops.mechanism.joints for f, _ in j.drive}
+    needed = {loops.ground, *driven} | ({centre.body} if centre else set())
+    optional = [b for b in loops.bodies if b not in needed and len(loops.carried(b)) == 2]
+    optional += [b for b in wanted if b not in loops.bodies]
+    chosen = select_bodies(tracks, {b: names.get(b, b) for b in wanted}, optional)
+    if not set(chosen.poses) & set(loops.bodies):
+        raise TracksError(tracks.file, f"no body of {loops.arm}'s loops")
+    missing = [body for body in loops.bodies if body not in chosen.poses]
+    if not missing:
+        return chosen, ()
+    return chosen, (
+        f"not in the tracks: {', '.join(missing)}; what these links carry stays as the"
+        " description has it, and their distances are absent",
+    )
+
+
+def seen_samples(
+    tracks: Tracks, axes: Axes, home: Home, robot: Robot
+) -> tuple[Samples, NDArray[np.bool_]]:
+    """Gather the poses of the linkage's bodies, without what the hinges found far off."""
+    bodies = list(robot.markers)
+    poses = np.stack([tracks.poses[body] for body in bodies], axis=1)
+    seen = np.asarray(np.isfinite(poses).all(axis=(2, 3)))
+    for i, body in enumerate(bodies):
+        fits = [axes.fits[name] for name in axes.linkage.carried(body) if name in axes.fits]
+        seen[:, i] &= np.stack([fit.used for fit in fits]).any(axis=0)
+    poses = np.where(seen[..., None, None], poses, np.eye(4))
+    enough = seen.sum(axis=1) >= min(LEAST_BODIES, len(bodies))
+    position, rotation = axes.noise
+    sigmas = (max(position, LEAST_NOISE[0]), max(rotation, LEAST_NOISE[1]))
+    return Samples(poses[enough], seen[enough], home.samples[enough], sigmas), enough
+
+
+def first_positions(axes: Axes, home: Home) -> Array:
+    """Guess the joint positions from the hinges' angles, (n, n_moving) [rad]."""
+    loops = axes.linkage
+    columns = list(loops.joints)
+    normal = np.zeros((len(home.samples), len(columns), len(columns)))
+    right = np.zeros((len(home.samples), len(columns)))
+    for name, zero in home.angles.items():
+        hinge = loops.hinge(name)
+        row = (loops.turns[hinge.body_b] - loops.turns[hinge.body_a])[columns]
+        away = np.angle(np.exp(1j * (axes.angles(name) - zero.value)))
+        known = np.isfinite(away)
+        normal += known[:, None, None] * np.outer(row, row)
+        right += np.where(known, away, 0.0)[:, None] * row
+    normal += 1e-9 * np.eye(len(columns))
+    return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
 
 def _plan(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
@@ -182,14 +386,14 @@ def _flat_distances(robot: Robot, pairs: Mapping[str, Pair]) -> dict[str, float]
     return found
 
 
-def _centre(
+def _find_centre(
     tracks: Tracks,
     rcm_tracks: Tracks | None,
     arm: ArmDescription,
     axes: Axes,
     centre: Centre | None,
     names: Mapping[str, str],
-) -> tuple[CentreFound | None, tuple[str, ...]]:
+) -> tuple[RcmReport | None, tuple[str, ...]]:
     """Find the remote centre where there is a sweep that shows it."""
     if centre is None:
         if rcm_tracks is not None:
@@ -197,29 +401,11 @@ def _centre(
         return None, ()
     if rcm_tracks is not None:
         found = find_centre(rcm_tracks, arm, axes, centre, names)
-        return found, found.report.warnings
+        return found, found.warnings
     if centre.base not in tracks.poses or centre.body not in tracks.poses:
         return None, ()
     try:
         found = find_centre(tracks, arm, axes, centre, {})
     except UndeterminedError:
         return None, ("no remote centre: nothing but the loops moves; sweep the base's joint too",)
-    return found, tuple(text for text in found.report.warnings if text not in tracks.warnings)
-
-
-def _overlay(
-    arm: ArmDescription,
-    found: Calibration,
-    tracks: Tracks,
-    rcm_tracks: Tracks | None,
-    centre: Centre | None,
-) -> Overlay:
-    frames, closures = patches(arm, found.refined, centre)
-    source = {"file": tracks.file, "sha256": tracks.sha256, "version": f"trocar {__version__}"}
-    if rcm_tracks is not None:
-        source |= {"rcm_file": rcm_tracks.file, "rcm_sha256": rcm_tracks.sha256}
-    document = found.as_dict()
-    measured = {key: document[key] for key in ("axis_distances_m", "beta_rad", "closure")}
-    if found.centre is not None:
-        measured["rcm"] = found.centre.as_dict()
-    return Overlay(arm.name, found.closure, frames, closures, measured, source, found.warnings)
+    return found, tuple(text for text in found.warnings if text not in tracks.warnings)

@@ -1,15 +1,16 @@
-"""Home: the joint positions 0, as the still start of the tracks has them."""
+"""Home, the joint positions 0 as the still start has them, and what is measured there."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.axes import Axes, Value, turned_over
-from trocar.apps.calibration.linkage import Linkage
+from trocar.apps.calibration.axes import Axes, BaseAxis, Value, shared_body, slopes, turned_over
+from trocar.apps.calibration.linkage import APART_M, plane_across
+from trocar.descriptions.axis_lines import Line, line_angle
 from trocar.geometry import inverse, rotation_z, transform
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ BEYOND_NOISE = 5.0
 #: still. Source: our own choice. [rad]
 LIKE_HOME_RAD = 0.02
 
-Line = tuple[str, str]
+Pair = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,17 +117,15 @@ def _chained(axes: Axes, angles: Mapping[str, Value]) -> dict[str, Array]:
     linkage = axes.linkage
     first = next(b for b in linkage.bodies if any(n in angles for n in linkage.carried(b)))
     found = {first: np.eye(4)}
-    waiting = [first]
-    while waiting:
-        body = waiting.pop(0)
-        for name in linkage.carried(body):
-            hinge = linkage.hinge(name)
-            other = hinge.body_b if body == hinge.body_a else hinge.body_a
-            if name not in angles or other in found:
-                continue
-            relative = _relative(axes, name, angles[name].value)
-            found[other] = found[body] @ (relative if body == hinge.body_a else inverse(relative))
-            waiting.append(other)
+    for body, way in linkage.ways(first, angles).items():
+        if way:
+            hinge = linkage.hinge(way[-1])
+            relative = _relative(axes, hinge.name, angles[hinge.name].value)
+            found[body] = (
+                found[hinge.body_a] @ relative
+                if body == hinge.body_b
+                else found[hinge.body_b] @ inverse(relative)
+            )
     return found
 
 
@@ -154,10 +153,7 @@ def in_plane(axes: Axes, home: Home) -> tuple[dict[tuple[str, str], Array], Arra
                 directions.append(pose[:3, :3] @ axis.direction)
     along = np.mean(directions, axis=0)
     along /= np.linalg.norm(along)
-    start = np.eye(3)[int(np.argmin(np.abs(along)))]
-    one = np.cross(along, np.cross(start, along))
-    one /= np.linalg.norm(one)
-    turn = np.column_stack([one, np.cross(along, one), along])
+    turn = plane_across(along)
     origin = next(iter(points.values()))
     flat = {key: (turn.T @ (point - origin))[:2] for key, point in points.items()}
     return flat, transform(turn, origin)
@@ -188,62 +184,132 @@ def planar_turn(angle: float) -> Array:
 
 def _like_description(axes: Axes) -> tuple[Axes, Home]:
     """Take the samples for home at which the linkage looks most as the description has it."""
-    name = next(n for n in axes.fits if _shape(axes, n, 0.0) is not None)
-    wanted = _nominal_shape(axes.linkage, name)
-    angles = axes.angles(name)
-    start = _shape(axes, name, 0.0)
+    # Of one hinge, compare the angle between a line of either body, to another hinge that it has.
+    shapes = (_shape(axes, name) for name in axes.fits)
+    name, measured, nominal = next(shape for shape in shapes if shape is not None)
     # Turning a hinge by its angle turns the line behind it by as much.
-    away = np.abs(_wrapped(float(start or 0.0) + angles - wanted))
-    nearest = float(np.nanmin(away))
-    samples = np.where(np.isfinite(away), away, np.inf) <= max(LIKE_HOME_RAD, nearest * 1.05)
-    return axes, _home(axes, samples, False)
+    away = np.abs(np.angle(np.exp(1j * (measured + axes.angles(name) - nominal))))
+    allowed = max(LIKE_HOME_RAD, float(np.nanmin(away)) * 1.05)
+    return axes, _home(axes, np.where(np.isfinite(away), away, np.inf) <= allowed, False)
 
 
-def _lines(linkage: Linkage, name: str) -> tuple[Line, Line] | None:
-    """Return a line of either body of a hinge, from the hinge to another one that they carry."""
-    hinge = linkage.hinge(name)
-    found: list[Line] = []
+def _shape(axes: Axes, name: str) -> tuple[str, float, float] | None:
+    """Return a hinge and the angle between lines of its two bodies at angle 0 and as described.
+
+    The lines lead from the hinge to another one; None where a body has none that is measured.
+    """
+    points, hinge = axes.linkage.points, axes.linkage.hinge(name)
+    measured: list[Array] = []
+    nominal: list[Array] = []
     for body in (hinge.body_a, hinge.body_b):
-        others = [
-            n
-            for n in linkage.carried(body)
-            if np.linalg.norm(linkage.points[n] - linkage.points[name]) > 1e-3
-        ]
-        if not others:
+        other = next(
+            (n for n in axes.linkage.carried(body)
+             if np.linalg.norm(points[n] - points[name]) > APART_M), None,
+        )  # fmt: skip
+        if other not in axes.fits or other is None:
             return None
-        found.append((name, others[0]))
-    return found[0], found[1]
+        measured.append(axes.axis(other, body).point - axes.axis(name, body).point)
+        nominal.append(points[other] - points[name])
+    about = axes.axis(name, hinge.body_a).direction
+    a, b = measured[0], _relative(axes, name, 0.0)[:3, :3] @ measured[1]
+    a, b = a - (a @ about) * about, b - (b @ about) * about
+    c, d = nominal
+    drawn = float(np.arctan2(c[0] * d[1] - c[1] * d[0], c @ d))
+    return name, float(np.arctan2(np.cross(a, b) @ about, a @ b)), drawn
 
 
-def _nominal_shape(linkage: Linkage, name: str) -> float:
-    lines = _lines(linkage, name)
-    one, two = (linkage.points[b] - linkage.points[a] for a, b in lines or ())
-    return float(np.arctan2(one[0] * two[1] - one[1] * two[0], one @ two))
+@dataclass(frozen=True, eq=False)
+class Datum:
+    """A point of the plane across the axes in which they are compared.
+
+    Attributes:
+        at_home: in the frame of `Home.poses`, (3,) [m]
+        points: {body: in its markers (3,) [m]}, at home
+        shown: whether the tracks show it, by the ground's own axis
+    """
+
+    at_home: Array
+    points: Mapping[str, Array]
+    shown: bool
 
 
-def _shape(axes: Axes, name: str, angle: float) -> float | None:
-    """Return the angle between the lines of a hinge's two bodies at its angle, as measured."""
-    lines = _lines(axes.linkage, name)
-    if lines is None or any(line[1] not in axes.fits for line in lines):
-        return None
-    hinge = axes.linkage.hinge(name)
-    one = _vector(axes, lines[0], hinge.body_a)
-    two = _relative(axes, name, angle)[:3, :3] @ _vector(axes, lines[1], hinge.body_b)
-    return signed_angle(one, two, axes.axis(name, hinge.body_a).direction)
+def find_datum(axes: Axes, home: Home, base: BaseAxis | None) -> Datum:
+    """Find the datum in the tracks.
+
+    Args:
+        axes: as measured
+        home: where the bodies stand at joint positions 0
+        base: the ground's own axis, where the tracks show it
+    """
+    first = axes.linkage.first
+    first = first if first in axes.fits else next(iter(axes.fits))
+    hinge = axes.linkage.hinge(first)
+    body = next(b for b in (hinge.body_a, hinge.body_b) if b in home.poses)
+    axis = axes.axis(first, body)
+    point, shown = axis.point, base is not None and body == axes.linkage.ground
+    if base is not None and shown:  # the point of the first axis nearest to the ground's own
+        cosine = float(axis.direction @ base.direction)
+        between = base.point - point
+        along = between @ axis.direction - cosine * (between @ base.direction)
+        point = point + along / (1.0 - cosine**2) * axis.direction
+    at_home = home.poses[body][:3, :3] @ point + home.poses[body][:3, 3]
+    points = {
+        b: T[:3, :3] @ at_home + T[:3, 3]
+        for b, T in ((b, inverse(pose)) for b, pose in home.poses.items())
+    }
+    return Datum(at_home, points, shown)
 
 
-def _vector(axes: Axes, line: Line, body: str) -> Array:
-    return axes.axis(line[1], body).point - axes.axis(line[0], body).point
+def betas(
+    axes: Axes, home: Home, wanted: Mapping[str, tuple[Pair, Pair]], through: Array
+) -> dict[str, Value]:
+    """Measure angles at home: from the second line to the first, less a right angle.
+
+    Args:
+        axes: as measured
+        home: a still start
+        wanted: {name: (pair, pair)}; a pair leads from its first hinge to its second
+        through: a point of the plane in which they are told, as `home` has it, (3,) [m]
+
+    Returns:
+        {name: angle [rad]} of those that the tracks show
+    """
+    found: dict[str, Value] = {}
+    for name, (to, start) in wanted.items():
+        one, two = (shared_body(axes.linkage, *pair) for pair in (to, start))
+        seen = one in home.poses and two in home.poses
+        if one and two and seen and all(hinge in axes.fits for hinge in (*to, *start)):
+            ends = [(hinge, one) for hinge in to] + [(hinge, two) for hinge in start]
+            way = axes.linkage.ways(one, home.angles).get(two, ())
+            found[name] = _beta(axes, home, ends, way, through)
+    return found
 
 
-def signed_angle(one: Array, two: Array, about: Array) -> float:
-    """Return the angle from one vector to another as seen along an axis [rad]."""
-    a, b = one - (one @ about) * about, two - (two @ about) * about
-    return float(np.arctan2(np.cross(a, b) @ about, a @ b))
+def _beta(
+    axes: Axes, home: Home, ends: Sequence[Pair], way: Sequence[str], through: Array
+) -> Value:
+    """Measure one angle and its standard deviation.
 
+    What each sample's noise does to the lines is summed over the axes before it is squared; the
+    noise of home, which is the mean of the still start, comes on top.
 
-def _wrapped(angle: Array) -> Array:
-    return np.angle(np.exp(1j * angle))
+    Args:
+        axes: as measured
+        home: a still start
+        ends: (hinge, body) of each end of both lines
+        way: hinges between the two bodies
+        through: see `betas`
+    """
+    at = [axes.axis(hinge, body) for hinge, body in ends]
+    start = np.concatenate([np.concatenate([axis.point, axis.direction]) for axis in at])
 
+    def angle(numbers: Array) -> float:
+        p = numbers.reshape(4, 6)
+        a, b, c, d = (
+            Line(p[i, :3], p[i, 3:]).moved(home.poses[body]) for i, (_, body) in enumerate(ends)
+        )
+        return line_angle((a, b), (c, d), through)
 
-__all__ = ["Home", "find_home", "in_plane", "planar_fit", "planar_turn", "signed_angle"]
+    moved = np.concatenate([axis.influence for axis in at], axis=1) @ slopes(angle, start)
+    still = sum(home.angles[name].sigma ** 2 for name in way)
+    return Value(angle(start) - 0.5 * np.pi, float(np.sqrt(moved @ moved + still)))

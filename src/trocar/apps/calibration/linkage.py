@@ -7,24 +7,30 @@ robot by name.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
-from trocar.descriptions.calibration_plan import default_plan
+from trocar.descriptions.calibration_plan import default_plan, link_of
 from trocar.errors import InputError
 from trocar.kinematics.loops import closed_coordinates
-from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.mechanism import Closure, Frame, Mechanism
 from trocar.kinematics.tree import frame_poses
 
 Array = NDArray[np.float64]
 
+ClosureKind = Literal["parallelogram", "general"]
+
 # Source: our own choice. The hinges of a loop count as parallel within this angle; real ones are
 # ten times straighter. [rad]
 PARALLEL_RAD = 0.05
+#: Two axes nearer than this in the description count as one: they have no distance, and give no
+#: direction. Source: our own choice. [m]
+APART_M = 1e-3
 
 
 @dataclass(frozen=True)
@@ -83,13 +89,39 @@ class Linkage:
     known: frozenset[str]
 
     @property
+    def tree(self) -> tuple[Hinge, ...]:
+        """The hinges of the tree, from the ground up."""
+        return tuple(hinge for hinge in self.hinges if not hinge.closure)
+
+    @property
     def ground(self) -> str:
         """The body that every loop hangs on."""
         return next(iter(self.bodies))
 
     def hinge(self, name: str) -> Hinge:
-        """Return the hinge of this name."""
+        """Return the hinge with this name."""
         return next(hinge for hinge in self.hinges if hinge.name == name)
+
+    def ways(self, start: str, hinges: Collection[str]) -> dict[str, tuple[str, ...]]:
+        """Return the shortest way from a body to each that some hinges connect with it.
+
+        Args:
+            start: a body
+            hinges: names of the hinges to go by
+
+        Returns:
+            {body: hinges on the way}, the nearest first
+        """
+        found: dict[str, tuple[str, ...]] = {start: ()}
+        waiting = [start]
+        for body in waiting:
+            for name in self.carried(body):
+                hinge = self.hinge(name)
+                other = hinge.body_b if body == hinge.body_a else hinge.body_a
+                if name in hinges and other not in found:
+                    found[other] = (*found[body], name)
+                    waiting.append(other)
+        return found
 
     def carried(self, body: str) -> tuple[str, ...]:
         """Return the names of the hinges that a body carries."""
@@ -102,99 +134,35 @@ def linkage(arm: ArmDescription) -> Linkage:
     Raises:
         InputError: the arm has no loops, one that slides, or axes that are not parallel
     """
-    mechanism, body_of = arm.mechanism, bodies_of(arm)
-    loops = [_loop(mechanism, c.frame_a, c.frame_b) for c in mechanism.closures]
-    if not loops:
+    whole, body_of = arm.mechanism, bodies_of(arm)
+    # A loop is what leads to one end of its closure, but not to both.
+    ends = [(set(whole.chain(c.frame_a)), set(whole.chain(c.frame_b))) for c in whole.closures]
+    if not ends:
         raise InputError(f"{arm.name}: has no closed loop, so there are no axes to calibrate")
-    moving = sorted({index for loop in loops for index in loop})
-    names = [mechanism.frames[index].name for index in moving]
-    for index in moving:
-        if mechanism.frames[index].motion == "prismatic":
+    loops = sorted({i for a, b in ends for i in a ^ b if whole.frames[i].motion != "fixed"})
+    names = [whole.frames[i].name for i in loops]
+    for i in loops:
+        if whole.frames[i].motion == "prismatic":
             raise InputError(
-                f"{arm.name}: {mechanism.frames[index].name} slides inside a loop; allowed: hinges"
+                f"{arm.name}: {whole.frames[i].name} slides inside a loop; allowed: hinges"
             )
-    core = _core(mechanism)
-    labels = _labels(arm)
-    hinges = tuple(
-        [
-            Hinge(
-                name,
-                labels.get(name, name),
-                body_of[str(mechanism.frame(name).parent)],
-                body_of[name],
-                False,
-            )
-            for name in names
-        ]
-        + [
-            Hinge(c.name, labels.get(c.name, c.name), body_of[c.frame_a], body_of[c.frame_b], True)
-            for c in mechanism.closures
-        ]
-    )
-    present = {h.body_a for h in hinges} | {h.body_b for h in hinges}
-    first = {
-        body: next(f.name for f in mechanism.frames if body_of[f.name] == body)
-        for body in dict.fromkeys(body_of[f.name] for f in mechanism.frames)
-        if body in present
-    }
-    plan = arm.calibration or default_plan(mechanism)
-    return _placed(next(iter(plan.axes.values())), core, first, hinges, names, body_of)
-
-
-def bodies_of(arm: ArmDescription) -> dict[str, str]:
-    """Return {frame: the body that it is fixed on}; a body is named after its first frame."""
-    found: dict[str, str] = {}
-    for frame in arm.mechanism.frames:
-        fixed = frame.motion == "fixed" and frame.parent is not None
-        found[frame.name] = found[str(frame.parent)] if fixed else f"{arm.name}_{frame.name}"
-    return found
-
-
-def _labels(arm: ArmDescription) -> dict[str, str]:
+    kept = tuple(whole.frames[i] for i in sorted({i for a, b in ends for i in a | b}))
+    core = Mechanism(whole.name, whole.joints, kept, whole.closures, kept[0].name, kept[0].name)
     plan = arm.calibration
-    return {} if plan is None else {frame: label for label, frame in plan.axes.items()}
-
-
-def _loop(mechanism: Mechanism, frame_a: str, frame_b: str) -> list[int]:
-    """Return the moving frames of a loop: what leads to one of its ends, but not to both."""
-    one, two = set(mechanism.chain(frame_a)), set(mechanism.chain(frame_b))
-    return [i for i in sorted(one ^ two) if mechanism.frames[i].motion != "fixed"]
-
-
-def _core(mechanism: Mechanism) -> Mechanism:
-    """Return the mechanism without the frames that hang on the loops."""
-    needed: set[int] = set()
-    for closure in mechanism.closures:
-        needed |= {*mechanism.chain(closure.frame_a), *mechanism.chain(closure.frame_b)}
-    frames = tuple(mechanism.frames[index] for index in sorted(needed))
-    root = frames[0].name
-    return Mechanism(mechanism.name, mechanism.joints, frames, mechanism.closures, root, root)
-
-
-def _placed(
-    first: str,
-    core: Mechanism,
-    bodies: Mapping[str, str],
-    hinges: tuple[Hinge, ...],
-    names: list[str],
-    body_of: Mapping[str, str],
-) -> Linkage:
-    """Find where everything stands at home, in the ground body's first frame."""
+    labels = {} if plan is None else {frame: label for label, frame in plan.axes.items()}
+    joined = [(n, body_of[str(whole.frame(n).parent)], body_of[n], False) for n in names]
+    joined += [(c.name, body_of[c.frame_a], body_of[c.frame_b], True) for c in whole.closures]
+    hinges = tuple(Hinge(n, labels.get(n, n), a, b, closure) for n, a, b, closure in joined)
+    present = {body for hinge in hinges for body in (hinge.body_a, hinge.body_b)}
+    bodies: dict[str, str] = {}
+    for frame in whole.frames:
+        if body_of[frame.name] in present:
+            bodies.setdefault(body_of[frame.name], frame.name)
     rest = np.clip(np.zeros(len(core.joints)), core.lower, core.upper)
-    for column, joint in enumerate(core.joints):
-        if joint.lower <= 0.0 <= joint.upper:
-            rest[column] = 0.0
     at = frame_poses(core, closed_coordinates(core, rest))
     ground = np.linalg.inv(at[core.frame_index[next(iter(bodies.values()))]])
     frames = {frame.name: ground @ at[i] for i, frame in enumerate(core.frames)}
-    axes = {name: _axis(core, frames, name) for name in names}
-    for closure in core.closures:
-        pose = frames[closure.frame_a]
-        axes[closure.name] = (
-            pose[:3, :3] @ closure.point_a + pose[:3, 3],
-            # A closing hinge is parallel to the hinge that its first passive frame turns about.
-            axes[closure.passive[0]][1],
-        )
+    axes = _home_axes(core, names, frames)
     along = axes[names[0]][1]
     for name, (_, direction) in axes.items():
         if np.linalg.norm(np.cross(direction, along)) > PARALLEL_RAD:
@@ -202,7 +170,8 @@ def _placed(
                 f"{core.name}: axis {name} is not parallel to {names[0]}; allowed: loops whose axes"
                 f" are parallel within {PARALLEL_RAD} rad"
             )
-    plane = _plane(along)
+    plane = plane_across(along)
+    first = next(iter((plan or default_plan(whole)).axes.values()))
     joints = sorted({c for n in names for c in np.flatnonzero(core.ratios[core.frame_index[n]])})
     return Linkage(
         arm=core.name,
@@ -222,13 +191,29 @@ def _placed(
     )
 
 
-def _axis(core: Mechanism, frames: Mapping[str, Array], name: str) -> tuple[Array, Array]:
-    frame = core.frame(name)
-    pose = frames[str(frame.parent)] @ frame.before
-    return pose[:3, 3], pose[:3, 2]
+def bodies_of(arm: ArmDescription) -> dict[str, str]:
+    """Return {frame: the body that it is fixed on}; a body is named after its first frame."""
+    return {f.name: f"{arm.name}_{link_of(arm.mechanism, f.name)}" for f in arm.mechanism.frames}
 
 
-def _plane(along: Array) -> Array:
+def _home_axes(
+    core: Mechanism, names: list[str], frames: Mapping[str, Array]
+) -> dict[str, tuple[Array, Array]]:
+    """Return a point and the direction of each axis at home, {hinge: ((3,), (3,))}."""
+    found: dict[str, tuple[Array, Array]] = {}
+    for name in names:
+        frame = core.frame(name)
+        pose = frames[str(frame.parent)] @ frame.before
+        found[name] = pose[:3, 3], pose[:3, 2]
+    for closure in core.closures:
+        pose = frames[closure.frame_a]
+        point = pose[:3, :3] @ closure.point_a + pose[:3, 3]
+        # A closing hinge is parallel to the hinge that its first passive frame turns about.
+        found[closure.name] = point, found[closure.passive[0]][1]
+    return found
+
+
+def plane_across(along: Array) -> Array:
     """Return a right-handed basis whose last column is `along`, (3, 3)."""
     start = np.eye(3)[int(np.argmin(np.abs(along)))]
     one = np.cross(along, np.cross(start, along))
@@ -240,9 +225,183 @@ def _turns(
     core: Mechanism, hinges: tuple[Hinge, ...], signs: Mapping[str, float]
 ) -> dict[str, Array]:
     """Return how each body turns in the plane by the couplings alone, from the ground up."""
-    tree = [hinge for hinge in hinges if not hinge.closure]
-    found = {tree[0].body_a: np.zeros(len(core.joints))}
-    for hinge in tree:
-        ratio = signs[hinge.name] * core.ratios[core.frame_index[hinge.name]]
-        found[hinge.body_b] = found.setdefault(hinge.body_a, np.zeros(len(core.joints))) + ratio
+    found = {hinges[0].body_a: np.zeros(len(core.joints))}
+    for hinge in hinges:
+        if not hinge.closure:
+            ratio = signs[hinge.name] * core.ratios[core.frame_index[hinge.name]]
+            start = found.setdefault(hinge.body_a, np.zeros(len(core.joints)))
+            found[hinge.body_b] = start + ratio
     return found
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A place at which a body carries a hinge."""
+
+    hinge: str
+    body: str
+
+
+def slots(linkage: Linkage) -> tuple[Slot, ...]:
+    """Return the places that the displacements belong to, in their order."""
+    found: list[Slot] = []
+    for hinge in linkage.hinges:
+        found.append(Slot(hinge.name, hinge.body_a))
+        if hinge.closure:
+            found.append(Slot(hinge.name, hinge.body_b))
+    return tuple(found)
+
+
+def shift_rows(linkage: Linkage) -> dict[str, Array]:
+    """Return how displacements move each body at home, {body: (n_slots,)} of zeros and ones."""
+    unit = np.eye(len(slots(linkage)))
+    rows = {linkage.ground: 0.0 * unit[0]}
+    for hinge, row in zip(linkage.tree, unit, strict=False):
+        rows[hinge.body_b] = rows.setdefault(hinge.body_a, 0.0 * row) + row
+    return rows
+
+
+def place_rows(linkage: Linkage) -> dict[Slot, Array]:
+    """Return how displacements move each place at home, {place: (n_slots,)}."""
+    rows, places = shift_rows(linkage), slots(linkage)
+    return {slot: rows[slot.body] + u for slot, u in zip(places, np.eye(len(places)), strict=True)}
+
+
+def home_points(linkage: Linkage, moved: Array) -> dict[Slot, Array]:
+    """Return where each body has its hinges at home.
+
+    Args:
+        linkage: the loops
+        moved: displacements, (n_slots, 2) [m]
+
+    Returns:
+        {place: (2,) in the plane [m]}, of a frame's hinge for both of its bodies
+    """
+    rows = place_rows(linkage)
+    found = {slot: linkage.points[slot.hinge] + rows[slot] @ moved for slot in slots(linkage)}
+    for hinge in linkage.tree:
+        found[Slot(hinge.name, hinge.body_b)] = found[Slot(hinge.name, hinge.body_a)]
+    return found
+
+
+def displacements(linkage: Linkage, points: Mapping[Slot, Array]) -> Array:
+    """Return the displacements that put the hinges at these places, (n_slots, 2) [m]."""
+    places, rows = slots(linkage), place_rows(linkage)
+    away = np.stack([points[slot] - linkage.points[slot.hinge] for slot in places])
+    found = np.linalg.solve(np.stack([rows[slot] for slot in places]), away)
+    return np.asarray(found, dtype=np.float64)
+
+
+def closing_rows(linkage: Linkage, parallelogram: bool) -> Array:
+    """Return the rows that vanish on displacements of a linkage that closes, (m, n_slots).
+
+    With `parallelogram` it closes by the couplings at every joint position: the links that turn
+    alike make up a closed polygon by themselves. Without, it closes at home.
+    """
+    places = slots(linkage)
+    index = {slot: i for i, slot in enumerate(places)}
+    rows: list[Array] = []
+    for hinge in linkage.hinges:
+        if not hinge.closure:
+            continue
+        groups: dict[tuple[float, ...], Array] = {}
+        for body, sign in ((hinge.body_a, -1.0), (hinge.body_b, 1.0)):
+            for slot in [*leading(linkage, body), Slot(hinge.name, body)]:
+                turn = linkage.turns[slot.body] if parallelogram else np.zeros(1)
+                row = groups.setdefault(tuple(np.round(turn, 9)), np.zeros(len(places)))
+                row[index[slot]] += sign
+        rows += [row for row in groups.values() if row.any()]
+    return np.stack(rows)
+
+
+def gauge_rows(linkage: Linkage) -> Array:
+    """Return three rows that hold the ground still, (3, 2 n_slots).
+
+    The first hinge of the ground stays, and the direction from there to the ground's next one, or
+    to the next one of the first link where these two coincide.
+    """
+    rows = place_rows(linkage)
+    first = linkage.tree[0]
+    start = Slot(first.name, first.body_a)
+    other = next(
+        slot
+        for body in (first.body_a, first.body_b)
+        for slot in slots(linkage)
+        if slot.body == body
+        and np.linalg.norm(linkage.points[slot.hinge] - linkage.points[first.name]) > APART_M
+    )
+    along = linkage.points[other.hinge] - linkage.points[first.name]
+    across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
+    still = np.stack([np.kron(rows[start], axis) for axis in np.eye(2)])
+    held = np.vstack([still, np.kron(rows[other] - rows[start], across)])
+    return np.asarray(held, dtype=np.float64)
+
+
+def freedoms(linkage: Linkage, parallelogram: bool) -> Array:
+    """Return an orthonormal basis of the displacements that close, (2 n_slots, n_free)."""
+    closing = np.kron(closing_rows(linkage, parallelogram), np.eye(2))
+    held = np.vstack([closing, gauge_rows(linkage)])
+    _, sizes, right = np.linalg.svd(held)
+    return np.asarray(right[int(np.sum(sizes > 1e-9)) :].T, dtype=np.float64)
+
+
+def rebuilt(
+    linkage: Linkage, mechanism: Mechanism, moved: Array, tilts: Mapping[str, Array] | None = None
+) -> Mechanism:
+    """Return a mechanism with its axes displaced.
+
+    Args:
+        linkage: its loops
+        mechanism: the linkage's own, or the whole arm's
+        moved: displacements, (n_slots, 2) [m]
+        tilts: {frame: small rotation of its hinge's axis about the plane's two axes (2,) [rad]}
+    """
+    by = dict(zip(slots(linkage), moved, strict=True))
+
+    def frame(one: Frame) -> Frame:
+        slot = Slot(one.name, linkage.body_of.get(str(one.parent), ""))
+        if slot not in by:
+            return one
+        before = one.before.copy()
+        before[:3, 3] += in_frame(linkage, str(one.parent), by[slot])
+        if tilts is not None and one.name in tilts:
+            turn = in_frame(linkage, str(one.parent), tilts[one.name])
+            half = 0.5 * np.cross(np.eye(3), turn)  # the rotation, by Cayley's formula
+            before[:3, :3] = np.linalg.solve(np.eye(3) - half, np.eye(3) + half) @ before[:3, :3]
+        return replace(one, before=before)
+
+    def closure(one: Closure) -> Closure:
+        a = by[Slot(one.name, linkage.body_of[one.frame_a])]
+        b = by[Slot(one.name, linkage.body_of[one.frame_b])]
+        return replace(
+            one,
+            point_a=one.point_a + in_frame(linkage, one.frame_a, a),
+            point_b=one.point_b + in_frame(linkage, one.frame_b, b),
+        )
+
+    return replace(
+        mechanism,
+        frames=tuple(frame(one) for one in mechanism.frames),
+        closures=tuple(closure(one) for one in mechanism.closures),
+    )
+
+
+def in_frame(linkage: Linkage, frame: str, across: Array) -> Array:
+    """Return a vector in the plane as a frame has it at home, (3,)."""
+    return linkage.frames[frame][:3, :3].T @ linkage.plane[:, :2] @ across
+
+
+def leading(linkage: Linkage, body: str) -> list[Slot]:
+    """Return the places of the hinges that lead from the ground to a body."""
+    above = {hinge.body_b: Slot(hinge.name, hinge.body_a) for hinge in linkage.tree}
+    found: list[Slot] = []
+    while body in above:
+        found.append(above[body])
+        body = above[body].body
+    return found
+
+
+def unskew(spin: Array) -> Array:
+    """Return the vector of the skew part of a matrix, (..., 3)."""
+    half = 0.5 * (spin - np.swapaxes(spin, -1, -2))
+    return np.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], axis=-1)

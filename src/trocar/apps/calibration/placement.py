@@ -15,8 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.geometry import (
+from trocar.apps.calibration.axes import BaseAxis, slopes
+from trocar.apps.calibration.home import planar_turn
+from trocar.apps.calibration.linkage import (
+    Linkage,
     Slot,
+    bodies_of,
     displacements,
     home_points,
     in_frame,
@@ -24,37 +28,18 @@ from trocar.apps.calibration.geometry import (
     shift_rows,
     slots,
 )
-from trocar.apps.calibration.home import planar_turn
-from trocar.apps.calibration.linkage import Linkage, bodies_of
-from trocar.apps.calibration.motion import mechanism_of
-from trocar.apps.calibration.start import Robot
+from trocar.apps.calibration.refine import Refined
+from trocar.apps.calibration.robot import Robot, body_poses, displaced, mechanism_of, swept
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.overlay import ClosurePatch, FramePatch, closure_patch, frame_patch
 from trocar.kinematics.forward import poses
 from trocar.kinematics.loops import closed_coordinates
 from trocar.kinematics.mechanism import Frame, Mechanism
-from trocar.kinematics.tree import frame_poses
 
 Array = NDArray[np.float64]
 
 # Source: our own choice; a description whose slide passes its reference point is exact to rounding.
 PASSES_M = 1e-6
-#: The linkage's own remote centre is that over this many positions of a joint, and over this range
-#: about home. Source: our own choice; the sweep that is asked for. [rad]
-POSITIONS, SWEEP_RAD = 17, 0.6
-
-
-@dataclass(frozen=True, eq=False)
-class BaseAxis:
-    """The axis about which the ground of the loops turns on the arm, as tracks show it.
-
-    Attributes:
-        point, direction: in the markers of the ground's body, (3,) [m]; directed as described
-        covariance: of both, (6, 6)
-    """
-
-    point: Array
-    direction: Array
-    covariance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,18 +87,6 @@ def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
     return None
 
 
-def swept(linkage: Linkage, mechanism: Mechanism) -> Array:
-    """Return joint positions over the range of the joints that move the loops, (n, n_joints)."""
-    q = np.tile(linkage.rest, (POSITIONS, 1))
-    for joint in linkage.joints:
-        q[:, joint] = np.linspace(
-            max(mechanism.lower[joint], -SWEEP_RAD),
-            min(mechanism.upper[joint], SWEEP_RAD),
-            POSITIONS,
-        )
-    return q
-
-
 def still_point(robot: Robot, body: str) -> tuple[Array, float]:
     """Find the point of a body that moves least in the ground, over a sweep of the joints.
 
@@ -122,10 +95,8 @@ def still_point(robot: Robot, body: str) -> tuple[Array, float]:
     """
     linkage, mechanism = robot.linkage, mechanism_of(robot)
     q = swept(linkage, mechanism)
-    at = frame_poses(mechanism, closed_coordinates(mechanism, q))
-    index = mechanism.frame_index
-    ground = np.linalg.inv(at[index[linkage.bodies[linkage.ground]]])
-    pose = linkage.plane.T @ (ground @ at[index[linkage.bodies[body]]])[..., :3, :]
+    at = body_poses(linkage, mechanism, closed_coordinates(mechanism, q))
+    pose = linkage.plane.T @ at[body][..., :3, :]
     # In the plane: turn @ tip + place = post, for the body's tip and the ground's post.
     turn = pose[:, :2, :3] @ linkage.frames[linkage.bodies[body]][:3, :3].T @ linkage.plane[:, :2]
     place = pose[:, :2, 3]
@@ -204,3 +175,66 @@ def calibrated(arm: ArmDescription, robot: Robot, centre: Centre | None) -> Mech
         return replace(frame, before=before)
 
     return replace(mechanism, frames=tuple(follow(frame) for frame in mechanism.frames))
+
+
+def patches(
+    arm: ArmDescription, refined: Refined, centre: Centre | None
+) -> tuple[dict[str, FramePatch], dict[str, ClosurePatch]]:
+    """Return what the calibrated linkage replaces in its description, with standard deviations.
+
+    Returns:
+        {frame: patch} and {closure: patch}
+    """
+    robot, linkage = refined.robot, refined.robot.linkage
+    axis = None if centre is None else centre.axis
+    frames = [hinge.name for hinge in linkage.tree]
+    frames += [centre.slide] if centre is not None else []
+    tilted = list(refined.tilted)
+    if axis is not None:  # the whole linkage may lean
+        ground = [hinge.name for hinge in linkage.tree if hinge.body_a == linkage.ground]
+        tilted += [name for name in ground if name not in tilted]
+
+    def places(robot: Robot, centre: Centre | None) -> Array:
+        """Return points of frames and of closures, and tilts, (3 n,) [m, rad]."""
+        mechanism = calibrated(arm, robot, centre)
+        parts = [mechanism.frame(name).before[:3, 3] for name in frames]
+        for closure in mechanism.closures:
+            parts += [closure.point_a, closure.point_b]
+        # A small turn of a frame about its own x and y shows in its z axis as the parent has it.
+        for name in tilted:
+            start = linkage.mechanism.frame(name).before[:3, :3]
+            z = start.T @ mechanism.frame(name).before[:3, 2]
+            parts.append(np.array([-z[1], z[0], 0.0]))
+        return np.concatenate(parts)
+
+    def of_geometry(step: Array) -> Array:
+        return places(displaced(robot, refined.basis, refined.tilted, step), centre)
+
+    slope = slopes(of_geometry, np.zeros(len(refined.covariance)))
+    variance = np.einsum("ij,jk,ik->i", slope, refined.covariance, slope)
+    if centre is not None and axis is not None:
+
+        def of_axis(step: Array) -> Array:
+            moved = replace(axis, point=axis.point + step[:3], direction=axis.direction + step[3:])
+            return places(robot, replace(centre, axis=moved))
+
+        slope = slopes(of_axis, np.zeros(6))
+        variance += np.einsum("ij,jk,ik->i", slope, axis.covariance, slope)
+    sigma = list(np.sqrt(np.maximum(variance, 0.0)).reshape(-1, 3))
+    mechanism = calibrated(arm, robot, centre)
+    of_tilts = dict(zip(tilted, sigma[len(frames) + 2 * len(mechanism.closures) :], strict=True))
+    patched = {
+        name: replace(
+            frame_patch(mechanism.frame(name)), xyz_sigma=sigma[i], rpy_sigma=of_tilts.get(name)
+        )
+        for i, name in enumerate(frames)
+    }
+    closures = {
+        closure.name: replace(
+            closure_patch(closure, slides=bool(refined.tilted)),
+            point_a_sigma=sigma[len(frames) + 2 * i],
+            point_b_sigma=sigma[len(frames) + 2 * i + 1],
+        )
+        for i, closure in enumerate(mechanism.closures)
+    }
+    return patched, closures

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.axes import LEAST_SAMPLES
+from trocar.apps.calibration.axes import LEAST_SAMPLES, Axes, Value
 from trocar.apps.calibration.home import still_start
-from trocar.apps.calibration.rcm_cloud import CloudPoint, centre_samples, over_cells
+from trocar.apps.calibration.placement import Centre
 from trocar.apps.calibration.rcm_frame import (
     CentreLinks,
     HingesAbout,
+    Table7,
     about_hinges,
     centre_links,
     resting,
+    table7,
 )
-from trocar.apps.calibration.table7 import Table7, table7
 from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
@@ -27,6 +28,7 @@ from trocar.fitting import (
     PivotFit,
     fit_pivot_in_body,
     likely_cause,
+    not_gross,
     rest_pose,
     white_noise,
 )
@@ -38,6 +40,27 @@ Array = NDArray[np.float64]
 _WANDERS = 1.3
 # Source: our own choice; a file with six decimals has this much rounding. [m]
 _ROUNDING = 3e-6
+
+
+# Source: our own choice; the cloud is averaged over so many cells of each joint's sweep, of those
+# that have a few samples.
+_CELLS, _LEAST_IN_CELL = 6, 5
+
+
+@dataclass(frozen=True, eq=False)
+class CloudPoint:
+    """The remote centre about one pose of the arm, as in the closed-loop paper's Figure 9.
+
+    Attributes:
+        q: of yaw and pitch, (2,) [rad], 0 at the start or, if the arm did not stand still
+            there, in the middle of the sweep
+        position: mean of R tip + p in the base body, (3,) [m]
+        samples: that it is the mean of
+    """
+
+    q: Array
+    position: Array
+    samples: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +75,8 @@ class RcmReport:
         noise_rms: what the cameras' noise alone would make of `fit.rms` [m]
         cloud: the centre at each pose; empty where the joints are not seen
         table7: relative to the pitch axis as in the paper's Table 7, where that axis is seen
-        distance: from the pitch axis and its 1-sigma [m], where that is seen
-        warnings: what a user should know
+        distance: from the pitch axis [m], where that is seen
+        warnings: for the user
         hinges: the first two joint axes
     """
 
@@ -64,7 +87,7 @@ class RcmReport:
     noise_rms: float
     cloud: tuple[CloudPoint, ...]
     table7: Table7 | None
-    distance: tuple[float, float] | None
+    distance: Value | None
     warnings: tuple[str, ...]
     hinges: HingesAbout
 
@@ -73,16 +96,17 @@ class RcmReport:
         """How far the centre itself wanders, noise taken off [m]."""
         return float(np.sqrt(max(self.fit.rms**2 - self.noise_rms**2, 0.0)))
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return the report as plain data, as `trocar rcm --json` prints it."""
+    def centre_dict(self) -> dict[str, Any]:
+        """Return the centre as plain data, in SI units."""
         fit = self.fit
+        post = {"value": fit.post.tolist(), "sigma": fit.sigma_post.tolist()}
         centre: dict[str, Any] = {
             "body": self.body,
             "base": self.base,
-            "b_tip_m": {"value": fit.tip, "sigma": fit.sigma_tip},
-            "b_post_m": {"value": fit.post, "sigma": fit.sigma_post},
-            "position_in_base_body_m": {"value": fit.post, "sigma": fit.sigma_post},
-            "rms_xyz_m": fit.rms_axes,
+            "b_tip_m": {"value": fit.tip.tolist(), "sigma": fit.sigma_tip.tolist()},
+            "b_post_m": post,
+            "position_in_base_body_m": post,
+            "rms_xyz_m": fit.rms_axes.tolist(),
             "rms_m": fit.rms,
             "noise_rms_m": self.noise_rms,
             "wander_rms_m": self.wander_rms,
@@ -93,24 +117,23 @@ class RcmReport:
         if self.base == "camera":
             del centre["position_in_base_body_m"]
         if self.distance is not None:
-            value, sigma = self.distance
-            centre["distance_to_pitch_axis_m"] = {"value": value, "sigma": sigma}
+            centre["distance_to_pitch_axis_m"] = self.distance.as_dict()
         turned, _ = centre_samples(self.hinges, fit)
         if len(turned):
-            low, high = turned.min(axis=0), turned.max(axis=0)
-            centre["sweep_rad"] = {"yaw": [low[0], high[0]], "pitch": [low[1], high[1]]}
+            yaw, pitch = np.stack([turned.min(axis=0), turned.max(axis=0)], axis=1).tolist()
+            centre["sweep_rad"] = {"yaw": yaw, "pitch": pitch}
         if self.table7 is not None:
             centre["table7"] = self.table7.as_dict()
+        return centre
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as plain data, as `trocar rcm --json` prints it."""
         cloud = [
-            {"q_rad": point.q, "position_m": point.position, "samples": point.samples}
-            for point in self.cloud
+            {"q_rad": p.q.tolist(), "position_m": p.position.tolist(), "samples": p.samples}
+            for p in self.cloud
         ]
-        return {
-            "arm": self.arm,
-            "rcm": centre,
-            "cloud": cloud,
-            "warnings": list(self.warnings),
-        }
+        warnings = list(self.warnings)
+        return {"arm": self.arm, "rcm": self.centre_dict(), "cloud": cloud, "warnings": warnings}
 
 
 def find_rcm(
@@ -131,11 +154,11 @@ def find_rcm(
         TracksError: the body is missing, or not seen together with the base
         UndeterminedError: all turns share one axis
     """
-    links = centre_links(arm)
-    chosen, warnings = _chosen(tracks, links, bodies or {})
+    names, links = bodies or {}, centre_links(arm)
+    chosen, warnings = _chosen(tracks, links, names)
     base, body = chosen.poses[links.base], chosen.poses[links.body]
     check_together(chosen, links.base, links.body, LEAST_SAMPLES)
-    fit = _fit(chosen.times, base, body)
+    fit = _fit_pivot(chosen.times, base, body)
     noise_rms = _noise_rms(base, body, fit)
     if fit.rms > max(_WANDERS * noise_rms, _ROUNDING):
         warnings.append(
@@ -145,37 +168,88 @@ def find_rcm(
         )
         warnings += _slips(chosen, links)
     hinges = about_hinges(chosen, links)
-    warnings += hinges.warnings
     found = None if hinges.yaw is None else table7(chosen, links, hinges, fit)
-    at_base = links.base in tracks.poses or links.base in (bodies or {})
     return RcmReport(
         arm=arm.name,
         body=links.body,
-        base=links.base if at_base else "camera",
+        base=links.base if links.base in tracks.poses or links.base in names else "camera",
         fit=fit,
         noise_rms=noise_rms,
         cloud=over_cells(*centre_samples(hinges, fit)),
-        table7=None if found is None else found[0],
-        distance=None if found is None else found[1],
-        warnings=(*tracks.warnings, *warnings),
+        table7=found,
+        distance=None if found is None else found.distance,
+        warnings=(*tracks.warnings, *warnings, *hinges.warnings),
         hinges=hinges,
     )
 
 
-def _fit(times: Array, base: Array, body: Array) -> PivotFit:
+def centre_samples(hinges: HingesAbout, fit: PivotFit) -> tuple[Array, Array]:
+    """Return joint positions (k, 2) [rad] and centres (k, 3) [m] of samples that have both."""
+    seen = fit.used & np.isfinite(hinges.q).all(axis=1)
+    return hinges.q[seen], fit.points[seen]
+
+
+def over_cells(q: Array, points: Array) -> tuple[CloudPoint, ...]:
+    """Average points over cells of yaw and pitch.
+
+    Args:
+        q: of each point, (n, 2) [rad]
+        points: (n, 3) [m]
+    """
+    if len(q) < _LEAST_IN_CELL:
+        return ()
+    low, width = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9) / _CELLS
+    cells = np.minimum((q - low) // width, _CELLS - 1).astype(int)
+    number = cells[:, 0] * _CELLS + cells[:, 1]
+    return tuple(
+        CloudPoint(q[inside].mean(axis=0), points[inside].mean(axis=0), int(inside.sum()))
+        for inside in (number == cell for cell in np.unique(number))
+        if inside.sum() >= _LEAST_IN_CELL
+    )
+
+
+def _chosen(
+    tracks: Tracks, links: CentreLinks, bodies: Mapping[str, str]
+) -> tuple[Tracks, list[str]]:
+    """Return the tracks of the bodies that count, and warnings."""
+    known = links.all
+    for name in bodies:
+        if name not in known:
+            raise InputError(
+                f"bodies: got {name!r}; known to the remote centre: {', '.join(known)}"
+            )
+    optional = [name for name in known if name != links.body and name not in bodies]
+    chosen = select_bodies(tracks, {name: bodies.get(name, name) for name in known}, optional)
+    if links.base in chosen.poses:
+        return chosen, []
+    rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
+    words = f"{links.base} is not tracked: the cameras' frame is taken for the base, as if it rests"
+    return replace(chosen, poses={**chosen.poses, links.base: rest}), [words]
+
+
+def _fit_pivot(times: Array, base: Array, body: Array) -> PivotFit:
     """Fit the pivot to the sweep, without a still start.
 
     A single pose that is held for long would count as many, and a centre that wanders would look
     as if it did so less.
     """
     fit = fit_pivot_in_body(base, body)
-    moved = np.where(fit.used[:, None, None], inverse(resting(base)) @ body, np.nan)[:, :3].reshape(
-        -1, 12
-    )
-    still = still_start(times, {str(i): moved[:, i] for i in range(12)})
+    moved = np.where(fit.used[:, None, None], inverse(resting(base)) @ body, np.nan)
+    entries = moved[:, :3].reshape(-1, 12)
+    still = still_start(times, {str(i): entry for i, entry in enumerate(entries.T)})
     if still is None or np.count_nonzero(fit.used & ~still) < LEAST_SAMPLES:
         return fit
     return fit_pivot_in_body(base, np.where(still[:, None, None], np.nan, body))
+
+
+def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
+    """Return what noise from sample to sample makes of the distance R tip + p - post [m]."""
+    position, rotation = white_noise(body)
+    square = 3.0 * position**2 + 2.0 * rotation**2 * float(fit.tip @ fit.tip)
+    if rest_pose(base) is None:
+        position, rotation = white_noise(base)
+        square += 3.0 * position**2 + 2.0 * rotation**2 * float(fit.post @ fit.post)
+    return float(np.sqrt(square))
 
 
 def _slips(tracks: Tracks, links: CentreLinks) -> list[str]:
@@ -188,31 +262,59 @@ def _slips(tracks: Tracks, links: CentreLinks) -> list[str]:
     return []
 
 
-def _chosen(
-    tracks: Tracks, links: CentreLinks, bodies: Mapping[str, str]
-) -> tuple[Tracks, list[str]]:
-    """Return the tracks of the bodies that count, and what there is to say about them."""
-    known = links.all
-    for name in bodies:
-        if name not in known:
-            raise InputError(
-                f"bodies: got {name!r}; known to the remote centre: {', '.join(known)}"
-            )
-    wanted = {name: bodies.get(name, name) for name in known}
-    optional = [name for name in known if name != links.body and name not in bodies]
-    chosen = select_bodies(tracks, wanted, optional)
-    if links.base in chosen.poses:
-        return chosen, []
-    rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
-    words = f"{links.base} is not tracked: the cameras' frame is taken for the base, as if it rests"
-    return replace(chosen, poses={**chosen.poses, links.base: rest}), [words]
+def find_centre(
+    tracks: Tracks, arm: ArmDescription, axes: Axes, centre: Centre, names: Mapping[str, str]
+) -> RcmReport:
+    """Find the remote centre (the paper's equations 3 and 4), and how far it is from the loops.
+
+    Args:
+        tracks: a sweep that turns the base's joint and the loops'
+        arm: whose
+        axes: from the sweep of the loops
+        centre: which body turns about it, and before which
+        names: {body: its name in the tracks} of those that are called otherwise
+
+    Returns:
+        the centre, its distance from the first axis as the sweep of the loops has that; where it
+        is not tracked along with the centre, as the pivot's own sweep has it
+
+    Raises:
+        TracksError: the two bodies are never seen together
+        UndeterminedError: all turns share one axis
+    """
+    known = centre_links(arm).all
+    report = find_rcm(tracks, arm, {b: name for b, name in names.items() if b in known})
+    called = {body: names.get(body, body) for body in axes.linkage.bodies}
+    poses = {b: tracks.poses[name] for b, name in called.items() if name in tracks.poses}
+    distance = _from_axis(poses, axes, centre, report.fit)
+    return report if distance is None else replace(report, distance=distance)
 
 
-def _noise_rms(base: Array, body: Array, fit: PivotFit) -> float:
-    """Return what noise from sample to sample makes of the distance R tip + p - post [m]."""
-    position, rotation = white_noise(body)
-    square = 3.0 * position**2 + 2.0 * rotation**2 * float(fit.tip @ fit.tip)
-    if rest_pose(base) is None:
-        position, rotation = white_noise(base)
-        square += 3.0 * position**2 + 2.0 * rotation**2 * float(fit.post @ fit.post)
-    return float(np.sqrt(square))
+def _from_axis(
+    seen_poses: Mapping[str, Array], axes: Axes, centre: Centre, fit: PivotFit
+) -> Value | None:
+    """Measure how far the centre is from the first axis, in a body that carries both."""
+    hinge = axes.linkage.hinges[0]
+    body = next((b for b in (hinge.body_a, hinge.body_b) if b in seen_poses), None)
+    if hinge.name not in axes.fits or body is None:
+        return None
+    poses = (inverse(seen_poses[body]) @ seen_poses[centre.body])[fit.used]
+    points = poses[:, :3, :3] @ fit.tip + poses[:, :3, 3]
+    seen = np.isfinite(points[:, 0])
+    if not seen.any():
+        return None
+    away = np.linalg.norm(points - np.median(points[seen], axis=0), axis=1)
+    kept = not_gross(away)
+    axis = axes.axis(hinge.name, body)
+    between = points[kept] - axis.point
+    along = between @ axis.direction
+    across = between - along[:, None] * axis.direction
+    distances = np.linalg.norm(across, axis=1)
+    radial = across.mean(axis=0)
+    radial /= np.linalg.norm(radial)
+    of_tip = fit.influence[:, :3] @ np.mean(poses[kept, :3, :3].transpose(0, 2, 1) @ radial, axis=0)
+    shifted = axis.influence[:, :3] + float(along.mean()) * axis.influence[:, 3:]
+    of_axis = shifted @ radial
+    of_mean = distances.var() / len(distances)
+    sigma = float(np.sqrt(of_tip @ of_tip + of_axis @ of_axis + of_mean))
+    return Value(float(np.linalg.norm(across.mean(axis=0))), sigma)

@@ -13,13 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.own_centre import OwnCentre, own_centre
-from trocar.apps.calibration.placement import BaseAxis, calibrated, remote_centre_of
-from trocar.apps.calibration.rcm import RcmReport
-from trocar.apps.calibration.rcm_cloud import centre_samples
-from trocar.apps.calibration.rcm_frame import centre_links
-from trocar.apps.calibration.records import Calibration
-from trocar.apps.calibration.sweep_centre import base_axis
+from trocar.apps.calibration.axes import BaseAxis
+from trocar.apps.calibration.calibrate import Calibration
+from trocar.apps.calibration.placement import calibrated, remote_centre_of
+from trocar.apps.calibration.rcm import RcmReport, centre_samples
+from trocar.apps.calibration.rcm_frame import OwnCentre, centre_links, own_centre
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay import apply_overlay
 from trocar.errors import InputError
@@ -95,7 +93,7 @@ def split_centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> Sp
         own_centre(mechanism, links, q)
         for mechanism in (
             arm.mechanism,
-            lengths_only(found, arm, base_axis(seen)),
+            lengths_only(found, arm, seen.hinges.base_axis),
             apply_overlay(arm, found.overlay).mechanism,
         )
     )

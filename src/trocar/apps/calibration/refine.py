@@ -15,23 +15,337 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from trocar.apps.calibration.geometry import freedoms
-from trocar.apps.calibration.level import Level, height
-from trocar.apps.calibration.linkage import Linkage
-from trocar.apps.calibration.motion import marker_poses, mechanism_of, pose_residuals
-from trocar.apps.calibration.problem import (
-    HEIGHT_M,
-    Problem,
-    eliminate,
-    height_row,
-    rows,
-    slopes,
+from trocar.apps.calibration.linkage import Linkage, freedoms
+from trocar.apps.calibration.robot import (
+    Level,
+    Robot,
+    displaced,
+    height,
+    height_slope,
+    marker_poses,
+    marker_rates,
+    mechanism_of,
+    pose_residuals,
 )
-from trocar.apps.calibration.register import Registered, Samples, compress, register
-from trocar.apps.calibration.start import Robot
-from trocar.geometry import inverse
+from trocar.geometry import inverse, matrix_from_rotation_vector, skew
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+STEPS = 8
+#: Joint positions are gathered in this many steps over their range, of one joint and of more.
+#: Source: our own choice; 60 steps of a sweep of 1.2 rad are 20 mrad, over which the slopes that
+#: are taken for equal change by 2 %.
+BINS, BINS_OF_MORE = 60, 16
+# Source: our own choice; a body is left out of a sample where its residual's chi-squared with six
+# degrees of freedom passes what one in a million does.
+FAR_SQUARED, MEDIAN_SQUARED = 38.0, 5.35
+RIDGE = 1e-13
+#: A sample with fewer bodies tells nothing that a fit needs.
+LEAST_BODIES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What the tracks have of the bodies.
+
+    Attributes:
+        poses: T_camera_markers, (n, n_bodies, 4, 4); anything where `seen` is false
+        seen: (n, n_bodies)
+        home: samples that stand at joint positions 0, (n,)
+        sigmas: noise of a pose, position [m] and rotation [rad] per axis
+    """
+
+    poses: Array
+    seen: Mask
+    home: Mask
+    sigmas: tuple[float, float]
+
+    @property
+    def weights(self) -> Array:
+        """One over the noise of each of six residuals, (6,)."""
+        return np.repeat(1.0 / np.array(self.sigmas), 3)
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """Every sample at its own best camera pose and joint positions.
+
+    Attributes:
+        camera: T_camera_ground, (n, 4, 4)
+        q: joint positions, (n, n_moving) [rad]
+        residuals: (n, n_bodies, 6) [m, rad], measured less expected, in the ground's axes
+        seen: (n, n_bodies), without what is far off
+    """
+
+    camera: Array
+    q: Array
+    residuals: Array
+    seen: Mask
+
+
+@dataclass(frozen=True, eq=False)
+class Groups:
+    """Samples at nearly the same joint positions and with the same bodies, taken together.
+
+    Attributes:
+        counts: samples in each, (g,)
+        q: joint positions of each bin, (n_bins, n_moving)
+        bins: which bin each group lies in, (g,)
+        measured: T_ground_markers at the bin's joint positions, (g, n_bodies, 4, 4)
+        seen: (g, n_bodies)
+        home: groups of the still start, (g,)
+    """
+
+    counts: Array
+    q: Array
+    bins: NDArray[np.intp]
+    measured: Array
+    seen: Mask
+    home: Mask
+
+
+def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registered:
+    """Fit camera pose and joint positions of each sample by weighted least squares.
+
+    Args:
+        robot: the geometry, which stays
+        samples: what was seen
+        camera, q: where to begin, (n, 4, 4) and (n, n_moving)
+    """
+    mechanism, moving = mechanism_of(robot), q.shape[1]
+    camera, q = camera.copy(), q.copy()
+    weight = samples.seen[..., None] * samples.weights
+    residuals = np.zeros(0)
+    for _ in range(STEPS):
+        expected = marker_poses(robot, mechanism, q)
+        residuals = pose_residuals(inverse(camera)[:, None] @ samples.poses, expected)
+        slope = nuisance_slopes(expected, marker_rates(robot, mechanism, q, expected))
+        left = (slope * weight[..., None]).reshape(len(q), -1, 6 + moving)
+        right = (residuals * weight).reshape(len(q), -1)
+        normal = np.swapaxes(left, -1, -2) @ left
+        # What too few bodies leave open stays.
+        most = np.maximum(np.max(normal, axis=(-1, -2), keepdims=True), 1.0)
+        normal += RIDGE * np.eye(6 + moving) * most
+        step = np.linalg.solve(normal, np.swapaxes(left, -1, -2) @ right[..., None])[..., 0]
+        camera = camera @ _small_pose(step[:, :6])
+        q = q + step[:, 6:]
+        if np.abs(step).max(initial=0.0) < 1e-12:
+            break
+    squared = np.sum((residuals * samples.weights) ** 2, axis=-1)
+    # A linkage that does not close leaves more than noise, and that is no reason to drop a sample.
+    usual = np.nanmedian(np.where(samples.seen, squared, np.nan), axis=0) / MEDIAN_SQUARED
+    return Registered(
+        camera, q, residuals, samples.seen & (squared <= FAR_SQUARED * np.maximum(usual, 1.0))
+    )
+
+
+def nuisance_slopes(expected: Array, rates: Array) -> Array:
+    """Return how residuals follow a small move of the ground and the joints, (.., nb, 6, 6 + m).
+
+    The residual that they explain is slope @ (shift, turn, joints).
+    """
+    slope = np.zeros((*expected.shape[:-2], 6, 6 + rates.shape[-1]))
+    slope[..., :3, :3] = slope[..., 3:, 3:6] = np.eye(3)
+    slope[..., :3, 3:6] = -skew(expected[..., :3, 3])
+    slope[..., 6:] = rates
+    return slope
+
+
+def _small_pose(step: Array) -> Array:
+    moved = np.zeros((len(step), 4, 4))
+    moved[:, :3, :3] = matrix_from_rotation_vector(step[:, 3:6])
+    moved[:, :3, 3] = step[:, :3]
+    moved[:, 3, 3] = 1.0
+    return moved
+
+
+def compress(robot: Robot, samples: Samples, found: Registered) -> Groups:
+    """Gather samples by joint positions and by which bodies they have."""
+    enough = found.seen.sum(axis=1) >= min(LEAST_BODIES, found.seen.shape[1])
+    q, seen, home = found.q[enough], found.seen[enough], samples.home[enough]
+    steps = BINS if q.shape[1] == 1 else BINS_OF_MORE
+    span = np.maximum(q.max(axis=0) - q.min(axis=0), 1e-9)
+    cell = np.minimum(((q - q.min(axis=0)) / span * steps).astype(int), steps - 1)
+    cells, cell_of = np.unique(np.column_stack([cell, home]), axis=0, return_inverse=True)
+    cell_of = cell_of.ravel()
+    middle = _means(q, cell_of, len(cells))
+    groups, group_of = np.unique(np.column_stack([cell_of, seen]), axis=0, return_inverse=True)
+    left = _means(found.residuals[enough] * seen[..., None], group_of.ravel(), len(groups))
+    bins = groups[:, 0].astype(np.intp)
+    measured = marker_poses(robot, mechanism_of(robot), middle)[bins]
+    measured[..., :3, 3] += left[..., :3]
+    measured[..., :3, :3] = matrix_from_rotation_vector(left[..., 3:]) @ measured[..., :3, :3]
+    return Groups(
+        counts=np.bincount(group_of.ravel()).astype(np.float64),
+        q=middle,
+        bins=bins,
+        measured=measured,
+        seen=groups[:, 1:].astype(bool),
+        home=cells[bins, -1].astype(bool),
+    )
+
+
+def _means(values: Array, which: NDArray[np.intp], count: int) -> Array:
+    """Return the mean of the rows of each group, (count, ...)."""
+    flat = values.reshape(len(which), -1)
+    order = np.argsort(which, kind="stable")
+    sizes = np.bincount(which, minlength=count)
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    total = np.add.reduceat(flat[order], starts, axis=0)
+    return (total / sizes[:, None]).reshape(count, *values.shape[1:])
+
+
+# What the tracks leave open stays where it was; weak enough to pull nothing else. [m, rad]
+LEASH = 1.0
+#: Where along the axes the linkage's plane lies is told by the datum, and else by second-order
+#: effects of the pins alone (see `level`), which tracks without noise show. Source: our own choice;
+#: how far from that plane a pin may sit. [m]
+HEIGHT_M = 0.1
+# Source: our own choice; displacements of 1 um give slopes to 1e-9 and rounding of 1e-10.
+DISPLACED = 1e-6
+#: Home is known no better than this, so that exact tracks can be weighted: rounding. [rad]
+HOME_RAD = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """One round of least squares about a robot, at groups of samples."""
+
+    robot: Robot
+    groups: Groups
+    sigmas: tuple[float, float]
+    basis: Array
+    tilted: tuple[str, ...]
+    level: Level
+
+    @property
+    def free(self) -> int:
+        """How many unknowns the geometry has; six of each body's markers follow."""
+        return self.basis.shape[1] + 2 * len(self.tilted)
+
+    def moved(self, step: Array) -> Robot:
+        """Return the robot at a step of the unknowns."""
+        robot = displaced(self.robot, self.basis, self.tilted, step)
+        markers: dict[str, Array] = {}
+        for i, (body, pose) in enumerate(robot.markers.items()):
+            twist = step[self.free + 6 * i : self.free + 6 * i + 6]
+            here = pose.copy()
+            here[:3, 3] += pose[:3, :3] @ twist[:3]
+            here[:3, :3] = pose[:3, :3] @ matrix_from_rotation_vector(twist[3:])
+            markers[body] = here
+        return replace(robot, markers=markers)
+
+    @property
+    def datum_columns(self) -> slice:
+        """The unknowns that shift and turn the markers which have the datum."""
+        at = self.free + 6 * list(self.robot.markers).index(self.level.body)
+        return slice(at, at + 6)
+
+    def expected(self, step: Array) -> Array:
+        """Return where the markers are at a step, (g, n_bodies, 4, 4)."""
+        return self.in_bins(step)[self.groups.bins]
+
+    def in_bins(self, step: Array) -> Array:
+        """Return the same for each bin, (n_bins, n_bodies, 4, 4)."""
+        robot = self.moved(step)
+        return marker_poses(robot, mechanism_of(robot), self.groups.q)
+
+
+@dataclass(frozen=True, eq=False)
+class Eliminated:
+    """What takes camera pose and joint positions out of a problem.
+
+    Attributes:
+        project: of each group, (g, 6 n_bodies, 6 n_bodies); weights and the square root of the
+            number of samples are in it
+        home: what the residuals do to the mean joint positions of home, (n_moving, g, 6 n_bodies)
+        at_home: these mean positions before, (n_moving,) [rad]
+        home_sigma: their noise, (n_moving,) [rad]
+    """
+
+    project: Array
+    home: Array
+    at_home: Array
+    home_sigma: Array
+
+
+def eliminate(problem: Problem) -> Eliminated:
+    """Return what takes camera pose and joint positions out of a problem."""
+    robot, groups = problem.robot, problem.groups
+    expected = marker_poses(robot, mechanism_of(robot), groups.q)
+    rates = marker_rates(robot, mechanism_of(robot), groups.q, expected)
+    every = nuisance_slopes(expected, rates)[groups.bins]
+    weight = groups.seen[..., None] * np.repeat(1.0 / np.array(problem.sigmas), 3)
+    slope = (every * weight[..., None]).reshape(len(weight), -1, every.shape[-1])
+    scale = np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    solve = np.linalg.pinv(slope / scale, rcond=1e-9)
+    flat = weight.reshape(len(weight), -1)
+    keep = np.eye(slope.shape[1]) - (slope / scale) @ solve
+    joints = (solve / np.swapaxes(scale, 1, 2))[:, 6:]
+    still = groups.counts * groups.home
+    share = still / max(float(still.sum()), 1.0)
+    variance = share @ np.sum(joints**2, axis=2) / max(float(still.sum()), 1.0)
+    return Eliminated(
+        project=keep * flat[:, None, :] * np.sqrt(groups.counts)[:, None, None],
+        home=np.swapaxes(joints * flat[:, None, :] * share[:, None, None], 0, 1),
+        at_home=share @ groups.q[groups.bins],
+        home_sigma=np.maximum(np.sqrt(variance), HOME_RAD),
+    )
+
+
+def rows(problem: Problem, taken: Eliminated, step: Array) -> Array:
+    """Return every weighted residual at a step of the unknowns, (rows,)."""
+    left = pose_residuals(problem.groups.measured, problem.expected(step))
+    left = left.reshape(len(left), -1)
+    at_home = taken.at_home + np.einsum("jgr,gr->j", taken.home, left)
+    return np.concatenate(
+        [
+            np.einsum("grs,gs->gr", taken.project, left).ravel(),
+            at_home / taken.home_sigma,
+            [height(problem.moved(step), problem.level) / HEIGHT_M],
+            step / LEASH,
+        ]
+    )
+
+
+def slopes(problem: Problem, taken: Eliminated, step: Array) -> Array:
+    """Return the derivative of `rows`, (rows, unknowns)."""
+    slope = -expected_slopes(problem, step)
+    slope = slope.reshape(len(slope), -1, slope.shape[-1])
+    return np.vstack(
+        [
+            np.einsum("grs,gsk->grk", taken.project, slope).reshape(-1, slope.shape[-1]),
+            np.einsum("jgr,grk->jk", taken.home, slope) / taken.home_sigma[:, None],
+            height_row(problem) / HEIGHT_M,
+            np.eye(slope.shape[-1]) / LEASH,
+        ]
+    )
+
+
+def height_row(problem: Problem) -> Array:
+    """Return how the height of the datum follows the unknowns, (1, unknowns)."""
+    row = np.zeros((1, problem.free + 6 * len(problem.robot.markers)))
+    row[0, problem.datum_columns] = height_slope(problem.robot, problem.level)
+    return row
+
+
+def expected_slopes(problem: Problem, step: Array) -> Array:
+    """Return d expected / d unknowns, (g, n_bodies, 6, unknowns)."""
+    expected = problem.in_bins(step)
+    slope = np.zeros((*expected.shape[:2], 6, len(step)))
+    for column in range(problem.free):
+        away = DISPLACED * np.eye(len(step))[column]
+        plus, minus = problem.in_bins(step + away), problem.in_bins(step - away)
+        slope[..., column] = pose_residuals(plus, minus) / (2.0 * DISPLACED)
+    for body in range(expected.shape[1]):
+        at = problem.free + 6 * body
+        # Markers move in the axes that they had before this round.
+        turn = expected[:, body, :3, :3]
+        slope[:, body, :3, at : at + 3] = turn
+        slope[:, body, 3:, at + 3 : at + 6] = turn
+    return slope[problem.groups.bins]
+
 
 #: Source: our own choice; four or five do under noise, tracks without it up to eighteen.
 ROUNDS = 20
@@ -102,7 +416,7 @@ def refine(
     tilted = () if parallelogram else may_tilt(robot.linkage)
     robot = replace(robot, tilts={name: np.zeros(2) for name in tilted})
     free = freedoms(robot.linkage, parallelogram), tilted
-    found = register(robot, samples, _start(robot, samples, q), q)
+    found = register(robot, samples, first_cameras(robot, samples, q), q)
     history: list[float] = []
     settled = False
     while not settled and len(history) < ROUNDS:
@@ -174,7 +488,7 @@ def _solve(problem: Problem, sigma: float) -> tuple[Array, bool]:
     return step, float(np.linalg.norm(shown)) < SIGMA_SHARE
 
 
-def _start(robot: Robot, samples: Samples, q: Array) -> Array:
+def first_cameras(robot: Robot, samples: Samples, q: Array) -> Array:
     """Guess the camera's pose from the first body that each sample has, (n, 4, 4)."""
     expected = marker_poses(robot, mechanism_of(robot), q)
     body = np.argmax(samples.seen, axis=1)
@@ -220,6 +534,3 @@ def _covariance(jacobian: Array, held: Array) -> Array:
     inside = jacobian @ free
     within = np.linalg.pinv(inside.T @ inside, hermitian=True)
     return np.asarray(free @ within @ free.T, dtype=np.float64)
-
-
-__all__ = ["Refined", "refine"]

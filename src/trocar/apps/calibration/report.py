@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps import pages
-from trocar.apps.calibration import report_draw as draw
-from trocar.apps.calibration.nominal import distance_bound
-from trocar.apps.calibration.rcm import RcmReport
-from trocar.apps.calibration.rcm_cloud import over_cells
+from trocar.apps.calibration.calibrate import Calibration
+from trocar.apps.calibration.checks import distance_bound
+from trocar.apps.calibration.linkage import home_points, shift_rows
+from trocar.apps.calibration.rcm import CloudPoint, RcmReport, over_cells
+from trocar.apps.calibration.rcm_frame import Table7
 from trocar.apps.calibration.rcm_split import Split, split_centre
-from trocar.apps.calibration.records import Calibration
-from trocar.apps.calibration.table7 import Table7
+from trocar.apps.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 from trocar.descriptions import ArmDescription
 
 Array = NDArray[np.float64]
@@ -29,7 +31,7 @@ def check_report(folder: str | Path) -> Path:
         InputError: the folder is none
         MissingExtraError: matplotlib is not installed
     """
-    return pages.page_in(folder, draw.PURPOSE)
+    return pages.page_in(folder, PURPOSE)
 
 
 def write_report(folder: str | Path, found: Calibration, arm: ArmDescription) -> Path:
@@ -59,7 +61,7 @@ def _body(found: Calibration, arm: ArmDescription) -> str:
     notes = "".join(f'<p class="note">{pages.text(text)}</p>' for text in found.warnings)
     parts = [_set_up(found), _sides(found), _axes(found)]
     if found.centre is not None:
-        parts.append(_centre(found, found.centre.report, arm))
+        parts.append(_centre(found, found.centre, arm))
     return head + notes + "".join(parts)
 
 
@@ -75,7 +77,7 @@ def _set_up(found: Calibration) -> str:
         f" {MM * noise[0]:.3g} mm and {MM * noise[1]:.3g} mrad per axis. Left after all sweeps are"
         f" fitted at once: {MM * found.refined.position_rms:.3g} mm and"
         f" {MM * found.refined.rotation_rms:.3g} mrad.</p>"
-        + pages.picture(draw.set_up(found), caption)
+        + pages.picture(draw_set_up(found), caption)
     )
 
 
@@ -89,7 +91,7 @@ def _sides(found: Calibration) -> str:
             f"{MM * value.value:.4f}",
             f"{MM * value.sigma:.4f}",
             f"{MM * found.closed_distances[label]:.4f}",
-            f"{MM * (found.closed_distances[label] - value.value):+.4f}",
+            f"{MM * found.absorbed[label]:+.4f}",
         ]
         for label, value in found.axis_distances.items()
     ]
@@ -112,7 +114,7 @@ def _sides(found: Calibration) -> str:
         f" chi-squared {found.refined.misfit:.3g} per degree of freedom.</p>"
     ) + pages.table(head, rows)
     if found.axis_distances:
-        text += pages.picture(draw.sides(found, described), "Measured and closed distances.")
+        text += pages.picture(draw_sides(found, described), "Measured and closed distances.")
     if found.betas:
         angles = [[k, f"{v.value:.6f}", f"{v.sigma:.6f}"] for k, v in found.betas.items()]
         text += pages.table(["angle at q = 0", "[rad]", "1 sigma [rad]"], angles)
@@ -155,7 +157,7 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         " itself in the same sweep. Both about their means."
     )
     dots, crosses = over_cells(split.q, split.cloud), over_cells(split.q, split.own.cloud)
-    return text + pages.picture(draw.clouds(dots, crosses), caption)
+    return text + pages.picture(draw_clouds(dots, crosses), caption)
 
 
 def _frame(seen: Table7, split: Split) -> str:
@@ -224,3 +226,103 @@ def _xyz(what: str, rows: list[tuple[str, Array]]) -> str:
 
 def _mm(values: Array) -> str:
     return "(" + ", ".join(f"{MM * value:.4f}" for value in values) + ")"
+
+
+PURPOSE = "the report of a calibration"
+DRAWN, GRID = "#9aa5b1", "#dddddd"
+MM = 1e3
+
+
+def draw_set_up(found: Calibration) -> str:
+    """Draw links, axes and clusters of markers in the plane across the axes, at q = 0."""
+    robot, linkage = found.refined.robot, found.axes.linkage
+    figure = new_figure(9.5, 6.5, PURPOSE)
+    axis: Any = figure.subplots()
+    points = home_points(linkage, robot.moved)
+    shifts = shift_rows(linkage)
+    for colour, body in zip(PALETTE * 3, linkage.bodies, strict=False):
+        drawn = MM * np.stack([linkage.points[name] for name in linkage.carried(body)])
+        axis.plot(*_ring(drawn).T, color=DRAWN, linewidth=1.0, linestyle="--", zorder=1)
+        here = [points[s] for s in points if s.body == body]
+        axis.plot(*_ring(MM * np.stack(here)).T, color=colour, linewidth=4, alpha=0.55, zorder=2)
+        if body not in robot.markers:
+            continue
+        frame = linkage.frames[linkage.bodies[body]].copy()
+        frame[:3, 3] += linkage.plane[:, :2] @ (shifts[body] @ robot.moved)
+        cluster = MM * (linkage.plane.T @ (frame @ robot.markers[body])[:3, 3])[:2]
+        middle = np.mean(MM * np.stack(here), axis=0)
+        axis.plot(*np.stack([middle, cluster]).T, color=colour, linewidth=0.7, zorder=1)
+        axis.plot(*cluster, marker="^", markersize=8, color=colour, linestyle="", label=body)
+    for hinge in linkage.hinges:
+        x, y = MM * next(at for slot, at in points.items() if slot.hinge == hinge.name)
+        measured = hinge.name in found.axes.fits
+        face = "black" if measured else "white"
+        axis.plot(x, y, marker="o", color="black", markerfacecolor=face, markersize=6, zorder=3)
+        axis.annotate(hinge.label, (x, y), (6, 6), textcoords="offset points", fontsize=11)
+    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_xlabel("in the plane across the axes [mm]")
+    axis.set_ylabel("[mm]")
+    axis.grid(visible=True, color=GRID, linewidth=0.6)
+    figure.legend(loc="outside right upper", frameon=False, title="markers")
+    return svg(figure)
+
+
+def draw_sides(found: Calibration, described: Mapping[str, float]) -> str:
+    """Draw each distance against the description's, with its 95 % interval."""
+    labels = list(found.axis_distances)
+    figure = new_figure(9.5, 0.45 * len(labels) + 1.2, PURPOSE)
+    axis: Any = figure.subplots()
+    rows = np.arange(len(labels))
+    values = list(found.axis_distances.values())
+    off = np.array([v.value - described[k] for k, v in found.axis_distances.items()])
+    bars = 1.96 * np.array([v.sigma for v in values])
+    axis.errorbar(
+        MM * off, rows - 0.12, xerr=MM * bars, fmt="o", color=MEASURED, capsize=4,
+        label="measured, 95 % interval",
+    )  # fmt: skip
+    closed = np.array([found.closed_distances[k] - described[k] for k in labels])
+    axis.plot(MM * closed, rows + 0.12, "D", color=SETPOINT, label=f"closed: {found.closure}")
+    axis.axvline(0.0, color=DRAWN, linestyle="--", linewidth=1.0, label="description")
+    axis.set_yticks(rows, labels)
+    axis.invert_yaxis()
+    axis.set_xlabel("distance of two axes less the description's [mm]")
+    axis.grid(visible=True, axis="x", color=GRID, linewidth=0.6)
+    figure.legend(loc="outside upper center", ncols=3, frameon=False)
+    return svg(figure)
+
+
+def draw_clouds(measured: Sequence[CloudPoint], own: Sequence[CloudPoint]) -> str:
+    """Draw where the remote centre was at each pose, measured and as the mechanism has it.
+
+    Both are in the frame of the first two joint axes, each about its mean.
+    """
+    seen, explained = (np.stack([point.position for point in part]) for part in (measured, own))
+    pitch = np.array([point.q[1] for point in measured])
+    figure = new_figure(11.5, 4.0, PURPOSE)
+    each: Any = figure.subplots(1, 3)
+    reach = 1.1 * MM * max(float(np.abs(seen).max()), float(np.abs(explained).max()), 1e-6)
+    dots: Any = None
+    for axis, (i, j) in zip(each, ((0, 1), (2, 1), (0, 2)), strict=True):
+        dots = axis.scatter(
+            MM * seen[:, i], MM * seen[:, j], c=np.degrees(pitch), cmap="viridis", s=22,
+            label="measured",
+        )  # fmt: skip
+        axis.plot(
+            MM * explained[:, i], MM * explained[:, j], "+", color=SETPOINT, label="mechanism"
+        )
+        axis.set(xlabel=f"{'XYZ'[i]} [mm]", ylabel=f"{'XYZ'[j]} [mm]")
+        axis.set_xlim(-reach, reach)
+        axis.set_ylim(-reach, reach)
+        axis.set_aspect("equal")
+        axis.grid(visible=True, color=GRID, linewidth=0.6)
+    figure.colorbar(dots, ax=each, label="pitch [deg]")
+    handles, labels = each[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
+    return svg(figure)
+
+
+def _ring(points: Array) -> Array:
+    """Return points as a closed line, in the order of their angle about their middle."""
+    away = points - points.mean(axis=0)
+    order = np.argsort(np.arctan2(away[:, 1], away[:, 0]))
+    return points[[*order, order[0]]]

@@ -13,9 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.cells import BodyTrack, read_rows
-from trocar.apps.calibration.motive import is_motive, read_motive
-from trocar.apps.calibration.tidy import COLUMNS, is_tidy, read_tidy
+from trocar.apps.calibration.track_csv import parse_csv
 from trocar.errors import InputError, TracksError
 from trocar.geometry.rotations import matrix_from_quaternion
 
@@ -86,41 +84,10 @@ def read_tracks(path: str | Path) -> Tracks:
         raise TracksError(file, f"cannot be read: {problem.strerror}") from problem
     except UnicodeDecodeError as problem:
         raise TracksError(file, "is no UTF-8 text; allowed: CSV of Motive, or tidy") from problem
-    rows = read_rows(file, text)
-    head = rows[0].cells if rows else []
-    told, warnings = None, ()
-    if is_motive(head):
-        bodies, told, warnings = read_motive(file, rows)
-    elif is_tidy(head):
-        bodies = read_tidy(file, rows)
-    else:
-        raise TracksError(file, _no_header(head), rows[0].line if rows else None)
-    tracks = _joined(file, hashlib.sha256(content).hexdigest(), bodies)
-    check_size(tracks)
-    return _with_rate(tracks, told, warnings)
-
-
-def _no_header(head: list[str]) -> str:
-    """Say what is wrong with a first line that belongs to no known format."""
-    allowed = f'allowed: a Motive export ("Format Version", ...), or {",".join(COLUMNS)}'
-    first = head[0] if head else ""
-    if not head:
-        return f"is empty; {allowed}"
-    if re.fullmatch(r"\s*[-+.\d][-+.\deE]*\s*", first):
-        return (
-            "has no header, so no names; export it with the header switched on (Motive: Data"
-            f" Export, Header Information); {allowed}"
-        )
-    if ";" in first:
-        return f"is separated by semicolons; {allowed}, separated by commas"
-    return f"got {','.join(head)[:60]!r} as the first line; {allowed}"
-
-
-def _joined(file: str, sha256: str, bodies: Mapping[str, BodyTrack]) -> Tracks:
-    """Bring every body to the same times."""
-    times = np.unique(np.concatenate([track.times for track in bodies.values()]))
+    found = parse_csv(file, text)
+    times = np.unique(np.concatenate([track.times for track in found.bodies.values()]))
     poses: dict[str, Array] = {}
-    for body, track in bodies.items():
+    for body, track in found.bodies.items():
         pose = np.full((len(times), 4, 4), np.nan)
         seen = ~np.isnan(track.positions[:, 0])
         at = np.searchsorted(times, track.times[seen])
@@ -130,18 +97,15 @@ def _joined(file: str, sha256: str, bodies: Mapping[str, BodyTrack]) -> Tracks:
         pose.setflags(write=False)
         poses[body] = pose
     times.setflags(write=False)
-    return Tracks(file, sha256, times, poses, np.nan)
-
-
-def _with_rate(tracks: Tracks, told: float | None, warnings: tuple[str, ...]) -> Tracks:
-    """Take the rate from the times, and compare it with what the file says."""
-    if len(tracks.times) < 2:
-        raise TracksError(tracks.file, f"got {len(tracks.times)} sample; allowed: 2 or more")
-    rate = 1.0 / float(np.median(np.diff(tracks.times)))
-    if told is not None and abs(rate / told - 1.0) <= RATE_TOLERANCE:
-        rate = told  # the times are rounded
-    elif told is not None:
-        text = f"the header says {told:g} Hz, the times {rate:.3g} Hz; the times are used"
+    tracks = Tracks(file, hashlib.sha256(content).hexdigest(), times, poses, np.nan)
+    check_size(tracks)
+    if len(times) < 2:
+        raise TracksError(file, f"got {len(times)} sample; allowed: 2 or more")
+    rate, header, warnings = 1.0 / float(np.median(np.diff(times))), found.rate_hz, found.warnings
+    if header is not None and abs(rate / header - 1.0) <= RATE_TOLERANCE:
+        rate = header  # the times are rounded
+    elif header is not None:
+        text = f"the header says {header:g} Hz, the times {rate:.3g} Hz; the times are used"
         warnings = (*warnings, text)
     return replace(tracks, rate_hz=rate, warnings=warnings)
 

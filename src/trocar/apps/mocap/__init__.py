@@ -1,9 +1,7 @@
 """Tracks of a simulated arm before simulated cameras, with the truth beside them."""
 
-from trocar.apps.mocap.noise import Noise
-from trocar.apps.mocap.perturb import perturbed
-from trocar.apps.mocap.simulate import MocapSettings, SimulatedTracks, simulate_tracks
-from trocar.apps.mocap.wear import worn
+from trocar.apps.mocap.robots import perturbed, worn
+from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
 from trocar.apps.mocap.writers import write_tracks
 
 __all__ = [

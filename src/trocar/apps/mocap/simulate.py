@@ -9,15 +9,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.mocap.clusters import place_camera, place_clusters
-from trocar.apps.mocap.dynamic import simulated_positions
-from trocar.apps.mocap.linkage import marked_frames
-from trocar.apps.mocap.noise import Noise, spoil
-from trocar.apps.mocap.sweeps import STILL_S, has_remote_centre, sweep
-from trocar.apps.mocap.truth import geometry
+from trocar.apps.mocap.sweep import (
+    STILL_S,
+    has_remote_centre,
+    marked_frames,
+    simulated_positions,
+    sweep,
+)
+from trocar.descriptions.axis_lines import Line, home_lines, line_angle, line_distance
+from trocar.descriptions.calibration_plan import default_plan, hinge_side
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError
-from trocar.kinematics.forward import coordinates
+from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rotation_vector
+from trocar.geometry.se3 import inverse, transform
+from trocar.kinematics.forward import coordinates, poses
 from trocar.kinematics.tree import frame_poses
 
 Array = NDArray[np.float64]
@@ -28,6 +33,136 @@ PARTS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 #: The rates that a camera system may have. [Hz]
 RATES_HZ = (10.0, 1000.0)
+
+#: A body is lost for this many samples on average, and a gross error is this far off.
+#: Source: our own choice; 20 mm is a marker taken for its neighbour. [samples, m]
+BURST_SAMPLES, OUTLIER_M = 12, 0.020
+#: Clusters lie within this of the origin of their link's frame, the camera's frame within this of
+#: the arm's root, along each axis. Source: our own choice. [m]
+ON_LINK_M, IN_ROOM_M = 0.15, 2.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """How bad the cameras are.
+
+    Attributes:
+        position: standard deviation along each axis [m]
+        rotation: standard deviation about each axis [rad]
+        dropout: share of samples in which a body is lost, in bursts
+        outliers: share of samples that are 20 mm off and turned anyhow
+    """
+
+    position: float = 0.0
+    rotation: float = 0.0
+    dropout: float = 0.0
+    outliers: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, most in (("position", 1.0), ("rotation", 1.0), ("dropout", 0.9),
+                           ("outliers", 0.5)):  # fmt: skip
+            got = getattr(self, name)
+            if not 0.0 <= got <= most:
+                raise InputError(f"noise, {name}: got {got!r}; allowed: 0 to {most:g}")
+
+
+def spoil(poses: Array, noise: Noise, rng: np.random.Generator) -> Array:
+    """Return one body's poses as cameras tell them, NaN where it is lost, (n, 4, 4).
+
+    As many random numbers are drawn whatever the noise is, so that each kind can be had alone.
+    """
+    count = len(poses)
+    shift, turn = rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
+    way, anyhow = rng.normal(size=(count, 3)), random_rotations(rng, count)
+    wrong = rng.uniform(size=count) < noise.outliers
+    lost = _bursts(rng.uniform(size=count), noise.dropout)
+    found = poses.copy()
+    found[:, :3, 3] += noise.position * shift
+    found[:, :3, :3] = found[:, :3, :3] @ matrix_from_rotation_vector(noise.rotation * turn)
+    way *= OUTLIER_M / np.linalg.norm(way, axis=1, keepdims=True)
+    found[wrong, :3, 3] += way[wrong]
+    found[wrong, :3, :3] = anyhow[wrong]
+    found[lost] = np.nan
+    return found
+
+
+def _bursts(chances: Array, share: float) -> NDArray[np.bool_]:
+    """Tell which samples are lost: two states that change by chance, (n,)."""
+    end = 1.0 / BURST_SAMPLES
+    begin = share * end / (1.0 - share)
+    lost = np.zeros(len(chances), dtype=bool)
+    state = bool(chances[0] < share)
+    for index, chance in enumerate(chances[1:].tolist(), 1):
+        lost[index - 1] = state
+        state = chance >= end if state else chance < begin
+    lost[-1] = state
+    return lost
+
+
+def random_rotations(rng: np.random.Generator, count: int) -> Array:
+    """Return rotations of which none is more likely than another, (count, 3, 3)."""
+    return matrix_from_quaternion(rng.normal(size=(count, 4)))
+
+
+def random_pose(rng: np.random.Generator, reach: float) -> Array:
+    """Return a pose in any orientation within a cube of half this edge, (4, 4)."""
+    return transform(random_rotations(rng, 1)[0], rng.uniform(-reach, reach, 3))
+
+
+def geometry(arm: ArmDescription, base_cluster: Array, swing: Array | None) -> dict[str, Any]:
+    """Return axis distances, angles and the remote centre, as `trocar calibrate` names them.
+
+    A remote centre that wanders is the point that fits best, told with how far the link that
+    carries the instrument misses it.
+
+    Distances and angles of axes are told in the plane across them through the origin of the first
+    axis' frame (see `descriptions.axis_lines`).
+
+    Args:
+        arm: as it is
+        base_cluster: the marker cluster on the arm's root, T_root_cluster (4, 4)
+        swing: joint positions about the remote centre, (n, n_joints); None where there is none
+    """
+    mechanism = arm.mechanism
+    plan = arm.calibration or default_plan(mechanism)
+    axes = home_lines(mechanism, plan.axes)
+    pitch = next(iter(axes.values()))
+    found: dict[str, Any] = {
+        "axis_distances_m": {
+            f"{a}-{b}": line_distance(axes[a], axes[b], pitch.point) for a, b in plan.distances
+        }
+    }
+    if plan.betas:
+        found["beta_rad"] = {
+            name: line_angle(
+                (axes[to[0]], axes[to[1]]), (axes[start[0]], axes[start[1]]), pitch.point
+            )
+            - 0.5 * np.pi
+            for name, (to, start) in plan.betas.items()
+        }
+    if swing is not None:
+        body, _ = hinge_side(mechanism, mechanism.closures[-1])
+        end = poses(mechanism, swing, arm.root)[body]
+        centre, misses = _fixed_point(end)
+        seen = inverse(base_cluster) @ np.append(centre, 1.0)
+        found["rcm"] = {
+            "position_in_base_body_m": seen[:3].tolist(),
+            "distance_to_pitch_axis_m": line_distance(pitch, Line(centre, pitch.direction), centre),
+            "rms_m": float(np.sqrt((misses**2).sum(axis=1).mean())),
+        }
+    return found
+
+
+def _fixed_point(poses: Array) -> tuple[Array, Array]:
+    """Return the point that a body keeps stillest, (3,), and how far it misses it, (n, 3) [m].
+
+    Source: closed-loop paper, equations 3 and 4.
+    """
+    R, p = poses[:, :3, :3], poses[:, :3, 3]
+    rows = np.concatenate([R, np.broadcast_to(-np.eye(3), R.shape)], axis=2).reshape(-1, 6)
+    both, *_ = np.linalg.lstsq(rows, -p.reshape(-1), rcond=None)
+    tip, post = both[:3].astype(np.float64), both[3:].astype(np.float64)
+    return post, R @ tip + p - post
 
 
 @dataclass(frozen=True)
@@ -116,7 +251,8 @@ def simulate_tracks(
     places, cameras, spoiling = (
         np.random.default_rng(s) for s in np.random.SeedSequence(wanted.seed).spawn(3)
     )
-    camera, clusters = place_camera(cameras), place_clusters(places, bodies)
+    camera = random_pose(cameras, IN_ROOM_M)  # T_camera_root
+    clusters = {body: random_pose(places, ON_LINK_M) for body in bodies}
     at = frame_poses(arm.mechanism, moved)
     seen = {
         body: spoil(
@@ -128,23 +264,16 @@ def simulate_tracks(
         "arm": arm.name,
         "robot": robot,
         **geometry(arm, clusters[next(iter(bodies))], _swing(arm, wanted)),
-        **_set_up(bodies, clusters, camera),
+        "bodies": {
+            body: {"frame": frame, "T_link_body": clusters[body].tolist()}
+            for body, frame in bodies.items()
+        },
+        "T_camera_root": camera.tolist(),
         "parts_s": {part: list(span) for part, span in told.parts.items()},
         "swings_rad": told.swings,
         "settings": asdict(wanted),
     }
     return SimulatedTracks(times, seen, told.q, wanted.rate_hz, truth)
-
-
-def _set_up(
-    bodies: Mapping[str, str], clusters: Mapping[str, Array], camera: Array
-) -> dict[str, Any]:
-    """Return where the clusters and the cameras are, as plain data."""
-    places = {
-        body: {"frame": frame, "T_link_body": clusters[body].tolist()}
-        for body, frame in bodies.items()
-    }
-    return {"bodies": places, "T_camera_root": camera.tolist()}
 
 
 def _swing(arm: ArmDescription, settings: MocapSettings) -> Array | None:

@@ -17,6 +17,7 @@ from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 
 Array = NDArray[np.float64]
+
 Format = Literal["tidy", "motive"]
 FORMATS = ("tidy", "motive")
 TIDY_HEAD = "time_s,body,x_m,y_m,z_m,qw,qx,qy,qz"

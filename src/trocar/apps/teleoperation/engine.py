@@ -7,7 +7,6 @@ motion exactly, and the same motion of masters makes the same motion of slaves.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -26,13 +25,14 @@ from trocar.apps.teleoperation.psm import PsmTeleoperation
 from trocar.apps.teleoperation.slave import Carrier
 from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
-from trocar.interfaces.commands import Command
-from trocar.interfaces.crtk import say
+from trocar.interfaces.crtk import build
+from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.state import Elapsed
+from trocar.simulation.journal import WORLD
 
 if TYPE_CHECKING:
-    from trocar.simulation import World
+    pass
 
 #: Ticks until the next call while nothing is enabled. Source: our own choice.
 PATIENT = 1000
@@ -197,7 +197,7 @@ class Pedals:
         if name in self.ACTIVE:
             self._call(partial(self.act, name, on))
         for topic in self._topics_of(name):
-            self._publish(topic, say.joy(int(on)))
+            self._publish(topic, build.joy(int(on)))
 
     def note(self, name: str, on: bool) -> None:
         """Note that a pedal is pressed or released."""
@@ -214,23 +214,6 @@ class Pedals:
 
     def _topics_of(self, name: str) -> list[str]:
         return [t for t in (f"console/{name}", f"footpedals/{name}") if t in self._topics]
-
-
-@dataclass(frozen=True)
-class Call:
-    """A command to teleoperation: a function to call in the loop's thread.
-
-    Attributes:
-        act: the function
-        stream: of those with the same only the newest counts; None: each does
-    """
-
-    act: Callable[[], object]
-    stream: tuple[str, str] | None = None
-
-    def apply(self, world: World) -> None:  # noqa: ARG002  as every command
-        """Call it."""
-        self.act()
 
 
 class Player(Protocol):
@@ -296,17 +279,21 @@ class Teleoperation:
         """Follow the loop's ticks from now on; call the result to stop."""
         return self._loop.watch(self)
 
-    def call(self, act: Callable[[], object], stream: tuple[str, str] | None = None) -> bool:
+    def call(self, act: Callable[[], object], stream: str = "") -> bool:
         """Call a function at the next tick, in the loop's thread; from any thread.
 
         Args:
             act: the function
-            stream: of those with the same only the newest counts; None: each does
+            stream: of those with the same only the newest counts; "": each does
 
         Returns:
             False when too much waits already
         """
-        return self._loop.post(Call(act, stream))
+        return self._loop.post(self.command(act, stream))
+
+    def command(self, act: Callable[[], object], stream: str = "") -> Command:
+        """Return the command that calls a function in the loop's thread; arguments as of `call`."""
+        return Command(WORLD, "teleoperate", stream=stream, act=lambda _: act())
 
     # ------------------------------------------------------------------ in the loop's thread
 

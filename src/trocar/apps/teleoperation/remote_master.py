@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from trocar.apps.teleoperation.engine import Teleoperation
 from trocar.apps.teleoperation.masters import TURNED, Master, MasterLostError, Reading
-from trocar.apps.teleoperation.topics import call, component
+from trocar.apps.teleoperation.topics import component, reading
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
-from trocar.interfaces.crtk import Component, Core, Topic, say
-from trocar.interfaces.crtk.arm_rows import (
+from trocar.interfaces.crtk import Component, Core, build
+from trocar.interfaces.crtk.fields import Message, flag, joints, pose, text
+from trocar.interfaces.crtk.topic import (
     BOOL,
     COMMAND,
     EMPTY,
@@ -24,11 +25,10 @@ from trocar.interfaces.crtk.arm_rows import (
     POSE,
     STATE,
     WRENCH,
+    command,
+    event,
+    served,
 )
-from trocar.interfaces.crtk.component import served
-from trocar.interfaces.crtk.fields import Message, flag, joints, text
-from trocar.interfaces.crtk.places import pose
-from trocar.interfaces.crtk.topics import topics_from
 
 if TYPE_CHECKING:
     from trocar.interfaces.loop import Loop
@@ -47,16 +47,16 @@ ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 #: Topics that follow the master's name: published by it ("sub"), and commands to it ("pub").
 ROWS = (
-    ("sub 1", "measured_cp", POSE, PLACE, "pose of the master, published by itself"),
-    ("sub 1", "gripper/measured_js", JOINTS, "rad", "its gripper, published by itself"),
-    ("sub", "operating_state", STATE, "", "published by itself"),
-    ("pub", "state_command", COMMAND, "", "home"),
-    ("pub", "move_cp", POSE, PLACE, "orientation of the tool"),
-    ("pub", "body/servo_cf", WRENCH, "N, N m", "zero"),
-    ("pub", "lock_orientation", "geometry_msgs/Quaternion", "xyzw", "hold the gimbal"),
-    ("pub", "unlock_orientation", EMPTY, "", "free the gimbal"),
-    ("pub", "use_gravity_compensation", BOOL, "", "switch gravity compensation"),
-    ("pub", "hold", EMPTY, "", "stay"),
+    command("measured_cp", POSE, PLACE, "pose of the master, published by itself", newest=True),
+    command("gripper/measured_js", JOINTS, "rad", "its gripper, published by itself", newest=True),
+    command("operating_state", STATE, "", "published by itself"),
+    event("state_command", COMMAND, "home"),
+    event("move_cp", POSE, "orientation of the tool", PLACE),
+    event("body/servo_cf", WRENCH, "zero", "N, N m"),
+    event("lock_orientation", "geometry_msgs/Quaternion", "hold the gimbal", "xyzw"),
+    event("unlock_orientation", EMPTY, "free the gimbal"),
+    event("use_gravity_compensation", BOOL, "switch gravity compensation"),
+    event("hold", EMPTY, "stay"),
 )
 
 
@@ -156,37 +156,36 @@ def component_of(master: RemoteMaster, engine: Teleoperation) -> Component:
         master: the master
         engine: calls in the loop's thread
     """
-    rows = tuple((m, f"{master.name}/{key}", kind, u, t) for m, key, kind, u, t in ROWS)
 
     def begin(core: Core) -> Callable[[], None]:
         master.publish = partial(_publish, core, master.name)
         return lambda: None
 
-    def handle(
-        read: Callable[[Message], Callable[[], None]], topic: Topic, message: Message
-    ) -> None:
-        call(engine, read(message), (master.name, topic.name))
+    def opening(message: Message) -> float:
+        return float(joints(message, "position", ("gripper",))[0])
 
-    readers: dict[str, Callable[[Message], Callable[[], None]]] = {
-        "measured_cp": lambda m: partial(master.receive_pose, pose(m, "pose")),
-        "gripper/measured_js": lambda m: partial(
-            master.receive_gripper, float(joints(m, "position", ("gripper",))[0])
-        ),
-        "operating_state": lambda m: partial(
-            master.receive_state, text(m, "state"), flag(m, "is_homed")
-        ),
+    def state(message: Message) -> tuple[str, bool]:
+        return text(message, "state"), flag(message, "is_homed")
+
+    readers: dict[str, tuple[Callable[[Message], Any], Callable[[Any], object]]] = {
+        "measured_cp": (lambda m: pose(m, "pose"), master.receive_pose),
+        "gripper/measured_js": (opening, master.receive_gripper),
+        "operating_state": (state, lambda now: master.receive_state(*now)),
     }
-    handlers = {f"{master.name}/{key}": partial(handle, read) for key, read in readers.items()}
-    return Component(served(topics_from(rows)), handlers, begin)
+    reads = {
+        f"{master.name}/{key}": reading(engine, read, act, f"{master.name} {key}")
+        for key, (read, act) in readers.items()
+    }
+    return Component(served((row.under(master.name) for row in ROWS), reads), begin)
 
 
 def _publish(core: Core, name: str, key: str, fields: Mapping[str, Any]) -> None:
     message = dict(fields)
     if key == "move_cp":
-        at = say.pose(fields["T"])
-        message = {"header": say.header(core.stamper.stamp(), DISPLAY), "pose": at}
+        at = build.pose(fields["T"])
+        message = {"header": build.header(core.stamper.stamp(), DISPLAY), "pose": at}
     elif key == "lock_orientation":
-        message = say.quaternion(fields["T"])
+        message = build.quaternion(fields["T"])
     elif key == "body/servo_cf":
         message = {"wrench": {"force": ZERO, "torque": ZERO}}
     core.emit(f"{name}/{key}", message)

@@ -213,7 +213,7 @@ class Session:
         device = self.device = Device(loop, self._kind.upper(), self._arm, scale)
         self.engine = device.engine
         if self._source is not None:
-            stream = (device.master.name, "device")
+            stream = f"{device.master.name} device"
             self._poll = Poll(
                 self._source,
                 lambda drive: device.engine.call(partial(device.receive, drive), stream),

@@ -13,9 +13,8 @@ from trocar.apps.teleoperation.component import Component as Teleop
 from trocar.apps.teleoperation.devices import Drive, from_keys, from_pad
 from trocar.apps.teleoperation.engine import Teleoperation
 from trocar.apps.teleoperation.psm import PsmTeleoperation
-from trocar.interfaces.crtk import Component, Topic, say
-from trocar.interfaces.crtk.arm_rows import JOY, STRING
-from trocar.interfaces.crtk.component import served
+from trocar.interfaces.crtk import Component, build
+from trocar.interfaces.crtk.console import BUTTONS, teleop_topics
 from trocar.interfaces.crtk.fields import (
     Message,
     RefusedError,
@@ -25,15 +24,13 @@ from trocar.interfaces.crtk.fields import (
     text,
     vector,
 )
-from trocar.interfaces.crtk.teleop_rows import topics_of
-from trocar.interfaces.crtk.topics import topics_from
+from trocar.interfaces.crtk.topic import JOY, STRING, Make, Read, command, served
+from trocar.interfaces.inbox import Command
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk import Core
     from trocar.interfaces.crtk.clock import Stamp
-    from trocar.interfaces.crtk.sample import RigFigures
-
-Handler = Callable[[Topic, Message], None]
+    from trocar.interfaces.crtk.sample import Figures
 
 #: Published as a button. Source: SAW system_ROS.cpp declares these as Joy.
 JOYS = ("rotation_locked", "translation_locked")
@@ -45,41 +42,54 @@ KEYS, PAD = "teleop/keys", "teleop/gamepad"
 ASIDE = "aside"
 
 INPUTS = (
-    ("sub 1", KEYS, STRING, "", "codes of the keys that are held, with spaces between; or `aside`"),
-    ("sub 1", PAD, JOY, "", "axes and buttons in the standard layout of browsers; none: aside"),
+    command(
+        KEYS, STRING, "", "codes of the held keys, separated by spaces; or `aside`", newest=True
+    ),
+    command(PAD, JOY, "", "axes and buttons, in the standard layout; none: aside", newest=True),
 )
 
 
-def call(
-    engine: Teleoperation, act: Callable[[], object], stream: tuple[str, str] | None = None
-) -> None:
-    """Call a function for a message, as `Teleoperation.call` does.
+def reading(
+    engine: Teleoperation,
+    read: Callable[[Message], Any],
+    act: Callable[[Any], object],
+    stream: str = "",
+) -> Read:
+    """Return what reads a message at once, and acts in the loop's thread.
 
-    Raises:
-        RefusedError: too many commands wait
+    Args:
+        engine: makes the command
+        read: checks a message
+        act: called with what was read
+        stream: as of `Teleoperation.command`
     """
-    if not engine.call(act, stream):
-        raise RefusedError("full", "too many commands wait already")
+
+    def command(message: Message, _: object) -> Command:
+        value = read(message)
+        return engine.command(lambda: act(value), stream)
+
+    return command
 
 
 def pedal_component(engine: Teleoperation) -> Component:
     """Return what a core serves of pedals: topics that emulate them also act."""
 
-    def handler(name: str) -> Handler:
-        def handle(topic: Topic, message: Message) -> None:  # noqa: ARG001  as every handler
-            on = button(message) == 1  # a quick tap was released again
-            engine.pedals.note(name, on)
-            call(engine, partial(engine.pedals.act, name, on))
+    def press(name: str, on: bool) -> None:
+        engine.pedals.note(name, on)
+        engine.pedals.act(name, on)
 
-        return handle
-
-    hears = {f"console/emulate_{name}": handler(name) for name in engine.pedals.ACTIVE}
+    heard = {
+        f"{place}/emulate_{name}": reading(engine, _read_pressed, partial(press, name))
+        for name in engine.pedals.ACTIVE
+        for place in ("console", "footpedals")
+        if f"{place}/emulate_{name}" in BUTTONS
+    }
 
     def begin(core: Core) -> Callable[[], None]:
         engine.pedals.connect(core.topics, core.emit)
         return lambda: None
 
-    return Component({}, {}, begin, hears)
+    return Component({}, begin, heard)
 
 
 def component(engine: Teleoperation) -> Component:
@@ -88,7 +98,7 @@ def component(engine: Teleoperation) -> Component:
     cores: list[Core] = []
 
     def publish(before: str, key: str, value: object) -> None:
-        fields = say.joy(int(bool(value))) if key in JOYS else {"data": value}
+        fields = build.joy(int(bool(value))) if key in JOYS else {"data": value}
         cores[-1].emit(f"{before}/{key}", fields)
 
     def begin(core: Core) -> Callable[[], None]:
@@ -107,14 +117,6 @@ def component(engine: Teleoperation) -> Component:
             console.publish("selected", name)
         return engine.start()
 
-    def request(read: Callable[[Message], Any], act: Callable[[Any], None]) -> Handler:
-        """Return a handler that reads a message at once and acts in the loop's thread."""
-
-        def handle(topic: Topic, message: Message) -> None:  # noqa: ARG001  as every handler
-            call(engine, partial(act, read(message)))
-
-        return handle
-
     def read_name(message: Message) -> str:
         name = text(message, "data")
         if name not in engine.components:
@@ -123,24 +125,24 @@ def component(engine: Teleoperation) -> Component:
             )
         return name
 
-    console = engine.console
-    handlers = {
+    console, request = engine.console, partial(reading, engine)
+    reads = {
         f"{CONSOLE}/enable": request(_read_flag, console.enable),
         f"{CONSOLE}/select": request(read_name, console.select),
         f"{CONSOLE}/unselect": request(read_name, console.unselect),
         f"{CONSOLE}/set_scale": request(_read_scale, console.set_scale),
     }
-    makers: dict[str, Any] = {}
+    makes: dict[str, Make] = {}
     for name, one in engine.components.items():
-        handlers[f"{name}/state_command"] = request(_read_command, one.command)
-        handlers[f"{name}/set_scale"] = request(_read_scale, one.set_scale)
+        reads[f"{name}/state_command"] = request(_read_command, one.command)
+        reads[f"{name}/set_scale"] = request(_read_scale, one.set_scale)
         if isinstance(one, PsmTeleoperation):
-            handlers[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
-            handlers[f"{name}/lock_translation"] = request(_read_flag, one.lock_translation)
-            handlers[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
-            makers[f"{name}/alignment_offset"] = partial(_offset, one)
-    rows = topics_of([one.description for one in engine.components.values()])
-    return Component(served(topics_from(rows)), handlers, begin, pedals.hears, makers)
+            reads[f"{name}/lock_rotation"] = request(_read_flag, one.lock_rotation)
+            reads[f"{name}/lock_translation"] = request(_read_flag, one.lock_translation)
+            reads[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
+            makes[f"{name}/alignment_offset"] = partial(_offset, one)
+    rows = teleop_topics([one.description for one in engine.components.values()])
+    return Component(served(rows, reads, makes), begin, pedals.hears)
 
 
 def input_component(
@@ -153,15 +155,11 @@ def input_component(
         name: of the device
         receive: called there with each command, None: the device is put aside
     """
-
-    def handler(read: Callable[[Message], Drive | None]) -> Handler:
-        def handle(topic: Topic, message: Message) -> None:
-            call(engine, partial(receive, read(message)), (name, topic.name))
-
-        return handle
-
-    handlers = {KEYS: handler(_read_keys), PAD: handler(_read_pad)}
-    return Component(served(topics_from(INPUTS)), handlers, lambda _: lambda: None)
+    reads = {
+        topic: reading(engine, read, receive, f"{name} {topic}")
+        for topic, read in ((KEYS, _read_keys), (PAD, _read_pad))
+    }
+    return Component(served(INPUTS, reads), lambda _: lambda: None)
 
 
 def _read_keys(message: Message) -> Drive | None:
@@ -182,6 +180,11 @@ def _read_command(message: Message) -> str:
     if word not in COMMANDS:
         raise RefusedError("state", f"got {word!r}; allowed: {', '.join(COMMANDS)}")
     return word
+
+
+def _read_pressed(message: Message) -> bool:
+    """Return whether a pedal is down; a quick tap was released again."""
+    return button(message) == 1
 
 
 def _read_flag(message: Message) -> bool:
@@ -212,8 +215,8 @@ def _state(one: Teleop) -> Mapping[str, object]:
     return found
 
 
-def _offset(one: PsmTeleoperation, rig: RigFigures, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
+def _offset(one: PsmTeleoperation, rig: Figures, stamp: Stamp) -> dict[str, Any]:  # noqa: ARG001
     """Return a geometry_msgs/QuaternionStamped of the rotation from handle to tip."""
     T = np.eye(4)
     T[:3, :3] = one.offset
-    return {"header": say.header(stamp, one.masters[0].name), "quaternion": say.quaternion(T)}
+    return {"header": build.header(stamp, one.masters[0].name), "quaternion": build.quaternion(T)}

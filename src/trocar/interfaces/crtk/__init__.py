@@ -1,8 +1,6 @@
-"""CRTK, the dVRK's interface: an engine-free core that every transport speaks for."""
+"""CRTK, the dVRK's interface: a core without ROS, and the transports that it serves."""
 
-from trocar.interfaces.crtk.component import Component
-from trocar.interfaces.crtk.core import Core
+from trocar.interfaces.crtk.core import Component, Core, Transport
 from trocar.interfaces.crtk.topics import Service, Topic
-from trocar.interfaces.crtk.transport import Transport
 
 __all__ = ["Component", "Core", "Service", "Topic", "Transport"]

@@ -1,13 +1,15 @@
-"""The time that headers carry: it only goes forward, and is never zero."""
+"""Stamps of headers: monotonic, and never zero."""
 
 from __future__ import annotations
 
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import Literal
 
 from trocar.errors import UnknownNameError
+from trocar.interfaces.crtk.fields import RefusedError, shown
 from trocar.interfaces.state import Elapsed
 
 #: (seconds, nanoseconds), as messages carry times.
@@ -18,6 +20,11 @@ SECOND = 1_000_000_000
 
 #: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
 FIRST_NS = SECOND
+#: A stream of messages that was silent for this long may begin anew with older stamps, as a bag
+#: does that is played again. Source: our own choice. [s]
+SILENCE_S = 5.0
+#: Streams that are remembered. Source: our own choice: many times what a lab has.
+STREAMS = 1024
 
 
 class Stamper:
@@ -111,3 +118,38 @@ class Beat:
     def left(self, elapsed_s: float) -> float:
         """Return the time until the next one is due [s]."""
         return (self._count + 1) / self._rate - elapsed_s - self.SLACK_S
+
+
+class StampCheck:
+    """Reject messages of a stream (a topic and its sender) whose stamps go back."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._newest: OrderedDict[tuple[str, str], tuple[Stamp, float]] = OrderedDict()
+
+    def __len__(self) -> int:
+        """Return how many streams are remembered."""
+        return len(self._newest)
+
+    def check(self, stream: tuple[str, str], sent: Stamp, now_s: float) -> None:
+        """Check a stamp against the newest of its stream.
+
+        Raises:
+            RefusedError: it is older
+        """
+        with self._lock:
+            newest, when_s = self._newest.get(stream, ((0, 0), 0.0))
+        if sent < newest and now_s - when_s < SILENCE_S:
+            raise RefusedError(
+                "stamp",
+                f"got the stamp {shown(sent)}, older than {shown(newest)} before; allowed: "
+                "stamps that do not go back, or none",
+            )
+
+    def remember(self, stream: tuple[str, str], sent: Stamp, now_s: float) -> None:
+        """Note a stamp whose message was accepted."""
+        with self._lock:
+            self._newest[stream] = sent, now_s
+            self._newest.move_to_end(stream)
+            if len(self._newest) > STREAMS:
+                self._newest.popitem(last=False)

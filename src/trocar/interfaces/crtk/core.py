@@ -1,7 +1,7 @@
-"""The engine-free core of every transport: topics out, commands in.
+"""The core of every transport, without ROS: topics out, commands in.
 
 loop's thread --samples--> publishing thread --messages--> transports
-transports --messages--> checks --commands--> the loop's inbox
+transports --messages--> Topic.read --commands--> the loop's inbox
 """
 
 from __future__ import annotations
@@ -10,29 +10,30 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 from trocar.descriptions import RigDescription
 from trocar.errors import InputError, TrocarError, UnknownNameError
-from trocar.interfaces.crtk import image_rows, rig_messages, scene, scene_messages, services
-from trocar.interfaces.crtk.carriers import Carriers
-from trocar.interfaces.crtk.clock import FIRST_NS, Mode, Stamper
+from trocar.interfaces.crtk import console, images, tf
+from trocar.interfaces.crtk.clock import FIRST_NS, Mode, StampCheck, Stamper
 from trocar.interfaces.crtk.compat import compatible
-from trocar.interfaces.crtk.component import Component, install, merged
-from trocar.interfaces.crtk.images import Images
-from trocar.interfaces.crtk.incoming import Incoming
+from trocar.interfaces.crtk.fields import RefusedError, stamp
 from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
-from trocar.interfaces.crtk.topics import Service, Topic, prefix, service_table, topic_table
-from trocar.interfaces.crtk.transport import Batch, Message, Transport
-from trocar.interfaces.crtk.watching import Watch
+from trocar.interfaces.crtk.sampler import Sampler
+from trocar.interfaces.crtk.services import Services
+from trocar.interfaces.crtk.topic import Message, Read, Topic, by_name, prefix
+from trocar.interfaces.crtk.topics import service_table, topic_table
+from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.seldom import Seldom, more
+from trocar.interfaces.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 
@@ -42,28 +43,72 @@ RATE_HZ = 220.0
 CAMERA_RATE_HZ = 60.0
 #: Source: our own choice, the control rate that clients of the dVRK reach. [Hz]
 RATE_MAX_HZ = 1000.0
-#: Made when somebody asks for it first: it writes meshes, too.
+#: Made for its first subscriber, since its meshes are written too.
 DESCRIPTION = "robot_description"
+
+Batch = Sequence[tuple[Topic, Any]]
+
+
+class Transport(Protocol):
+    """Carries messages between the core and programs; each has threads of its own."""
+
+    #: "websocket", "ros1", ...
+    name: str
+
+    def start(self, core: Core) -> None:
+        """Begin; `core` takes messages and calls from any thread from now on."""
+        ...
+
+    def wanted(self) -> frozenset[str]:
+        """Return the names of the topics with subscribers now; called every period."""
+        ...
+
+    def send(self, batch: Batch) -> None:
+        """Hand on messages of one period, without waiting; they must not be changed.
+
+        They are those that were wanted, and every event, wanted or not: a transport leaves out
+        what it does not serve.
+        """
+        ...
+
+    def close(self) -> None:
+        """End, and release sockets and threads."""
+        ...
+
+
+@dataclass(frozen=True)
+class Component:
+    """Topics that an app serves beside those of the arms.
+
+    Attributes:
+        topics: rows by name, with what makes or reads their messages; rows of the same name that
+            come `later` are then there
+        begin: called when the core begins; returns what ends it
+        hears: {topic of the core: further commands that its messages are}
+    """
+
+    topics: Mapping[str, Topic]
+    begin: Callable[[Core], Callable[[], None]]
+    hears: Mapping[str, Read] = field(default_factory=dict[str, Read])
 
 
 class Core:
-    """What every transport speaks for.
+    """Topics and services of a running world, for every transport.
 
     Args:
         loop: the world's loop; its ticks bound how late samples are (`SERVER_TICK_S`)
         rate_hz: of states, above 0 to 1000
         camera_rate_hz: of images
-        clock: "wall" or "sim": what header stamps tell
+        clock: "wall" or "sim": time of header stamps
         first_ns: where simulated time begins [ns]
         compat: names of older interfaces to serve as well
         pictures: what draws for the cameras; None: there are no topics of cameras
-        components: what else is served
+        components: served beside the arms
 
     Attributes:
         loop, rate_hz, camera_rate_hz: as given
         topics, services: {name: row}; a row marked `later` is not served
-        incoming: what becomes of messages that somebody publishes
-        refused: how many messages were refused
+        refused: how many messages were rejected
     """
 
     def __init__(
@@ -82,46 +127,39 @@ class Core:
             if not 0.0 < got <= RATE_MAX_HZ:
                 raise InputError(f"{name}: got {got:g} Hz; allowed: above 0 to {RATE_MAX_HZ:g} Hz")
         self.loop, self.rate_hz, self.camera_rate_hz = loop, rate_hz, camera_rate_hz
-        self.compat = tuple(compat)
-        rig = loop.world.rig
-        older = compatible(rig, compat)
-        parts = merged(components)
-        rows = () if pictures is None else (*image_rows.topics_of(rig), *older.cameras)
-        seen = [(topic.name, topic) for topic, _ in rows]
-        self.topics: Mapping[str, Topic] = MappingProxyType(
-            {**{t.name: t for t in topic_table(rig)}, **older.topics, **dict(seen), **parts.topics}
-        )
-        self.services: Mapping[str, Service] = MappingProxyType(
-            {s.name: s for s in service_table(rig)}
-        )
+        self.compat, self._components = tuple(compat), tuple(components)
+        rig, self._arms = loop.world.rig, loop.world.arms
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
+        self._bedside = console.Bedside(self.emit)
+        older, older_cameras = compatible(rig, compat, loop.post)
+        seen = () if pictures is None else (*images.camera_topics(rig), *older_cameras)
+        topics = by_name(topic_table(rig, self.emit, self._bedside))
+        topics |= {**older, **by_name(topic for topic, _ in seen)}
+        for part in self._components:
+            topics |= part.topics
+        for part in self._components:
+            for name, read in part.hears.items():
+                topics[name] = replace(topics[name], read=_both(topics[name].read, read))
+        if clock == "sim":
+            topics["clock"] = replace(topics["clock"], make=tf.clock)
+        self.topics: Mapping[str, Topic] = MappingProxyType(topics)
+        self.services = MappingProxyType({row.name: row for row in service_table(rig)})
         self.stamper = Stamper(clock, first_ns=first_ns)
+        self._stamps, self._services = StampCheck(), Services(loop, self.stamper)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
-        self.incoming = Incoming(self)
-        for topic, ask in scene.commands(rig).items():
-            self.incoming.handlers[topic] = partial(self.incoming.obey, ask)
-        for topic, act in older.handlers.items():
-            self.incoming.handlers[topic] = partial(act, self)
-        install(components, self.incoming.handlers)
-        self._watch = Watch(
-            loop, self.prefixes, self.stamper, rate_hz, self._samples, self.incoming.waits
+        self._sampler = Sampler(
+            loop, self.prefixes, self.stamper, rate_hz, self._samples, self._report
         )
-        self._publishing = Publishing(
-            self.topics,
-            self.prefixes,
-            {
-                **rig_messages.makers(clock == "sim"),
-                **scene_messages.makers(rig),
-                **older.makers,
-                **parts.makers,
-            },
-        )
-        self._carriers, self._components = Carriers(), tuple(components)
-        self._images = pictures and Images(
-            pictures, loop.world, rows, camera_rate_hz, self._carriers
+        self._publishing = Publishing(topics, self.prefixes)
+        self._waiting: list[Transport] = []
+        self._running: tuple[Transport, ...] = ()
+        self._begun = False
+        self._broken: set[str] = set()
+        self._images = pictures and images.Images(
+            pictures, loop.world, seen, camera_rate_hz, self._wanted, self._hand
         )
         self._thread: threading.Thread | None = None
-        self._lock, self._seldom = threading.Lock(), Seldom()
+        self._lock, self._rate_limit = threading.Lock(), RateLimit()
         self._ends: list[Callable[[], None]] = []
         self.refused = 0
         self._described: RigDescription | None = None
@@ -130,7 +168,11 @@ class Core:
 
     def attach(self, transport: Transport) -> None:
         """Serve a transport as well; started with the core, or at once when it runs."""
-        self._carriers.add(transport, self)
+        if self._begun:
+            transport.start(self)
+            self._running += (transport,)
+        else:
+            self._waiting.append(transport)
 
     def start(self) -> None:
         """Start transports, and publish in a thread of its own.
@@ -144,14 +186,23 @@ class Core:
 
     def begin(self) -> None:
         """Start transports and watch the loop; `publish_waiting` is then up to the caller."""
-        self._carriers.start(self)
-        self._ends = [self.incoming.begin(), *(part.begin(self) for part in self._components)]
-        rig, stamp = self.loop.world.rig, self.stamper.stamp()
+        with ExitStack() as started:
+            for transport in self._waiting:
+                transport.start(self)
+                started.callback(transport.close)
+            started.pop_all()
+        self._running, self._begun = tuple(self._waiting), True
+        console.begin(self.emit)
+        self._ends = [
+            self._bedside.begin(self.loop),
+            *(part.begin(self) for part in self._components),
+        ]
+        rig, now = self.loop.world.rig, self.stamper.stamp()
         cameras = {} if self._images is None else self._images.cameras()
-        self.emit("tf_static", rig_messages.tf_static(rig, stamp, cameras))
-        self._watch.start()
+        self.emit("tf_static", tf.tf_static(rig, now, cameras))
+        self._sampler.start()
         if self._images is not None:
-            self._images.start(self._watch)
+            self._images.start(self._sampler)
 
     def close(self) -> None:
         """End: no more samples, then no thread, then no transport."""
@@ -159,17 +210,19 @@ class Core:
             end()
         if self._images is not None:
             self._images.stop()
-        self._watch.stop()
+        self._sampler.stop()
         if self._thread is not None:
             self._samples.put(None)
             self._thread.join()
             self._thread = None
-        self._carriers.close()
+        running, self._running = self._running, ()
+        for transport in reversed(running):
+            transport.close()
 
     # ------------------------------------------------------------------ in
 
-    def receive(self, name: str, message: Message, peer: str = "") -> bool:
-        """Take a message that somebody published; from any thread. Never raises.
+    def receive(self, name: str, message: Mapping[str, Any], peer: str = "") -> bool:
+        """Take a message that a client published; from any thread. Never raises.
 
         Args:
             name: the topic
@@ -177,22 +230,40 @@ class Core:
             peer: who sent it, for the log
 
         Returns:
-            whether it was accepted; one that is refused changes nothing, and is told of on the
-            arm's topic `warning`
+            whether it was accepted; a rejected one changes nothing, and is reported on the arm's
+            topic `warning`
         """
         topic = self.topics.get(name)
         try:
-            if topic is None or topic.direction != "sub" or topic.later:
+            if topic is None or topic.read is None or topic.later:
                 raise InputError("the simulator does not listen to this topic")
-            self.incoming.take(topic, message, peer)
+            sent = stamp(message) if topic.stamped else None
+            if sent is not None:
+                self._stamps.check((topic.name, peer), sent, self.loop.now)
+            found = topic.read(message, self._arms[topic.arm].description if topic.arm else None)
+            for command in (found,) if isinstance(found, Command) else found:
+                if not self.loop.post(command):
+                    raise RefusedError("full", "too many commands wait already")
+            if sent is not None:
+                self._stamps.remember((topic.name, peer), sent, self.loop.now)
         except InputError as problem:
             self.refuse(topic, name, str(problem), peer, getattr(problem, "kind", ""))
             return False
-        except Exception:  # noqa: BLE001  whatever a message holds, everybody else goes on
+        except Exception:  # noqa: BLE001  a hostile message must not stop the others
             _log.exception("%s: a message could not be read", name[:80])
             self.refuse(topic, name, "could not be read", peer)
             return False
         return True
+
+    def press(self, pedal: str, pressed: bool) -> bool:
+        """Press or release a foot pedal ("clutch", "camera", "coag", ...), as if by hand.
+
+        Raises:
+            UnknownNameError: no such pedal
+        """
+        if pedal not in console.PEDALS:
+            raise UnknownNameError("pedal", pedal, console.PEDALS)
+        return self.receive(f"footpedals/emulate_{pedal}", {"axes": [], "buttons": [int(pressed)]})
 
     def call(self, name: str, request: Message, timeout_s: float = 5.0) -> Message:
         """Answer a service call; from any thread but the loop's.
@@ -203,39 +274,35 @@ class Core:
         """
         if name not in self.services:
             raise UnknownNameError("service", name, self.services)
-        return services.answer(self, self.services[name], request, timeout_s)
+        return self._services.answer(self.services[name], request, timeout_s)
 
     def refuse(
         self, topic: Topic | None, name: str, reason: str, peer: str = "", kind: str = ""
     ) -> None:
-        """Count a refused message, and say so: once a while for each topic and kind of reason."""
+        """Count and report a rejected message: once a while for each topic and kind of reason."""
         with self._lock:
             self.refused += 1
-        unsaid = self._seldom.due((topic.name, kind) if topic else None, self.loop.now)
+        unsaid = self._rate_limit.due((topic.name, kind) if topic else None, self.loop.now)
         if unsaid is None:
             return
-        text = f"{topic.key if topic else name[:80]}: {reason}{more(unsaid)}"
+        text = f"{topic.key if topic else name[:80]}: {reason}{suffix(unsaid)}"
         _log.warning("refused%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
         before = self.prefixes.get(topic.arm, "system") if topic else "system"
         self.emit(f"{before}/warning", {"data": text})
 
     def tell_refusals_anew(self) -> None:
-        """Forget which refusals were told a moment ago."""
-        self._seldom.forget()
+        """Report rejections again that were reported a moment ago."""
+        self._rate_limit.forget()
 
     # ------------------------------------------------------------------ out
 
     def emit(self, name: str, fields: Mapping[str, Any]) -> None:
         """Publish an event with the next sample, its header added; from any thread."""
-        self._watch.put(name, fields)
-
-    def tell_state(self, arm: str) -> None:
-        """Tell an arm's operating state with the next sample; in the loop's thread."""
-        self._watch.tell_state(arm)
+        self._sampler.put(name, fields)
 
     def latched(self, name: str) -> Message | None:
-        """Return the last message of a latched topic, for those who come late."""
-        return self._publishing.latched.get(name)
+        """Return the message that a new subscriber gets at once; None where there is none yet."""
+        return self._publishing.last(name)
 
     def publish_waiting(self) -> int:
         """Publish every sample that waits, in the calling thread; return how many."""
@@ -247,12 +314,28 @@ class Core:
                 count += 1
         return count
 
+    def patience(self) -> int:
+        """Return in how many ticks the next one matters to commands, 1 at least."""
+        return 1 if self.loop.restless else self._bedside.patience()
+
     @property
     def skipped(self) -> int:
         """How many samples were left out because publishing could not keep up."""
-        return self._watch.skipped
+        return self._sampler.skipped
 
     # ------------------------------------------------------------------ inside
+
+    def _report(self, command: Command, reason: str) -> None:
+        """Report a command that was rejected when it was applied."""
+        if command.topic:
+            topic = self.topics.get(command.topic)
+            kind = "" if topic is None or topic.arm else reason  # of streams one reason is enough
+            self.refuse(topic, command.topic, reason, kind=kind)
+            return
+        before = self.prefixes.get(command.arm, "system")
+        unsaid = self._rate_limit.due((before, reason), self.loop.now)
+        if unsaid is not None:
+            self.emit(f"{before}/warning", {"data": reason + suffix(unsaid)})
 
     def _run(self) -> None:
         while (sample := self._samples.get()) is not None:
@@ -263,21 +346,43 @@ class Core:
 
     def _made(self, sample: Sample) -> list[tuple[Transport, Batch]]:
         """Return what each transport is to send of a sample."""
-        wanted = self._carriers.wanted()
-        asked = self._watch.asked = frozenset[str]().union(*(names for _, names in wanted))
-        if DESCRIPTION in asked and self._thread is not None and self._described is not sample.rig:
-            self._described = sample.rig  # it takes seconds: others are not to wait for it
+        wanted = self._wanted()
+        every = self._sampler.wanted = frozenset[str]().union(*(names for _, names in wanted))
+        if DESCRIPTION in every and self._thread is not None and self._described is not sample.rig:
+            self._described = sample.rig  # it takes seconds, which the other topics must not wait
             describe = partial(self._describe, sample.rig)
             threading.Thread(target=describe, name="trocar-urdf", daemon=True).start()
         events = self._publishing.events(sample)
-        states = self._publishing.states(sample, [(t.packing, names) for t, names in wanted])
-        told = zip(wanted, states, strict=True)
-        return [(transport, events + own) for (transport, _), own in told]
+        states = self._publishing.states(sample, [names for _, names in wanted])
+        return [(pair[0], events + own) for pair, own in zip(wanted, states, strict=True)]
 
-    def _send(self, batches: Sequence[tuple[Transport, Batch]]) -> None:
+    def _send(self, batches: Iterable[tuple[Transport, Batch]]) -> None:
         for transport, batch in batches:
             if batch:
-                self._carriers.send(transport, batch)
+                self._hand(transport, batch)
+
+    def _wanted(self) -> list[tuple[Transport, frozenset[str]]]:
+        """Return what each running transport wants."""
+        found: list[tuple[Transport, frozenset[str]]] = []
+        for transport in self._running:
+            try:
+                found.append((transport, transport.wanted()))
+            except Exception:  # noqa: BLE001  logged whole
+                self._complain(transport)
+        return found
+
+    def _hand(self, transport: Transport, batch: Batch) -> None:
+        """Hand a batch over; a transport that breaks does not end the others' messages."""
+        try:
+            transport.send(batch)
+        except Exception:  # noqa: BLE001  logged whole
+            self._complain(transport)
+
+    def _complain(self, transport: Transport) -> None:
+        """Log what was raised just now, once for each transport."""
+        if transport.name not in self._broken:
+            self._broken.add(transport.name)
+            _log.exception("%s: messages are lost", transport.name)
 
     def _describe(self, rig: RigDescription) -> None:
         """Publish a rig as URDF, unless a tool was exchanged meanwhile."""
@@ -289,3 +394,16 @@ class Core:
         else:
             if rig is self._described:
                 self.emit(DESCRIPTION, {"data": text})
+
+
+def _both(first: Read | None, then: Read) -> Read:
+    """Return what reads a message twice: into the commands of both."""
+
+    def read(message: Mapping[str, Any], arm: Any) -> list[Command]:
+        found: list[Command] = []
+        for part in filter(None, (first, then)):
+            commands = part(message, arm)
+            found += [commands] if isinstance(commands, Command) else commands
+        return found
+
+    return read

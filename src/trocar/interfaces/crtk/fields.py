@@ -7,6 +7,7 @@ returns what was asked for or raises `RefusedError`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import sqrt
 from typing import Any, cast
 
 import numpy as np
@@ -25,6 +26,8 @@ LONGEST = 256
 #: Text that is kept or repeated is at most this long. Source: our own choice.
 LONGEST_TEXT = 256
 SHOWN = 80
+#: Reject quaternions whose norm differs from 1 by more. Source: our own choice, as for masters.
+UNIT_TOLERANCE = 1e-3
 
 
 class RefusedError(InputError):
@@ -97,28 +100,35 @@ def text(message: object, path: str) -> str:
     return value
 
 
-def vector(message: object, path: str) -> Array:
+def vector(message: Any, name: str) -> Array:
     """Return a list of finite numbers, (n,).
 
     Raises:
         RefusedError: it is none, or too long
     """
-    value = field(message, path)
-    given = value.tolist() if isinstance(value, np.ndarray) and value.ndim == 1 else value
-    if not isinstance(given, (list, tuple)):
-        raise RefusedError("type", f"got {path} {shown(value)}; allowed: a list of numbers")
-    items = cast(Sequence[Any], given)
+    try:
+        value = message[name]
+    except (KeyError, TypeError, IndexError):
+        raise RefusedError("field", f"{name} is missing") from None
+    array = type(value) is np.ndarray and value.ndim == 1
+    items = value.tolist() if array else value
+    if not isinstance(items, (list, tuple)):
+        raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
     if len(items) > LONGEST:
         raise RefusedError(
-            "shape", f"got {len(items)} numbers in {path}; allowed: at most {LONGEST}"
+            "shape", f"got {len(items)} numbers in {name}; allowed: at most {LONGEST}"
         )
-    for i, value in enumerate(items):
-        if type(value) is not float or not -LARGEST <= value <= LARGEST:  # the usual case, quickly
-            _finite(value, f"{path}[{i}]")
+    for item in items:
+        if type(item) is not float or not -LARGEST <= item <= LARGEST:  # the usual case, quickly
+            break
+    else:
+        return value if array and value.dtype == np.float64 else np.array(items, dtype=np.float64)
+    for i, item in enumerate(items):
+        _finite(item, f"{name}[{i}]")
     return np.array(items, dtype=np.float64)
 
 
-def joints(message: object, path: str, names: Sequence[str]) -> Array:
+def joints(message: Any, field: str, names: Sequence[str]) -> Array:
     """Return one number per joint in the arm's order, (n,).
 
     Numbers come in the arm's order, or in that of the message's `name` where it has some.
@@ -126,28 +136,76 @@ def joints(message: object, path: str, names: Sequence[str]) -> Array:
     Raises:
         RefusedError: another count, or names of other joints
     """
-    values = vector(message, path)
+    values = vector(message, field)
     if len(values) != len(names):
         raise RefusedError(
             "shape",
-            f"got {len(values)} numbers in {path}; allowed: {len(names)}, for {', '.join(names)}",
+            f"got {len(values)} numbers in {field}; allowed: {len(names)}, for {', '.join(names)}",
         )
-    told = _names(message)
-    if not told or told == list(names):
+    given = message.get("name")
+    if given is None or (type(given) is list and not given):
         return values
-    if sorted(told) != sorted(names):
+    order = _names(given)
+    if not order or order == list(names):
+        return values
+    if sorted(order) != sorted(names):
         raise RefusedError(
-            "names", f"got joints {shown(told)}; allowed: {', '.join(names)}, or none"
+            "names", f"got joints {shown(order)}; allowed: {', '.join(names)}, or none"
         )
-    return values[[told.index(name) for name in names]]
+    return values[[order.index(name) for name in names]]
 
 
-def joints_or_none(message: object, path: str, names: Sequence[str]) -> Array | None:
+def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
-    value = message.get(path) if isinstance(message, Mapping) else None  # pyright: ignore
+    value = message.get(field) if isinstance(message, Mapping) else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
-    return joints(message, path, names)
+    return joints(message, field, names)
+
+
+def point(message: object, path: str) -> Array:
+    """Return x, y, z, (3,).
+
+    Raises:
+        RefusedError: one of them is no number
+    """
+    inner = field(message, path)
+    return np.array([number(inner, axis, path) for axis in "xyz"])
+
+
+def rotation(message: object, path: str) -> Array:
+    """Return the matrix of a quaternion, (3, 3).
+
+    Args:
+        message: has x, y, z, w under `path`; "" for the message itself
+
+    Raises:
+        RefusedError: its length is not 1
+    """
+    turn = field(message, path) if path else message
+    return np.array(_rows(turn, path))
+
+
+def pose(message: object, path: str) -> Array:
+    """Return a pose, (4, 4) [m].
+
+    Raises:
+        RefusedError: it is none
+    """
+    turned, moved = f"{path}.orientation", f"{path}.position"
+    turn, move = field(message, turned), field(message, moved)
+    rows = _rows(turn, turned)
+    T = [[*row, number(move, axis, moved)] for row, axis in zip(rows, "xyz", strict=True)]
+    return np.array([*T, [0.0, 0.0, 0.0, 1.0]])
+
+
+def wrench(message: object, path: str) -> Array:
+    """Return (force; torque), (6,) [N, N m].
+
+    Raises:
+        RefusedError: one of them is no number
+    """
+    return np.concatenate([point(message, f"{path}.force"), point(message, f"{path}.torque")])
 
 
 def button(message: object) -> int:
@@ -168,24 +226,23 @@ def button(message: object) -> int:
     )
 
 
-def stamp(message: object) -> tuple[int, int] | None:
+def stamp(message: Any) -> tuple[int, int] | None:
     """Return when a message with a header was sent, (s, ns); None where it does not say.
 
     Raises:
         RefusedError: it is no time
     """
-    header = message.get("header") if isinstance(message, Mapping) else None  # pyright: ignore
-    value = header.get("stamp") if isinstance(header, Mapping) else None  # pyright: ignore
+    try:
+        value = message["header"]["stamp"]
+    except (KeyError, TypeError, IndexError):
+        return None
     if value is None:
         return None
-    if (
-        not isinstance(value, (tuple, list))
-        or len(cast(Sequence[object], value)) != 2
-        or not all(type(v) is int and v >= 0 for v in cast(Sequence[object], value))
-    ):
-        raise RefusedError("stamp", f"got a stamp {shown(value)}; allowed: (seconds, nanoseconds)")
-    sec, nanosec = cast(Sequence[int], value)
-    return (sec, nanosec) if sec or nanosec else None
+    if isinstance(value, (tuple, list)) and len(value) == 2:
+        sec, nanosec = value
+        if type(sec) is int and type(nanosec) is int and sec >= 0 and nanosec >= 0:
+            return (sec, nanosec) if sec or nanosec else None
+    raise RefusedError("stamp", f"got a stamp {shown(value)}; allowed: (seconds, nanoseconds)")
 
 
 def shown(value: object) -> str:
@@ -216,12 +273,28 @@ def _finite(value: object, path: str) -> float:
     return float(value)
 
 
-def _names(message: object) -> list[str]:
-    given = message.get("name") if isinstance(message, Mapping) else None  # pyright: ignore
-    if given is None:
-        return []
-    if isinstance(given, (list, tuple)) and len(cast(Sequence[object], given)) <= LONGEST:
-        names = list(cast(Sequence[object], given))
+def _names(given: Any) -> list[str]:
+    if isinstance(given, (list, tuple)) and len(given) <= LONGEST:
+        names = list(given)
         if all(isinstance(name, str) for name in names):
-            return cast(list[str], names)
-    raise RefusedError("names", f"got name {shown(cast(object, given))}; allowed: names of joints")
+            return names
+    raise RefusedError("names", f"got name {shown(given)}; allowed: names of joints")
+
+
+def _rows(turn: object, path: str) -> list[list[float]]:
+    """Return the rows of a quaternion's matrix.
+
+    In plain numbers: this is done for every message of a stream, and arrays of four are slow.
+    """
+    x, y, z, w = (number(turn, axis, path) for axis in "xyzw")
+    length = sqrt(x * x + y * y + z * z + w * w)
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise RefusedError(
+            "quaternion", f"got {path or 'a quaternion'} of length {length:.4g}; allowed: 1"
+        )
+    x, y, z, w = x / length, y / length, z / length, w / length
+    return [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]

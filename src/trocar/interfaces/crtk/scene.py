@@ -1,105 +1,288 @@
-"""What a sample has of a scene, and what the scene is told: objects, contacts, sensors, time."""
+"""Topics of a scene: objects, contacts, sensors, and the flow of time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
+from trocar.descriptions.sensor_records import SensorDescription
+from trocar.descriptions.sensors import (
+    ContactsReading,
+    EffortReading,
+    Imu,
+    ImuReading,
+    JointEffort,
+    ProximityReading,
+    TwistReading,
+    WrenchReading,
+)
 from trocar.geometry.rotations import matrix_from_quaternion
-from trocar.geometry.se3 import transform
-from trocar.interfaces.commands import Command, Pause, Reset, Resume, Step, Verb
-from trocar.interfaces.crtk.fields import Message, RefusedError, field, shown, text
-from trocar.interfaces.crtk.places import pose
-from trocar.interfaces.crtk.sensor_rows import sensor_topic
-
-if TYPE_CHECKING:
-    from trocar.interfaces.crtk.topics import Topic
-    from trocar.simulation import SensorReading, World
-    from trocar.simulation.objects import ObjectStates
-    from trocar.simulation.probes import ContactTable
+from trocar.interfaces.crtk import build
+from trocar.interfaces.crtk.build import Message
+from trocar.interfaces.crtk.clock import Stamp
+from trocar.interfaces.crtk.fields import RefusedError, field, pose, shown, text
+from trocar.interfaces.crtk.sample import CONTACTS, Figures, sensor_topic
+from trocar.interfaces.crtk.topic import (
+    BOOL,
+    EMPTY,
+    FLOAT,
+    FORCE,
+    JOINTS,
+    PLACE,
+    POSE,
+    SPEED,
+    TWIST,
+    WRENCH,
+    Make,
+    Read,
+    Topic,
+    command,
+    latched,
+    state,
+)
+from trocar.interfaces.inbox import Command
+from trocar.simulation.journal import WORLD as JOURNAL
 
 Array = NDArray[np.float64]
 
 #: The frame of objects and contacts: that of the rig, the root of tf.
 WORLD = "world"
-CONTACTS = "scene/contacts"
+CONTACTS_TYPE = "trocar_msgs/Contacts"
+NOTHING = np.zeros(0)
+#: Source: sensor_msgs/Imu: the orientation is not measured.
+UNMEASURED = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What a sample has of a scene.
-
-    Attributes:
-        objects: all of them, None where the rig has none
-        contacts: all of them, None where nobody asked
-        readings: {sensor: what it tells}, of those that somebody asked for
-    """
-
-    objects: ObjectStates | None = None
-    contacts: ContactTable | None = None
-    readings: Mapping[str, SensorReading] | None = None
-
-
-def look(world: World, asked: frozenset[str]) -> Scene:
-    """Copy a scene, in the thread that steps it.
-
-    Args:
-        world: whose
-        asked: topics that somebody wants; contacts and sensors cost only where they are
-    """
-    wanted = [name for name in world.sensors if sensor_topic(name) in asked]
-    return Scene(
-        world.object_states() if world.objects else None,
-        world.contact_table() if CONTACTS in asked else None,
-        {name: world.sensor(name) for name in wanted},
-    )
-
-
-def object_poses(scene: Scene | None) -> dict[str, Array]:
-    """Return where objects are in the world, {name: (4, 4)}."""
-    if scene is None or scene.objects is None:
-        return {}
-    at = transform(matrix_from_quaternion(scene.objects.quaternions), scene.objects.positions)
-    return dict(zip(scene.objects.names, at, strict=True))
-
-
-def commands(rig: RigDescription) -> dict[str, Callable[[Topic, Message], Command]]:
-    """Return what messages ask for, {topic: its command}; a message that is none is refused."""
-    found: dict[str, Callable[[Topic, Message], Command]] = {
-        "scene/reset": _plain(Reset()),
-        "scene/pause": _plain(Pause()),
-        "scene/resume": _plain(Resume()),
-        "scene/step": _step,
-    }
-    for prop in rig.objects:
-        found[f"scene/{prop.name}/set_cp"] = _put(prop.name)
-    return found
-
-
-def _plain(command: Command) -> Callable[[Topic, Message], Command]:
-    def ask(topic: Topic, message: Message) -> Command:  # noqa: ARG001  as every command
-        return command
-
-    return ask
+def scene_topics(rig: RigDescription) -> list[Topic]:
+    """Return the rows of a rig's objects and sensors, and of its time."""
+    rows = [
+        state(CONTACTS, CONTACTS_TYPE, "m, N", "every place where two bodies touch", _contacts),
+        state("scene/time", FLOAT, "s", "simulated time since the last reset", _time),
+        latched("scene/paused", BOOL, "whether time is paused"),
+        command(
+            "scene/reset",
+            EMPTY,
+            "",
+            "arms and objects back to the start, at time 0",
+            _flow("reset"),
+        ),
+        command(
+            "scene/pause",
+            EMPTY,
+            "",
+            "pause time; commands are applied all the same",
+            _flow("pause"),
+        ),
+        command("scene/resume", EMPTY, "", "let time flow again", _flow("resume")),
+        command(
+            "scene/step",
+            "std_msgs/Int32",
+            "periods",
+            "while paused: so many periods, then all states",
+            _step,
+        ),
+    ]
+    for index, prop in enumerate(rig.objects):
+        at = f"scene/{prop.name}"
+        rows += [
+            state(f"{at}/measured_cp", POSE, PLACE, "the object in the world", _place_of(index)),
+            state(
+                f"{at}/measured_cv",
+                TWIST,
+                SPEED,
+                "its velocity, in axes of the world",
+                _speed_of(index),
+            ),
+            command(
+                f"{at}/set_cp",
+                POSE,
+                PLACE,
+                "put the object there, at rest",
+                partial(_put, prop.name),
+            ),
+        ]
+    for sensor in rig.sensors:
+        row = SENSORS[sensor.kind]
+        rows.append(
+            state(sensor_topic(sensor.name), row.type, row.unit, row.help, _reading_of(sensor, row))
+        )
+    return rows
 
 
-def _put(name: str) -> Callable[[Topic, Message], Command]:
-    def command(topic: Topic, message: Message) -> Command:  # noqa: ARG001  as every command
-        frame = text(message, "header.frame_id").lstrip("/")
-        if frame not in ("", WORLD):
-            raise RefusedError("frame", f"got the frame {frame!r}; allowed: {WORLD}, or none")
-        return Verb(name, "set_cp", {"T": pose(message, "pose")})
-
-    return command
+# ---------------------------------------------------------------------- commands
 
 
-def _step(topic: Topic, message: Message) -> Command:  # noqa: ARG001  as every command
+def _flow(verb: str) -> Read:
+    return lambda message, _: Command(JOURNAL, verb, {}, f"scene/{verb}")  # noqa: ARG005
+
+
+def _step(message: Mapping[str, Any], _: object) -> Command:
     periods = field(message, "data")
     if isinstance(periods, bool) or not isinstance(periods, int | np.integer):
         raise RefusedError("type", f"got data {shown(periods)}; allowed: a whole number")
-    return Step(int(periods))
+    return Command(JOURNAL, "step", {"periods": int(periods)}, "scene/step")
+
+
+def _put(name: str, message: Mapping[str, Any], _: object) -> Command:
+    frame = text(message, "header.frame_id").lstrip("/")
+    if frame not in ("", WORLD):
+        raise RefusedError("frame", f"got the frame {frame!r}; allowed: {WORLD}, or none")
+    return Command(name, "set_cp", {"T": pose(message, "pose")}, f"scene/{name}/set_cp")
+
+
+# ---------------------------------------------------------------------- objects, contacts, time
+
+
+def _place_of(index: int) -> Make:
+    def make(figures: Figures, stamp: Stamp) -> Message | None:
+        seen = figures.sample.scene.objects
+        if seen is None:
+            return None
+        w, x, y, z = seen.quaternions[index]
+        return build.row_stamped(stamp, WORLD, np.array([*seen.positions[index], x, y, z, w]))
+
+    return make
+
+
+def _speed_of(index: int) -> Make:
+    def make(figures: Figures, stamp: Stamp) -> Message | None:
+        seen = figures.sample.scene.objects
+        if seen is None:
+            return None
+        turn = matrix_from_quaternion(seen.quaternions[index])
+        twist = np.concatenate([seen.linear[index], turn @ seen.spin[index]])
+        return build.twist_stamped(stamp, WORLD, twist)
+
+    return make
+
+
+def _time(figures: Figures, stamp: Stamp) -> Message:  # noqa: ARG001  as every make
+    return {"data": figures.sample.world.time}
+
+
+def _contacts(figures: Figures, stamp: Stamp) -> Message | None:
+    table = figures.sample.scene.contacts
+    if table is None:
+        return None
+    rows = zip(table.bodies, table.points, table.normals, table.forces, table.depths, strict=True)
+    names = table.names
+    return {
+        "header": build.header(stamp, WORLD),
+        "contacts": [
+            contact(names[body], names[other], point, normal, force, depth)
+            for (body, other), point, normal, force, depth in rows
+        ],
+    }
+
+
+def contact(
+    body: str, other: str, point: Array, normal: Array, force: Array, depth: float
+) -> Message:
+    """Return a trocar_msgs/Contact: the force is what the first exerts on the second."""
+    return {
+        "first": other,
+        "second": body,
+        "point": build.vector(point),
+        "normal": build.vector(normal),
+        "force": build.vector(force),
+        "depth": float(depth),
+    }
+
+
+# ---------------------------------------------------------------------- sensors
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """How sensors of a kind are published.
+
+    Attributes:
+        type: of the message
+        unit: of its numbers
+        help: its content
+        make: returns the message of (reading, sensor, stamp)
+    """
+
+    type: str
+    unit: str
+    help: str
+    make: Callable[[Any, Any, Stamp], Message]
+
+
+def _reading_of(sensor: SensorDescription, row: SensorRow) -> Make:
+    """Return what makes a sensor's message; one with a rate publishes each of its samples once."""
+    published = -1.0
+
+    def make(figures: Figures, stamp: Stamp) -> Message | None:
+        nonlocal published
+        reading = figures.sample.scene.readings.get(sensor.name)
+        if reading is None or (sensor.rate and reading.time == published):
+            return None
+        published = reading.time
+        return row.make(reading, sensor, stamp)
+
+    return make
+
+
+def _effort(reading: EffortReading, sensor: JointEffort, stamp: Stamp) -> Message:
+    return build.joints(stamp, [sensor.joint], NOTHING, NOTHING, np.array([reading.effort]))
+
+
+def _wrench(reading: WrenchReading, _: object, stamp: Stamp) -> Message:
+    both = np.concatenate([reading.force, reading.torque])
+    return build.wrench_stamped(stamp, reading.frame_id, both)
+
+
+def _touch(reading: ContactsReading, _: object, stamp: Stamp) -> Message:
+    return {
+        "header": build.header(stamp, reading.frame_id),
+        "contacts": [
+            contact(c.body, c.other, c.point, c.normal, c.force, c.depth) for c in reading.contacts
+        ],
+    }
+
+
+def _proximity(reading: ProximityReading, _: object, stamp: Stamp) -> Message:
+    lengths = np.array([reading.distance, reading.gap])
+    return build.joints(stamp, ["distance", "gap"], lengths, NOTHING, NOTHING)
+
+
+def _imu(reading: ImuReading, sensor: Imu, stamp: Stamp) -> Message:
+    def covariance(value: str) -> list[float]:
+        return (sensor.noise[value] ** 2 * np.eye(3)).ravel().tolist()
+
+    return {
+        "header": build.header(stamp, reading.frame_id),
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        "orientation_covariance": UNMEASURED,
+        "angular_velocity": build.vector(reading.angular_velocity),
+        "angular_velocity_covariance": covariance("angular_velocity"),
+        "linear_acceleration": build.vector(reading.linear_acceleration),
+        "linear_acceleration_covariance": covariance("linear_acceleration"),
+    }
+
+
+def _twist(reading: TwistReading, _: object, stamp: Stamp) -> Message:
+    both = np.concatenate([reading.linear, reading.angular])
+    return build.twist_stamped(stamp, reading.frame_id, both)
+
+
+#: {kind: how it is published}; one for each kind of `trocar.descriptions.sensors`.
+SENSORS = {
+    "joint_effort": SensorRow(JOINTS, "N m, N", "effort of a motor", _effort),
+    "tip_wrench": SensorRow(WRENCH, FORCE, "what the environment does to an instrument", _wrench),
+    "contacts": SensorRow(CONTACTS_TYPE, "m, N", "contacts of a body", _touch),
+    "proximity": SensorRow(
+        JOINTS, "m", "position: distance of what lies in the jaw, and its gap", _proximity
+    ),
+    "imu": SensorRow(
+        "sensor_msgs/Imu", "rad/s, m/s^2", "angular velocity, and acceleration less gravity", _imu
+    ),
+    "twist": SensorRow(TWIST, SPEED, "velocity of a place on a link", _twist),
+}

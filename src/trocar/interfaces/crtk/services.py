@@ -1,8 +1,9 @@
-"""What the services of an arm answer; each is asked in the loop's thread, where it only reads."""
+"""Services of arms."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Callable
 from concurrent.futures import CancelledError
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import TYPE_CHECKING, Any
@@ -10,17 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, TrocarError
-from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import inverse
-from trocar.interfaces.crtk.fields import Message, vector
-from trocar.interfaces.crtk.places import pose
+from trocar.interfaces.crtk import build
+from trocar.interfaces.crtk.clock import Stamper
+from trocar.interfaces.crtk.fields import Message, pose, vector
+from trocar.interfaces.crtk.topic import Service
+from trocar.interfaces.loop import Loop
 from trocar.kinematics.coupling import Coupling, joint_from_actuator
 from trocar.kinematics.links import link_pose
 
 if TYPE_CHECKING:
-    from trocar.interfaces.crtk.core import Core
-    from trocar.interfaces.crtk.topics import Service
     from trocar.simulation import World
     from trocar.simulation.arm import Arm
 
@@ -35,35 +37,48 @@ MTM_ACTUATORS[2, 1] = -1.0
 MTM_ACTUATORS[3, 1:3] = 0.6697, -0.6697
 
 
-def answer(core: Core, service: Service, request: Message, timeout_s: float = 5.0) -> Answer:
-    """Answer a call; from any thread but the loop's.
+class Services:
+    """Answer calls, each in the loop's thread, where it only reads.
 
-    Raises:
-        InputError: what is wrong with the request, or no answer in time
+    Args:
+        loop: of the world
+        stamper: gives the stamps of answers
     """
-    reply = ANSWERS.get(service.key)
-    if reply is None:
-        raise InputError(f"{service.name}: is not answered")
 
-    def ask(world: World) -> Answer:
-        found = reply(world.arm(service.arm), request)
-        if "operating_state" in found:
-            state = found["operating_state"]
-            state["is_busy"] |= core.incoming.waits(service.arm)
-            state["header"] = {"stamp": core.stamper.stamp(), "frame_id": ""}
-        return found
+    def __init__(self, loop: Loop, stamper: Stamper) -> None:
+        self._loop, self._stamper = loop, stamper
+        #: Held by the one call that the loop answers at a time, so that many take no tick.
+        self._asking = threading.Lock()
 
-    if not core.loop.running:
-        return ask(core.loop.world)
-    late = InputError(f"{service.name}: no answer within {timeout_s:g} s")
-    if not core.incoming.asking.acquire(timeout=timeout_s):
-        raise late
-    try:
-        return core.loop.ask(ask).result(timeout_s)
-    except (FutureTimeoutError, CancelledError):
-        raise late from None
-    finally:
-        core.incoming.asking.release()
+    def answer(self, service: Service, request: Message, timeout_s: float = 5.0) -> Answer:
+        """Answer a call; from any thread but the loop's.
+
+        Raises:
+            InputError: what is wrong with the request, or no answer in time
+        """
+        reply = service.answer
+        if reply is None:
+            raise InputError(f"{service.name}: is not answered")
+
+        def ask(world: World) -> Answer:
+            found = reply(world.arm(service.arm), request)
+            if "operating_state" in found:
+                state = found["operating_state"]
+                state["is_busy"] |= service.arm in self._loop.held
+                state["header"] = {"stamp": self._stamper.stamp(), "frame_id": ""}
+            return found
+
+        if not self._loop.running:
+            return ask(self._loop.world)
+        late = InputError(f"{service.name}: no answer within {timeout_s:g} s")
+        if not self._asking.acquire(timeout=timeout_s):
+            raise late
+        try:
+            return self._loop.ask(ask).result(timeout_s)
+        except (FutureTimeoutError, CancelledError):
+            raise late from None
+        finally:
+            self._asking.release()
 
 
 def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
@@ -75,8 +90,8 @@ def _forward(local: bool) -> Callable[[Arm, Message], Answer]:
             if not local:
                 T = arm.base_frame()[0] @ T
         except TrocarError as problem:
-            return {"cp": _pose(np.eye(4)), "result": False, "message": str(problem)}
-        return {"cp": _pose(T), "result": True, "message": ""}
+            return {"cp": build.pose(np.eye(4)), "result": False, "message": str(problem)}
+        return {"cp": build.pose(T), "result": True, "message": ""}
 
     return answer
 
@@ -137,20 +152,42 @@ def actuator_matrix(arm: Arm) -> Array:
     return A
 
 
-def _pose(T: Array) -> Message:
-    w, x, y, z = (float(v) for v in quaternion_from_matrix(T[:3, :3]))
-    return {
-        "position": dict(zip("xyz", (float(v) for v in T[:3, 3]), strict=True)),
-        "orientation": {"x": x, "y": y, "z": z, "w": w},
-    }
+FORWARD = "crtk_msgs/QueryForwardKinematics"
 
 
-#: {service without the arm's name: its answer}.
-ANSWERS: Mapping[str, Callable[[Arm, Message], Answer]] = {
-    "forward_kinematics": _forward(local=False),
-    "local/forward_kinematics": _forward(local=True),
-    "inverse_kinematics": _inverse,
-    "operating_state": _state,
-    "crtk_version": _version,
-    "actuator_to_joint_position": _joints_of_actuators,
-}
+def service_rows(arm: ArmDescription) -> tuple[Service, ...]:
+    """Return the services of an arm, without its name."""
+    return SERVICES[3:5] if arm.type == "SUJ" else SERVICES
+
+
+SERVICES = tuple(
+    Service(key, kind, text, key=key, answer=answer)
+    for key, kind, text, answer in (
+        (
+            "forward_kinematics",
+            FORWARD,
+            "the pose of the tip at joint positions, as measured_cp",
+            _forward(local=False),
+        ),
+        (
+            "local/forward_kinematics",
+            FORWARD,
+            "the same in the arm's own base frame",
+            _forward(local=True),
+        ),
+        (
+            "inverse_kinematics",
+            "crtk_msgs/QueryInverseKinematics",
+            "joint positions for a pose",
+            _inverse,
+        ),
+        ("operating_state", "crtk_msgs/TriggerOperatingState", "the operating state now", _state),
+        ("crtk_version", "std_srvs/Trigger", "the version of CRTK", _version),
+        (
+            "actuator_to_joint_position",
+            "cisst_msgs/ConvertFloat64Array",
+            "joint positions of actuators' positions",
+            _joints_of_actuators,
+        ),
+    )
+)

@@ -10,10 +10,7 @@ from html import escape
 import numpy as np
 import viser
 
-from trocar.interfaces.packing import Packer
-from trocar.interfaces.pairs import Picture, anaglyph, side_by_side
-from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.shots import Shot
+from trocar.interfaces.pictures import Packer, Picture, Pictures, Shot, anaglyph, side_by_side
 from trocar.interfaces.viewer.server import when_pressed, when_touched
 
 RATE_HZ = 30.0

@@ -11,14 +11,15 @@ import numpy as np
 import viser
 
 from trocar.descriptions import fitting_tools
-from trocar.interfaces.commands import Pause, Reset, Resume, Verb
+from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.viewer.scene import RemoteCentres, ToolFrames
 from trocar.interfaces.viewer.server import when_pressed, when_touched
+from trocar.simulation.journal import WORLD
+from trocar.simulation.records import ArmSnapshot, Snapshot
 
 if TYPE_CHECKING:
     from trocar.simulation import World
-    from trocar.simulation.records import ArmSnapshot, Snapshot
 
 T = TypeVar("T")
 
@@ -235,7 +236,7 @@ class JointSliders:
             self._post("move_jp", q=own(self._goal))
 
     def _post(self, verb: str, **values: object) -> None:
-        self._loop.post(Verb(self._info.name, verb, values))
+        self._loop.post(Command(self._info.name, verb, values))
 
     def _build(self, modes: tuple[str, ...]) -> None:
         self._modes = modes
@@ -356,7 +357,7 @@ class ArmControls:
             folder.remove()
 
     def _post(self, verb: str, **values: object) -> None:
-        self._loop.post(Verb(self._info.name, verb, values))
+        self._loop.post(Command(self._info.name, verb, values))
 
     def _buttons(self, label: str, names: Any, act: Callable[[str], object]) -> None:
         when_pressed(self._gui.add_button_group(label, tuple(names)), act)
@@ -372,7 +373,7 @@ class ArmControls:
         self._post("release_brakes" if button == RELEASE else "lock_brakes")
 
     def _exchange(self, tool: str) -> None:
-        self._loop.post(Verb("world", "exchange_tool", {"name": self._info.name, "tool": tool}))
+        self._loop.post(Command(WORLD, "exchange_tool", {"name": self._info.name, "tool": tool}))
 
     def _set_mode(self, title: str) -> None:
         scope = self._scope.value
@@ -422,7 +423,7 @@ class Panel:
     ) -> None:
         self._gui, self._loop, self._arms = gui, loop, arms
         self._answer: Future[ArmInfo] | None = None
-        times = {"Pause": Pause(), "Resume": Resume(), "Reset": Reset()}
+        times = {name: Command(WORLD, name.lower()) for name in ("Pause", "Resume", "Reset")}
         when_pressed(
             gui.add_button_group("Time", tuple(times)), lambda name: loop.post(times[name])
         )
@@ -430,7 +431,7 @@ class Panel:
         def move_all(pose: str) -> None:  # setup arms stay where their brakes hold them
             for arm in poses[pose]:
                 if not arms[arm].has_brakes:
-                    loop.post(Verb(arm, "move_to", {"name": pose}))
+                    loop.post(Command(arm, "move_to", {"name": pose}))
 
         when_pressed(gui.add_button_group("All arms to", tuple(poses)), move_all)
         self.choice = gui.add_dropdown("Arm", list(arms))

@@ -87,7 +87,7 @@ def test_only_what_somebody_views_is_computed(shown: Shown) -> None:
     made: list[str] = []
     states = shown.core._publishing.states
     shown.core._publishing.states = lambda sample, wanted: (  # type: ignore[method-assign]
-        made.extend(name for _, names in wanted for name in names) or states(sample, wanted)
+        made.extend(name for names in wanted for name in names) or states(sample, wanted)
     )
     with shown.viewer() as client:
         shown.run(0.02)

@@ -10,8 +10,7 @@ import pytest
 
 from tests.interfaces.crtk.served import running
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport
-from trocar.interfaces.crtk.transports.rclpy_node.reach import SAID
+from trocar.interfaces.crtk.transports.rclpy_node import REACH, RclpyTransport
 
 from .stand_in import Wire, modules, packages
 
@@ -21,7 +20,7 @@ Serving = Callable[..., AbstractContextManager[tuple[Core, RclpyTransport]]]
 @pytest.fixture
 def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
     """Let rclpy be imported, and every package of messages but trocar's own."""
-    for name in SAID:
+    for name in REACH:
         monkeypatch.delenv(name, raising=False)
     found = Wire()
     for name, module in (*modules(found).items(), *packages(["trocar_msgs"]).items()):

@@ -3,9 +3,9 @@
 Sources: github.com/ros2/rclpy, rclpy/rclpy/ of Jazzy and Rolling: __init__.py (init, create_node),
 context.py (init reads the environment), node.py (create_publisher, create_subscription,
 create_service, destroy_node), publisher.py (publish, get_subscription_count), subscription.py
-(callbacks of one or two arguments), executors.py (spin_once, shutdown; one message of each
-subscription in a round), qos.py, serialization.py, exceptions.py; src/rclpy/_rclpy_pybind11.cpp
-(its errors are RuntimeErrors).
+(callbacks of one or two arguments), parameter.py, executors.py (spin_once, shutdown; one message
+of each subscription in a round), qos.py, serialization.py, exceptions.py;
+src/rclpy/_rclpy_pybind11.cpp (its errors are RuntimeErrors).
 """
 
 from __future__ import annotations
@@ -257,12 +257,24 @@ class Service:
         return answer
 
 
+class Parameter:
+    def __init__(self, name: str, type_: Any = None, value: Any = None) -> None:  # noqa: ARG002
+        self.name, self.value = name, value
+
+
+class SetParametersResult:
+    def __init__(self, *, successful: bool = True, reason: str = "") -> None:
+        self.successful, self.reason = successful, reason
+
+
 class Node:
     def __init__(self, node_name: str, context: Context) -> None:
         self.name, self.context = node_name, context
         self.publishers: list[Publisher] = []
         self.subscriptions: list[Subscription] = []
         self.services: list[Service] = []
+        self.parameters: dict[str, Any] = {}
+        self.callbacks: list[Callable[..., Any]] = []
         self.destroyed = False
         context.wire.nodes.append(self)
 
@@ -306,6 +318,27 @@ class Node:
         self._check(srv_type, srv_name)
         self.services.append(Service(srv_type, srv_name, callback))
         return self.services[-1]
+
+    def declare_parameter(self, name: str, value: Any) -> None:
+        assert name not in self.parameters, "ParameterAlreadyDeclaredException"
+        assert self._allowed([Parameter(name, value=value)]).successful
+        self.parameters[name] = value
+
+    def add_on_set_parameters_callback(self, callback: Callable[..., Any]) -> None:
+        self.callbacks.append(callback)
+
+    def set_parameters(self, given: list[Parameter]) -> list[SetParametersResult]:
+        results: list[SetParametersResult] = []
+        for one in given:
+            assert one.name in self.parameters, "ParameterNotDeclaredException"
+            results.append(self._allowed([one]))
+            if results[-1].successful:
+                self.parameters[one.name] = one.value
+        return results
+
+    def _allowed(self, given: list[Parameter]) -> SetParametersResult:
+        found = [callback(given) for callback in self.callbacks]
+        return next((r for r in found if not r.successful), SetParametersResult())
 
     def destroy_node(self) -> None:
         self.destroyed = True
@@ -462,6 +495,11 @@ def modules(wire: Wire) -> dict[str, ModuleType]:
             "rclpy.executors",
             SingleThreadedExecutor=SingleThreadedExecutor,
             ExternalShutdownException=ExternalShutdownException,
+        ),
+        "rclpy.parameter": _module("rclpy.parameter", Parameter=Parameter),
+        "rcl_interfaces": _module("rcl_interfaces"),
+        "rcl_interfaces.msg": _module(
+            "rcl_interfaces.msg", SetParametersResult=SetParametersResult
         ),
         "rclpy.qos": _module(
             "rclpy.qos",

@@ -7,15 +7,15 @@ import sys
 import time
 from argparse import ArgumentParser
 from importlib.machinery import ModuleSpec
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
 from trocar.cli import main, serving
 from trocar.errors import TrocarError
 from trocar.interfaces.crtk.topics import Topic
-from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport, node
-from trocar.interfaces.crtk.transports.rclpy_node.reach import reach
+from trocar.interfaces.crtk.transports import rclpy_node
+from trocar.interfaces.crtk.transports.rclpy_node import RclpyTransport, reach
 from trocar.interfaces.origins import PageAccess
 
 from .stand_in import RCLError, Wire
@@ -104,6 +104,8 @@ class Rows:
     def __init__(self, *topics: Topic) -> None:
         self.topics = {topic.name: topic for topic in topics}
         self.services: dict[str, object] = {}
+        self.stamper = SimpleNamespace(mode="wall")
+        self.loop = SimpleNamespace(world=SimpleNamespace(arms={}, rig=None))
 
     def latched(self, name: str) -> dict | None:
         return {"data": "as it was"} if name == "kept" else None
@@ -143,7 +145,7 @@ def test_a_start_that_fails_leaves_nothing_behind(
 def test_rclpy_that_fails_within_is_told_and_asked_again(
     wire: Wire, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(node, "PAUSE_S", 0.0)
+    monkeypatch.setattr(rclpy_node, "PAUSE_S", 0.0)
     topic = Topic("told", "std_msgs/String", "sub")
     rows = Rows(topic)
     heard: list[str] = []

@@ -13,7 +13,7 @@ import pytest
 from trocar.interfaces.crtk.messages import blank, cdr_decode, cdr_encode
 
 from .conftest import Serving
-from .stand_in import DurabilityPolicy, ReliabilityPolicy, Wire, packages
+from .stand_in import DurabilityPolicy, Parameter, ReliabilityPolicy, Wire, packages
 
 JOINTS = "sensor_msgs/JointState"
 STATE = "crtk_msgs/OperatingState"
@@ -145,6 +145,23 @@ def test_a_call_that_cannot_be_answered_says_why_and_the_next_one_is(
         long = wire.call("/PSM1/forward_kinematics", jp=[0.0] * 200_000).result()
         assert "allowed: 1000000" in long.message
         assert not broken.done.is_set()
+
+
+def test_the_model_and_the_gains_are_parameters_of_the_node(serving: Serving, wire: Wire) -> None:
+    with serving() as (core, _):
+        (node, _) = wire.nodes
+        yaw = core.loop.world.arm("PSM1").gains("yaw")
+        assert node.parameters["PSM1.yaw_controller.p"] == yaw[0]
+        warnings = wire.listen("/PSM1/warning")
+        good, bad = (Parameter("PSM1.yaw_controller.p", value=value) for value in (77.0, "much"))
+        assert [r.successful for r in node.set_parameters([good, bad])] == [True, False]
+        until(lambda: core.loop.world.arm("PSM1").gains("yaw")[0] == 77.0, "the gain is not set")
+        until(lambda: warnings, "nobody was told")
+        assert "yaw_controller/p: got 'much'" in cdr_decode("std_msgs/String", warnings[0])["data"]
+        until(lambda: "robot_description" in node.parameters, "no model")
+        assert "<robot" in node.parameters["robot_description"]
+        (result,) = node.set_parameters([Parameter("robot_description", value="x")])
+        assert result.reason == "robot_description: read-only"
 
 
 def test_a_workspace_without_crtk_msgs_has_the_other_topics_and_is_told(

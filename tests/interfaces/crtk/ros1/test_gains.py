@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trocar.interfaces.crtk.transports.ros1.gains import Gains
+from trocar.interfaces.crtk.transports.ros1.parameters import ServerParameters
 
 from ..served import Served
 
@@ -39,12 +39,11 @@ class Server:
         return 1, "", self.kept.get(arguments[-1], {}) if verb == "subscribeParam" else 0
 
 
-def started(served: Any, server: Server) -> tuple[Gains, Cache]:
+def started(served: Any, server: Server) -> tuple[ServerParameters, Cache]:
     cache = Cache()
-    gains = Gains(served.core, server, "http://127.0.0.1:1", cache)  # type: ignore[arg-type]
-    gains._ask = lambda question: question(served.world)  # the loop of this test has no thread
-    gains.start()
-    return gains, cache
+    parameters = ServerParameters(served.core, server, "http://127.0.0.1:1", cache)  # type: ignore[arg-type]
+    parameters.start()
+    return parameters, cache
 
 
 @pytest.fixture
@@ -60,6 +59,7 @@ def test_they_are_written_down_and_deleted_at_the_end(served: Any) -> None:
     gains, cache = started(served, server)
     p, i, d = served.world.arm("PSM1").gains("yaw")
     assert server.kept[KEY] == cache.kept[KEY] == {"p": p, "i": i, "d": d}
+    assert "<robot" in server.kept["/robot_description"]
     gains.forget()
     assert server.kept == {}
 

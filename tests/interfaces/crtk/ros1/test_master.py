@@ -10,8 +10,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 import pytest
 
 from trocar.errors import InputError
-from trocar.interfaces.crtk.transports.ros1 import library, master
-from trocar.interfaces.crtk.transports.ros1.library import MissingRospyError
+from trocar.interfaces.crtk.transports.ros1 import MissingRospyError, master, transport
 from trocar.interfaces.crtk.transports.ros1.master import (
     Master,
     MasterError,
@@ -93,6 +92,6 @@ def test_without_rospy_the_error_says_which_python_and_which_packages(
 ) -> None:
     monkeypatch.setitem(sys.modules, "rospy", None)
     with pytest.raises(MissingRospyError) as caught:
-        library.load()
+        transport.load()
     for word in (sys.executable, "python3-rospy", "python3-rosmaster", "make ros1-venv"):
         assert word in str(caught.value)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
 import subprocess
 from contextlib import closing
 from pathlib import Path
@@ -133,16 +132,15 @@ def test_md5_sums_are_those_of_debian_and_of_genpy(master: Master) -> None:
         assert kind.md5 == md5, name
 
 
-def test_who_says_nothing_or_does_not_read_keeps_nobody_waiting(master: Master) -> None:
+def test_who_does_not_read_keeps_nobody_waiting(master: Master) -> None:
     stuck = Ear(master, "/PSM1/measured_js")  # never reads again
-    mute = [socket.create_connection(stuck.address) for _ in range(3)]
     ear = Ear(master, "/PSM1/measured_js")
     kind = message_type("sensor_msgs/JointState")
     messages = [ros1_decode(kind, ear.packet()) for _ in range(300)]
     stamps = [message["header"]["stamp"] for message in messages]
     assert stamps == sorted(set(stamps)) and stamps[0] > (0, 0)
     assert list(messages[-1]["name"]) == list(RIG.arm("PSM1").arm.mechanism.joint_names[:6])
-    for end in (stuck, *mute, ear):
+    for end in (stuck, ear):
         end.close()
 
 

@@ -91,6 +91,85 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
 
 @dataclass
 @mark.final
+class ParameterValue(IdlStruct, typename="rcl_interfaces::msg::dds_::ParameterValue_"):
+    type: uint8
+    bool_value: bool
+    integer_value: int64
+    double_value: float64
+    string_value: str
+    byte_array_value: sequence[uint8]
+    bool_array_value: sequence[bool]
+    integer_array_value: sequence[int64]
+    double_array_value: sequence[float64]
+    string_array_value: sequence[str]
+
+
+@dataclass
+@mark.final
+class Parameter(IdlStruct, typename="rcl_interfaces::msg::dds_::Parameter_"):
+    name: str
+    value: ParameterValue
+
+
+@dataclass
+@mark.final
+class SetParametersResult(IdlStruct, typename="rcl_interfaces::msg::dds_::SetParametersResult_"):
+    successful: bool
+    reason: str
+
+
+@dataclass
+@mark.final
+class GetRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Request_"):
+    guid: uint64
+    seq: int64
+    names: sequence[str]
+
+
+@dataclass
+@mark.final
+class GetResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::GetParameters_Response_"):
+    guid: uint64
+    seq: int64
+    values: sequence[ParameterValue]
+
+
+@dataclass
+@mark.final
+class ListRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::ListParameters_Request_"):
+    guid: uint64
+    seq: int64
+    prefixes: sequence[str]
+    depth: uint64
+
+
+@dataclass
+@mark.final
+class ListResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::ListParameters_Response_"):
+    guid: uint64
+    seq: int64
+    names: sequence[str]
+    prefixes: sequence[str]
+
+
+@dataclass
+@mark.final
+class SetRequest(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParameters_Request_"):
+    guid: uint64
+    seq: int64
+    parameters: sequence[Parameter]
+
+
+@dataclass
+@mark.final
+class SetResponse(IdlStruct, typename="rcl_interfaces::srv::dds_::SetParameters_Response_"):
+    guid: uint64
+    seq: int64
+    results: sequence[SetParametersResult]
+
+
+@dataclass
+@mark.final
 class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
     header: Header
     height: uint32
@@ -131,6 +210,31 @@ class CameraInfo(IdlStruct, typename="sensor_msgs::msg::dds_::CameraInfo_"):
 @mark.final
 class Noise(IdlStruct, typename="sensor_msgs::msg::dds_::JointState_"):
     octets: sequence[uint8]
+
+
+def graph_type(size: int) -> type:
+    """Return ParticipantEntitiesInfo with Gids of so many octets."""
+
+    @dataclass
+    @mark.final
+    class Gid(IdlStruct, typename="rmw_dds_common::msg::dds_::Gid_"):
+        data: array[uint8, size]  # pyright: ignore[reportInvalidTypeForm]
+
+    @dataclass
+    @mark.final
+    class Node(IdlStruct, typename="rmw_dds_common::msg::dds_::NodeEntitiesInfo_"):
+        node_namespace: str
+        node_name: str
+        reader_gid_seq: sequence[Gid]
+        writer_gid_seq: sequence[Gid]
+
+    @dataclass
+    @mark.final
+    class Info(IdlStruct, typename="rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"):
+        gid: Gid
+        node_entities_info_seq: sequence[Node]
+
+    return Info
 
 
 VOLATILE = Qos(
@@ -222,26 +326,59 @@ def drive(participant: DomainParticipant) -> None:
     say(arrived=until(arrived), seen=seen, position=last)
 
 
-def call(participant: DomainParticipant) -> None:
-    """Call a service as rmw_cyclonedds_cpp does, twice."""
-    name = "PSM1/crtk_version"
-    asked = Topic(participant, f"rq/{name}Request", TriggerRequest)
-    answered = Topic(participant, f"rr/{name}Reply", TriggerResponse)
+def calls(
+    participant: DomainParticipant, name: str, request: type, response: type, *given: Any
+) -> list[Any]:
+    """Return the answers to calls of a service, as rmw_cyclonedds_cpp makes them."""
+    asked = Topic(participant, f"rq/{name}Request", request)
+    answered = Topic(participant, f"rr/{name}Reply", response)
     own = Policy.Userdata(b"clientid=1.2.3;")
     requests = DataWriter(participant, asked, VOLATILE + Qos(own))
     replies = DataReader(participant, answered, VOLATILE + Qos(own))
-    say(ready=True)
     until(lambda: bool(requests.get_matched_subscriptions() and replies.get_matched_publications()))
-    got: list[TriggerResponse] = []
+    got: list[Any] = []
 
     def complete() -> bool:
         got.extend(replies.take(10))
-        return len(got) == 2
+        return len(got) == len(given)
 
-    for seq in (7, 8):
-        requests.write(TriggerRequest(2**63 + 5, seq, 0))
+    for one in given:
+        requests.write(one)
     until(complete)
-    say(answers=[(a.guid, a.seq, a.success, a.message) for a in sorted(got, key=lambda a: a.seq)])
+    return sorted(got, key=lambda answer: answer.seq)
+
+
+def call(participant: DomainParticipant) -> None:
+    """Call a service twice."""
+    say(ready=True)
+    given = [TriggerRequest(2**63 + 5, seq, 0) for seq in (7, 8)]
+    got = calls(participant, "PSM1/crtk_version", TriggerRequest, TriggerResponse, *given)
+    say(answers=[(a.guid, a.seq, a.success, a.message) for a in got])
+
+
+def parameters(participant: DomainParticipant) -> None:
+    """List, get and set parameters of the node."""
+    say(ready=True)
+    request = ListRequest(1, 1, [], 0)
+    (listed,) = calls(participant, "trocar/list_parameters", ListRequest, ListResponse, request)
+    get = "trocar/get_parameters", GetRequest, GetResponse
+    names = ["robot_description", "use_sim_time", "PSM1.yaw_controller.p", "nothing"]
+    (got,) = calls(participant, *get, GetRequest(1, 2, names))
+    number = ParameterValue(3, False, 0, 77.0, "", [], [], [], [], [])
+    text = ParameterValue(4, False, 0, 0.0, "much", [], [], [], [], [])
+    given = [Parameter(names[2], number), Parameter(names[2], text), Parameter(names[0], text)]
+    request = SetRequest(1, 3, given)
+    (done,) = calls(participant, "trocar/set_parameters", SetRequest, SetResponse, request)
+    until(
+        lambda: (
+            calls(participant, *get, GetRequest(1, 4, names[2:3]))[0].values[0].double_value == 77.0
+        )
+    )
+    say(
+        names=listed.names,
+        values=[(v.type, v.bool_value, v.double_value, v.string_value) for v in got.values],
+        results=[(r.successful, r.reason) for r in done.results],
+    )
 
 
 def survey(participant: DomainParticipant) -> None:
@@ -322,6 +459,40 @@ def babble(participant: DomainParticipant) -> None:
     time.sleep(PATIENCE_S)
 
 
+def nodes(participant: DomainParticipant, size: int, *own: Policy.Userdata) -> None:
+    """Tell of every node of the graph, as a client of one distribution reads them."""
+    topic = Topic(participant, "ros_discovery_info", graph_type(size))
+    reader = DataReader(participant, topic, LATCHED + Qos(*own))
+    say(ready=True)
+    got: list[Any] = []
+
+    def some() -> bool:
+        got.extend(reader.take(10))
+        return bool(got)
+
+    until(some)
+    time.sleep(0.5)
+    some()
+    found = [
+        [list(info.gid.data[16:]), node.node_namespace, node.node_name, len(node.reader_gid_seq)]
+        for info in got
+        for node in info.node_entities_info_seq
+    ]
+    say(nodes=found)
+
+
+def humble(participant: DomainParticipant) -> None:
+    """Read the graph as ROS 2 Humble does: Gids of 24 octets, and no hashes of types."""
+    nodes(participant, 24)
+
+
+def jazzy(participant: DomainParticipant) -> None:
+    """Read the graph as ROS 2 since Iron does: Gids of 16 octets, and hashes of types."""
+    # Source: REP-2016's hash of rmw_dds_common/msg/ParticipantEntitiesInfo in Jazzy.
+    kind = "RIHS01_e725f4a506958c79f95dd693b965722c57b19cd18e7eff984f49561b93dc985d"
+    nodes(participant, 16, Policy.Userdata(f"typehash={kind};".encode()))
+
+
 def linger(participant: DomainParticipant) -> None:
     """Listen without ever reading, until killed."""
     topic = Topic(participant, "rt/PSM1/measured_js", JointState)
@@ -336,6 +507,18 @@ if __name__ == "__main__":
     domain = Domain(number, sys.argv[3])
     actions = {
         action.__name__: action
-        for action in (listen, drive, call, survey, look, watch, babble, linger)
+        for action in (
+            listen,
+            drive,
+            call,
+            survey,
+            look,
+            watch,
+            babble,
+            linger,
+            humble,
+            jazzy,
+            parameters,
+        )
     }
     actions[sys.argv[1]](DomainParticipant(number))

@@ -47,13 +47,14 @@ def test_it_says_where_it_speaks_and_what_to_set_and_is_heard() -> None:
         simulator.communicate()
 
 
-def test_without_the_extra_one_line_names_it() -> None:
-    hidden = f"import sys; sys.modules['cyclonedds'] = None; {TROCAR}"
+@pytest.mark.parametrize("library", ["cyclonedds", "rosbags"])
+def test_without_the_extra_one_line_names_it(library: str) -> None:
+    hidden = f"import sys; sys.modules[{library!r}] = None; {TROCAR}"
     simulator = start("--ros2", "dds", code=hidden)
     _, said = simulator.communicate(timeout=60)
     assert simulator.returncode == 1
     assert said.strip().endswith(
-        "ROS 2 needs cyclonedds, which is not installed: pip install 'trocar[ros2]'"
+        f"ROS 2 needs {library}, which is not installed: pip install 'trocar[ros2]'"
     )
 
 

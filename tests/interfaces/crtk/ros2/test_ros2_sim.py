@@ -13,7 +13,7 @@ pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.messages import message_type, service_type
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
-from trocar.interfaces.crtk.transports.ros2.hashes import type_hash
+from trocar.interfaces.crtk.transports.ros2.naming import type_hash
 
 from .ros2_side import Program, program, served
 
@@ -51,6 +51,23 @@ def test_a_service_answers_each_call_to_its_caller(simulator) -> None:
     with program("call", transport.where) as peer:
         told = peer.tell()
     assert told["answers"] == [[2**63 + 5, seq, True, "1.1.0"] for seq in (7, 8)]
+
+
+def test_the_model_and_the_gains_are_parameters_of_the_node() -> None:
+    with served() as (core, transport), program("parameters", transport.where) as peer:
+        told = peer.tell()
+        assert core.loop.world.arm("PSM1").gains("yaw")[0] == 77.0
+    assert {"robot_description", "use_sim_time", "PSM1.jaw_controller.d"} < set(told["names"])
+    model, time, gain, nothing = told["values"]
+    assert model[0] == 4 and "<robot" in model[3]
+    assert time[:2] == [1, False]
+    assert gain[0] == 3 and gain[2] > 0.0
+    assert nothing[0] == 0
+    assert told["results"] == [
+        [True, ""],
+        [False, "PSM1/yaw_controller/p: got 'much'; allowed: a number, 0 or more"],
+        [False, "robot_description: read-only"],
+    ]
 
 
 def test_orders_in_one_burst_are_all_obeyed_in_their_order() -> None:
@@ -101,6 +118,19 @@ def test_it_can_be_closed_and_started_again() -> None:
             assert isinstance(core, Core) and isinstance(transport, Ros2Transport)
 
 
+@pytest.mark.parametrize("distribution", ["humble", "jazzy"])
+def test_a_client_of_any_distribution_reads_the_name_of_the_node(
+    distribution: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
+    with served() as (_, transport):
+        for _ in range(2):  # the second comes late
+            with program(distribution, transport.where) as peer:
+                ((rest, namespace, name, readers),) = peer.tell()["nodes"]
+            assert (rest, namespace, name) == ([0] * len(rest), "/", "trocar")
+            assert readers > 10
+
+
 def test_every_row_of_the_table_is_there_with_its_type(simulator) -> None:
     core, transport = simulator
     with program("survey", transport.where) as peer:
@@ -121,5 +151,7 @@ def test_every_row_of_the_table_is_there_with_its_type(simulator) -> None:
         )
         assert (request[0], reply[0]) == (kind.request.dds_name, kind.response.dds_name)
         assert request[1].split(";")[0] == reply[1].split(";")[0]
+    for name in ("get_parameters", "list_parameters", "set_parameters_atomically"):
+        assert found[f"sub rq/trocar/{name}Request"][0].startswith("rcl_interfaces::srv::dds_::")
     assert found.pop("pub ros_discovery_info")[2] == "True"
-    assert not [name for name in found if "DCPS" not in name]
+    assert not [name for name in found if "DCPS" not in name and "/trocar/" not in name]

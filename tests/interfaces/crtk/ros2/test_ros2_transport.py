@@ -15,11 +15,15 @@ pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
-from trocar.interfaces.crtk.topics import Service, Topic
+from trocar.interfaces.crtk.topics import Topic
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
-from trocar.interfaces.crtk.transports.ros2.bus import Taken
-from trocar.interfaces.crtk.transports.ros2.calls import Calls
-from trocar.interfaces.crtk.transports.ros2.service import HEADER, Served
+from trocar.interfaces.crtk.transports.ros2.dds import Taken
+from trocar.interfaces.crtk.transports.ros2.transport import (
+    CALLER,
+    Service,
+    answering,
+    service_kinds,
+)
 
 from .ros2_side import Program, private_network, program
 
@@ -32,7 +36,8 @@ class Notes:
 
     def __init__(self, *topics: Topic) -> None:
         self.topics = {topic.name: topic for topic in topics}
-        self.services: dict[str, Service] = {}
+        self.services: dict[str, object] = {}
+        self.loop = SimpleNamespace(world=SimpleNamespace(arms={}))
 
 
 @pytest.fixture
@@ -114,21 +119,28 @@ def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
     seen: list[str] = []
     transport = Ros2Transport(private_network())
     transport._core = SimpleNamespace(receive=lambda name, *_: seen.append(name))  # type: ignore[assignment]
-    transport._heard = {1: moves, 2: orders}
+    transport._topics = {1: moves, 2: orders}
     order = cdr_encode(orders.type, {"header": joints(1)["header"], "string": "home"})
     boxes = [Box(1, Taken(cdr_encode(moves.type, joints(1)), 7, 30))]
     boxes.append(Box(2, Taken(order, 8, 10), Taken(order, 8, 20)))
     for readers in (boxes, boxes[::-1]):
         seen.clear()
-        transport._take(dict.fromkeys(readers).keys())  # type: ignore[arg-type]
+        transport.take(readers)  # type: ignore[arg-type]
         assert seen == [orders.name, orders.name, moves.name]
 
 
-class Replies:
-    """Both ends of a service, without a network."""
+class Ends:
+    """A participant that is both ends of a service, without a network."""
+
+    guid = bytes(16)
 
     def __init__(self) -> None:
         self.written: list[bytes] = []
+
+    def reader(self, *_: object) -> Ends:
+        return self
+
+    writer = reader
 
     def readers(self) -> list[int]:
         return [1]
@@ -142,18 +154,18 @@ class Replies:
 
 
 def answered(call, *requests: bytes) -> list[bytes]:
-    kind = service_type("crtk_msgs/QueryForwardKinematics")
-    ends = Replies()
-    served = Served("PSM1/forward_kinematics", kind, ends, ends)  # type: ignore[arg-type]
-    calls = Calls(SimpleNamespace(call=call))  # type: ignore[arg-type]
-    calls.answer(served, [Taken(request, 1, 0) for request in requests])
-    calls._pool.shutdown(wait=True)
+    kind, ends = service_type("crtk_msgs/QueryForwardKinematics"), Ends()
+    name = "PSM1/forward_kinematics"
+    answer = answering(call, name, kind)
+    service = Service(ends, name, service_kinds(kind), 1, answer)  # type: ignore[arg-type]
+    for request in requests:
+        service.answer(Taken(request, 1, 0))
     return ends.written
 
 
 def asked(kind: str, caller: bytes) -> bytes:
     payload = cdr_encode(message_type(kind), {"jp": [0.0], "cp": blank_pose()})
-    return payload[: HEADER.start] + caller + payload[HEADER.start :]
+    return payload[: CALLER.start] + caller + payload[CALLER.start :]
 
 
 def blank_pose() -> dict:
@@ -170,7 +182,7 @@ def test_a_refused_call_is_answered_with_the_reason() -> None:
     kind = service_type("crtk_msgs/QueryForwardKinematics").request
     caller = bytes(range(16))
     (reply,) = answered(refuse, asked(kind.name, caller))
-    assert reply[HEADER] == caller
+    assert reply[CALLER] == caller
     assert b"no such pose" in reply
 
 

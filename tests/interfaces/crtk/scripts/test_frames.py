@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
-from trocar.interfaces.crtk.scripts.frames import Equal, Frame, Rotation, Vector, dot
+from trocar.interfaces.crtk.scripts.kdl import Equal, Frame, Rotation, Vector, dot
 
 RNG = np.random.default_rng(5)
 

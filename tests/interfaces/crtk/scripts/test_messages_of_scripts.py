@@ -14,13 +14,15 @@ from trocar.interfaces.crtk.messages import (
     message_type,
     service_names,
 )
-from trocar.interfaces.crtk.scripts.message_classes import (
+from trocar.interfaces.crtk.scripts.messages import (
+    Duration,
+    Rate,
+    Time,
     fields_of,
     message_class,
     message_of,
     service_class,
 )
-from trocar.interfaces.crtk.scripts.times import Duration, Rate, Time
 
 
 @pytest.mark.parametrize("name", message_names())

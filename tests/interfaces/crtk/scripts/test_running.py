@@ -262,6 +262,14 @@ def test_a_script_may_use_rospy_itself(tmp_path: Path, capsys: pytest.CaptureFix
     assert said.out.startswith("[INFO] [") and said.err.count("twice") == 1
 
 
+def test_a_sleep_after_the_end_is_an_error_of_the_script(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):  # fmt: skip
+    outcome = play(tmp_path, "import rospy\nrospy.signal_shutdown('')\nrospy.sleep(1.0)\n")
+    assert outcome.status == 1
+    assert "ROSInterruptException: ROS shutdown request" in capsys.readouterr().err
+
+
 def test_a_timer_tells_its_callback_when_it_was_due_and_when_it_came(tmp_path: Path):
     text = """
     import rospy

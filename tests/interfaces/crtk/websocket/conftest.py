@@ -103,7 +103,7 @@ def meet(served: Served) -> Iterator[Callable[..., Talk]]:
     yield make
     for it in met:
         it.socket.close_socket()
-    assert until(lambda: not served.transport._server._clients)  # type: ignore[union-attr]
+    assert until(lambda: not served.transport.clients)
 
 
 @pytest.fixture

@@ -19,7 +19,6 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from trocar.interfaces.crtk.transports.websocket import client as clients
 from trocar.interfaces.crtk.transports.websocket import server
 from trocar.interfaces.origins import PageAccess
 
@@ -108,7 +107,7 @@ def test_a_header_that_announces_an_exabyte_costs_nothing(served: Served, talk: 
 def test_a_flood_is_cut_and_told_and_the_newest_set_point_counts(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(clients, "MESSAGES_PER_S", 200.0)  # the machine may be too busy for more
+    monkeypatch.setattr(server, "MESSAGES_PER_S", 200.0)  # the machine may be too busy for more
     served.core.tell_refusals_anew()
     talk = meet()
     talk.send(op="subscribe", topic="/PSM1/warning")
@@ -147,17 +146,17 @@ def test_a_trajectory_ratio_too_small_for_any_move_is_refused_and_the_simulator_
 def test_a_reader_that_sleeps_misses_old_states_and_no_memory_grows(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(clients, "MOST_BUFFERED", 4096)
-    monkeypatch.setattr(clients, "SEND_BUFFER", 4096)
+    monkeypatch.setattr(server, "MOST_BUFFERED", 4096)
+    monkeypatch.setattr(server, "SEND_BUFFER", 4096)
     talk = meet(max_queue=1)
     talk.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     for name, topic in served.core.topics.items():
         if topic.direction == "pub" and topic.rate == "state" and not topic.later:
             talk.send(op="subscribe", topic=f"/{name}")
     assert until(lambda: len(served.transport.wanted()) > 5)
-    ours = next(iter(served.transport._server._clients))  # type: ignore[union-attr]
-    assert until(lambda: ours._outbox.lost > 100)
-    assert len(ours._outbox._waiting) <= clients.MOST_WAITING + len(served.core.topics)
+    ours = next(iter(served.transport.clients))
+    assert until(lambda: ours.outbox.lost > 100)
+    assert len(ours.outbox) <= server.MOST_WAITING + len(served.core.topics)
     assert "too slowly" in talk.hear_op("status")["msg"]
 
 
@@ -209,7 +208,7 @@ def test_no_more_than_so_many_clients_come_in(
         meet()
     assert caught.value.response.status_code == 503
     first.socket.close()
-    assert until(lambda: len(served.transport._server._clients) == 1)  # type: ignore[union-attr]
+    assert until(lambda: len(served.transport.clients) == 1)
     meet()
 
 

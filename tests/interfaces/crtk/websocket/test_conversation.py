@@ -13,11 +13,13 @@ from websockets.protocol import State
 
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.transports.websocket.client import Client
-from trocar.interfaces.crtk.transports.websocket.conversation import Conversation
-from trocar.interfaces.crtk.transports.websocket.parcel import Parcel
-from trocar.interfaces.crtk.transports.websocket.requests import READERS, Subscribe
-from trocar.interfaces.crtk.transports.websocket.rosapi import ANSWERS
+from trocar.interfaces.crtk.transports.websocket.protocol import (
+    OPERATIONS,
+    ROSAPI,
+    UNSUPPORTED,
+    Subscribe,
+)
+from trocar.interfaces.crtk.transports.websocket.server import Client, Conversation, Frame
 from trocar.simulation import World
 
 REQUESTS = 3000
@@ -55,7 +57,7 @@ def core() -> Core:
 
 def values(core: Core, rng: np.random.Generator) -> list[Any]:
     """Return what may stand in a field: much that fits, and much that does not."""
-    names = [*core.topics, *core.services, *(f"rosapi/{name}" for name in ANSWERS)]
+    names = [*core.topics, *core.services, *(f"rosapi/{name}" for name in ROSAPI)]
     types = [topic.type for topic in core.topics.values()]
     vector = rng.normal(size=int(rng.integers(0, 9))).tolist()
     return [
@@ -97,13 +99,13 @@ def test_thousands_of_random_requests_raise_nothing_and_move_nothing(
                 document = {key: choice[rng.integers(len(choice))] for key in keys}
                 if rng.random() < 0.7:
                     del document["id"]
-                op = rng.choice([*READERS, "publish", "call_service", "subscribe"])
+                op = rng.choice([*OPERATIONS, *UNSUPPORTED, "publish", "call_service", "subscribe"])
                 if rng.random() < 0.8:
                     document["topic"] = f"/{rng.choice([*core.topics])}"
-                    document["service"] = f"/rosapi/{rng.choice([*ANSWERS])}"
+                    document["service"] = f"/rosapi/{rng.choice([*ROSAPI])}"
                 client.level = "info"
-                conversation.hear(client, json.dumps({"op": str(op), **document}))
-                conversation.overhear(client, json.dumps(document))
+                conversation.handle(client, json.dumps({"op": str(op), **document}))
+                conversation.reject(client, json.dumps(document))
                 client.tend(0.0)
                 await asyncio.sleep(0)
 
@@ -118,18 +120,18 @@ def test_thousands_of_random_requests_raise_nothing_and_move_nothing(
 
 
 def test_a_message_is_encoded_once_for_everybody(core: Core) -> None:
-    parcel = Parcel(core.topics["PSM1/status"], {"data": "hello"})
-    assert parcel.frame("/PSM1/status") is parcel.frame("/PSM1/status")
-    assert b'"msg":{"data":"hello"}' in parcel.frame("PSM1/status")
+    frame = Frame(core.topics["PSM1/status"], {"data": "hello"})
+    assert frame.named("/PSM1/status") is frame.named("/PSM1/status")
+    assert b'"msg":{"data":"hello"}' in frame.named("PSM1/status")
 
 
 def test_the_last_of_a_throttled_topic_comes_in_the_end(core: Core) -> None:
     wire = Wire()
     client = Client(cast("Any", wire))
     topic = core.topics["PSM1/status"]
-    client.subscribe(topic.name, Subscribe(None, "/PSM1/status", throttle_s=1.0))
+    client.subscribe(topic.name, Subscribe(topic="/PSM1/status", throttle_rate=1000.0))
     for moment, text in ((10.0, "one"), (10.1, "two"), (10.2, "three")):
-        client.deliver([Parcel(topic, {"data": text})], moment)
+        client.deliver([Frame(topic, {"data": text})], moment)
     client.tend(10.9)
     assert [text for text in (b"one", b"two", b"three") if text in b"".join(wire.written)] == [
         b"one"

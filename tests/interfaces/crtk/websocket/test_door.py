@@ -7,7 +7,7 @@ import hmac
 import pytest
 
 from trocar.errors import InputError
-from trocar.interfaces.crtk.transports.websocket.door import Door
+from trocar.interfaces.crtk.transports.websocket.server import Access
 from trocar.interfaces.origins import PageAccess
 
 TOKEN = "0123456789abcdef"
@@ -17,19 +17,19 @@ HERE = {"Host": "127.0.0.1:9090"}
 @pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.168.1.7", "robot"])
 def test_beyond_this_machine_a_token_is_needed(host: str) -> None:
     with pytest.raises(InputError, match=rf"--host {host}: .*--token"):
-        Door(host)
-    Door(host, TOKEN)
+        Access(host)
+    Access(host, TOKEN)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
 def test_on_this_machine_none_is(host: str) -> None:
-    assert Door(host).objection("/", HERE) is None
+    assert Access(host).objection("/", HERE) is None
 
 
 @pytest.mark.parametrize("token", ["", "short", "x" * 15])
 def test_a_short_token_is_refused(token: str) -> None:
     with pytest.raises(InputError, match=rf"--token: got {len(token)} characters; allowed: 16"):
-        Door("127.0.0.1", token)
+        Access("127.0.0.1", token)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_a_short_token_is_refused(token: str) -> None:
     ],
 )
 def test_the_token_opens(path: str, headers: dict[str, str]) -> None:
-    assert Door("0.0.0.0", TOKEN).objection(path, headers) is None
+    assert Access("0.0.0.0", TOKEN).objection(path, headers) is None
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_the_token_opens(path: str, headers: dict[str, str]) -> None:
 )
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
 def test_nothing_else_does(host: str, path: str, headers: dict[str, str]) -> None:
-    objection = Door(host, TOKEN).objection(path, HERE | headers)
+    objection = Access(host, TOKEN).objection(path, HERE | headers)
     assert objection is not None
     assert objection[0] == 401
     assert TOKEN not in objection[1]
@@ -70,13 +70,13 @@ def test_nothing_else_does(host: str, path: str, headers: dict[str, str]) -> Non
 def test_the_token_is_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[tuple[bytes, bytes]] = []
     monkeypatch.setattr(hmac, "compare_digest", lambda *pair: compared.append(pair))
-    Door("0.0.0.0", TOKEN).objection("/?token=guess", {})
+    Access("0.0.0.0", TOKEN).objection("/?token=guess", {})
     assert compared == [(TOKEN.encode(), b"guess")]
 
 
 def test_pages_of_other_sites_are_refused_even_with_the_token() -> None:
     headers = {"Origin": "https://example.org", "Host": "robot:9090"}
-    objection = Door("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", headers)
+    objection = Access("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", headers)
     assert objection is not None
     assert objection[0] == 403
 
@@ -86,18 +86,18 @@ def test_a_name_that_another_site_lets_lead_here_does_not_help(token: str | None
     """A site may let its own name mean 127.0.0.1 (DNS rebinding)."""
     headers = {"Host": "example.org:9090"}
     for more in ({}, {"Origin": "http://example.org:9090"}):
-        objection = Door("127.0.0.1", token).objection(f"/?token={TOKEN}", headers | more)
+        objection = Access("127.0.0.1", token).objection(f"/?token={TOKEN}", headers | more)
         assert objection is not None
         assert objection[0] == 403
 
 
 @pytest.mark.parametrize("host", ["robot:9090", "192.168.1.7:9090", "robot.lab.example"])
 def test_beyond_this_machine_it_may_have_any_name(host: str) -> None:
-    assert Door("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", {"Host": host}) is None
+    assert Access("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", {"Host": host}) is None
 
 
 def test_a_page_that_is_named_needs_the_token_alone() -> None:
-    door = Door("0.0.0.0", TOKEN, PageAccess(["http://robot:8000/"]))
+    door = Access("0.0.0.0", TOKEN, PageAccess(["http://robot:8000/"]))
     headers = {"Host": "robot:9090", "Origin": "http://robot:8000"}
     assert door.objection(f"/?token={TOKEN}", headers) is None
     assert (door.objection("/", headers) or (0,))[0] == 401
@@ -109,7 +109,7 @@ def test_the_page_of_the_viewer_needs_the_secret_of_the_run_and_the_token() -> N
     access = PageAccess()
     headers = HERE | {"Origin": "http://127.0.0.1:8080"}
     shown = f"{access.query}&token={TOKEN}"
-    door = Door("127.0.0.1", TOKEN, access)
+    door = Access("127.0.0.1", TOKEN, access)
     assert (door.objection(f"/?{shown}", headers) or (0,))[0] == 403  # it is not served yet
     access.viewer = frozenset({"http://127.0.0.1:8080"})
     assert door.objection(f"/?{shown}", headers) is None

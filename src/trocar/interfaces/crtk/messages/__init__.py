@@ -11,7 +11,12 @@ from trocar.interfaces.crtk.messages.binary import (
     ros1_decode,
     ros1_encode,
 )
-from trocar.interfaces.crtk.messages.catalogue import (
+from trocar.interfaces.crtk.messages.checking import blank, check
+from trocar.interfaces.crtk.messages.rosjson import from_json, to_json
+from trocar.interfaces.crtk.messages.types import (
+    Constant,
+    Field,
+    MessageError,
     MessageType,
     ServiceType,
     message_names,
@@ -19,10 +24,6 @@ from trocar.interfaces.crtk.messages.catalogue import (
     service_names,
     service_type,
 )
-from trocar.interfaces.crtk.messages.checking import blank, check
-from trocar.interfaces.crtk.messages.definition import Constant, Field
-from trocar.interfaces.crtk.messages.errors import MessageError
-from trocar.interfaces.crtk.messages.rosjson import from_json, to_json
 
 __all__ = [
     "Constant",

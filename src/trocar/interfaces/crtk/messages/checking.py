@@ -9,14 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from trocar.interfaces.crtk.messages.catalogue import MessageType, message_type
-from trocar.interfaces.crtk.messages.definition import SCALARS, Field
-from trocar.interfaces.crtk.messages.errors import MessageError, shown
-from trocar.interfaces.crtk.messages.wire import SECOND
+from trocar.interfaces.crtk.messages.types import (
+    SCALARS,
+    Field,
+    MessageError,
+    MessageType,
+    message_type,
+    shown,
+)
 
 Message = dict[str, Any]
 Names = Mapping[str, object]
 REALS = ("float32", "float64")
+SECOND = 1_000_000_000
 # The largest float32. Source: IEEE 754.
 FLOAT32_MAX = float(np.finfo(np.float32).max)
 

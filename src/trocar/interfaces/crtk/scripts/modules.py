@@ -1,40 +1,35 @@
-"""The modules that a script finds while it runs: crtk, dvrk, messages, and what they need."""
+"""The modules that a script imports while it runs: crtk, dvrk, rospy, PyKDL and messages."""
 
 from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import sys
-import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.machinery import PathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from trocar.interfaces.crtk.messages import message_names, service_names
-from trocar.interfaces.crtk.scripts import frames
-from trocar.interfaces.crtk.scripts.client import arms, button, console, conversions, state, utils
-from trocar.interfaces.crtk.scripts.message_classes import message_class, service_class
-from trocar.interfaces.crtk.scripts.missing import RosFinder
-from trocar.interfaces.crtk.scripts.node import Node
-from trocar.interfaces.crtk.scripts.ral import ral
-from trocar.interfaces.crtk.scripts.rospy_names import rospy_names
+from trocar.interfaces.crtk.scripts import crtk_client, dvrk_client, kdl
+from trocar.interfaces.crtk.scripts.messages import message_class, service_class
+from trocar.interfaces.crtk.scripts.ros import Node
 
 #: Modules that a script imports anew, so that what waits in them waits for simulated time.
 ANEW = ("queue",)
 #: What is taken from elsewhere where it is installed.
 ROBOT = ("crtk", "dvrk", "PyKDL")
+DVRK = ("arm", "ecm", "mtm", "psm", "suj", "system", "console", "teleop_psm")
 CONVERSIONS = (
     "FrameFromPoseMsg", "FrameToPoseMsg", "FrameFromTransformMsg", "FrameToTransformMsg",
     "ArrayFromTwistMsg", "ArrayToTwistMsg", "ArrayFromWrenchMsg", "ArrayToWrenchMsg",
 )  # fmt: skip
 
 
-def script_modules(
-    node: Node, folder: Path, thread: type[threading.Thread]
-) -> dict[str, ModuleType]:
+def script_modules(node: Node, folder: Path) -> dict[str, ModuleType]:
     """Return {name: module} of all that stands in for ROS.
 
     An installed dvrk, crtk with it, or PyKDL is taken instead, and one that lies beside the script.
@@ -42,11 +37,10 @@ def script_modules(
     Args:
         node: the script's
         folder: where the script lies
-        thread: the class of the threads that the script starts
     """
     found = message_modules()
-    found["rospy"] = _module("rospy", rospy_names(node, thread), "What scripts use of rospy.")
-    own = client_modules(type("ral", (ral,), {"_node_of_run": node}))
+    found["rospy"] = _module("rospy", node.names(), "What scripts use of rospy.")
+    own = client_modules(type("ral", (crtk_client.ral,), {"_node_of_run": node}))
     specs = {name: PathFinder.find_spec(name, [str(folder), *sys.path]) for name in ROBOT}
     installed = {name for name, spec in specs.items() if spec is not None and spec.origin}
     if "dvrk" not in installed:
@@ -57,18 +51,9 @@ def script_modules(
 
 def client_modules(layer: type) -> dict[str, ModuleType]:
     """Return our own crtk and dvrk over a layer, and our own PyKDL."""
-    crtk_names: dict[str, Any] = {
-        "ral": layer,
-        "utils": utils.utils,
-        "wait_move_handle": state.wait_move_handle,
-        "joystick_button": button.joystick_button,
-        "measured_cp": button.measured_cp,
-        **{name: getattr(conversions, name) for name in CONVERSIONS},
-    }
-    dvrk_names = {
-        **{name: getattr(arms, name) for name in ("arm", "ecm", "mtm", "psm", "suj")},
-        **{name: getattr(console, name) for name in ("system", "console", "teleop_psm")},
-    }
+    names = ("utils", "wait_move_handle", "joystick_button", "measured_cp", *CONVERSIONS)
+    crtk_names = {"ral": layer, **{name: getattr(crtk_client, name) for name in names}}
+    dvrk_names = {name: getattr(dvrk_client, name) for name in DVRK}
     made = _module("crtk", crtk_names, "CRTK's client.")
     conv = _module("crtk.msg_conversions", {n: crtk_names[n] for n in CONVERSIONS}, "Conversions.")
     made.__dict__["msg_conversions"] = conv
@@ -77,8 +62,8 @@ def client_modules(layer: type) -> dict[str, ModuleType]:
     for name, value in dvrk_names.items():
         # `from dvrk.psm import psm` finds it, `dvrk.psm` stays the class
         found[f"dvrk.{name}"] = _module(f"dvrk.{name}", {name: value}, f"dvrk.{name}.")
-    names = {name: getattr(frames, name) for name in frames.__all__}
-    found["PyKDL"] = _module("PyKDL", names, "Frames, as PyKDL's.")
+    kdl_names = {name: getattr(kdl, name) for name in kdl.__all__}
+    found["PyKDL"] = _module("PyKDL", kdl_names, "Frames, as PyKDL's.")
     return found
 
 
@@ -145,6 +130,60 @@ def on_import(modules: Mapping[str, ModuleType], folder: Path) -> Iterator[None]
 
 
 def _is_of(name: str, folder: Path) -> bool:
-    """Tell whether a module that a script imported belongs to it or to its robot."""
+    """Return whether a module that a script imported belongs to it or to its robot."""
     file = getattr(sys.modules[name], "__file__", None) or ""
     return Path(file).is_relative_to(folder) or name.split(".")[0] in ROBOT
+
+
+#: Packages of ROS by name. Source: the index of ROS 1 Noetic and ROS 2 Jazzy, what scripts for
+#: robots import most.
+ROS = {
+    "rospy", "rclpy", "roslib", "roslaunch", "rosbag", "rosgraph", "rosparam", "rospkg", "rosnode",
+    "rostopic", "genpy", "genmsg", "catkin", "ament_index_python", "rosidl_runtime_py",
+    "rosbag2_py", "launch", "launch_ros", "tf", "tf2_ros", "tf2_py", "tf2_kdl",
+    "tf2_geometry_msgs", "tf_conversions", "kdl_parser_py", "urdf_parser_py", "cv_bridge",
+    "image_geometry", "image_transport", "message_filters", "actionlib", "dynamic_reconfigure",
+    "diagnostic_updater", "moveit_commander", "ros_numpy", "rqt_gui", "rqt_gui_py", "crtk", "dvrk",
+    "dvrk_robot", "cisst_msgs", "sensor_msgs_py", "builtin_interfaces",
+}  # fmt: skip
+#: Packages of messages are called so.
+MESSAGES = re.compile(r"\w+_(msgs|srvs|interfaces)")
+
+
+class MissingPackageError(ModuleNotFoundError):
+    """A package of ROS that is not there; `offered` are those that are."""
+
+    def __init__(self, name: str, offered: Sequence[str]) -> None:
+        self.offered = tuple(offered)
+        super().__init__(
+            f"needs the ROS package {name!r}, which is not installed for this Python; without ROS"
+            f" there are: {', '.join(offered)}",
+            name=name,
+        )
+
+
+class RosFinder:
+    """The last of the import system's finders: names a package of ROS that is missing.
+
+    Args:
+        offered: names of packages that are there
+    """
+
+    def __init__(self, offered: Sequence[str]) -> None:
+        self._offered = tuple(name for name in offered if name not in ("time", "threading"))
+
+    def find_spec(
+        self,
+        fullname: str,
+        path: Sequence[str] | None,  # noqa: ARG002  as every finder
+        target: ModuleType | None = None,  # noqa: ARG002
+    ) -> ModuleSpec | None:
+        """Raise for a package of ROS.
+
+        Raises:
+            MissingPackageError: it is one
+        """
+        package = fullname.split(".")[0]
+        if package in ROS or MESSAGES.fullmatch(package):
+            raise MissingPackageError(fullname, self._offered)
+        return None

@@ -1,28 +1,29 @@
-"""Run a script over a simulation: its modules, its arguments, its end."""
+"""Run a script over a simulation: its rig, its modules, its arguments, its end."""
 
 from __future__ import annotations
 
 import _thread
+import ast
 import gc
 import linecache
+import re
 import signal
 import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, ModuleType, TracebackType
 
+from trocar.descriptions import load_rig
 from trocar.errors import InputError, TrocarError
-from trocar.interfaces.crtk.scripts.flow import Flow
-from trocar.interfaces.crtk.scripts.missing import MissingPackageError
-from trocar.interfaces.crtk.scripts.modules import on_import, script_modules
-from trocar.interfaces.crtk.scripts.node import Node
-from trocar.interfaces.crtk.scripts.stepped import Stepped
-from trocar.interfaces.crtk.scripts.virtual import answering, virtual_modules
+from trocar.interfaces.crtk.scripts.modules import MissingPackageError, on_import, script_modules
+from trocar.interfaces.crtk.scripts.ros import Node, ROSInterruptException
+from trocar.interfaces.crtk.scripts.simulation import Flow, Stepped
+from trocar.interfaces.crtk.scripts.virtual_time import answering, virtual_modules
 
 FAILED = 1
 #: How often a watchdog looks [s]. Source: our own choice.
@@ -46,7 +47,7 @@ class Outcome:
     """How a run ended.
 
     Attributes:
-        status: exit status that the script asked for, 1 after an error of its own
+        status: exit status of the script, 1 after an error of its own
         simulated_s: how long the simulation ran [s]
         wall_s: how long that took [s]
     """
@@ -79,21 +80,20 @@ def run_script(
     """
     code = _compiled(script)
     began = time.perf_counter()
-    node = Node(flow)
     modules: dict[str, ModuleType] = {}
     if isinstance(flow, Stepped):
         flow.over = OverdueError
-        modules = virtual_modules(flow)
-    thread = modules.get("threading", threading).Thread
-    modules |= script_modules(node, script.parent, thread)
+        modules = virtual_modules(flow.turns)
+    node = Node(flow, modules.get("threading", threading).Thread)
+    modules |= script_modules(node, script.parent)
     watchdog = Watchdog(script, flow, timeout_s)
     try:
         flow.start()
         gc.freeze()  # what is there by now stays
-        answers = answering(flow) if isinstance(flow, Stepped) else nullcontext()
+        answers = answering(flow.turns) if isinstance(flow, Stepped) else nullcontext()
         with watchdog, answers, on_import(modules, script.parent):
             status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
-        flow.look()  # a simulation that broke down beside the script is told of here
+        flow.look()  # raises the error of a simulation that broke down beside the script
         if linger is not None:
             linger()
     finally:
@@ -123,7 +123,7 @@ def _execute(
         _join(flow)
     finally:
         with suppress(OverdueError):
-            node.shutdown()
+            node.signal_shutdown()
 
 
 def _join(flow: Flow) -> None:
@@ -144,7 +144,10 @@ def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
     except KeyboardInterrupt as problem:
         if watchdog.overdue:
             raise watchdog.error(problem.__traceback__) from None
-        raise
+        if not isinstance(problem, ROSInterruptException):
+            raise
+        _print_error(script, problem)
+        status = FAILED
     except SystemExit as end:
         status = _status(end)
     except MissingPackageError as problem:
@@ -152,8 +155,8 @@ def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
         raise InputError(f"{script.name}: line {number}: {problem}") from problem
     except TrocarError:
         raise
-    except BaseException as problem:  # noqa: BLE001  told whole, as Python does
-        _tell(script, problem)
+    except BaseException as problem:  # noqa: BLE001  printed whole, as Python does
+        _print_error(script, problem)
         status = FAILED
     if watchdog.overdue:
         raise watchdog.error(None)
@@ -167,7 +170,7 @@ def _status(end: SystemExit) -> int:
     return FAILED
 
 
-def _tell(script: Path, problem: BaseException) -> None:
+def _print_error(script: Path, problem: BaseException) -> None:
     """Print a traceback as Python does, from the script's own lines on."""
     tb = problem.__traceback__
     while tb is not None and tb.tb_frame.f_code.co_filename != str(script):
@@ -242,3 +245,84 @@ def interrupt(thread: threading.Thread) -> None:
         signal.pthread_kill(thread.ident, signal.SIGINT)
     else:
         _thread.interrupt_main()
+
+
+#: Built-in rigs that have arms of different kinds, the fastest first.
+RIGS = ("psm", "ecm", "mtm", "three_psm", "two_psm_ecm", "full_cart", "full_cart_mtm")
+#: Has every arm of a patient's cart; taken where a script names none.
+EVERY = "full_cart"
+#: Classes of dvrk that need more than one arm; teleoperation is served where masters are.
+PARTS = {
+    "suj": ("SUJ",),
+    "console": ("MTML", "MTMR", "PSM1"),
+    "teleop_psm": ("MTML", "MTMR", "PSM1"),
+}
+ARM = re.compile(r"PSM[123]|ECM|MTM[LR]|SUJ")
+
+
+def rig_for(source: bytes, arguments: Sequence[str]) -> str:
+    """Return the first rig that has all arms that a script names.
+
+    Args:
+        source: of the script; texts in it count, remarks and docstrings do not
+        arguments: of the script; where one names an arm, the script's texts do not count
+    """
+    tree = _tree(source)
+    named = {name for word in arguments for name in ARM.findall(word)}
+    named = named or {name for text in _texts(tree) for name in ARM.findall(text)}
+    named |= set(_parts(tree))
+    if not named:
+        return EVERY
+    for rig in RIGS:
+        arms = {arm.name for arm in load_rig(rig).arms}
+        arms |= {"SUJ"} if any(name.startswith("SUJ_") for name in arms) else set()
+        if named <= arms:
+            return rig
+    return RIGS[-1]
+
+
+def _tree(source: bytes) -> ast.AST:
+    try:
+        return ast.parse(source)
+    except (SyntaxError, ValueError) as problem:
+        raise InputError(f"the script cannot be read: {problem}") from problem
+
+
+def _texts(tree: ast.AST) -> Iterator[str]:
+    remarks = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        text = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(text, str) and id(node) not in remarks:
+            yield text
+
+
+def _parts(tree: ast.AST) -> Iterator[str]:
+    """Yield the arms without which the classes that a script takes from dvrk have no topics."""
+    modules, names = _imported(tree)
+    for node in ast.walk(tree):
+        if (
+            isinstance(node, ast.Attribute)
+            and isinstance(node.value, ast.Name)
+            and node.value.id in modules
+        ):
+            names.append(node.attr)
+    for name in names:
+        yield from PARTS.get(name, ())
+
+
+def _imported(tree: ast.AST) -> tuple[set[str], list[str]]:
+    """Return what a script calls dvrk, and the names that it imports from it."""
+    modules: set[str] = set()
+    names: list[str] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for name in node.names:
+                package, *below = name.name.split(".")
+                if package == "dvrk":
+                    modules.add(name.asname or package)
+                    names += below
+        elif isinstance(node, ast.ImportFrom):
+            package, *below = (node.module or "").split(".")
+            if package == "dvrk":
+                names += [*below, *(name.name for name in node.names)]
+    return modules, names

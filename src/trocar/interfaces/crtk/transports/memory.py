@@ -1,22 +1,18 @@
-"""A transport that goes nowhere: what was sent lies in lists. Tests listen to the core with it."""
+"""A transport that keeps messages in lists, for tests."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
-from trocar.interfaces.crtk.messages.forms import Packing
-from trocar.interfaces.crtk.transport import Batch, Message
-
-if TYPE_CHECKING:
-    from trocar.interfaces.crtk.core import Core
+from trocar.interfaces.crtk.core import Batch, Core
+from trocar.interfaces.crtk.topic import Message
 
 
 class MemoryTransport:
     """Keep messages by topic.
 
     Args:
-        wanted: names of the topics to ask for; None asks for all
+        wanted: names of the topics to subscribe to; None: all
 
     Attributes:
         received: {topic: its messages, oldest first}
@@ -24,7 +20,6 @@ class MemoryTransport:
     """
 
     name = "memory"
-    packing: Packing | None = None
 
     def __init__(self, wanted: Iterable[str] | None = None) -> None:
         self._wanted = None if wanted is None else frozenset(wanted)
@@ -33,16 +28,16 @@ class MemoryTransport:
         self.closed = False
 
     def start(self, core: Core) -> None:
-        """Ask for everything, unless told what."""
+        """Subscribe to everything, unless told what."""
         if self._wanted is None:
             self._wanted = frozenset(core.topics)
 
     def want(self, *names: str) -> None:
-        """Ask for these topics from now on, and no other."""
+        """Subscribe to these topics from now on, and no other."""
         self._wanted = frozenset(names)
 
     def wanted(self) -> frozenset[str]:
-        """Return the names of the topics that were asked for."""
+        """Return the names of the subscribed topics."""
         return self._wanted or frozenset()
 
     def send(self, batch: Batch) -> None:

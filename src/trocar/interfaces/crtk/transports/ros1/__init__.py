@@ -1,7 +1,10 @@
 """ROS 1: the core's topics and services by rospy, where it can be imported."""
 
-from trocar.interfaces.crtk.transports.ros1.library import MissingRospyError
 from trocar.interfaces.crtk.transports.ros1.master import MasterError
-from trocar.interfaces.crtk.transports.ros1.transport import Ros1Transport
+from trocar.interfaces.crtk.transports.ros1.transport import (
+    MissingRospyError,
+    Ros1Listener,
+    Ros1Transport,
+)
 
-__all__ = ["MasterError", "MissingRospyError", "Ros1Transport"]
+__all__ = ["MasterError", "MissingRospyError", "Ros1Listener", "Ros1Transport"]

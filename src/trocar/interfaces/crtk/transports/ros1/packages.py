@@ -22,7 +22,7 @@ from trocar.interfaces.crtk.messages import (
     service_names,
     service_type,
 )
-from trocar.interfaces.crtk.transports.ros1.library import MissingRospyError
+from trocar.interfaces.crtk.transports.ros1.transport import MissingRospyError
 
 #: Packages of messages that Debian 12 has not. The others are needed to generate these.
 PACKAGES = ("crtk_msgs", "cisst_msgs", "trocar_msgs")

@@ -1,5 +1,5 @@
-"""rosbridge's protocol (version 2) over WebSockets: roslibpy, roslib, or anything with a socket."""
+"""The rosbridge protocol (version 2) over WebSockets: roslibpy, roslib, or any other client."""
 
-from trocar.interfaces.crtk.transports.websocket.transport import PORT, WebSocketTransport
+from trocar.interfaces.crtk.transports.websocket.server import PORT, WebSocketTransport
 
 __all__ = ["PORT", "WebSocketTransport"]

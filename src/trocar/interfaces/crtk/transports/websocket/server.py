@@ -1,4 +1,7 @@
-"""The server's own thread: an event loop that listens, hands messages out and takes them in.
+"""Serve the rosbridge protocol in a thread of its own.
+
+core's publishing thread --send--> server's thread: encoded once --> every subscriber
+client --> server's thread --> core.receive; services: core.call in a few worker threads
 
 asyncio turns Nagle's algorithm off on every TCP connection, so what is written leaves at once.
 """
@@ -8,89 +11,675 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import socket
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor
-from typing import TYPE_CHECKING
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request as HttpRequest
 from websockets.http11 import Response
+from websockets.protocol import State
 
-from trocar.errors import TrocarError
-from trocar.interfaces.crtk.transports.websocket.client import Client
-from trocar.interfaces.crtk.transports.websocket.conversation import Conversation
-from trocar.interfaces.crtk.transports.websocket.door import Door
-from trocar.interfaces.crtk.transports.websocket.parcel import Parcel
+from trocar.errors import InputError, TrocarError
+from trocar.interfaces.crtk.messages import (
+    MessageError,
+    MessageType,
+    from_json,
+    service_type,
+    to_json,
+)
+from trocar.interfaces.crtk.topic import Direction, Service, Topic
+from trocar.interfaces.crtk.transports.websocket import protocol
+from trocar.interfaces.crtk.transports.websocket.protocol import (
+    LEVELS,
+    Advertise,
+    AnyRequest,
+    CallService,
+    Id,
+    Level,
+    Publish,
+    RequestError,
+    Rosapi,
+    SetLevel,
+    Subscribe,
+    Unsubscribe,
+    as_json,
+    plain,
+    read_request,
+    same_type,
+)
+from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback, queried, same
 
 if TYPE_CHECKING:
-    from trocar.interfaces.crtk.core import Core
-
-MOST_CLIENTS = 64
-"""Source: our own choice."""
-
-MOST_STRANGERS = 64
-"""Connections, beyond the clients', that have said nothing yet. Source: our own choice."""
-
-LARGEST_MESSAGE = 1_000_000
-"""Bytes of a message; a client that sends a larger one is disconnected. Source: our own choice."""
-
-TEND_S = 0.01
-"""Time between two looks at what clients have not taken yet [s]."""
-
-PING_S, PONG_S, CLOSE_S, OPEN_S = 5.0, 10.0, 1.0, 5.0
-"""A client is asked whether it lives, and has so long to answer, to say goodbye, to say hello [s].
-
-Source: our own choice: a half-open connection is gone after 15 s.
-"""
-
-BREATH_S, BREATH_EVERY = 0.001, 16
-"""Pause after so many messages beyond a client's rate, so that a flood costs little [s]."""
+    from trocar.interfaces.crtk.core import Batch, Core
+    from trocar.interfaces.crtk.topic import Message
 
 _log = logging.getLogger("trocar")
 
+#: Where clients of rosbridge look by themselves.
+PORT = 9090
+#: Fewest characters of a token. Source: our own choice; 16 of base64 are 96 bits.
+SHORTEST_TOKEN = 16
 
-class Guarded(ServerConnection):
-    """A connection that ends at once when too many others have said nothing yet."""
+# Of all clients. Source: our own choice.
+MOST_CLIENTS = 64
+#: Connections, beyond the clients', that have sent nothing yet.
+MOST_STRANGERS = 64
+#: Larger messages end the connection. [bytes]
+LARGEST_MESSAGE = 1_000_000
+#: Intervals of pings, and patience for pongs, closing and opening handshakes: a half-open
+#: connection is gone after 15 s. [s]
+PING_S, PONG_S, CLOSE_S, OPEN_S = 5.0, 10.0, 1.0, 5.0
+#: Time between two looks at what clients have not taken yet. [s]
+TEND_S = 0.01
+#: Threads that wait for services, and how long a service may take. [s]
+WORKERS, SERVICE_S = 4, 10.0
+#: How long ending may take. [s]
+FAREWELL_S = 5.0
+
+# Of one client. Source: our own choice.
+#: What the system has not taken yet before messages wait in the outbox, and what it keeps for a
+#: slow client: about 0.1 s of the full cart at 220 Hz; Linux's 4 MB are two seconds of it. [bytes]
+MOST_BUFFERED = SEND_BUFFER = 256 * 1024
+#: Events and answers that wait for a slow client.
+MOST_WAITING = 256
+#: Topics of a client, and subscriptions to a topic: three times those of the full cart.
+MOST_SUBSCRIPTIONS = 1024
+#: Messages a second and in a burst, five arms driven at 1 kHz; one counts for each 1600 bytes.
+MESSAGES_PER_S, BYTES_OF_ONE = 5000.0, 1600
+#: Pause after so many messages beyond the rate, so that a flood costs little. [s]
+PAUSE_S, PAUSE_EVERY = 0.001, 16
+#: Services that a client may wait for at a time.
+MOST_CALLS = 16
+#: Shortest time between two warnings of one kind. [s]
+WARN_EVERY_S = 1.0
+
+
+# ---------------------------------------------------------------------- who may connect
+
+
+@dataclass(frozen=True)
+class Access:
+    """Decide which clients may connect: programs on this machine, pages of this run, a token.
+
+    Args:
+        host: address that is listened on
+        token: what a client has to show, or None on the loopback address
+        pages: which web pages may connect
+
+    Raises:
+        InputError: the host can be reached from elsewhere and there is no token, or a short one
+    """
+
+    host: str = "127.0.0.1"
+    token: str | None = None
+    pages: PageAccess = field(default_factory=PageAccess)
+
+    def __post_init__(self) -> None:
+        if self.token is None and not is_loopback(self.host):
+            raise InputError(
+                f"--host {self.host}: whoever reaches this address could drive the arms: give a "
+                "--token (or TROCAR_TOKEN) that clients have to show, or leave --host out and "
+                "forward the port with ssh"
+            )
+        if self.token is not None and len(self.token) < SHORTEST_TOKEN:
+            raise InputError(
+                f"--token: got {len(self.token)} characters; allowed: {SHORTEST_TOKEN} or more, as "
+                "python -c 'import secrets; print(secrets.token_urlsafe())' gives"
+            )
+
+    def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
+        """Return why a request to connect is rejected, or None.
+
+        Beyond the loopback address any name may lead here, and the token is required.
+
+        Args:
+            path: requested, with its query; `?token=...` shows the token
+            headers: of the request; `Authorization: Bearer ...` shows the token, too
+        """
+        if is_loopback(self.host) and not names_loopback(headers.get("Host", "")):
+            return HTTPStatus.FORBIDDEN, "Host: allowed: localhost or a loopback address\n"
+        refusal = self.pages.objection(headers.get("Origin"), path, self.pages.viewer)
+        if refusal is not None:
+            return HTTPStatus.FORBIDDEN, refusal
+        if self.token is None:
+            return None
+        kind, _, bearer = headers.get("Authorization", "").partition("Bearer ")
+        shown = bearer.strip() if bearer and not kind else queried(path, "token")
+        if same(self.token, shown):
+            return None
+        return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
+
+
+# ---------------------------------------------------------------------- rates and queues
+
+
+class Bucket:
+    """Allow a rate in the long run, and as much at once after a rest.
+
+    Args:
+        rate: amount a second, and of a burst
+    """
+
+    def __init__(self, rate: float) -> None:
+        self._rate = self._left = rate
+        self._then = 0.0
+
+    def take(self, amount: float, now: float) -> bool:
+        """Take an amount at a moment [s] if it is allowed; return whether it was."""
+        self._left = min(self._rate, self._left + self._rate * (now - self._then))
+        self._then = now
+        allowed = amount <= self._left
+        if allowed:
+            self._left -= amount
+        return allowed
+
+
+class Throttle:
+    """Let a topic's messages pass no more often than each `period_s` [s]; 0: all of them."""
+
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
+        self._due = 0.0
+
+    def passes(self, now: float) -> bool:
+        """Whether a message may go at a moment [s]; if so, the next one has to wait."""
+        if now < self._due:
+            return False
+        late = now - self._due
+        self._due = self._due + self.period_s if late < self.period_s else now + self.period_s
+        return True
+
+
+class Outbox:
+    """Keep what a slow client has not taken yet, in order, without growing.
+
+    States of one topic replace each other; events and answers all count until `capacity` of them
+    wait, then the oldest goes. `lost` counts what goes.
+    """
+
+    def __init__(self, capacity: int) -> None:
+        self._capacity = capacity
+        self._waiting: OrderedDict[Hashable, bytes] = OrderedDict()
+        self._ordered: OrderedDict[int, None] = OrderedDict()
+        self._posted = 0
+        self.lost = 0
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    def put_state(self, topic: str, frame: bytes) -> None:
+        """Let the newest state of a topic wait in place of an older one."""
+        if self._waiting.pop(topic, None) is not None:
+            self.lost += 1
+        self._waiting[topic] = frame
+
+    def put(self, frame: bytes) -> None:
+        """Let an event or an answer wait."""
+        if len(self._ordered) >= self._capacity:
+            oldest, _ = self._ordered.popitem(last=False)
+            del self._waiting[oldest]
+            self.lost += 1
+        self._posted += 1
+        self._ordered[self._posted] = None
+        self._waiting[self._posted] = frame
+
+    def take(self, most: int) -> list[bytes]:
+        """Take the oldest up to about so many bytes, and at least one."""
+        taken: list[bytes] = []
+        size = 0
+        while self._waiting and size < most:
+            key, frame = self._waiting.popitem(last=False)
+            if isinstance(key, int):
+                del self._ordered[key]
+            taken.append(frame)
+            size += len(frame)
+        return taken
+
+
+# ---------------------------------------------------------------------- messages
+
+
+def encode(kind: str, message: Message) -> bytes:
+    """Write a message as JSON.
+
+    Raises:
+        MessageError: the message does not fit its type
+    """
+    return as_json(to_json(kind, message, arrays=True))
+
+
+class Frame:
+    """A message of a topic, encoded when its first subscriber requests it.
+
+    Attributes:
+        replaceable: whether a newer message of the topic makes this one worthless
+    """
+
+    def __init__(self, topic: Topic, message: Message | bytes) -> None:
+        self.topic, self.replaceable = topic, topic.rate != "event"
+        self._message = message
+        self._frames: dict[str, bytes] = {}
+
+    def named(self, name: str) -> bytes:
+        """Return the bytes for clients that spell the topic like this.
+
+        Raises:
+            MessageError: the message does not fit its type
+        """
+        found = self._frames.get(name)
+        if found is None:
+            if not isinstance(self._message, bytes):
+                self._message = encode(self.topic.type, self._message)
+            found = self._frames[name] = protocol.publication(name, self._message)
+        return found
+
+
+# ---------------------------------------------------------------------- clients
+
+
+@dataclass
+class Subscription:
+    """All requests of a client for one topic; the one with the highest rate counts.
+
+    Args:
+        name: the topic as the client spells it
+        periods: shortest time between two messages of each request [s]
+    """
+
+    name: str
+    periods: dict[Id, float] = field(default_factory=dict)
+    throttle: Throttle = field(default_factory=lambda: Throttle(0.0))
+    held: Frame | None = None
+
+    def settle(self) -> None:
+        """Take over the shortest period."""
+        period = min(self.periods.values())
+        if self.throttle.period_s != period:
+            self.throttle = Throttle(period)
+
+
+class Client:
+    """One connection, touched in the server's own thread only.
+
+    Attributes:
+        subscriptions: by the topic's name without a slash
+        refused: messages beyond the rate
+    """
+
+    def __init__(self, connection: ServerConnection) -> None:
+        self._connection = connection
+        wire: socket.socket = connection.transport.get_extra_info("socket")
+        wire.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        self.peer = "{}:{}".format(*connection.remote_address[:2])
+        self.subscriptions: dict[str, Subscription] = {}
+        self.outbox = Outbox(MOST_WAITING)
+        self.calls = self.refused = 0
+        self.level: Level = "warning"
+        self._rate = Bucket(MESSAGES_PER_S)
+        self._warned: dict[str, float] = {}
+
+    def may_send(self, size: int) -> bool:
+        """Whether a message of so many bytes is within the client's rate; count it if not."""
+        allowed = self._rate.take(max(1.0, size / BYTES_OF_ONE), time.monotonic())
+        self.refused += not allowed
+        return allowed
+
+    def subscribe(self, topic: str, request: Subscribe) -> bool:
+        """Note a subscription; return False when there are too many."""
+        if topic not in self.subscriptions and len(self.subscriptions) >= MOST_SUBSCRIPTIONS:
+            return False
+        found = self.subscriptions.setdefault(topic, Subscription(request.topic))
+        if len(found.periods) >= MOST_SUBSCRIPTIONS and request.id not in found.periods:
+            return False
+        found.name = request.topic
+        found.periods[request.id] = 1e-3 * (request.throttle_rate or 0.0)
+        found.settle()
+        return True
+
+    def unsubscribe(self, topic: str, id: Id) -> None:  # noqa: A002  the protocol's word
+        """End one subscription, or all to the topic when no id is given."""
+        found = self.subscriptions.get(topic)
+        if found is None:
+            return
+        found.periods.pop(id, None)
+        if id is None or not found.periods:
+            del self.subscriptions[topic]
+        else:
+            found.settle()
+
+    def deliver(self, frames: Sequence[Frame], now: float) -> None:
+        """Send the subscribed messages of a batch, in one write."""
+        ready: list[tuple[Frame, str]] = []
+        for frame in frames:
+            found = self.subscriptions.get(frame.topic.name)
+            if found is None:
+                continue
+            if found.throttle.passes(now):
+                found.held = None
+                ready.append((frame, found.name))
+            else:
+                found.held = frame
+        if ready:
+            self._send(ready)
+
+    def send(self, data: bytes) -> None:
+        """Send one answer, or let it wait its turn."""
+        if self._open and not self.outbox and self._room > 0:
+            self._connection.transport.write(data)
+        else:
+            self.outbox.put(data)
+
+    def report(self, level: Level, text: str, id: Id = None) -> None:  # noqa: A002
+        """Send a status message, if the client's level includes it."""
+        if LEVELS.index(level) <= LEVELS.index(self.level):
+            self.send(protocol.status(level, text, id))
+
+    def warn(self, kind: str, text: str) -> bool:
+        """Send a warning unless one of its kind was sent a moment ago; return whether it was."""
+        now = time.monotonic()
+        if now < self._warned.get(kind, 0.0) + WARN_EVERY_S:
+            return False
+        self._warned[kind] = now
+        self.report("warning", text)
+        return True
+
+    def tend(self, now: float) -> None:
+        """Send what waited long enough, and report what did not fit."""
+        for found in [s for s in self.subscriptions.values() if s.held]:
+            if found.held and found.throttle.passes(now):
+                frame, found.held = found.held, None
+                self._send([(frame, found.name)])
+        while self.outbox and self._open and self._room > 0:
+            self._connection.transport.write(b"".join(self.outbox.take(self._room)))
+        lost = self.outbox.lost
+        if lost and self.warn("slow", f"you read too slowly: {lost} messages were left out"):
+            self.outbox.lost = 0
+
+    @property
+    def _open(self) -> bool:
+        return self._connection.state is State.OPEN
+
+    @property
+    def _room(self) -> int:
+        return MOST_BUFFERED - self._connection.transport.get_write_buffer_size()
+
+    def _send(self, frames: list[tuple[Frame, str]]) -> None:
+        if self._open and not self.outbox and self._room > 0:
+            self._connection.transport.write(b"".join([f.named(name) for f, name in frames]))
+            return
+        for frame, name in frames:
+            if frame.replaceable:
+                self.outbox.put_state(frame.topic.name, frame.named(name))
+            else:
+                self.outbox.put(frame.named(name))
+
+
+# ---------------------------------------------------------------------- requests
+
+
+class Conversation:
+    """Carry out the requests of clients; in the server's own thread.
+
+    Args:
+        core: takes messages and answers services
+        workers: the threads in which services are waited for
+        changed: called after a client's subscriptions have changed
+    """
+
+    def __init__(
+        self, core: Core, workers: Executor, changed: Callable[[], None] = lambda: None
+    ) -> None:
+        self._core, self._workers, self._changed = core, workers, changed
+        served = {name: topic for name, topic in core.topics.items() if not topic.later}
+        self._rosapi = Rosapi(served, core.services, core.stamper.now)
+        self._calls: set[asyncio.Task[None]] = set()
+
+    def handle(self, client: Client, text: str | bytes) -> None:
+        """Carry out a message of a client, or report why not."""
+        try:
+            self._act(client, read_request(text))
+        except RequestError as error:
+            client.report("error", str(error), error.id)
+
+    def reject(self, client: Client, text: str | bytes) -> None:
+        """Report now and then that messages beyond the client's rate are left out."""
+        words = f"{client.peer} sends too fast: {client.refused} messages were not read"
+        if client.warn("flood", words):
+            with contextlib.suppress(RequestError):
+                request = read_request(text)
+                topic = self._core.topics.get(plain(getattr(request, "topic", "")))
+                if topic is not None and isinstance(request, Publish):
+                    self._core.refuse(topic, topic.name, words, client.peer)
+
+    def _act(self, client: Client, request: AnyRequest) -> None:
+        match request:
+            case Publish():
+                self._publish(client, request)
+            case Subscribe():
+                topic = self._topic(request, "pub", request.type)
+                if not client.subscribe(topic.name, request):
+                    problem = f"subscribe: {MOST_SUBSCRIPTIONS} topics are the most for a client"
+                    raise RequestError(problem, request.id)
+                self._changed()
+                last = self._core.latched(topic.name)
+                if last is not None:
+                    client.send(Frame(topic, last).named(request.topic))
+            case Unsubscribe():
+                client.unsubscribe(plain(request.topic), request.id)
+                self._changed()
+            case CallService():
+                self._call(client, request)
+            case Advertise():
+                self._topic(request, "sub", request.type)
+            case SetLevel():
+                client.level = request.level
+            case _:
+                pass
+
+    def _publish(self, client: Client, request: Publish) -> None:
+        topic = self._topic(request, "sub")
+        try:
+            message = from_json(topic.type, request.msg)
+        except MessageError as error:
+            self._core.refuse(topic, topic.name, str(error), client.peer)
+            raise RequestError(f"publish: {request.topic}: {error}", request.id) from error
+        self._core.receive(topic.name, message, client.peer)
+
+    def _topic(
+        self,
+        request: Publish | Subscribe | Advertise,
+        direction: Direction,
+        kind: str | None = None,
+    ) -> Topic:
+        """Return the topic that a request names, if it has this direction and type."""
+        topic = self._core.topics.get(plain(request.topic))
+        if topic is None:
+            problem = "there is no such topic; /rosapi/topics lists all"
+        elif topic.later:
+            problem = "is not there yet"
+        elif topic.direction != direction:
+            problem = "trocar listens to it" if direction == "pub" else "trocar itself publishes it"
+        elif kind is not None and not same_type(kind, topic.type):
+            problem = f"got the type {kind}; it has {topic.type}"
+        else:
+            return topic
+        verb = type(request).__name__.lower()
+        raise RequestError(f"{verb}: {request.topic}: {problem}", request.id)
+
+    def _call(self, client: Client, request: CallService) -> None:
+        name = plain(request.service)
+        service, args = self._core.services.get(name), request.args or {}
+        try:
+            if service is None:
+                values = self._rosapi.call(name, args)
+                client.send(protocol.response(request.service, request.id, values, result=True))
+                return
+            if client.calls >= MOST_CALLS:
+                raise InputError(f"{MOST_CALLS} calls wait for an answer already")
+            kind = service_type(service.type).request
+            arguments = from_json(kind, _by_name(kind, args))
+        except InputError as error:
+            client.send(protocol.response(request.service, request.id, str(error), result=False))
+            return
+        client.calls += 1
+        task = asyncio.create_task(self._answer(client, request, service, arguments))
+        self._calls.add(task)
+        task.add_done_callback(self._calls.discard)
+
+    async def _answer(
+        self, client: Client, request: CallService, service: Service, arguments: dict[str, Any]
+    ) -> None:
+        """Send a service's answer once a worker has it."""
+        try:
+            values = await asyncio.get_running_loop().run_in_executor(
+                self._workers, self._core.call, service.name, arguments, SERVICE_S
+            )
+            told, result = to_json(service_type(service.type).response, values), True
+        except TrocarError as error:
+            told, result = str(error), False
+        client.calls -= 1
+        client.send(protocol.response(request.service, request.id, told, result=result))
+
+
+def _by_name(kind: MessageType, args: Mapping[str, Any] | list[Any]) -> Mapping[str, Any]:
+    """Return a service's arguments by name."""
+    if isinstance(args, Mapping):
+        return args
+    names = [field.name for field in kind.fields if not field.only_ros1]
+    if len(args) > len(names):
+        raise InputError(f"got {len(args)} arguments; allowed: {', '.join(names) or 'none'}")
+    return dict(zip(names, args, strict=False))
+
+
+# ---------------------------------------------------------------------- server
+
+
+class _Connection(ServerConnection):
+    """A connection that ends at once when too many others have sent nothing yet."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin, or end."""
         super().connection_made(transport)
         if len(self.server.handlers) > MOST_CLIENTS + MOST_STRANGERS:
             self.transport.abort()
 
 
-class Server:
-    """Serve clients; everything but `wanted` belongs to the thread that runs it.
+class WebSocketTransport:
+    """Serve the rosbridge protocol in a thread of its own.
 
     Args:
-        core: who takes messages and answers services
-        door: who may come in
-        workers: the threads in which services are waited for
+        host: address to listen on
+        port: port to listen on; 0 takes any free one
+        token: what clients have to show; required beyond the loopback address
+        pages: which web pages may connect; when omitted, none
 
     Attributes:
-        wanted: names of the topics that some client wants now; any thread may read it
+        port: the one that is listened on, once started
+        clients: who is connected; touched in the server's own thread only
+
+    Raises:
+        InputError: no token beyond the loopback address, or a short one, or no such port
     """
 
-    def __init__(self, core: Core, door: Door, workers: Executor) -> None:
-        self._door = door
-        self._conversation = Conversation(core, workers)
-        self._clients: set[Client] = set()
-        self._stopping = asyncio.Event()
-        self.wanted: frozenset[str] = frozenset()
+    name = "websocket"
 
-    async def run(self, port: int, ready: Callable[[int], None]) -> None:
-        """Serve until stopped; `ready` is called with the port once clients may come.
+    def __init__(
+        self,
+        host: str = "127.0.0.1",
+        port: int = PORT,
+        token: str | None = None,
+        pages: PageAccess | None = None,
+    ) -> None:
+        if not 0 <= port <= 65535:
+            raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
+        self._access = Access(host, token, pages or PageAccess())
+        self.port = port
+        self.clients: set[Client] = set()
+        self._wanted: frozenset[str] = frozenset()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._thread: threading.Thread | None = None
+        self._workers = ThreadPoolExecutor(WORKERS, "trocar-websocket-call")
+
+    @property
+    def address(self) -> str:
+        """Where clients find it, without the token."""
+        host = self._access.host
+        return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def greeting(self) -> str:
+        """The line that is printed at the start."""
+        return f"{self.address}  (rosbridge{', with the token' if self._access.token else ''})"
+
+    def start(self, core: Core) -> None:
+        """Listen.
 
         Raises:
-            OSError: the host or the port cannot be listened on
+            InputError: the port is taken or forbidden, or the host is not this machine's
         """
+        bound: Future[int] = Future()
+        self._thread = threading.Thread(
+            target=self._main, args=(core, bound), name="trocar-websocket", daemon=True
+        )
+        self._thread.start()
+        try:
+            self.port = bound.result()
+        except OSError as error:
+            why = str(error.strerror).rpartition(": ")[2]
+            raise InputError(
+                f"the WebSocket cannot listen on {self._access.host} port {self.port}: {why}: "
+                "choose another (--websocket-port, 0 for any free one), or do without "
+                "(--no-websocket)"
+            ) from error
+
+    def wanted(self) -> frozenset[str]:
+        """Return the names of the topics with subscribers; from any thread."""
+        return self._wanted
+
+    def send(self, batch: Batch) -> None:
+        """Let the server's thread send messages as soon as it can."""
+        frames = [Frame(topic, message) for topic, message in batch if topic.name in self._wanted]
+        if frames:
+            self._soon(self._deliver, frames)
+
+    def close(self) -> None:
+        """Close all connections and end."""
+        if self._thread is not None:
+            self._soon(lambda: self._stopping.set())
+            self._thread.join(FAREWELL_S)
+        self._workers.shutdown(wait=False, cancel_futures=True)
+
+    def _soon(self, work: Any, *arguments: Any) -> None:
+        with contextlib.suppress(RuntimeError):  # the server may have ended in between
+            if self._loop is not None:
+                self._loop.call_soon_threadsafe(work, *arguments)
+
+    # In the server's thread.
+
+    def _main(self, core: Core, bound: Future[int]) -> None:
+        try:
+            asyncio.run(self._serve(core, bound))
+        except Exception as error:  # noqa: BLE001  handed over whole to whoever waits for the port
+            if bound.done():
+                _log.exception("websocket: ended")
+            else:
+                bound.set_exception(error)
+
+    async def _serve(self, core: Core, bound: Future[int]) -> None:
+        self._loop, self._stopping = asyncio.get_running_loop(), asyncio.Event()
+        self._conversation = Conversation(core, self._workers, self._look)
         async with serve(
             self._listen,
-            self._door.host,
-            port,
-            create_connection=Guarded,
+            self._access.host,
+            self.port,
+            create_connection=_Connection,
             process_request=self._admit,
             compression=None,
             max_size=LARGEST_MESSAGE,
@@ -99,77 +688,63 @@ class Server:
             close_timeout=CLOSE_S,
             open_timeout=OPEN_S,
             server_header="trocar",
-            logger=_silence(),
+            # keeps the library's remarks about strangers off the terminal
+            logger=logging.Logger("trocar.websocket", logging.CRITICAL),
         ) as listening:
-            ready(next(iter(listening.sockets)).getsockname()[1])
+            bound.set_result(next(iter(listening.sockets)).getsockname()[1])
             tending = asyncio.create_task(self._tend())
             await self._stopping.wait()
             tending.cancel()
 
-    def stop(self) -> None:
-        """Say goodbye to everybody."""
-        self._stopping.set()
-
-    def deliver(self, parcels: Iterable[Parcel]) -> None:
-        """Hand messages to all who want them."""
-        now = time.monotonic()
-        for client in self._clients:
-            with _telling():
-                client.deliver(parcels, now)
-
     def _admit(self, connection: ServerConnection, request: HttpRequest) -> Response | None:
-        objection = self._door.objection(request.path, request.headers)
+        objection = self._access.objection(request.path, request.headers)
         if objection is not None:
             return connection.respond(*objection)
-        if len(self._clients) >= MOST_CLIENTS:
+        if len(self.clients) >= MOST_CLIENTS:
             return connection.respond(503, f"{MOST_CLIENTS} clients are connected already\n")
         return None
 
     async def _listen(self, connection: ServerConnection) -> None:
         client = Client(connection)
-        self._clients.add(client)
+        self.clients.add(client)
         try:
             async for text in connection:
-                await self._hear(client, text)
+                if client.may_send(len(text)):
+                    with _logged():
+                        self._conversation.handle(client, text)
+                else:
+                    self._conversation.reject(client, text)
+                    if client.refused % PAUSE_EVERY == 0:
+                        await asyncio.sleep(PAUSE_S)
         except ConnectionClosed:
             pass
         finally:
-            self._clients.discard(client)
-            self._see_what_is_wanted()
+            self.clients.discard(client)
+            self._look()
 
-    async def _hear(self, client: Client, text: str | bytes) -> None:
-        if not client.may_send(len(text)):
-            self._conversation.overhear(client, text)
-            if client.refused % BREATH_EVERY == 0:
-                await asyncio.sleep(BREATH_S)
-            return
-        before = client.changes
-        with _telling():
-            self._conversation.hear(client, text)
-        if client.changes != before:
-            self._see_what_is_wanted()
+    def _look(self) -> None:
+        """Note which topics have subscribers."""
+        self._wanted = frozenset[str]().union(*(client.subscriptions for client in self.clients))
 
-    def _see_what_is_wanted(self) -> None:
-        self.wanted = frozenset[str]().union(*(client.subscriptions for client in self._clients))
+    def _deliver(self, frames: Sequence[Frame]) -> None:
+        now = time.monotonic()
+        for client in self.clients:
+            with _logged():
+                client.deliver(frames, now)
 
     async def _tend(self) -> None:
         while True:
             await asyncio.sleep(TEND_S)
             now = time.monotonic()
-            for client in self._clients:
-                with _telling():
+            for client in self.clients:
+                with _logged():
                     client.tend(now)
 
 
 @contextlib.contextmanager
-def _telling() -> Iterator[None]:
+def _logged() -> Iterator[None]:
     """Log a message that cannot be sent, and go on with the others."""
     try:
         yield
     except TrocarError as error:
         _log.error("websocket: %s", error)
-
-
-def _silence() -> logging.Logger:
-    """Return a logger that keeps the library's remarks about strangers off the terminal."""
-    return logging.Logger("trocar.websocket", logging.CRITICAL)

@@ -1,0 +1,212 @@
+"""Joint states of any bag: rosbag 1, rosbag 2 and MCAP, as one stream of messages."""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trocar.errors import LogError, MissingExtraError
+from trocar.recording import mcap_messages, mcap_topics
+
+FORMATS = "rosbag 1 (.bag), rosbag 2, MCAP"
+JOINT_STATE = "sensor_msgs/msg/JointState"
+MAGIC = {"rosbag1": b"#ROSBAG V2.0", "rosbag2": b"SQLite format 3", "mcap": b"\x89MCAP0\r\n"}
+
+
+class JointMessage(NamedTuple):
+    """A message of joint states.
+
+    Attributes:
+        topic: without a leading slash
+        time: of logging [s]
+        fields: name, position, velocity, effort; stamp [s] is `time` where the header's is 0
+    """
+
+    topic: str
+    time: float
+    fields: Mapping[str, Any]
+
+
+class Bag(NamedTuple):
+    """A recording.
+
+    Attributes:
+        file: its path, as given
+        topics: {topic without a leading slash: type "sensor_msgs/msg/JointState"}
+        messages: reads joint states of some topics, in the order of their times
+    """
+
+    file: str
+    topics: Mapping[str, str]
+    messages: Callable[[Collection[str]], Iterator[JointMessage]]
+
+
+def is_bag(path: str | Path) -> bool:
+    """Return whether a path is a folder, or a file that begins as a bag does."""
+    where = Path(path).expanduser()
+    return where.is_dir() or _kind(where) is not None
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Open a rosbag 1 file, a rosbag 2 (its folder, or one of its files), or an MCAP file.
+
+    MCAP files without an end are read up to where they break off. The types of joint states are
+    those of ROS, whatever definitions the bag contains.
+
+    Raises:
+        LogError: none of these, or damaged
+        MissingExtraError: rosbags is not installed
+    """
+    where, file = Path(path).expanduser(), str(path)
+    if not where.exists():
+        raise LogError(file, f"there is no such file; allowed: {FORMATS}")
+    paths = _files(where, file)
+    raw: Raw = _mcap_raw if _kind(paths[0]) == "mcap" else _rosbag_raw
+    found: dict[str, str] = {}
+    with _rosbags(file):
+        for one in paths:
+            if raw is _mcap_raw:
+                found |= mcap_topics(one) or {m.topic: m.schema for m in mcap_messages(one)}
+            else:
+                with _reader(one) as reader:
+                    found |= {c.topic: c.msgtype for c in reader.connections}
+    topics = {topic.lstrip("/"): _type(kind) for topic, kind in found.items()}
+
+    def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
+        for topic in wanted:
+            if topics.get(topic, JOINT_STATE) != JOINT_STATE:
+                raise LogError(file, f"/{topic} is {topics[topic]}; allowed: {JOINT_STATE}")
+        with _rosbags(file):
+            for one in paths:
+                yield from _decoded(raw(one, wanted))
+
+    return Bag(file, topics, messages)
+
+
+def _type(name: str) -> str:
+    """Return a type's name as ROS 2 writes it."""
+    return name if "/msg/" in name else name.replace("/", "/msg/")
+
+
+def _kind(file: Path) -> str | None:
+    if not file.is_file():
+        return "rosbag2" if file.is_dir() else None
+    with file.open("rb") as stream:
+        head = stream.read(16)
+    return next((kind for kind, magic in MAGIC.items() if head.startswith(magic)), None)
+
+
+def _files(where: Path, file: str) -> list[Path]:
+    """Return what to read: a file, a rosbag 2's folder, or the files of one without metadata."""
+    if where.is_file():
+        if _kind(where) is None:
+            raise LogError(file, f"is no bag; allowed: {FORMATS}")
+        return [where]
+    if (where / "metadata.yaml").is_file():
+        return [where]
+    found = [p for p in where.iterdir() if p.suffix in (".db3", ".mcap") and _kind(p)]
+    if not found:
+        packed = [p.name for p in where.iterdir() if p.suffix == ".zstd"]
+        raise LogError(
+            file,
+            f"is packed ({packed[0]}): unpack it first (`zstd -d`)"
+            if packed
+            else "holds no file of a rosbag 2; allowed: *.db3 or *.mcap",
+        )
+    return sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [0])
+
+
+#: (topic, type, time of logging [ns], bytes); ROS 2 names a type with msg in its middle.
+Packed = tuple[str, str, int, bytes]
+Raw = Callable[[Path, Collection[str]], Iterator[Packed]]
+
+
+def _mcap_raw(path: Path, topics: Collection[str]) -> Iterator[Packed]:
+    for message in mcap_messages(path):
+        if message.topic.lstrip("/") in topics:
+            yield message.topic, message.schema, message.time, message.data
+
+
+def _rosbag_raw(path: Path, topics: Collection[str]) -> Iterator[Packed]:
+    with _reader(path) as reader:
+        chosen = {c.id: c for c in reader.connections if c.topic.lstrip("/") in topics}
+        if _kind(path) == "rosbag1":
+            yield from _rosbag1_raw(reader, chosen)
+        elif chosen:
+            for connection, time, data in reader.messages(list(chosen.values())):
+                yield connection.topic, JOINT_STATE, time, data
+
+
+def _rosbag1_raw(reader: Any, chosen: Mapping[int, Any]) -> Iterator[Packed]:
+    """Read a rosbag 1 chunk by chunk, in the order of the file."""
+    from rosbags.rosbag1.reader import Header, RecordType, read_bytes, read_uint32
+
+    for position in sorted(reader.chunks):
+        chunk = reader.chunks[position]
+        reader.bio.seek(chunk.datapos)
+        plain = BytesIO(chunk.decompressor(read_bytes(reader.bio, chunk.datasize)))
+        end = len(plain.getbuffer())
+        while plain.tell() < end:
+            head = Header.read(plain)
+            data = read_bytes(plain, read_uint32(plain))
+            if head.get_uint8("op") == RecordType.MSGDATA and head.get_uint32("conn") in chosen:
+                topic = chosen[head.get_uint32("conn")].topic
+                yield topic, "sensor_msgs/JointState", head.get_time("time"), data
+
+
+def _reader(path: Path) -> Any:
+    """Return rosbags' reader; its AnyReader goes by suffixes, and parses types of all topics."""
+    from rosbags import rosbag1, rosbag2
+
+    class Reader1(rosbag1.Reader):
+        """Reads no index of messages: it grows with the recording."""
+
+        def read_index_data(self, pos: int, indexes: Any) -> None:
+            """Do nothing."""
+
+    return Reader1(path) if _kind(path) == "rosbag1" else rosbag2.Reader(path)
+
+
+def _decoded(packed: Iterable[Packed]) -> Iterator[JointMessage]:
+    from rosbags.typesys import Stores, get_typestore
+
+    cdr = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
+    ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+    for topic, kind, time, data in packed:
+        message: Any = (cdr if "/msg/" in kind else ros1)(data, JOINT_STATE)
+        stamp, logged = message.header.stamp, 1e-9 * time
+        fields = {
+            "stamp": stamp.sec + 1e-9 * stamp.nanosec or logged,
+            "name": message.name,
+            "position": message.position,
+            "velocity": message.velocity,
+            "effort": message.effort,
+        }
+        yield JointMessage(topic.lstrip("/"), logged, fields)
+
+
+@contextmanager
+def _rosbags(file: str) -> Iterator[None]:
+    """Turn the errors of rosbags about a file, and of its absence, into ours."""
+    try:
+        import apsw  # with rosbags
+        from rosbags.rosbag1 import ReaderError as Error1
+        from rosbags.rosbag2 import ReaderError as Error2
+        from rosbags.serde import SerdeError
+    except ImportError as error:
+        raise MissingExtraError("rosbags", "bags", "reading a bag") from error
+    own = (Error1, Error2, SerdeError, apsw.Error)
+    foreign = (OSError, ValueError, KeyError, IndexError, AssertionError, EOFError, struct.error)
+    try:
+        yield
+    except LogError:
+        raise
+    except (*own, *foreign) as error:
+        if "not indexed" in str(error):
+            raise LogError(file, "was not closed by its writer; run `rosbag reindex`") from error
+        raise LogError(file, f"cannot be read as a bag: {error}") from error

@@ -1,0 +1,52 @@
+"""Write small sample files for the commands that read files.
+
+DIR gets a PSM's log, a rosbag, tracks of motion capture, a robot's URDF and a lab's dVRK
+configuration, the same on every machine: simulated, not recorded on a robot. Needs the extra bags.
+"""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from pathlib import Path
+
+from trocar.cli.arguments import add_json
+from trocar.cli.output import print_result, table
+
+#: Source: our own choice: a robot with lengths off by some millimetres, of an ordinary system.
+SEED, SWEEP_S, RATE_HZ, NOISE_M, NOISE_RAD = 7, 12.0, 60.0, 1e-4, 1e-3
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("folder", metavar="DIR", help="a new folder, or an empty one")
+    parser.add_argument("--force", action="store_true", help="replace files of the same names")
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Write, and print what each file is."""
+    import numpy as np
+
+    from trocar.apps.folders import whole_folder
+    from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
+    from trocar.apps.samples import write_samples
+    from trocar.descriptions import load_arm
+
+    folder = Path(args.folder)
+    with whole_folder(folder, args.force) as built:
+        files = write_samples(built)
+        arm = perturbed(load_arm("psm"), np.random.default_rng(SEED))
+        noise = Noise(NOISE_M, NOISE_RAD)
+        settings = MocapSettings(
+            motion="kinematic", duration_s=SWEEP_S, rate_hz=RATE_HZ, noise=noise, seed=SEED
+        )
+        robot = f"perturbed with seed {SEED}"
+        write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
+        files["tracks.csv"] = "motion capture of a PSM whose lengths are not as drawn"
+    document = {"folder": str(folder), "files": files}
+    print_result(
+        args,
+        document,
+        lambda: table(("file", "content"), ((str(folder / n), w) for n, w in files.items()), ""),
+    )
+    return 0

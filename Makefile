@@ -29,7 +29,14 @@ EXTRAS_dev := [dev]
 # chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
 define tests
 $(BIN)/python -m pytest -m browser --durations=10 $(ARGS) || [ $$? = 5 ]
-OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser" -n $(JOBS) --dist loadfile --durations=30 $(ARGS)
+OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "not browser and not slow" -n $(JOBS) \
+	--dist worksteal --durations=30 $(ARGS)
+endef
+
+# More robots and longer runs of what the other tests prove once.
+define slow
+OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JOBS) \
+	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef
 
 # pip's own output is hundreds of lines, and silence for a minute looks like a hang.
@@ -44,7 +51,7 @@ define install
 	esac; done
 endef
 
-.PHONY: help venv run quick test check skipped lint bench cad docs ros1-venv clean
+.PHONY: help venv run quick test slow check skipped lint bench cad docs ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -64,11 +71,15 @@ quick: .venv/.ready-test ## run the tests of what changed, within a minute (ARGS
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --quick -m "not browser and not slow" \
 		-n $(JOBS) --dist loadfile --no-loadscope-reorder $(ARGS)
 
-test: .venv/.ready-test ## run all tests (browser tests where there is a Chromium)
+test: .venv/.ready-test ## run all tests but the slow ones (browser tests where there is a Chromium)
 	$(tests)
 
-check: lint ## format, lint, types, then all tests with the wheel's among them
+slow: .venv/.ready-test ## run the slow tests
+	$(slow)
+
+check: lint ## format, lint, types, then all tests, the slow ones and the wheel's among them
 	$(tests)
+	$(slow)
 
 skipped: .venv/.ready-dev ## run what the last make test skipped, where all judges are installed
 	$(BIN)/python -m pytest --skipped-before -m browser $(ARGS) || [ $$? = 5 ]
@@ -88,7 +99,7 @@ cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
 	$(BIN)/python tools/docs/command_line.py
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 
 ros1-venv: .venv-ros1/.ready ## build .venv-ros1 on the Python that has rospy, for trocar sim --ros1

@@ -356,7 +356,7 @@ def running() -> Iterator[Run]:
 def looking(url: str, path: str = "") -> Iterator[None]:
     """Load a page in a browser until the block ends, or in a program without a path."""
     with TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        words = (sys.executable, "-m", "trocar.interfaces.viewer.spectator", url)
+        words = (sys.executable, str(Path(__file__).with_name("spectator.py")), url)
         if path:
             root = ("--no-sandbox",) if hasattr(os, "geteuid") and os.geteuid() == 0 else ()
             words = (path, *FLAGS, *root, f"--user-data-dir={profile}", url)

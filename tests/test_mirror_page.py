@@ -81,9 +81,9 @@ def test_every_source_of_the_page_is_an_option(capsys: pytest.CaptureFixture[str
     [
         (["--bag", "x.bag", "--ros1"], "not allowed with argument"),
         ([], "one of the arguments --ros1 --ros2 --websocket --bag is required"),
-        (["--bag", "x.bag", "--no-page"], "x.bag: there is no such file; allowed: rosbag 1"),
-        (["--bag", "x.bag", "--json"], "--json: only a run without the page has a report"),
-        (["--ros1", "--speed", "max"], "--speed max: a robot that is there now"),
+        (["--bag", "x.bag", "--no-page"], "x.bag: no such file; allowed: rosbag 1"),
+        (["--bag", "x.bag", "--json"], "--json: allowed with --no-page only"),
+        (["--ros1", "--speed", "max"], "--speed max: allowed with --bag only"),
         (["--websocket", "here"], "allowed: ws://HOST:PORT"),
         (["--bag", "x.bag", "--duration", "0"], "--duration: got 0; allowed: above 0 s"),
     ],

@@ -28,7 +28,7 @@ def text(page: str) -> str:
 
 @pytest.mark.parametrize(
     "page",
-    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8") and p.stem != "ros"],
+    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8") and p.stem != "sockets"],
     ids=lambda p: p.stem,
 )
 def test_the_python_of_a_page_runs_from_top_to_bottom(
@@ -52,14 +52,14 @@ def python(page: str) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```$", text(page), re.DOTALL | re.MULTILINE)
 
 
-def test_the_client_on_the_page_about_ros_talks_to_a_simulator() -> None:
+def test_the_client_on_the_page_about_sockets_talks_to_a_simulator() -> None:
     pytest.importorskip("roslibpy", reason="the extra `clients` is not there")
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", 9090)) == 0:
             pytest.skip("something else listens on port 9090, which the page names")
     with served(["--no-page", "--rig", "psm"], r"ws://\S+"):
         done = subprocess.run(
-            [sys.executable, "-c", "\n".join(python("ros.md"))],
+            [sys.executable, "-c", "\n".join(python("sockets.md"))],
             capture_output=True,
             text=True,
             timeout=60,

@@ -120,7 +120,7 @@ class UndeterminedError(InputError):
         way = "" if self.direction is None else f" {tuple(round(v, 3) for v in self.direction)}"
         super().__init__(
             f"{problem}{way}: got {got:.4f} rad (condition number {condition:.3g}), "
-            f"at least {wanted:g} rad wanted"
+            f"expected at least {wanted:g} rad"
         )
 
 

@@ -53,7 +53,7 @@ def test_a_duration_that_is_no_time_is_refused(duration):
 
 
 def test_a_timestep_that_does_not_divide_the_tick_is_refused():
-    with pytest.raises(InputError, match=r"allowed: what divides 0\.005 s evenly"):
+    with pytest.raises(InputError, match=r"allowed: 0\.005 s divided by a whole number"):
         periods_per_tick(World("psm", timestep_s=0.003))
 
 

@@ -50,7 +50,7 @@ def test_everything_can_be_shown_of_every_eye(eyes: int, eye: str, show: str) ->
 
 def test_what_was_not_rendered_or_is_unknown_cannot_be_shown() -> None:
     bare = SimpleNamespace(left=frame().left, right=None, depth=None, ids=None, normals=None)
-    with pytest.raises(InputError, match="no depth"):
+    with pytest.raises(InputError, match="rendered without depth"):
         picture(bare, "left", "depth")
     with pytest.raises(UnknownNameError, match="both, left, right, anaglyph"):
         picture(bare, "third", "colour")
@@ -87,7 +87,7 @@ def test_an_ending_that_says_nothing_is_refused(name: str, tmp_path: Path) -> No
 
 
 def test_a_path_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="there is no folder"):
+    with pytest.raises(InputError, match="cannot be written: no folder"):
         take_picture(frame, tmp_path / "nowhere" / "scope.png")
     (tmp_path / "taken.png").mkdir()
     with pytest.raises(InputError, match="cannot be written"):
@@ -125,7 +125,7 @@ def test_a_video_that_cannot_be_written_or_is_none_is_refused(tmp_path: Path) ->
         (tmp_path / "a.mp4", {"duration_s": 0.0}, "duration"),
         (tmp_path / "a.mp4", {"rate_hz": float("nan")}, "rate"),
         (tmp_path / "a.mp4", {"motion": "dance"}, "instruments, sine, still"),
-        (tmp_path / "a.png", {}, "a video ends in"),
+        (tmp_path / "a.png", {}, "allowed for a video"),
     ):
         with pytest.raises(InputError, match=complaint):
             film(world, frame, path, **{**usual, **options})
@@ -147,7 +147,7 @@ def test_a_disk_that_is_full_is_an_error(pictures: int, tmp_path: Path) -> None:
             for _ in range(pictures):
                 add(rng.integers(0, 255, (240, 320, 3), np.uint8))
 
-    with pytest.raises(TrocarError, match=r"did not write all of \d+ pictures.*is the disk full"):
+    with pytest.raises(TrocarError, match=r"did not write all of \d+ frames.*is the disk full"):
         written()
 
 

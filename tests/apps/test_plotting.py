@@ -154,7 +154,7 @@ def test_what_cannot_be_drawn_is_refused(
         plot(file, tmp_path / "x.png", "PSM9")
     with pytest.raises(UnknownNameError, match=r"unknown joint 'elbow'.*known: .*insertion"):
         plot(file, tmp_path / "x.png", "PSM1", "elbow")
-    with pytest.raises(InputError, match=r"got the ending '\.pdf'; allowed: \.png, \.html"):
+    with pytest.raises(InputError, match=r"got extension '\.pdf'; allowed: \.png, \.html"):
         plot(file, tmp_path / "x.pdf")
     with pytest.raises(InputError, match=r"no/x\.png: cannot be written: No such file"):
         plot(file, tmp_path / "no" / "x.png", "PSM1", "yaw")

@@ -37,12 +37,12 @@ def crooked() -> StereoCalibration:
     )
 
 
-def assert_same(found: Any, wanted: StereoCalibration, atol: float = 0.0) -> None:
-    for one, other in zip(found.eyes, wanted.eyes, strict=True):
+def assert_same(found: Any, expected: StereoCalibration, atol: float = 0.0) -> None:
+    for one, other in zip(found.eyes, expected.eyes, strict=True):
         assert one.size == other.size
         np.testing.assert_allclose(one.K, other.K, rtol=0, atol=atol)
         np.testing.assert_allclose(one.distortion, other.distortion, rtol=0, atol=atol)
-    np.testing.assert_allclose(found.T_left_right, wanted.T_left_right, rtol=0, atol=1e-14 + atol)
+    np.testing.assert_allclose(found.T_left_right, expected.T_left_right, rtol=0, atol=1e-14 + atol)
 
 
 # ------------------------------------------------------------------ there and back
@@ -365,7 +365,7 @@ def test_exchanged_eyes_are_found(tmp_path: Path) -> None:
         load_camera([right, left])
 
 
-def test_eyes_above_each_other_are_refused(tmp_path: Path) -> None:
+def test_eyes_above_each_other_are_rejected(tmp_path: Path) -> None:
     text = BY_HAND.replace("0, 663.774, 240, 0,", "0, 663.774, 240, -3.3,").replace(
         "320, 0,", "320, -0.001,"
     )
@@ -373,7 +373,7 @@ def test_eyes_above_each_other_are_refused(tmp_path: Path) -> None:
         load_camera(pair(tmp_path, right=text))
 
 
-def test_a_matrix_that_is_no_rotation_is_refused(tmp_path: Path) -> None:
+def test_a_matrix_that_is_no_rotation_is_rejected(tmp_path: Path) -> None:
     text = BY_HAND.replace("  data:\n  - 1\n", "  data:\n  - 1.5\n")
     with pytest.raises(DescriptionError, match=r"rectification_matrix: got .* a rotation matrix"):
         load_camera(pair(tmp_path, left=text))
@@ -409,14 +409,14 @@ NO_YAML = [
 
 
 @pytest.mark.parametrize(("text", "message"), NO_YAML)
-def test_what_is_no_yaml_is_refused_with_its_line(text: str, message: str, tmp_path: Path) -> None:
+def test_what_is_no_yaml_is_rejected_with_its_line(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "left.yaml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(DescriptionError, match=message):
         load_camera(path)
 
 
-def test_files_that_are_not_there_or_something_else_are_refused(tmp_path: Path) -> None:
+def test_files_that_are_not_there_or_something_else_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=r"none.yaml: cannot be read"):
         load_camera(tmp_path / "none.yaml")
     with pytest.raises(DescriptionError, match=r"scope.xml: is no calibration; allowed: .toml, "):

@@ -217,7 +217,7 @@ IMPOSSIBLE = [
 
 
 @pytest.mark.parametrize(("change", "message"), IMPOSSIBLE)
-def test_an_eye_that_cannot_be_is_refused(change: dict, message: str) -> None:
+def test_an_eye_that_cannot_be_is_rejected(change: dict, message: str) -> None:
     with pytest.raises(InputError, match=message):
         replace(EYE, **change)
 
@@ -237,17 +237,17 @@ APART = [
 
 
 @pytest.mark.parametrize(("shift", "message"), APART)
-def test_eyes_that_no_scope_has_are_refused(shift: list[float], message: str) -> None:
+def test_eyes_that_no_scope_has_are_rejected(shift: list[float], message: str) -> None:
     with pytest.raises(InputError, match=message):
         StereoCalibration(EYE, EYE, translation(shift))
 
 
-def test_eyes_with_pictures_of_two_sizes_are_refused() -> None:
+def test_eyes_with_pictures_of_two_sizes_are_rejected() -> None:
     with pytest.raises(InputError, match="is 640x480, the right one's 320x240; allowed: the same"):
         StereoCalibration(EYE, EYE.resized(320, 240), translation([5e-3, 0.0, 0.0]))
 
 
-def test_eyes_that_look_apart_are_refused() -> None:
+def test_eyes_that_look_apart_are_rejected() -> None:
     turn = matrix_from_rotation_vector(np.array([0.0, 1.0, 0.0]))
     with pytest.raises(InputError, match="the eyes look 57 deg apart; allowed: up to 45 deg"):
         StereoCalibration(EYE, EYE, transform(turn, [5e-3, 0.0, 0.0]))

@@ -17,14 +17,17 @@ LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
         (("--rig", "ecm", "--preset", "kitchen"), "dvrk_sd_640x480"),
         (
             ("--rig", "psm", "--preset", "hd_1280x720"),
-            "--preset: psm has no endoscope",
+            "--preset: rig psm has no rendered endoscope",
         ),
         (("--rig", "ecm", "--camera-rate", "0"), "camera rate: got 0 Hz"),
         (("--rig", "ecm", "--vignette", "3"), "vignette: got 3"),
-        (("--rig", "ecm", "--record-images"), "--record or --foxglove-record"),
-        (("--rig", "psm", "--record-images", "--record", "run.mcap"), "psm has no camera"),
-        (("--rig", "ecm", "--record-images", "--headless"), "add --record FILE"),
-        (("--rig", "psm", "--record-images", "--headless", "--record", "a"), "psm has no camera"),
+        (("--rig", "ecm", "--record-images"), "requires --record FILE or --foxglove-record FILE"),
+        (("--rig", "psm", "--record-images", "--record", "run.mcap"), "psm has no rendered camera"),
+        (("--rig", "ecm", "--record-images", "--headless"), "requires --record FILE"),
+        (
+            ("--rig", "psm", "--record-images", "--headless", "--record", "a"),
+            "rig psm has no camera",
+        ),
     ],
 )
 def test_what_cameras_cannot_do_is_refused(

@@ -124,7 +124,7 @@ POSE = ["0", "0", "-0.12", *DOWN]
             "X Y Z: got 0.0, -inf, 0.1; allowed: finite numbers",
         ),
         (["psm", 0, 0, -0.12, 0, 1, 0], "ik: the following arguments are required: QZ"),
-        (["psm", *POSE, "--seed", 0, 0], "seed: 6 finite numbers wanted, got [0.0, 0.0]"),
+        (["psm", *POSE, "--seed", 0, 0], "seed: expected 6 finite numbers, got [0.0, 0.0]"),
         (["psm", *POSE, "--platform", 0], "platform_angle: only an arm with a wrist platform"),
         (["suj_psm1", *POSE], "suj_psm1: no inverse kinematics: got a description that names no"),
         (["psm", *POSE, "--tool", "none"], "psm: not built as 'rcm_arm', whose joints are RRSRRR"),

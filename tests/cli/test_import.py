@@ -28,5 +28,5 @@ def test_the_wrong_unit_is_bad_input(trocar: Command, tmp_path: Path) -> None:
     trimesh.creation.box([100.0, 20.0, 10.0]).export(tmp_path / "bar.stl")
     answer = trocar("import", str(tmp_path / "bar.stl"), "-o", str(tmp_path / "bar"))
     assert answer.status == 2
-    assert "is 100 m long" in answer.complaint
+    assert "got a size of 100 m" in answer.complaint
     assert not (tmp_path / "bar").exists()

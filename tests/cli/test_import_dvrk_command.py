@@ -29,7 +29,7 @@ def test_json_tells_all_of_it(trocar: Command, tmp_path: Path) -> None:
     assert told["not_simulated"] == [f"{tmp_path / 'system-x.json'}: arms[].IO"]
     assert (told["agreement"].pop("bases"), told["agreement"].pop("chains")) == (0, 0)
     assert max(told["agreement"].values()) < 1e-9
-    assert "unknown key, not used" in answer.err
+    assert "unknown key, ignored" in answer.err
 
 
 def test_bad_input_is_one_line(trocar: Command, tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_bad_input_is_one_line(trocar: Command, tmp_path: Path) -> None:
     (tmp_path / "system-x.json").write_text(json.dumps(SYSTEM))
     answer = trocar("import-dvrk", str(tmp_path / "system-x.json"), "-o", str(tmp_path / "r.toml"))
     assert answer.status == 2
-    assert "arms[0].serial: got 'PSM1-1.json', which is in none of" in answer.complaint
+    assert "arms[0].serial: got 'PSM1-1.json', not found in" in answer.complaint
     answer = trocar("import-dvrk", lab(tmp_path), "-o", "x.toml", "--tool", "PSM1")
     assert answer.status == 2
     assert "allowed: PSM=TOOL" in answer.complaint

@@ -104,7 +104,7 @@ def test_a_loop_that_flattens_near_the_limits_is_warned_of(trocar, tmp_path):
     path.write_text(text.replace("lower_rad = -0.925025", "lower_rad = -1.2"), encoding="utf-8")
     answer = trocar("show", path, "--json")
     assert answer.status == 0
-    assert answer.err.startswith("trocar: warning: loop c1 flattens 0.080")
+    assert answer.err.startswith("trocar: warning: loop c1 is singular 0.080")
     assert "rad from the limits of pitch; allowed: 0.2 rad or more" in answer.err
     assert answer.document["arm"] == "psm"
     assert trocar("show", "psm", "--json").err == ""

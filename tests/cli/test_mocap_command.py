@@ -91,12 +91,12 @@ def test_a_calibrated_robot_stands_before_the_cameras(trocar, tmp_path):
     [
         (["--arm", "pms"], "unknown arm 'pms' (did you mean 'psm'?)"),
         (["--arm", "suj_psm1"], "suj_psm1: has no closed loop"),
-        (["--arm", "mtml", "--parts", "rcm"], "mtml: has no remote centre to swing about"),
+        (["--arm", "mtml", "--parts", "rcm"], "mtml: has no remote centre"),
         (["--arm", "mtml", "--perturb", "1"], "mtml: got a MTM; allowed: a PSM or an ECM"),
         (["--arm", "psm", "--perturb", "-1"], "--perturb: got -1; allowed"),
         (
             ["--arm", "psm", "--worn", "--calibration", "x"],
-            "--worn: a calibrated robot is",
+            "--worn: got --calibration too",
         ),
         (["--arm", "psm", "--perturb", "1", "--calibration", "x"], "not allowed with argument"),
         (["--arm", "psm", "--duration", "2"], "duration: got 2 s; allowed: at least 6 s"),

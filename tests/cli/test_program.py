@@ -19,6 +19,7 @@ from trocar.cli.program import COMMANDS
 from trocar.errors import DivergedError
 
 ROOT = Path(__file__).parents[2]
+CLI = ROOT / "src" / "trocar" / "cli"
 
 
 def start(*words: str) -> subprocess.Popen[bytes]:
@@ -38,6 +39,11 @@ def test_help_names_every_command(capsys):
     assert not end.value.code
     for name, summary in COMMANDS.items():
         assert f"  {name}" in told and summary in told
+
+
+def test_every_module_that_runs_is_a_command():
+    modules = {path.stem for path in CLI.glob("*.py") if "\ndef run(args" in path.read_text()}
+    assert {name.replace("-", "_") for name in COMMANDS} == modules
 
 
 def test_without_a_command_the_help_is_printed(trocar):

@@ -43,7 +43,7 @@ def test_the_table_tells_the_centre_in_millimetres(trocar, swept):
     answer = trocar("rcm", swept[0] / "both.csv", "--arm", "psm")
     assert answer.status == 0
     assert "from the pitch axis" in answer.out and "-516.000" in answer.out
-    assert "about each pose" in answer.out
+    assert "mean position per joint pose" in answer.out
 
 
 def test_pitch_alone_is_refused_with_the_angle_and_the_condition_number(trocar, swept):

@@ -104,7 +104,7 @@ def test_a_file_that_exists_is_replaced_only_with_overwrite(trocar, file, way):
 def test_people_are_told_that_the_motion_is_the_same(trocar, file):
     answer = trocar("replay", file)
     assert answer.status == 0
-    assert "1 commands, 901 periods (0.900 s)" in answer.out
+    assert "1 commands, 901 steps (0.900 s)" in answer.out
     assert "identical to the last bit (digest " in answer.out
 
 
@@ -115,7 +115,7 @@ def test_people_are_told_how_far_a_motion_is_off(trocar, tmp_path):
         world.step(900)
     answer = trocar("replay", file)
     assert answer.status == 1
-    assert "the motion DIFFERS from 0.000 s on; largest difference: " in answer.out
+    assert "motion DIFFERS from 0.000 s on; largest difference: " in answer.out
     assert "of PSM1/yaw" in answer.out
     assert trocar("replay", file, "--json").document["difference"]["joint"] == "PSM1/yaw"
 

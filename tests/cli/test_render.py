@@ -50,7 +50,7 @@ def test_a_video_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     ("options", "complaint"),
     [
         (["-o", "scope.gif"], "allowed: .png, .jpg, .jpeg, .mp4"),
-        (["-o", "nowhere/scope.png"], "there is no folder"),
+        (["-o", "nowhere/scope.png"], "no folder"),
         (["-o", "scope.png", "--rig", "psm"], "has no camera"),
         (["-o", "scope.png", "--rig", "ecm", "--camera", "kitchen"], "known: endoscope"),
         (["-o", "scope.png", "--rig", "ecm", "--preset", "kitchen"], "dvrk_sd_640x480"),
@@ -60,7 +60,7 @@ def test_a_video_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
         (["-o", "scope.png", "--rig", "ecm", "--exposure", "99"], "exposure: got 99"),
         (["-o", "scope.png", "--rig", "ecm", "--angle", "45"], "45"),
         (["-o", "scope.png", "--rig", "ecm", "--after", "-1"], "--after: got -1"),
-        (["-o", "scope.png", "--rig", "ecm", "--duration", "3"], "for videos"),
+        (["-o", "scope.png", "--rig", "ecm", "--duration", "3"], "with a video (.mp4) only"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_what_is_allowed(

@@ -61,7 +61,7 @@ def test_the_table_has_a_line_per_joint_with_units(
     assert run(log, "--mode", "effort", "--window", "0.1") == 0
     printed = capsys.readouterr()
     head, _, _, *lines = printed.out.splitlines()
-    assert "60 samples (0.30 s), 0 beyond a limit" in head
+    assert "60 samples (0.30 s), 0 clipped" in head
     assert [line.split()[0] for line in lines] == JOINTS
     assert " mrad" in lines[0] and " N m" in lines[0]
     assert " mm" in lines[2] and " N " in lines[2]

@@ -77,7 +77,9 @@ def test_a_script_that_takes_too_long_ends_with_status_1(
     path.write_text("import time\ntime.sleep(60)\n", encoding="utf-8")
     assert main(["run", "--speed", "max", "--rig", "psm", "--timeout", "2", str(path)]) == 1
     said = capsys.readouterr().err
-    assert said == "trocar: error: late.py: not over after 2 s; it was at line 2: time.sleep(60)\n"
+    assert (
+        said == "trocar: error: late.py: not finished after 2 s; it was at line 2: time.sleep(60)\n"
+    )
 
 
 def trocar(words: list[str], folder: Path) -> str:
@@ -107,7 +109,7 @@ def test_the_page_runs_as_written(tmp_path: Path) -> None:
 
 def test_a_page_needs_the_wall_clock(script: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "--page", "--speed", "max", script]) == 2
-    assert "--page: only at the wall clock's pace" in capsys.readouterr().err
+    assert "--page: got --speed max; allowed: --speed realtime" in capsys.readouterr().err
 
 
 def test_the_page_is_served_beside_the_script(tmp_path: Path) -> None:
@@ -127,7 +129,7 @@ def test_the_page_is_served_beside_the_script(tmp_path: Path) -> None:
             if line.startswith("http"):
                 with urlopen(line.split()[0]) as page:
                     assert page.status == 200
-            if "is over" in line:
+            if "script finished" in line:
                 process.send_signal(signal.SIGINT)
         assert process.wait(30.0) == 0, said
     assert said[0].startswith("http://127.0.0.1:")

@@ -21,9 +21,9 @@ def test_the_help_shows_what_everything_does(device: str) -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--no-page"], "the page takes the keys"),
-        (["--no-websocket"], "the page takes the keys"),
-        (["--device", "masters", "--rig", "psm"], "as full_cart_mtm"),
+        (["--no-page"], "requires the web viewer and the WebSocket"),
+        (["--no-websocket"], "requires the web viewer and the WebSocket"),
+        (["--device", "masters", "--rig", "psm"], "e.g. full_cart_mtm"),
         (["--arm", "PSM9", "--duration", "0.1"], "allowed: PSM1, PSM2"),
         (["--scale", "3"], "above 0 to 1"),
         (["--pose", "nowhere"], "nowhere"),
@@ -47,6 +47,6 @@ def test_it_serves_and_says_what_keys_do(capsys: pytest.CaptureFixture[str]) -> 
         gc.unfreeze()  # serving freezes what there is, which other libraries stumble over
     told = capsys.readouterr().out
     assert "W  S" in told
-    assert "use PSM1, PSM2\n" in told  # the rig's
+    assert "select PSM1, PSM2\n" in told  # the rig's
     assert "http://127.0.0.1:" in told
     assert "ws://127.0.0.1:" in told

@@ -30,7 +30,7 @@ def test_tune_prints_one_document_and_its_progress_beside_it(trocar):
 def test_tune_tells_people_before_and_after_and_what_to_paste(trocar):
     answer = trocar("tune", "ecm", "--joint", "roll", "--control", "paper")
     assert answer.status == 0
-    for text in ("rise [ms]", "overshoot [%]", "settled [ms]", "present", "tuned", "# ecm"):
+    for text in ("rise [ms]", "overshoot [%]", "settling [ms]", "present", "tuned", "# ecm"):
         assert text in answer.out
     for text in ("gains 'paper'", "[control.paper]\npid = { yaw = [700.0, 1.0, 90.0], "):
         assert text in answer.out

@@ -117,8 +117,8 @@ def test_a_wrong_base_ends_a_command_with_2(head, where, written, capsys) -> Non
     ring = written('schema = 1\nname = "B"\nbase = "mine.toml"\n', "ring.toml")
     path = written(head + "\n" if "schema" in head else f"schema = 1\n{head}\n")
     assert main(["fk", "psm", "0", "0", "0.12", "0", "0", "0", "--tool", str(path)]) == 2
-    said = capsys.readouterr().err
-    assert f"{ring if 'ring' in head else path}: {where}" in said
+    message = capsys.readouterr().err
+    assert f"{ring if 'ring' in head else path}: {where}" in message
 
 
 def test_twins_of_the_si_have_the_chain_of_the_classic_with_a_longer_shaft() -> None:

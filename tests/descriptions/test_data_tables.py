@@ -119,8 +119,8 @@ def test_endoscope_tip_is_the_dvrks(name: str) -> None:
 def test_instrument_tip_is_the_dvrks(name: str, drop: float, shaft: float) -> None:
     arm = load_arm(name)
     for q in samples(arm, 100):
-        wanted = instrument_chain(q, drop, shaft)
-        np.testing.assert_allclose(pose(arm.mechanism, q), wanted, rtol=0, atol=EXACT)
+        expected = instrument_chain(q, drop, shaft)
+        np.testing.assert_allclose(pose(arm.mechanism, q), expected, rtol=0, atol=EXACT)
 
 
 @pytest.mark.parametrize("name", ["mtml", "mtmr"])
@@ -136,17 +136,17 @@ def test_setup_tip_and_remote_centre_are_the_dvrks(name: str) -> None:
     along, up = (0.6126, 0.1016) if name == "suj_ecm" else (0.4864, 0.1524)
     for q in samples(arm, 100):
         found = poses(arm.mechanism, q, "cart")
-        wanted = setup_chain(name, q)
-        np.testing.assert_allclose(found["suj_6"], wanted, rtol=0, atol=EXACT)
+        expected = setup_chain(name, q)
+        np.testing.assert_allclose(found["suj_6"], expected, rtol=0, atol=EXACT)
         origin = np.array([[0, 1, 0, along], [-1, 0, 0, 0], [0, 0, 1, up], [0, 0, 0, 1.0]])
-        np.testing.assert_allclose(found["tip"], wanted @ origin, rtol=0, atol=EXACT)
+        np.testing.assert_allclose(found["tip"], expected @ origin, rtol=0, atol=EXACT)
         centre = found["mount"] @ np.array([0.0, along, 0.0, 1.0])
         np.testing.assert_allclose(centre, found["tip"][:, 3], rtol=0, atol=EXACT)
 
 
 def test_ecm_stands_where_the_mended_table_puts_it() -> None:
     # Source: positions at q = 0 from the mended rows, rounded betas; 0.2 mm is their rounding
-    wanted = {
+    expected = {
         "pitch_front": (0.0, 0.2722, 0.0),
         "pitch_back": (0.0, 0.23563, -0.0098),
         "pitch_bottom": (0.0, 0.16921, 0.28677),
@@ -157,7 +157,7 @@ def test_ecm_stands_where_the_mended_table_puts_it() -> None:
     }
     arm = load_arm("ecm")
     found = poses(arm.mechanism, np.zeros(4), "base")
-    for frame, at in wanted.items():
+    for frame, at in expected.items():
         np.testing.assert_allclose(found[frame][:3, 3], at, rtol=0, atol=2e-4, err_msg=frame)
 
 
@@ -267,8 +267,8 @@ def test_the_carts_remote_centres_are_saws() -> None:
         q = rig.poses["start"][f"SUJ_{arm}"]
         along, up = (0.6126, 0.1016) if arm == "ECM" else (0.4864, 0.1524)
         tool_origin = translation(np.array([along, 0.0, up])) @ turn
-        wanted = above_floor @ setup_chain(f"suj_{arm.lower()}", q) @ tool_origin
-        np.testing.assert_allclose(remote_centre("full_cart", arm), wanted, rtol=0, atol=EXACT)
+        expected = above_floor @ setup_chain(f"suj_{arm.lower()}", q) @ tool_origin
+        np.testing.assert_allclose(remote_centre("full_cart", arm), expected, rtol=0, atol=EXACT)
 
 
 def remote_centre(rig_name: str, arm_name: str) -> Array:

@@ -85,7 +85,7 @@ def test_a_fault_in_a_mesh_is_named(name: str, data: bytes, problem: str, tmp_pa
     assert str(caught.value).startswith(f"{tmp_path / 'tool.toml'}: body[4].shape[1].file: ")
 
 
-def test_too_many_triangles_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_triangles_are_rejected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("trocar.descriptions.meshes.MOST_TRIANGLES", 5)
     with pytest.raises(DescriptionError, match=r"has 6 triangles; allowed: up to 5"):
         read(tmp_path, "a.stl", ascii_stl())

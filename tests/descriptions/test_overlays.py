@@ -1,4 +1,4 @@
-"""Overlays: what they change, what they leave alone, and what is refused."""
+"""Overlays: what they change, what they leave alone, and what is rejected."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ ZERO = np.zeros(3)
                 closures={"c1": ClosurePatch(np.array([0.151, 0, 0]), np.array([0.096, 0, 0]))}
             ),
             DescriptionError,
-            "closures.c1: the loop is no parallelogram: it gapes by 0.001 m.*allowed: 1e-09 m",
+            "closures.c1: the loop is no parallelogram: its error is 0.001 m.*allowed: 1e-09 m",
         ),
         (
             psm_with(
@@ -163,7 +163,7 @@ ZERO = np.zeros(3)
                 closures={"c1": ClosurePatch(np.array([0.35, 0, 0]), np.array([0.096, 0, 0]))},
             ),
             DescriptionError,
-            "closures: psm: the loops gape by .* m at these joint positions",
+            "closures: psm: the loop error is .* m at these joint positions",
         ),
     ],
 )
@@ -176,15 +176,15 @@ def test_an_overlay_that_cannot_be_laid_over_says_why(overlay, error, message):
 def test_frames_of_a_tool_are_not_calibrated_whichever_tool_is_mounted(tool):
     at = load_arm("psm").mechanism.frame("wrist_pitch")
     overlay = psm_with(frames={"wrist_pitch": frame_patch(at)})
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError) as rejected:
         apply_overlay(load_arm("psm", tool), replace(overlay, file="o.toml"))
-    said = str(refused.value)
-    assert "o.toml: " in said
-    assert "wrist_pitch" in said
-    assert "pitch_end, insertion" in said
-    assert "finger_left" not in said
+    message = str(rejected.value)
+    assert "o.toml: " in message
+    assert "wrist_pitch" in message
+    assert "pitch_end, insertion" in message
+    assert "finger_left" not in message
     if tool is None:
-        assert "frames.wrist_pitch: is a frame of the tool LARGE_NEEDLE_DRIVER:400006" in said
+        assert "frames.wrist_pitch: is a frame of the tool LARGE_NEEDLE_DRIVER:400006" in message
 
 
 def test_pins_that_slide_stay_where_they_are(skew_overlay, rng):
@@ -200,8 +200,8 @@ def test_pins_that_slide_stay_where_they_are(skew_overlay, rng):
     again = apply_overlay(nominal, overlay_between(nominal, robot))
     q = np.linspace(robot.mechanism.lower, robot.mechanism.upper, 5)
     there, here = (poses(arm.mechanism, q) for arm in (robot, again))
-    for name, wanted in there.items():
-        assert np.abs(here[name] - wanted).max() < 1e-12, name
+    for name, expected in there.items():
+        assert np.abs(here[name] - expected).max() < 1e-12, name
 
 
 def test_one_calibration_is_not_laid_over_another():
@@ -275,7 +275,7 @@ def test_roots_stay_where_the_rig_has_them(file):
     assert robot.arm("ECM").arm.overlay is None
 
 
-def test_a_calibration_for_nobody_in_the_rig_is_refused(file):
+def test_a_calibration_for_nobody_in_the_rig_is_rejected(file):
     with pytest.raises(InputError, match="calibration of 'psm'; the arms of rig ecm are of ecm"):
         load_rig("ecm", file)
     with pytest.raises(UnknownNameError, match=r"unknown arm 'PSM9'.*known: PSM1, PSM2, PSM3"):

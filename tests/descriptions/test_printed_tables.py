@@ -127,12 +127,12 @@ def test_mended_table_is_the_arm_we_ship(name: str, tmp_path: Path) -> None:
         if name == "table4":  # its last two joints are the fingers, ours wrist yaw and jaw
             ours[5:] = 0.5 * (q[5] + q[6]), q[5] - q[6]
         found = poses(table.mechanism, q, table.root)
-        wanted = poses(arm.mechanism, ours, table.root)
+        expected = poses(arm.mechanism, ours, table.root)
         if name == "table3":
-            wanted["suj_7"] = wanted["mount"]
-        for frame in found.keys() & wanted.keys() - {"c1", "c2"}:
+            expected["suj_7"] = expected["mount"]
+        for frame in found.keys() & expected.keys() - {"c1", "c2"}:
             np.testing.assert_allclose(
-                found[frame], wanted[frame], rtol=0, atol=EXACT, err_msg=frame
+                found[frame], expected[frame], rtol=0, atol=EXACT, err_msg=frame
             )
 
 

@@ -122,7 +122,7 @@ def test_a_folder_of_one_s_own_gives_the_same_solid(folder: Path) -> None:
     assert theirs is not ours and theirs.volume == ours.volume
 
 
-def test_a_file_that_lacks_triangles_is_refused(folder: Path) -> None:
+def test_a_file_that_lacks_triangles_is_rejected(folder: Path) -> None:
     file = folder / "psm" / "yaw.cover.obj"
     file.write_text("\n".join(file.read_text().splitlines()[:-1]))
     with pytest.raises(DescriptionError, match=r"yaw.visual\[0\].triangles: got \d+; .* holds \d+"):
@@ -143,7 +143,7 @@ def test_a_broken_file_is_named(folder: Path, text: str, message: str) -> None:
         read_solid("psm/yaw", folder)
 
 
-def test_an_unknown_key_of_the_index_is_refused(folder: Path) -> None:
+def test_an_unknown_key_of_the_index_is_rejected(folder: Path) -> None:
     file = folder / "psm" / INDEX
     file.write_text(file.read_text().replace("[yaw]\n", "[yaw]\ncolour = 3\n"))
     with pytest.raises(DescriptionError, match=r"yaw.colour: unknown key"):

@@ -35,7 +35,7 @@ def test_texts_that_look_like_vectors_stay_as_they_are() -> None:
     assert tomllib.loads(toml_text(document)) == document
 
 
-def test_what_toml_lacks_is_left_out_or_refused_by_key() -> None:
+def test_what_toml_lacks_is_left_out_or_rejected_by_key() -> None:
     assert toml_text({"a": None, "b": {"c": None, "d": 1}}) == "[b]\nd = 1\n"
     with pytest.raises(InputError, match=r"frames.yaw.xyz_m: got nan; allowed: a finite number"):
         toml_text({"frames": {"yaw": {"xyz_m": [0.0, math.nan]}}})

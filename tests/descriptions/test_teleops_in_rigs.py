@@ -71,7 +71,7 @@ def test_a_master_may_be_no_arm_of_the_rig_for_it_may_be_a_real_one(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("got", "said"),
+    ("got", "message"),
     [
         (TOOL.format(more='kind = "x"').replace('kind = "psm"\n', ""), r"kind: got 'x'.*psm, ecm"),
         (TOOL.replace("PSM1", "PSM9").format(more=""), r"slave: got 'PSM9'; allowed: PSM1, PSM2"),
@@ -87,8 +87,8 @@ def test_a_master_may_be_no_arm_of_the_rig_for_it_may_be_a_real_one(tmp_path: Pa
         ),
     ],
 )
-def test_a_mistake_is_named(tmp_path: Path, got: str, said: str) -> None:
-    with pytest.raises(DescriptionError, match=said):
+def test_a_mistake_is_named(tmp_path: Path, got: str, message: str) -> None:
+    with pytest.raises(DescriptionError, match=message):
         rig(tmp_path, got)
 
 
@@ -100,8 +100,8 @@ def test_a_scope_cannot_be_driven_where_none_is(tmp_path: Path) -> None:
 def test_a_base_frame_says_what_poses_are_told_in(tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     text = (DATA / "rigs" / "psm.toml").read_text(encoding="utf-8")
-    told = 'base_frame = { name = "ECM", xyz_mm = [-200, 0, 0], rpy_deg = [0, 0, 90] }'
-    path.write_text(text.replace('name = "PSM1"\n', f'name = "PSM1"\n{told}\n', 1))
+    base_frame = 'base_frame = { name = "ECM", xyz_mm = [-200, 0, 0], rpy_deg = [0, 0, 90] }'
+    path.write_text(text.replace('name = "PSM1"\n', f'name = "PSM1"\n{base_frame}\n', 1))
     frame = load_rig(path).arm("PSM1").base_frame
     assert frame is not None
     assert frame.name == "ECM"

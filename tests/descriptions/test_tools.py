@@ -83,8 +83,8 @@ def test_a_tool_has_the_numbers_that_the_dvrk_has(tool: str) -> None:
     np.testing.assert_array_equal(arm.coupling.actuator_to_joint, coupling)
     shaft = SHAFT[code_of(tool)[:2]]
     for q in np.random.default_rng(3).uniform(arm.mechanism.lower, arm.mechanism.upper, (50, 7)):
-        wanted = chain(q, shaft, wrist / 1000)
-        np.testing.assert_allclose(pose(arm.mechanism, q), wanted, rtol=0, atol=EXACT)
+        expected = chain(q, shaft, wrist / 1000)
+        np.testing.assert_allclose(pose(arm.mechanism, q), expected, rtol=0, atol=EXACT)
 
 
 @pytest.mark.parametrize("tool", TOOLS)
@@ -193,6 +193,6 @@ def test_an_arm_that_was_changed_in_python_is_not_read_again() -> None:
         ("PSM1", "nowhere.toml", r"nowhere.toml: there is no such file"),
     ],
 )
-def test_a_tool_that_cannot_be_mounted_is_refused(arm: str, tool: str, message: str) -> None:
+def test_a_tool_that_cannot_be_mounted_is_rejected(arm: str, tool: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         rig_with_tool(load_rig("full_cart"), arm, tool)

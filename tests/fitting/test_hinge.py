@@ -106,12 +106,12 @@ def test_the_distance_of_two_axes_of_a_link_needs_no_home_pose():
 
 
 @pytest.mark.parametrize("n", [0, 7])
-def test_too_few_poses_are_refused(n):
+def test_too_few_poses_are_rejected(n):
     with pytest.raises(InputError, match=r"tracked at once in .* at least 8"):
         fit_hinge(np.tile(np.eye(4), (n, 1, 1)))
 
 
-def test_arrays_that_are_no_poses_are_refused():
+def test_arrays_that_are_no_poses_are_rejected():
     with pytest.raises(InputError, match=r"shape \(n, 4, 4\)"):
         fit_hinge(np.zeros((10, 3, 3)))
 

@@ -144,8 +144,8 @@ def test_a_body_that_is_lost_or_far_off_leaves_the_others_hinges_alone():
         lost[200:205] = True
         assert (fit.influence_a[200:205] == 0).all() and (fit.influence_b[200:205] == 0).all()
         assert (np.isnan(fit.angles) == lost).all()
-    for side, wanted in zip(sides(found), SIDES, strict=True):
-        assert abs(side.value - wanted) < 4 * side.sigma < 5e-4
+    for side, expected in zip(sides(found), SIDES, strict=True):
+        assert abs(side.value - expected) < 4 * side.sigma < 5e-4
 
 
 def test_a_pin_with_play_counts_less():

@@ -72,11 +72,11 @@ def test_a_point_that_wanders_as_far_as_the_papers_ecm_keeps_its_samples():
     assert found.rms == pytest.approx(wandering.rms, rel=0.02)
 
 
-def test_too_few_poses_are_refused():
+def test_too_few_poses_are_rejected():
     with pytest.raises(InputError, match="tracked in 5 of 5"):
         fit_pivot(np.tile(np.eye(3), (5, 1, 1)), np.zeros((5, 3)))
 
 
-def test_arrays_of_other_shapes_are_refused():
+def test_arrays_of_other_shapes_are_rejected():
     with pytest.raises(InputError, match=r"\(n, 3, 3\) and \(n, 3\)"):
         fit_pivot(np.zeros((9, 3, 3)), np.zeros((8, 3)))

@@ -77,8 +77,8 @@ def test_noise_is_told_from_motion_in_spite_of_outliers_and_dropouts():
     assert rotation == pytest.approx(1e-3, rel=0.1)
 
 
-def test_noise_of_a_body_hardly_seen_is_refused():
-    with pytest.raises(InputError, match="neighbouring samples; at least 20"):
+def test_noise_of_a_body_hardly_seen_is_rejected():
+    with pytest.raises(InputError, match="neighbouring samples; expected at least 20"):
         white_noise(np.full((50, 4, 4), np.nan))
 
 

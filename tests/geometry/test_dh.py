@@ -24,15 +24,15 @@ def about(turn, angle):
 def test_modified_row_is_rx_tx_rz_tz(row):
     a, alpha, d, theta = row
     turn_x, turn_z = about(rotations.rotation_x, alpha), about(rotations.rotation_z, theta)
-    wanted = turn_x @ along(0, a) @ turn_z @ along(2, d)
-    assert np.abs(dh.modified_dh(a, alpha, d, theta) - wanted).max() < 1e-15
+    expected = turn_x @ along(0, a) @ turn_z @ along(2, d)
+    assert np.abs(dh.modified_dh(a, alpha, d, theta) - expected).max() < 1e-15
 
 
 def test_standard_row_is_rz_tz_tx_rx(row):
     a, alpha, d, theta = row
     turn_x, turn_z = about(rotations.rotation_x, alpha), about(rotations.rotation_z, theta)
-    wanted = turn_z @ along(2, d) @ along(0, a) @ turn_x
-    assert np.abs(dh.standard_dh(a, alpha, d, theta) - wanted).max() < 1e-15
+    expected = turn_z @ along(2, d) @ along(0, a) @ turn_x
+    assert np.abs(dh.standard_dh(a, alpha, d, theta) - expected).max() < 1e-15
 
 
 def test_constants_broadcast_against_joint_values():
@@ -49,7 +49,7 @@ def test_rows_are_read_back_from_their_poses(row):
         assert np.abs(standard - numbers).max() < 1e-14
 
 
-def test_a_pose_that_no_row_makes_is_refused():
+def test_a_pose_that_no_row_makes_is_rejected():
     shifted = se3.translation([0.1, 0.2, 0.3])
     for read, name in (
         (dh.modified_dh_parameters, "modified"),

@@ -46,8 +46,8 @@ def test_turns_about_one_axis_add_up(rng):
 
 def test_rpy_turns_about_fixed_axes_x_then_y_then_z(rng):
     roll, pitch, yaw = rng.uniform(-3, 3, (3, 20))
-    wanted = r.rotation_z(yaw) @ r.rotation_y(pitch) @ r.rotation_x(roll)
-    assert np.abs(r.matrix_from_rpy(roll, pitch, yaw) - wanted).max() == 0.0
+    expected = r.rotation_z(yaw) @ r.rotation_y(pitch) @ r.rotation_x(roll)
+    assert np.abs(r.matrix_from_rpy(roll, pitch, yaw) - expected).max() == 0.0
     # Fixed axes: a turn of the x axis by yaw alone, whatever the roll.
     assert np.allclose(r.matrix_from_rpy(0.7, 0.0, 0.3)[:, 0], [np.cos(0.3), np.sin(0.3), 0])
 
@@ -142,8 +142,8 @@ def test_leading_axes_broadcast(rng):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (np.eye(4), r"rotation: shape \(..., 3, 3\) wanted, got \(4, 4\)"),
-        (np.full((3, 3), np.nan), "rotation: finite numbers wanted, got"),
+        (np.eye(4), r"rotation: expected shape \(..., 3, 3\), got \(4, 4\)"),
+        (np.full((3, 3), np.nan), "rotation: expected finite numbers, got"),
         (
             1.001 * np.eye(3),
             "rotation: not orthonormal, R\\^T R differs from the identity by 0.002",
@@ -165,6 +165,6 @@ def test_check_rotation_takes_float32_and_gives_float64(rng):
     ("bad", "message"),
     [([0, 0, 0, 0], "non-zero length"), ([np.nan, 0, 0, 0], "finite"), ([1, 0, 0], "shape")],
 )
-def test_bad_quaternions_are_refused(bad, message):
+def test_bad_quaternions_are_rejected(bad, message):
     with pytest.raises(InputError, match=message):
         r.matrix_from_quaternion(bad)

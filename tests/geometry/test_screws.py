@@ -21,8 +21,8 @@ def test_a_hinge_turns_about_its_line(rng):
     unit = axis / np.linalg.norm(axis, axis=-1, keepdims=True)
     R = rotations.matrix_from_rotation_vector(unit * amount[:, None])
     there, back = se3.translation(point), se3.translation(-point)
-    wanted = there @ se3.transform(R, np.zeros(3)) @ back
-    assert np.abs(moved - wanted).max() < ROUNDING
+    expected = there @ se3.transform(R, np.zeros(3)) @ back
+    assert np.abs(moved - expected).max() < ROUNDING
     along = point + 0.7 * unit
     assert np.abs(se3.transform_points(moved, along) - along).max() < ROUNDING
 
@@ -71,12 +71,16 @@ def test_nearest_point_has_the_least_sum_of_squares(rng):
 @pytest.mark.parametrize(
     ("points", "directions", "message"),
     [
-        (np.zeros((2, 2)), np.zeros((2, 2)), r"shape \(n, 3\) wanted, got \(2, 2\)"),
-        (np.zeros((1, 3)), np.ones((1, 3)), "at least two wanted, got 1"),
+        (np.zeros((2, 2)), np.zeros((2, 2)), r"shape \(n, 3\), got \(2, 2\)"),
+        (np.zeros((1, 3)), np.ones((1, 3)), "expected at least two, got 1"),
         (np.eye(3), np.ones((3, 3)), "all are parallel"),
-        (np.zeros((2, 3)), np.zeros((2, 3)), "direction: finite and of non-zero length wanted"),
+        (
+            np.zeros((2, 3)),
+            np.zeros((2, 3)),
+            "direction: expected a finite vector of non-zero length",
+        ),
     ],
 )
-def test_lines_without_a_nearest_point_are_refused(points, directions, message):
+def test_lines_without_a_nearest_point_are_rejected(points, directions, message):
     with pytest.raises(InputError, match=message):
         screws.nearest_point_to_lines(points, directions)

@@ -74,8 +74,8 @@ def test_exponential_solves_its_differential_equation(rng):
 def test_adjoint_carries_twists_between_frames(rng):
     T, xi = random_poses(rng), 0.5 * rng.standard_normal((500, 6))
     carried = (se3.adjoint(T) @ xi[..., None])[..., 0]
-    wanted = T @ se3.exp_twist(xi) @ se3.inverse(T)
-    assert np.abs(se3.exp_twist(carried) - wanted).max() < ROUNDING
+    expected = T @ se3.exp_twist(xi) @ se3.inverse(T)
+    assert np.abs(se3.exp_twist(carried) - expected).max() < ROUNDING
 
 
 def test_adjoint_of_a_product_is_the_product_of_adjoints(rng):
@@ -109,9 +109,9 @@ def test_inputs_are_not_written_to(rng):
 @pytest.mark.parametrize(
     ("bad", "message"),
     [
-        (np.eye(3), r"pose: shape \(..., 4, 4\) wanted, got \(3, 3\)"),
-        (np.full((4, 4), np.inf), "pose: finite numbers wanted"),
-        (2 * np.eye(4), r"pose: last row \(0, 0, 0, 1\) wanted, got \[0.0, 0.0, 0.0, 2.0\]"),
+        (np.eye(3), r"pose: expected shape \(..., 4, 4\), got \(3, 3\)"),
+        (np.full((4, 4), np.inf), "pose: expected finite numbers"),
+        (2 * np.eye(4), r"pose: expected last row \(0, 0, 0, 1\), got \[0.0, 0.0, 0.0, 2.0\]"),
         (np.diag([2, 1, 1, 1]), "pose: rotation part: not orthonormal"),
         (np.diag([1, -1, 1, 1]), "pose: rotation part: a reflection"),
     ],

@@ -192,7 +192,7 @@ def test_a_full_inbox_refuses_moves_with_a_warning_but_takes_servos(caplog):
     accepted = [inbox.post(Command("PSM1", "move_jp", {"q": (float(k),)})) for k in range(70)]
     assert accepted == [True] * 64 + [False] * 6
     assert inbox.rejected == 6
-    assert "64 commands wait already" in caplog.text
+    assert "64 commands pending" in caplog.text
     assert inbox.post(Command("PSM1", "servo_jp", {"q": (0.0,)}))
     assert len(inbox.drain()) == 65
 
@@ -280,7 +280,7 @@ def test_an_exception_that_no_command_should_raise_is_logged_once_and_the_loop_g
     loop.run(duration_s=0.1)
     assert world.time == pytest.approx(0.1)
     assert loop.state.refused == 3
-    assert [r.exc_info is not None for r in caplog.records if "refused" in r.message] == [True]
+    assert [r.exc_info is not None for r in caplog.records if "rejected" in r.message] == [True]
 
 
 def test_a_diverged_world_stops_the_loop_and_tells_whoever_waits():
@@ -297,7 +297,7 @@ def test_the_loop_runs_in_a_thread_until_it_is_stopped():
     loop = threaded(world)
     loop.start()
     assert loop.running and not loop.wait(0.05)
-    with pytest.raises(InputError, match="runs already"):
+    with pytest.raises(InputError, match="already running"):
         loop.start()
     loop.stop()
     assert not loop.running and loop.wait()

@@ -16,10 +16,10 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces import Loop
 from trocar.interfaces.pictures import (
     FORMATS,
+    DrawSchedule,
     Packer,
     Pictures,
     Shot,
-    Shutter,
     anaglyph,
     side_by_side,
 )
@@ -116,7 +116,7 @@ def test_a_renderer_that_is_too_slow_draws_the_newest_and_what_it_missed_is_coun
         until(lambda: studio.pictures.made == 3)
     assert [shot.stamp for shot in looker.shots] == [(0, 1), (1, 0), (99, 0)]
     assert [r.message for r in caplog.records if "dropped" in r.message] == [
-        "drawing is slower than 60 Hz: 1 pictures were dropped so far"
+        "rendering is slower than 60 Hz: 1 images dropped so far"
     ]
 
 
@@ -125,21 +125,21 @@ def test_a_picture_is_taken_when_it_is_due_and_would_be_drawn_soon(
 ) -> None:
     now = 0.0
     monkeypatch.setattr("trocar.interfaces.pictures.time.perf_counter", lambda: now)
-    shutter = Shutter()
+    schedule = DrawSchedule()
     for _ in range(100):  # it learns that drawing takes 20 ms
-        shutter.begin()
+        schedule.begin()
         now += 0.020
-        shutter.end()
-    assert not shutter.takes(due=False)
-    assert shutter.takes(due=True) and not shutter.owed
-    shutter.begin()
+        schedule.end()
+    assert not schedule.starts(due=False)
+    assert schedule.starts(due=True) and not schedule.owed
+    schedule.begin()
     now += 0.010
-    assert not shutter.takes(due=True) and shutter.owed  # it would wait
+    assert not schedule.starts(due=True) and schedule.owed  # it would wait
     now += 0.008
-    assert not shutter.takes(due=False, free=False)  # another one waits
-    assert shutter.takes(due=False) and not shutter.owed
+    assert not schedule.starts(due=False, free=False)  # another one waits
+    assert schedule.starts(due=False) and not schedule.owed
     now += 1.0
-    assert shutter.takes(due=True)  # this one takes longer than usual: it will not for ever
+    assert schedule.starts(due=True)  # this one takes longer than usual: it will not for ever
 
 
 def test_what_is_due_while_another_is_owed_is_dropped_and_counted() -> None:
@@ -171,7 +171,7 @@ def test_without_a_graphics_library_there_is_one_warning_and_the_simulation_goes
         until(lambda: bool(studio.pictures.failure))
         assert studio.pictures.shoot(studio.world) == {}
         studio.world.step(10)
-    assert [r.message for r in caplog.records] == ["no pictures: no OpenGL"]
+    assert [r.message for r in caplog.records] == ["no images: no OpenGL"]
 
 
 def test_a_picture_of_a_tool_that_is_gone_is_dropped_and_those_after_it_come() -> None:

@@ -61,7 +61,7 @@ def test_a_watcher_learns_of_commands_that_raise(
     loop.tick()
     assert [c for c, _ in onlooker.refusals] == [command] * 3
     assert "dance" in onlooker.refusals[0][1]
-    assert caplog.text.count("refused: ") == 1  # the same complaint, once
+    assert caplog.text.count("rejected: ") == 1  # the same complaint, once
 
 
 def test_the_same_complaint_is_due_once_in_two_seconds_with_how_many_were_left_out() -> None:

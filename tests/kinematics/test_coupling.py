@@ -50,8 +50,8 @@ def test_one_disc_turns_one_finger():
 
 def test_efforts_go_by_the_transpose():
     # 1 N m about the wrist yaw axis loads the wrist pitch disc and both finger discs: row 3 of A.
-    wanted = [0.0, -0.8306, 0.6089, 0.6089]
-    assert c.actuator_effort_from_joint(DRIVER, [0, 0, 1, 0]).tolist() == wanted
+    expected = [0.0, -0.8306, 0.6089, 0.6089]
+    assert c.actuator_effort_from_joint(DRIVER, [0, 0, 1, 0]).tolist() == expected
 
 
 def test_matrices_are_kept_as_read_only_copies():
@@ -66,13 +66,13 @@ def test_matrices_are_kept_as_read_only_copies():
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        (np.ones((2, 3)), r"a square matrix wanted, got shape \(2, 3\)"),
-        (np.zeros((0, 0)), "a square matrix wanted"),
-        (np.full((2, 2), np.nan), "finite numbers wanted"),
-        (np.ones((2, 2)), "that can be inverted wanted, got condition"),
+        (np.ones((2, 3)), r"expected a square matrix, got shape \(2, 3\)"),
+        (np.zeros((0, 0)), "expected a square matrix"),
+        (np.full((2, 2), np.nan), "expected finite numbers"),
+        (np.ones((2, 2)), "expected an invertible matrix, got condition"),
     ],
 )
-def test_matrices_that_cannot_couple_are_refused(matrix, message):
+def test_matrices_that_cannot_couple_are_rejected(matrix, message):
     with pytest.raises(InputError, match=message):
         c.Coupling(matrix)
 
@@ -86,6 +86,6 @@ def test_matrices_that_cannot_couple_are_refused(matrix, message):
         c.actuator_effort_from_joint,
     ],
 )
-def test_values_of_another_length_are_refused(convert):
-    with pytest.raises(InputError, match=r"4 values along the last axis wanted, got \(3,\)"):
+def test_values_of_another_length_are_rejected(convert):
+    with pytest.raises(InputError, match=r"expected 4 values along the last axis, got \(3,\)"):
         convert(DRIVER, [1.0, 2.0, 3.0])

@@ -114,17 +114,17 @@ def test_the_jaws_open_by_half_the_angle_each():
 
 
 @pytest.mark.parametrize("bad", [[0.0] * 6, 0.0, [[0.0] * 8]])
-def test_a_wrong_number_of_joints_is_refused(bad):
+def test_a_wrong_number_of_joints_is_rejected(bad):
     with pytest.raises(InputError, match=r"got joint positions of shape .*allowed \(\.\.\., 7\)"):
         forward.pose(load_arm("psm").mechanism, bad)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_joint_positions_that_are_no_numbers_are_refused(bad):
+def test_joint_positions_that_are_no_numbers_are_rejected(bad):
     with pytest.raises(InputError, match="must be finite"):
         forward.pose(load_arm("ecm").mechanism, [0, bad, 0, 0])
 
 
-def test_an_unknown_frame_is_refused_with_the_known_ones():
+def test_an_unknown_frame_is_rejected_with_the_known_ones():
     with pytest.raises(UnknownNameError, match=r"did you mean 'pitch_back'.*counterweight"):
         forward.pose(load_arm("psm").mechanism, np.zeros(7), "pitch_bak")

@@ -167,9 +167,9 @@ def test_the_wrist_at_the_remote_centre_is_said_to_be_singular() -> None:
 
 
 def test_an_arm_without_a_closed_form_says_so() -> None:
-    wanted = "suj_psm1: no inverse kinematics: .* names no structure; .* are rcm_arm, rcm_scope"
+    expected = "suj_psm1: no inverse kinematics: .* names no structure; .* are rcm_arm, rcm_scope"
     arm = load_arm("suj_psm1")
-    with pytest.raises(InputError, match=wanted):
+    with pytest.raises(InputError, match=expected):
         inverse_kinematics(arm.mechanism, arm.inverse_kinematics, np.eye(4))
     with pytest.raises(InputError, match="got structure 'scara'"):
         inverse_kinematics(load_arm("psm").mechanism, "scara", np.eye(4))
@@ -180,7 +180,7 @@ def test_an_arm_without_its_tool_asks_for_it() -> None:
         inverse_kinematics(load_arm("psm", tool="none").mechanism, "rcm_arm", np.eye(4))
 
 
-def test_another_structure_is_refused() -> None:
+def test_another_structure_is_rejected() -> None:
     with pytest.raises(InputError, match="not built as 'gimbal_arm', whose joints are RRRRRRR"):
         inverse_kinematics(load_arm("psm").mechanism, "gimbal_arm", np.eye(4))
     mirrored = load_arm("psm").mechanism
@@ -199,14 +199,14 @@ def test_only_an_arm_with_a_platform_takes_its_angle() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.full((4, 4), np.nan), np.eye(3), np.zeros((2, 4, 4))])
-def test_a_pose_that_is_none_is_refused(bad: Array) -> None:
+def test_a_pose_that_is_none_is_rejected(bad: Array) -> None:
     with pytest.raises(InputError):
         inverse_kinematics(load_arm("psm").mechanism, "rcm_arm", bad)
 
 
 @pytest.mark.parametrize("seed", [[0.0] * 5, [np.nan] * 6])
-def test_a_seed_that_is_none_is_refused(seed: list[float]) -> None:
+def test_a_seed_that_is_none_is_rejected(seed: list[float]) -> None:
     mechanism = load_arm("psm").mechanism
     T = forward.pose(mechanism, [0.2, -0.3, 0.12, 0.4, 0.5, -0.6, 0.0])
-    with pytest.raises(InputError, match="seed: 6 finite numbers wanted"):
+    with pytest.raises(InputError, match="seed: expected 6 finite numbers"):
         inverse_kinematics(mechanism, "rcm_arm", T, seed)

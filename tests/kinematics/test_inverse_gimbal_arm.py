@@ -143,11 +143,11 @@ def test_a_wrist_above_the_outer_yaw_is_singular():
         inverse_gimbal_arm(MTM, pose, *WIDE)
 
 
-def test_bad_arguments_are_refused():
+def test_bad_arguments_are_rejected():
     pose = tip(np.zeros(7))
-    with pytest.raises(InputError, match="platform_angle: a finite number wanted, got nan"):
+    with pytest.raises(InputError, match="platform_angle: expected a finite number, got nan"):
         inverse_gimbal_arm(MTM, pose, *RIGHT, platform_angle=np.nan)
-    with pytest.raises(InputError, match="pose: finite numbers wanted"):
+    with pytest.raises(InputError, match="pose: expected finite numbers"):
         inverse_gimbal_arm(MTM, pose * np.nan, *RIGHT)
-    with pytest.raises(InputError, match="seed: 7 finite numbers wanted"):
+    with pytest.raises(InputError, match="seed: expected 7 finite numbers"):
         inverse_gimbal_arm(MTM, pose, *RIGHT, np.zeros(6))

@@ -189,12 +189,12 @@ def test_shaft_along_the_yaw_axis_is_singular_where_the_limits_allow_it():
         inverse_rcm_arm(PSM, pose, LOWER, UPPER)
 
 
-def test_bad_arguments_are_refused():
+def test_bad_arguments_are_rejected():
     pose = tip(0.5 * (LOWER + UPPER))
     leaning = pose @ transform(2 * rotation_x(0.1), np.zeros(3))
     with pytest.raises(InputError, match="not orthonormal"):
         inverse_rcm_arm(PSM, leaning, LOWER, UPPER)
-    with pytest.raises(InputError, match=r"limits: 6 joints \(yaw, .*\) wanted, got \(5,\)"):
+    with pytest.raises(InputError, match=r"limits: expected 6 joints \(yaw, .*\), got \(5,\)"):
         inverse_rcm_arm(PSM, pose, LOWER[:5], UPPER)
-    with pytest.raises(InputError, match="seed: 6 finite numbers wanted"):
+    with pytest.raises(InputError, match="seed: expected 6 finite numbers"):
         inverse_rcm_arm(PSM, pose, LOWER, UPPER, [0, 0, 0, 0, 0, np.nan])

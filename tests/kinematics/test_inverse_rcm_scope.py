@@ -101,8 +101,8 @@ def test_scope_along_the_yaw_axis_is_singular_where_the_limits_allow_it():
         inverse_rcm_scope(ECM, pose, LOWER, UPPER)
 
 
-def test_bad_arguments_are_refused():
-    with pytest.raises(InputError, match="pose: last row"):
+def test_bad_arguments_are_rejected():
+    with pytest.raises(InputError, match="pose: expected last row"):
         inverse_rcm_scope(ECM, np.zeros((4, 4)), LOWER, UPPER)
-    with pytest.raises(InputError, match="seed: 4 finite numbers wanted"):
+    with pytest.raises(InputError, match="seed: expected 4 finite numbers"):
         inverse_rcm_scope(ECM, tip([0, 0, 0.1, 0]), LOWER, UPPER, [0, 0])

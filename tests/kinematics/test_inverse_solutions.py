@@ -64,12 +64,12 @@ def test_some_joints_can_be_asked_for_alone():
 @pytest.mark.parametrize(
     ("lower", "upper", "message"),
     [
-        ([0.0], [1.0, 1.0], r"2 joints \(a, b\) wanted, got \(1,\) and \(2,\)"),
-        ([0.0, 2.0], [1.0, 1.0], "b: finite lower <= upper wanted, got 2 and 1"),
-        ([np.nan, 0.0], [1.0, 1.0], "a: finite lower <= upper wanted, got nan and 1"),
-        ([0.0, 0.0], [1.0, np.inf], "b: finite lower <= upper wanted, got 0 and inf"),
+        ([0.0], [1.0, 1.0], r"expected 2 joints \(a, b\), got \(1,\) and \(2,\)"),
+        ([0.0, 2.0], [1.0, 1.0], "b: expected finite lower <= upper, got 2 and 1"),
+        ([np.nan, 0.0], [1.0, 1.0], "a: expected finite lower <= upper, got nan and 1"),
+        ([0.0, 0.0], [1.0, np.inf], "b: expected finite lower <= upper, got 0 and inf"),
     ],
 )
-def test_bad_limits_are_refused(lower, upper, message):
+def test_bad_limits_are_rejected(lower, upper, message):
     with pytest.raises(InputError, match=message):
         s.joint_range(("a", "b"), (False, False), lower, upper)

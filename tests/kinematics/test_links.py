@@ -62,7 +62,7 @@ def test_no_joints_lead_to_the_reference_frame():
 
 
 @pytest.mark.parametrize("q", [[0.0] * 7, [np.nan], [[0.0]]])
-def test_what_is_no_part_of_a_joint_vector_is_refused(q):
+def test_what_is_no_part_of_a_joint_vector_is_rejected(q):
     arm = load_arm("psm")
     with pytest.raises(InputError, match="allowed: up to 6 finite numbers"):
         link_pose(arm.mechanism, arm.inverse_kinematics, q)

@@ -1,4 +1,4 @@
-"""Loops: when they close, on which branch, and where they flatten."""
+"""Loops: when they close, on which branch, and where they are singular."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_other_loops_are_closed_and_their_frames_move(rng, random_positions):
 
 def test_a_loop_that_cannot_close_is_an_error():
     mechanism = bent(load_arm("psm").mechanism, 0.2)
-    with pytest.raises(LoopError, match=r"loops gape by .* allowed 1e-09 m"):
+    with pytest.raises(LoopError, match=r"loop error is .* allowed 1e-09 m"):
         coordinates(mechanism, np.zeros(7))
 
 
@@ -108,7 +108,7 @@ def test_every_built_in_mechanism_hangs_together(name):
     check_mechanism(load_arm(name).mechanism)
 
 
-def test_a_frame_before_its_parent_is_refused():
+def test_a_frame_before_its_parent_is_rejected():
     mechanism = load_arm("psm").mechanism
     backwards = replace(mechanism, frames=mechanism.frames[::-1])
     with pytest.raises(LoopError, match="comes before its parent"):

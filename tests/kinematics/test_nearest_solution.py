@@ -22,16 +22,16 @@ def test_the_nearest_solution_is_the_first_of_all(name, rng, random_positions):
     seeds = q[:, :own] + 0.2 * rng.standard_normal((len(q), own)) * [1, 1, 0.1, 1, 1, 1][:own]
     for at, seed in zip(chain_pose(mechanism)(q), seeds, strict=True):
         try:
-            wanted = inverse_kinematics(mechanism, structure, at, seed)[0]
+            expected = inverse_kinematics(mechanism, structure, at, seed)[0]
         except SingularError:
             with pytest.raises(SingularError):
                 nearest_solution(mechanism, structure, at, seed)
             continue
         found = nearest_solution(mechanism, structure, at, seed)
-        np.testing.assert_allclose(found, wanted, atol=1e-11)
+        np.testing.assert_allclose(found, expected, atol=1e-11)
 
 
-def test_a_pose_out_of_reach_is_refused_with_the_reason():
+def test_a_pose_out_of_reach_is_rejected_with_the_reason():
     arm = load_rig(RIG).arm("PSM1").arm
     far = chain_pose(arm.mechanism)(np.array([0.1, 0.1, 0.24, 0, 0, 0, 0]))
     far = far.copy()

@@ -80,14 +80,14 @@ def test_a_point_on_the_shaft_stays_on_its_line(frames):
         (
             np.zeros((2, 3)),
             np.zeros((3, 3)),
-            r"two arrays of shape \(..., 3\) wanted, got \(2, 3\)",
+            r"expected two arrays of shape \(..., 3\), got \(2, 3\)",
         ),
-        (np.zeros(2), np.zeros(2), r"two arrays of shape \(..., 3\) wanted"),
-        (np.full((2, 3), np.nan), np.eye(3)[:2], "finite points wanted"),
-        (np.zeros(3), np.ones(3), "at least two wanted, got 1"),
+        (np.zeros(2), np.zeros(2), r"expected two arrays of shape \(..., 3\)"),
+        (np.full((2, 3), np.nan), np.eye(3)[:2], "expected finite points"),
+        (np.zeros(3), np.ones(3), "expected at least two, got 1"),
         (np.eye(3), np.ones((3, 3)), "all are parallel"),
     ],
 )
-def test_lines_without_a_remote_centre_are_refused(points, directions, message):
+def test_lines_without_a_remote_centre_are_rejected(points, directions, message):
     with pytest.raises(InputError, match=message):
         remote_centre(points, directions)

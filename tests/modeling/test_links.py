@@ -122,8 +122,8 @@ def test_straight_lines_that_stand_for_a_general_loop_say_how_wrong_they_are(
 ) -> None:
     arm = apply_overlay(load_arm("psm"), skew_overlay("psm", rng))
     model = rig_links(lone_arm_rig(arm))
-    said = model.line_errors["PSM1"]
-    assert 1e-6 < said < 5e-3
+    reported = model.line_errors["PSM1"]
+    assert 1e-6 < reported < 5e-3
     worst = 0.0
     for q in random_positions(arm, rng, 50):
         at = stand(model, joint_values(model, arm, q))
@@ -132,7 +132,7 @@ def test_straight_lines_that_stand_for_a_general_loop_say_how_wrong_they_are(
             if frame in arm.mechanism.frame_index:
                 off = (root @ at[f"PSM1_{frame}"] - expected)[:3, 3]
                 worst = max(worst, float(np.linalg.norm(off)))
-    assert 0.5 * said < worst < 1.5 * said
+    assert 0.5 * reported < worst < 1.5 * reported
 
 
 def test_a_general_loop_follows_the_joints_that_move_it_and_no_other(skew_overlay, rng) -> None:
@@ -144,6 +144,6 @@ def test_a_general_loop_follows_the_joints_that_move_it_and_no_other(skew_overla
         assert leaders == {f"{rig.arms[0].name}_pitch"}
 
 
-def test_an_arm_without_masses_is_refused_with_what_is_missing() -> None:
+def test_an_arm_without_masses_is_rejected_with_what_is_missing() -> None:
     with pytest.raises(InputError, match="has no mass for yaw"):
         rig_links(lone_arm_rig(load_arm("psm_si")))

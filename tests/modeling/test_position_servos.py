@@ -104,7 +104,7 @@ def test_the_model_for_gpus_is_sparse_above_60_degrees_of_freedom_and_resets_by_
         assert model.mj.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
 
 
-def test_pid_servos_are_refused_for_gpus():
+def test_pid_servos_are_rejected_for_gpus():
     with pytest.raises(InputError, match="servo: got 'pid'; allowed on a GPU: 'position'"):
         gpu_model(build(load_rig("psm")))
 

@@ -1,6 +1,6 @@
 """Drake reads the SDF of every arm and rig and has links, masses and limits where we have them.
 
-Drake refuses joints that close a loop, so each of the file's is replaced by a ball at its pose.
+Drake rejects joints that close a loop, so each of the file's is replaced by a ball at its pose.
 """
 
 from __future__ import annotations

@@ -78,13 +78,13 @@ def test_standard_tools_read_joint_states_and_poses(tmp_path: Path) -> None:
         setpoints = decoded(file, f"/{name}/setpoint_js")
         poses = decoded(file, f"/{name}/measured_cp")
         assert len(measured) == len(setpoints) == len(poses) == len(rows) == 4
-        for m, s, p, (js, told, cp) in zip(measured, setpoints, poses, rows, strict=True):
+        for m, s, p, (js, setpoint, cp) in zip(measured, setpoints, poses, rows, strict=True):
             assert tuple(m.name) == tuple(s.name) == js.name
             assert m.header.stamp.sec + 1e-9 * m.header.stamp.nanosec == pytest.approx(js.time)
             np.testing.assert_allclose(m.position, js.position, atol=1e-12)
             np.testing.assert_allclose(m.velocity, js.velocity, atol=1e-12)
             np.testing.assert_allclose(m.effort, js.effort, atol=1e-9)
-            np.testing.assert_allclose(s.position, told.position, atol=1e-12)
+            np.testing.assert_allclose(s.position, setpoint.position, atol=1e-12)
             assert p.header.frame_id == cp.frame_id
             where = p.pose.position
             # MuJoCo's frames against the analytic ones, through a loop that gives a little
@@ -201,7 +201,7 @@ def test_a_block_comes_back_bit_by_bit() -> None:
     assert np.array_equal(block.times, np.arange(33.0))
 
 
-def test_a_second_recording_of_the_same_world_is_refused(tmp_path: Path) -> None:
+def test_a_second_recording_of_the_same_world_is_rejected(tmp_path: Path) -> None:
     world = World("psm")
     with (
         record(world, tmp_path / "a.mcap") as recorder,
@@ -302,7 +302,7 @@ def test_a_damaged_block_is_said_and_what_lies_before_is_read(tmp_path: Path) ->
         (b"\x89MCAP0\r\n" + bytes(40), "is an MCAP file, but no recording of trocar's"),
     ],
 )
-def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, complaint: str) -> None:
+def test_what_is_no_recording_is_rejected(tmp_path: Path, content: bytes, complaint: str) -> None:
     file = tmp_path / "x.mcap"
     file.write_bytes(content)
     with pytest.raises(LogError, match=complaint):
@@ -314,7 +314,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes, complai
         open_recording(tmp_path)
 
 
-def test_a_file_that_cannot_be_written_is_refused_before_anything_moves(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_written_is_rejected_before_anything_moves(tmp_path: Path) -> None:
     world = World("psm")
     with pytest.raises(InputError, match=r"no/run\.mcap: cannot be written: No such file"):
         record(world, tmp_path / "no" / "run.mcap")
@@ -353,21 +353,21 @@ def test_a_full_disk_stops_the_recording_not_the_simulation(
         drive(world, 3.0)
     assert world.time == pytest.approx(3.0)
     assert recorder.failure == "No space left on device"
-    said = [r.getMessage() for r in caplog.records if "full.mcap" in r.getMessage()]
-    assert len(said) == 1 and "No space left on device" in said[0]
+    messages = [r.getMessage() for r in caplog.records if "full.mcap" in r.getMessage()]
+    assert len(messages) == 1 and "No space left on device" in messages[0]
     file = tmp_path / "full.mcap"
     file.write_bytes(disk.kept)
     recorded = open_recording(file)
     assert recorded.problem and 0 < recorded.rows < 3001
 
 
-def test_a_disk_that_is_full_from_the_start_is_refused() -> None:
+def test_a_disk_that_is_full_from_the_start_is_rejected() -> None:
     with pytest.raises(InputError, match=r"full\.mcap: cannot be written: No space left"):
         record(World("psm"), Full(20))
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no device that is always full")
-def test_a_full_device_is_refused_and_closed() -> None:
+def test_a_full_device_is_rejected_and_closed() -> None:
     with pytest.raises(InputError, match="/dev/full: cannot be written: No space left"):
         record(World("psm"), "/dev/full")
     gc.collect()  # a file that is left open warns, which is an error here
@@ -409,7 +409,7 @@ def test_the_simulation_waits_for_a_disk_that_cannot_follow_and_loses_nothing(
     assert open_recording(file).rows == 5001
 
 
-def test_a_recording_of_the_old_format_is_refused_with_both_formats(tmp_path: Path) -> None:
+def test_a_recording_of_the_old_format_is_rejected_with_both_formats(tmp_path: Path) -> None:
     file = tmp_path / "old.mcap"
     with file.open("wb") as stream:
         old = mcap_writer.Writer(stream)

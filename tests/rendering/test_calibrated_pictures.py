@@ -96,7 +96,7 @@ def pixels_of(frame: StereoFrame) -> np.ndarray:
     return np.stack([u, v], axis=-1).reshape(-1, 2).astype(np.float64)
 
 
-def found_corners(picture: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+def found_corners(picture: np.ndarray, expected: np.ndarray) -> np.ndarray:
     """Let OpenCV look for the corners, and number them as the board does, (n, 2) [px]."""
     grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
     seen, corners = cv2.findChessboardCornersSB(
@@ -105,7 +105,7 @@ def found_corners(picture: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     assert seen
     grid = corners.reshape(*board.CORNERS[::-1], 2)
     ways = [grid[::a, ::b].reshape(-1, 2) for a in (1, -1) for b in (1, -1)]
-    return min(ways, key=lambda way: float(np.abs(way - wanted).max())).astype(np.float32)
+    return min(ways, key=lambda way: float(np.abs(way - expected).max())).astype(np.float32)
 
 
 def calibrated(
@@ -126,7 +126,7 @@ def calibrated(
 
 
 def assert_recovered(
-    shot: list[StereoFrame], flags: int, wanted: StereoCalibration
+    shot: list[StereoFrame], flags: int, expected: StereoCalibration
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Hold what OpenCV finds against what was asked for: K to 0.1 %, the baseline to 0.05 mm.
 
@@ -134,11 +134,11 @@ def assert_recovered(
         K and distortion of each eye, as OpenCV found them
     """
     found, lenses, baseline, R = calibrated(shot, flags)
-    for K, eye in zip(found, wanted.eyes, strict=True):
+    for K, eye in zip(found, expected.eyes, strict=True):
         entries = ([0, 1, 0, 1], [0, 1, 2, 2])
         np.testing.assert_allclose(K[entries], eye.K[entries], rtol=1e-3)
-    assert baseline == pytest.approx(wanted.baseline, abs=0.05e-3)
-    np.testing.assert_allclose(R, wanted.T_left_right[:3, :3].T, atol=1e-3)
+    assert baseline == pytest.approx(expected.baseline, abs=0.05e-3)
+    np.testing.assert_allclose(R, expected.T_left_right[:3, :3].T, atol=1e-3)
     return list(zip(found, lenses, strict=True))
 
 
@@ -176,11 +176,11 @@ def test_squares_end_where_opencv_projects_their_edges(view: tuple, tmp_path: Pa
 @pytest.mark.slow
 def test_opencv_recovers_two_eyes_that_differ_in_everything_and_distort(tmp_path: Path) -> None:
     # Without p1 and p2: a dozen views tell these from the principal point to a pixel only.
-    wanted = crooked((*BARREL[:2], 0.0, 0.0), (*CUSHION[:2], 0.0, 0.0)).resized(1280, 960)
-    shot = frames(tmp_path, wanted, VIEWS, replace(SMOOTH, distortion=True))
+    expected = crooked((*BARREL[:2], 0.0, 0.0), (*CUSHION[:2], 0.0, 0.0)).resized(1280, 960)
+    shot = frames(tmp_path, expected, VIEWS, replace(SMOOTH, distortion=True))
     flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
-    found = assert_recovered(shot, flags, wanted)
-    for (_, lens), eye in zip(found, wanted.eyes, strict=True):
+    found = assert_recovered(shot, flags, expected)
+    for (_, lens), eye in zip(found, expected.eyes, strict=True):
         # k2 is what a dozen views tell least of: they see little of the corners.
         np.testing.assert_allclose(lens[0], eye.distortion[0], atol=0.005)
         np.testing.assert_allclose(lens[1], eye.distortion[1], atol=0.03)
@@ -196,8 +196,8 @@ def test_corners_lie_where_opencv_projects_them_distortion_included(
         np.testing.assert_array_equal(
             shot.calibration.eyes[eye].distortion, calibration.eyes[eye].distortion
         )
-        wanted = judged(board.corners(), shot, eye)
-        off = found_corners(picture, wanted) - wanted
+        expected = judged(board.corners(), shot, eye)
+        off = found_corners(picture, expected) - expected
         # OpenCV finds single corners to 0.03 px in pictures without distortion, and these are mixed
         # from neighbouring pixels; the mean of all is what is asked for.
         assert np.abs(off.mean(axis=0)).max() < 0.05
@@ -210,10 +210,10 @@ def test_the_depth_of_a_plane_is_that_of_the_rays_that_meet_it(view: tuple, tmp_
     assert shot.depth is not None
     pixels = pixels_of(shot)
     for eye in (0, 1):
-        points, wanted = on_the_board(pixels, shot, eye)
+        points, expected = on_the_board(pixels, shot, eye)
         inside = board.within(points)
         assert inside.sum() > 100_000
-        error = np.abs(shot.depth[eye].ravel() - wanted)[inside]
+        error = np.abs(shot.depth[eye].ravel() - expected)[inside]
         # 0.1 mm at 100 mm is what is asked for; 32 bits of depth leave a few um.
         assert error.max() < 0.01e-3
     if view is VIEWS[0]:

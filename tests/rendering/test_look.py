@@ -83,7 +83,7 @@ def test_samples_soften_edges_and_leave_ids_and_depth_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ({"exposure": float("nan")}, "exposure: got nan; allowed: -20 to 20"),
         ({"exposure": "bright"}, "exposure: got 'bright'; allowed: a number or \"auto\""),
@@ -94,6 +94,6 @@ def test_samples_soften_edges_and_leave_ids_and_depth_alone() -> None:
         ({"seed": -1}, "seed: got -1; allowed: 0 to"),
     ],
 )
-def test_a_look_that_cannot_be_is_refused(given: dict, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_look_that_cannot_be_is_rejected(given: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
         Look(**given)

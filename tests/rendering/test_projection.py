@@ -53,14 +53,14 @@ def test_discs_are_where_opencv_projects_them(lens: str) -> None:
     for eye, T in enumerate((np.eye(4), inverse(rig.T_left_right))):
         for k, (_, rim) in enumerate(drawn):
             own = rig.eyes[eye]
-            told, _ = cv2.projectPoints(
+            projected, _ = cv2.projectPoints(
                 transform_points(T, rim), np.zeros(3), np.zeros(3), own.K, own.distortion
             )
-            wanted, got = covered(told[:, 0]), frame.ids[eye] == number[f"disc{k}"]
-            middles = [np.argwhere(mask).mean(axis=0) for mask in (wanted, got)]
+            expected, got = covered(projected[:, 0]), frame.ids[eye] == number[f"disc{k}"]
+            middles = [np.argwhere(mask).mean(axis=0) for mask in (expected, got)]
             off.append(middles[1] - middles[0])
             edge = 3.0 if lens == "none" else 0.5 * len(rim)  # ids are their nearest pixel's
-            assert (wanted != got).sum() <= edge
+            assert (expected != got).sum() <= edge
     assert np.abs(off).max() < (0.04 if lens == "none" else 0.25)
     assert np.abs(np.mean(off, axis=0)).max() < 0.05
 
@@ -73,9 +73,9 @@ def test_the_light_of_a_pixel_comes_from_where_opencv_says(lens: str) -> None:
     places = sources(eye, wide).astype(np.float64).reshape(-1, 2)
     rays = (places - [wide.cx, wide.cy]) / [wide.fx, wide.fy]
     points = np.concatenate([rays, np.ones((len(rays), 1))], axis=1)
-    told, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), eye.K, eye.distortion)
+    projected, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), eye.K, eye.distortion)
     v, u = np.meshgrid(np.arange(480), np.arange(640), indexing="ij")
-    assert np.abs(told[:, 0] - np.stack([u, v], axis=-1).reshape(-1, 2)).max() < 1e-3
+    assert np.abs(projected[:, 0] - np.stack([u, v], axis=-1).reshape(-1, 2)).max() < 1e-3
     low, high = places.min(axis=0), places.max(axis=0)
     assert (low >= 0.0).all() and (high <= [wide.width - 1, wide.height - 1]).all()
 

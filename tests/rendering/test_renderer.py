@@ -15,6 +15,7 @@ from tests.rendering.scenes import camera, disc, mesh, plate, seen, snapshot, st
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import transform
 from trocar.rendering import Channels, Look, Renderer, context, staging
+from trocar.rendering.card import Card
 from trocar.rendering.painter import Painter
 from trocar.rendering.scenery import Scenery
 from trocar.rendering.sight import Boxes, Frustum
@@ -79,13 +80,17 @@ def test_a_lost_context_is_made_anew_and_said(
 
 
 def test_what_the_driver_complains_of_is_a_lost_context(
-    renderer: Renderer, caplog: pytest.LogCaptureFixture
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = pictured(renderer)
-    card = renderer._card
-    assert card is not None
-    with card.context:
-        card.context.enable_direct(0xFFFF)  # there is no such thing
+    place, losses = Card.place, [0xFFFF]  # no capability has this number
+
+    def once(self: Card, *args: Any) -> None:
+        if losses:
+            self.context.enable_direct(losses.pop())
+        place(self, *args)
+
+    monkeypatch.setattr(Card, "place", once)
     with caplog.at_level(logging.WARNING, "trocar"):
         assert (pictured(renderer) == before).all()
     assert renderer.contexts == 2
@@ -122,7 +127,7 @@ def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch)
         Renderer(lambda: (1, SHAPES))
 
 
-def test_more_pixels_than_the_driver_draws_are_refused(renderer: Renderer) -> None:
+def test_more_pixels_than_the_driver_draws_are_rejected(renderer: Renderer) -> None:
     huge = {"eye": camera(stereo((), (20000, 15000), 18000.0))}
     with pytest.raises(
         InputError, match=r"20000x15000 pixels.*more than this graphics driver draws"
@@ -130,7 +135,7 @@ def test_more_pixels_than_the_driver_draws_are_refused(renderer: Renderer) -> No
         renderer.render(WHERE, huge, "eye")
 
 
-def test_more_samples_than_the_driver_takes_are_refused(opengl: str) -> None:  # noqa: ARG001
+def test_more_samples_than_the_driver_takes_are_rejected(opengl: str) -> None:  # noqa: ARG001
     renderer = Renderer(lambda: (1, SHAPES), look=Look(samples=64))
     with pytest.raises(
         InputError, match="samples: got 64; allowed with this graphics driver: up to"
@@ -143,7 +148,7 @@ def test_an_unknown_camera_is_named(renderer: Renderer) -> None:
         renderer.render(WHERE, {"eye": camera(stereo())}, "ear")
 
 
-def test_shapes_of_another_build_are_refused(renderer: Renderer) -> None:
+def test_shapes_of_another_build_are_rejected(renderer: Renderer) -> None:
     later = WHERE._replace(build=2)
     eye = {"eye": replace(camera(stereo()), build=2)}
     with pytest.raises(InputError, match="the snapshot is of build 2"):

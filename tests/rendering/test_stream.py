@@ -101,7 +101,7 @@ def test_no_frame_in_time_is_an_error_that_asks_whether_the_world_was_stepped(
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), "fast"])
-def test_a_rate_that_is_none_is_refused(world: World, rate: float) -> None:
+def test_a_rate_that_is_none_is_rejected(world: World, rate: float) -> None:
     with pytest.raises(InputError, match=r"rate_hz: got .*; allowed: above 0"):
         Stream(world, lambda snapshot, _: blank(snapshot), rate)
 

@@ -50,13 +50,13 @@ def ticks_while_drawing(scope: Endoscope) -> float:
 @pytest.mark.skipif(sys.platform != "linux", reason="only there are calls made without the lock")
 def test_another_thread_runs_while_a_picture_is_drawn(scope: Endoscope, monkeypatch) -> None:
     free = ticks_while_drawing(scope)
-    monkeypatch.setattr(context, "_library", lambda: None)
+    monkeypatch.setattr(context, "opengl_library", lambda: None)
     assert free > ticks_while_drawing(scope) + 0.1
 
 
 def test_both_ways_draw_the_same_picture(scope: Endoscope, monkeypatch) -> None:
     free = scope.capture()
-    monkeypatch.setattr(context, "_library", lambda: None)
+    monkeypatch.setattr(context, "opengl_library", lambda: None)
     kept = scope.capture()
     assert np.array_equal(free.left, kept.left)
     assert free.right is not None and kept.right is not None

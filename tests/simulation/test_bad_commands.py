@@ -1,4 +1,4 @@
-"""What cannot be used is refused with a reason, and nothing moves."""
+"""What cannot be used is rejected with a reason, and nothing moves."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ UNDISTURBED = qpos_after(lambda _arm: None)
     ],
     ids=repr,
 )
-def test_unusable_commands_are_refused_and_nothing_moves(verb, bad, caplog):
+def test_unusable_commands_are_rejected_and_nothing_moves(verb, bad, caplog):
     def command(arm) -> None:
         if verb == "velocity":
             accepted = arm.servo_jp(GOOD, bad)
@@ -173,7 +173,7 @@ def test_each_argument_of_a_world_says_what_is_allowed(argument, value, allowed)
 
 
 @pytest.mark.parametrize("bad", [[0.0] * 6, [np.nan] * 7, "here", None])
-def test_a_state_that_cannot_be_is_refused(bad):
+def test_a_state_that_cannot_be_is_rejected(bad):
     world = World("psm")
     before = world.mj_data.qpos.copy()
     with pytest.raises(InputError, match="allowed: 7 finite numbers"):

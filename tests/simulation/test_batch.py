@@ -83,10 +83,10 @@ def test_a_tip_out_of_reach_leaves_that_world_where_it_is_told_to_be():
     batch = Batch("psm", N)
     goal = batch.read().tips["PSM1"].copy()
     goal[1, 2, 3] += 2.0
-    told = batch.setpoints[1].copy()
+    setpoint = batch.setpoints[1].copy()
     found = batch.step({"PSM1/tip": goal}, STEPS)
-    np.testing.assert_array_equal(found.refused["PSM1"], [False, True, False])
-    np.testing.assert_array_equal(batch.setpoints[1], told)
+    np.testing.assert_array_equal(found.rejected["PSM1"], [False, True, False])
+    np.testing.assert_array_equal(batch.setpoints[1], setpoint)
 
 
 def test_worlds_are_put_back_one_by_one_with_their_seeds():
@@ -99,8 +99,8 @@ def test_worlds_are_put_back_one_by_one_with_their_seeds():
     np.testing.assert_array_equal(batch.rows[1], lone.rows[1])
     assert found.time[1] == 0.0
     drawn = [rng.normal() for rng in batch.rngs]
-    wanted = [rng.normal() for rng in lone.rngs]
-    assert drawn[0] == wanted[0] and drawn[2] == wanted[2]
+    expected = [rng.normal() for rng in lone.rngs]
+    assert drawn[0] == expected[0] and drawn[2] == expected[2]
     assert drawn[1] == np.random.default_rng(9).normal()
     for each in (batch, lone):
         each.step(np.tile(lone.setpoints[1] + 0.02, (N, 1)), 60)
@@ -151,7 +151,7 @@ def test_friction_of_one_world_holds_it_and_no_other():
         ({"PSM1": "home"}, "PSM1: got"),
     ],
 )
-def test_set_points_that_cannot_be_used_are_refused_and_nothing_moves(setpoints, why):
+def test_set_points_that_cannot_be_used_are_rejected_and_nothing_moves(setpoints, why):
     batch = Batch("psm", N)
     before = batch.rows.copy()
     with pytest.raises(InputError, match=why):
@@ -159,7 +159,7 @@ def test_set_points_that_cannot_be_used_are_refused_and_nothing_moves(setpoints,
     np.testing.assert_array_equal(batch.rows, before)
 
 
-def test_unknown_names_and_counts_are_refused():
+def test_unknown_names_and_counts_are_rejected():
     batch = Batch("psm", N)
     with pytest.raises(UnknownNameError, match=r"PSM9.*known: PSM1, PSM1/jaw, PSM1/tip"):
         batch.step({"PSM9": np.zeros((N, 6))})

@@ -60,10 +60,10 @@ def test_servo_cp_brings_the_joints_of_a_skew_arm_to_the_pose(seed, skew_overlay
         world.set_state("PSM1", np.append(q, 0.2))
         T = arm.measured_cp().T
         assert arm.servo_cp(T)
-        told = arm.setpoint_js().position
-        assert np.abs(told - q).max() < 1e-8
+        setpoint = arm.setpoint_js().position
+        assert np.abs(setpoint - q).max() < 1e-8
         metres, radians = pose_difference(
-            kinematics(np.append(told, 0.2)), kinematics(arm.positions())
+            kinematics(np.append(setpoint, 0.2)), kinematics(arm.positions())
         )
         assert metres < 1e-9
         assert radians < 1e-9
@@ -78,8 +78,8 @@ def test_the_inverse_of_a_skew_arm_is_the_solution_nearest_to_the_seed(skew_over
         for turn in (-2.0 * np.pi, 0.0, 2.0 * np.pi):
             seed = q.copy()
             seed[3] += turn
-            wanted = seed if arm.lower[3] <= seed[3] <= arm.upper[3] else q
-            assert arm.inverse_kinematics(T, seed) == pytest.approx(wanted, abs=1e-8)
+            expected = seed if arm.lower[3] <= seed[3] <= arm.upper[3] else q
+            assert arm.inverse_kinematics(T, seed) == pytest.approx(expected, abs=1e-8)
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -117,8 +117,10 @@ def test_poses_and_jacobians_of_a_skew_arm_in_motion_are_those_of_its_joints(ske
         world.step(100)
         q, qd, _ = arm.readings()
         assert np.abs(arm.local_measured_cp().T - chain_pose(mechanism)(q)).max() < 1e-12
-        told = chain_pose(mechanism)(np.append(arm.setpoint_js().position, 0.0))  # whatever the jaw
-        assert np.abs(arm.local_setpoint_cp().T - told).max() < 1e-12
+        setpoint = chain_pose(mechanism)(
+            np.append(arm.setpoint_js().position, 0.0)
+        )  # whatever the jaw
+        assert np.abs(arm.local_setpoint_cp().T - setpoint).max() < 1e-12
         body = jacobian_body(mechanism, q)
         assert np.abs(arm.jacobian("body") - body[:, :6]).max() < 1e-10
         assert np.abs(arm.jacobian("spatial") - jacobian_spatial(mechanism, q)[:, :6]).max() < 1e-10
@@ -142,8 +144,8 @@ def test_poses_in_the_frame_of_a_skew_scope_are_those_of_its_joints(skew_overlay
     scope, arm = world.arm("ECM"), world.arm("PSM1")
     world.step(200)
     tip = chain_pose(scope.description.mechanism)(scope.positions())
-    wanted = inverse(world.reference_pose("ECM") @ tip) @ world.reference_pose("PSM1")
-    assert np.abs(arm.base_frame()[0] - wanted).max() < 1e-12
+    expected = inverse(world.reference_pose("ECM") @ tip) @ world.reference_pose("PSM1")
+    assert np.abs(arm.base_frame()[0] - expected).max() < 1e-12
 
 
 def test_verbs_of_a_calibrated_arm_are_quick_enough_for_a_servo_loop(skew_overlay):

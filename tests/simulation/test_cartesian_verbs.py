@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import pose_difference, transform
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
-from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains, TipState
 
 POSES = {
     "psm": ("PSM1", [0.2, -0.1, 0.15, 0.3, 0.2, -0.1]),
@@ -81,7 +83,7 @@ def test_servo_cr_adds_a_translation_and_turns_about_the_tip(arm):
 @pytest.mark.parametrize(
     "bad", [np.zeros((4, 4)), np.full((4, 4), np.nan), np.eye(3), 2 * np.eye(4)]
 )
-def test_what_is_no_pose_is_refused(arm, verb, bad):
+def test_what_is_no_pose_is_rejected(arm, verb, bad):
     before = arm.setpoint_js().position
     answer = getattr(arm, verb)(bad)
     assert not (answer.goal_reached if verb == "move_cp" else answer)
@@ -177,15 +179,21 @@ def springs(arm: Arm) -> CartesianImpedance:
     return CartesianImpedance(T[:3, 3], np.eye(3), T[:3, :3], stiff, stiff, turn, turn)
 
 
+def tip_state(arm: Arm) -> TipState:
+    """Give where an arm at rest is, as controllers get it."""
+    q, body, spatial = arm.measured_js().position, arm.jacobian("body"), arm.jacobian("spatial")
+    return TipState(q, 0 * q, arm.measured_cp().T, arm.base_frame()[0], body, spatial)
+
+
 def test_an_impedance_pulls_the_tip_back_to_its_pose(world, arm):
     world.step(300)
-    wanted = springs(arm)
-    assert arm.servo_ci(wanted)
+    impedance = springs(arm)
+    assert arm.servo_ci(impedance)
     world.mj_data.qvel[world.mj_model.jnt_dofadr[world.mj_model.joint("PSM1/yaw").id]] += 0.3
     world.step(30)
-    away = np.linalg.norm(arm.measured_cp().T[:3, 3] - wanted.force_position)
+    away = np.linalg.norm(arm.measured_cp().T[:3, 3] - impedance.force_position)
     world.step(2000)
-    back = np.linalg.norm(arm.measured_cp().T[:3, 3] - wanted.force_position)
+    back = np.linalg.norm(arm.measured_cp().T[:3, 3] - impedance.force_position)
     assert away > 5e-4
     assert back < 0.3 * away + 1e-3
     assert arm.operating_state().state == "ENABLED"
@@ -193,24 +201,23 @@ def test_an_impedance_pulls_the_tip_back_to_its_pose(world, arm):
 
 def test_an_impedance_gives_way_by_force_over_stiffness():
     """Statically p * x = F; dry friction holds back less than a tenth."""
-    law = springs(World("psm").arm("PSM1"))
+    controller = springs(World("psm").arm("PSM1"))
     arm = World("psm").arm("PSM1")
-    now = arm._tip_state()
+    now = tip_state(arm)
     away = shifted(now.T, 0.01, 0.0, 0.0)
-    effort = law.act(type(now)(now.q, 0 * now.qd, away, now.base, now.body, now.spatial)).effort
+    effort = controller.act(replace(now, T=away)).effort
     wrench = np.linalg.solve(now.body.T, effort)
     np.testing.assert_allclose(now.T[:3, :3] @ wrench[:3], [-3.0, 0.0, 0.0], atol=1e-9)
 
 
 def test_a_deadband_and_a_bias_act_where_they_should():
     arm = World("psm").arm("PSM1")
-    now = arm._tip_state()
-    still = type(now)(now.q, 0 * now.qd, now.T, now.base, now.body, now.spatial)
+    now = tip_state(arm)
     gains = HalfPlaneGains(p=np.full(3, -100.0), deadband=np.full(3, 0.02), bias=np.full(3, 1.0))
     near = CartesianImpedance(now.T[:3, 3] - 0.01, position_positive=gains)
-    assert not near.act(still).effort.any()
+    assert not near.act(now).effort.any()
     far = CartesianImpedance(now.T[:3, 3] - [0.05, 0.0, 0.0], position_positive=gains)
-    wrench = np.linalg.solve(now.body.T, far.act(still).effort)
+    wrench = np.linalg.solve(now.body.T, far.act(now).effort)
     np.testing.assert_allclose(now.T[:3, :3] @ wrench[:3], [-3.0 + 1.0, 0.0, 0.0], atol=1e-9)
 
 

@@ -182,7 +182,7 @@ def test_a_free_arm_falls_without_gravity_compensation_and_floats_with_it(world,
     assert np.abs(arm.measured_js().position - start).max() < 0.01
 
 
-def test_strict_limits_refuse_what_else_is_clipped(world, arm):
+def test_strict_limits_reject_what_else_is_clipped(world, arm):
     beyond = GOAL + np.array([5.0, 0, 0, 0, 0, 0])
     assert arm.servo_jp(np.clip(beyond, arm.lower[:6], arm.upper[:6])) in (True,)
     world.reset()
@@ -226,9 +226,9 @@ def test_the_same_warning_comes_once_in_two_seconds_with_how_many_were_not_said(
             arm.servo_jp([np.nan] * 6)
         world.step(2001)
         arm.servo_jp([np.nan] * 6)
-    said = [r.getMessage() for r in caplog.records]
-    assert len(said) == 2
-    assert "4 more such" in said[1]
+    messages = [r.getMessage() for r in caplog.records]
+    assert len(messages) == 2
+    assert "4 more such" in messages[1]
     assert arm.warnings == 6
 
 

@@ -58,11 +58,11 @@ def physics_of(world: World, without: str) -> dict[str, list[float]]:
         servo = model.actuator(k).name
         if not servo.startswith(without):
             act = data.act[model.actuator_actadr[k]]
-            told = world.servos.setpoint[k].tolist()
+            setpoint = world.servos.setpoint[k].tolist()
             effort = [world.servos.commanded[k], world.servos.balanced[k]]
             gains = [*model.actuator_gainprm[k], *model.actuator_biasprm[k]]
             limits = [*model.actuator_forcerange[k], world.servos.servoed[k]]
-            found[f"servo {servo}"] = [act, *told, *effort, *gains, *limits]
+            found[f"servo {servo}"] = [act, *setpoint, *effort, *gains, *limits]
     return found
 
 
@@ -97,8 +97,8 @@ def test_the_moves_of_other_arms_go_on_as_if_nothing_had_happened() -> None:
     while not motions[1].done:
         for world in worlds:
             world.step()
-        told = [world.arm("PSM2").setpoint_js() for world in worlds]
-        np.testing.assert_array_equal(told[0].position, told[1].position)
+        setpoints = [world.arm("PSM2").setpoint_js() for world in worlds]
+        np.testing.assert_array_equal(setpoints[0].position, setpoints[1].position)
         here = [world.arm("PSM2").measured_js().position for world in worlds]
         np.testing.assert_allclose(here[0], here[1], rtol=0, atol=1e-6)  # one solver for all
     assert motions[0].done and motions[0].goal_reached
@@ -111,13 +111,13 @@ def test_the_arm_keeps_its_place_and_its_new_wrist_is_straight() -> None:
     arm.move_to("work").wait(5.0)
     motion = arm.move_jp([0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     world.step(50)
-    before, before_told = arm.readings()[0], arm.setpoint_js().position
+    before, setpoint_before = arm.readings()[0], arm.setpoint_js().position
     world.exchange_tool("PSM1", MARYLAND)
     q, qd, _ = arm.readings()
-    told = arm.setpoint_js().position
+    setpoint = arm.setpoint_js().position
     np.testing.assert_array_equal(q[:4], before[:4])
     assert q[4:].tolist() == [0.0, 0.0, 0.0] and not qd.any()
-    np.testing.assert_array_equal(told[:4], before_told[:4])
+    np.testing.assert_array_equal(setpoint[:4], setpoint_before[:4])
     assert motion.done and not motion.goal_reached
     assert world.arm("PSM1") is arm and arm.jaw is jaw
     assert arm.tool == MARYLAND == world.rig.arm("PSM1").arm.tool
@@ -125,7 +125,7 @@ def test_the_arm_keeps_its_place_and_its_new_wrist_is_straight() -> None:
     tip = arm.local_measured_cp().T
     assert tip[:3, 3] == pytest.approx(arm.forward_kinematics(q[:6]).T[:3, 3])
     world.step(500)
-    assert np.abs(arm.readings()[0][:6] - told).max() < 2e-3
+    assert np.abs(arm.readings()[0][:6] - setpoint).max() < 2e-3
     assert arm.move_to("work").wait(5.0) and arm.warnings == 0
 
 
@@ -164,14 +164,14 @@ def test_what_was_set_of_the_arm_stays_and_the_tool_brings_its_own() -> None:
     arm.set_base_frame(np.eye(4), "table")
     arm.set_mode("effort", ["yaw", "roll"])
     arm.servo_jp([np.nan] * 6)
-    refused = arm.warnings
+    rejected = arm.warnings
     arm.set_tool_type(PROGRASP)
     assert arm.gains("pitch") == (99.0, 0.0, 5.0) and arm.gains("roll") == (6.0, 0.0, 0.09)
     assert arm.mode("yaw") == "effort" and arm.mode("roll") == "position"
     assert not arm.gravity_compensation and arm.strict_limits
     assert arm.trajectory_ratio == (0.25, 0.25)
     assert arm.measured_cp().frame_id == "table"
-    assert arm.warnings == refused == 1
+    assert arm.warnings == rejected == 1
     assert "nan" in arm.last_warning
 
 
@@ -277,8 +277,8 @@ def test_a_tool_that_cannot_be_mounted_changes_nothing(
 
 
 def test_an_exchange_is_one_command_and_its_repetition_the_same_motion() -> None:
-    first, told = World("three_psm"), list[Entry]()
-    first.listen(told.append)
+    first, entries = World("three_psm"), list[Entry]()
+    first.listen(entries.append)
     first.arm("PSM1").move_to("work")
     first.step(100)
     first.arm("PSM1").set_tool_type(MARYLAND)
@@ -286,12 +286,12 @@ def test_an_exchange_is_one_command_and_its_repetition_the_same_motion() -> None
     first.exchange_tool("PSM2", PROGRASP)
     first.arm("PSM2").move_jp([0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
     first.step(200)
-    commands = [entry for entry in told if entry.kind == "command"]
+    commands = [entry for entry in entries if entry.kind == "command"]
     assert [entry.name for entry in commands] == [
         "move_to", "set_tool_type", "exchange_tool", "move_jp",
     ]  # fmt: skip
     assert dict(commands[2].values) == {"name": "PSM2", "tool": PROGRASP}
-    events = [(e.source, e.values["tool"]) for e in told if e.name == "tool_type"]
+    events = [(e.source, e.values["tool"]) for e in entries if e.name == "tool_type"]
     assert events == [("PSM1", MARYLAND), ("PSM2", PROGRASP)]
     second = World("three_psm")
     for entry in commands:

@@ -108,7 +108,7 @@ def test_a_divergence_of_what_no_rig_describes_is_an_error_with_its_time(
     world = World("psm")
     world.step(100)
     last = world.mj_model.njnt - 1
-    world._data.qvel[int(world.mj_model.jnt_dofadr[last])] = np.nan
+    world.mj_data.qvel[int(world.mj_model.jnt_dofadr[last])] = np.nan
     with pytest.raises(DivergedError) as caught:
         world.step()
     error = caught.value

@@ -32,8 +32,8 @@ def test_compensation_is_what_virtual_work_on_the_description_asks(
     down = world.reference_pose(name)[:3, :3].T @ WORLD_DOWN
     for q in random_positions(arm, rng, 20):
         world.set_state(name, q)
-        wanted = holding_efforts(arm, q, down)
-        np.testing.assert_allclose(fed_forward(world, name), wanted, atol=AGREED)
+        expected = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, name), expected, atol=AGREED)
 
 
 def test_arms_that_hang_tilted_on_setup_joints_are_balanced_as_they_hang(rng, random_positions):
@@ -47,8 +47,8 @@ def test_arms_that_hang_tilted_on_setup_joints_are_balanced_as_they_hang(rng, ra
         world.set_state(name, q)
         down = world.reference_pose(name)[:3, :3].T @ WORLD_DOWN
         assert down[2] > -0.999  # tilted
-        wanted = holding_efforts(arm, q, down)
-        np.testing.assert_allclose(fed_forward(world, name), wanted, atol=AGREED)
+        expected = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, name), expected, atol=AGREED)
 
 
 def test_setup_joints_carry_themselves_and_the_arm_that_hangs_on_them():
@@ -67,7 +67,7 @@ def test_turning_setup_joints_feel_the_arm_by_finite_differences():
     world = World("full_cart")
     model, data = world.mj_model, world.mj_data
     index = world.arm("SUJ_ECM").motors.index
-    wanted = fed_forward(world, "SUJ_ECM")
+    expected = fed_forward(world, "SUJ_ECM")
     for joint, address in enumerate(index.qpos):
         energy = []
         here = data.qpos[address]
@@ -78,7 +78,7 @@ def test_turning_setup_joints_feel_the_arm_by_finite_differences():
             energy.append(9.81 * float(model.body_mass @ data.xipos[:, 2]))
         data.qpos[address] = here
         slope = (energy[0] - energy[1]) / 2e-5
-        assert wanted[joint] == pytest.approx(slope, abs=1e-5)  # of 200 N
+        assert expected[joint] == pytest.approx(slope, abs=1e-5)  # of 200 N
 
 
 @pytest.mark.parametrize("rig", ["psm", "ecm", "full_cart"])
@@ -139,11 +139,11 @@ def test_compensation_is_switched_at_once_and_says_so():
 
 
 @pytest.mark.parametrize(
-    ("control", "asked", "on"),
+    ("control", "requested", "on"),
     [("dvrk", None, True), ("paper", None, False), ("paper", True, True), ("dvrk", False, False)],
 )
-def test_compensation_starts_as_the_control_set_or_the_caller_has_it(control, asked, on):
-    world = World("psm", control=control, gravity_compensation=asked)
+def test_compensation_starts_as_the_control_set_or_the_caller_has_it(control, requested, on):
+    world = World("psm", control=control, gravity_compensation=requested)
     assert world.arm("PSM1").gravity_compensation is on
 
 
@@ -185,8 +185,8 @@ def test_compensation_follows_loops_that_are_no_parallelograms(rng, random_posit
     down = world.reference_pose("PSM1")[:3, :3].T @ WORLD_DOWN
     for q in random_positions(arm, rng, 10):
         world.set_state("PSM1", q)
-        wanted = holding_efforts(arm, q, down)
-        np.testing.assert_allclose(fed_forward(world, "PSM1"), wanted, atol=AGREED)
+        expected = holding_efforts(arm, q, down)
+        np.testing.assert_allclose(fed_forward(world, "PSM1"), expected, atol=AGREED)
 
 
 def test_a_free_arm_with_broken_loops_stays_where_it_is():

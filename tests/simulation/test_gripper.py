@@ -52,8 +52,8 @@ def test_squeezed_it_closes_as_far_as_its_spring_lets_it(world, arm, effort):
     assert spring is not None
     arm.gripper.squeeze(effort)
     world.step(1500)
-    wanted = spring.rest - effort / spring.stiffness
-    assert opening(arm) == pytest.approx(wanted, abs=WEIGHT_NM / spring.stiffness)
+    expected = spring.rest - effort / spring.stiffness
+    assert opening(arm) == pytest.approx(expected, abs=WEIGHT_NM / spring.stiffness)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 0.9])
@@ -73,8 +73,8 @@ def test_both_levers_open_alike(world, arm):
 
 
 def test_a_pinch_is_told_once_and_only_when_it_lasts(world, arm):
-    told = []
-    world.listen(lambda e: told.append((e.name, dict(e.values))) if e.kind == "event" else None)
+    entries = []
+    world.listen(lambda e: entries.append((e.name, dict(e.values))) if e.kind == "event" else None)
     arm.gripper.squeeze_to(0.0)
     world.step(100)
     arm.gripper.release()
@@ -87,7 +87,7 @@ def test_a_pinch_is_told_once_and_only_when_it_lasts(world, arm):
     arm.gripper.release()
     world.step(600)
     assert not arm.gripper.closed
-    assert [name for name, _ in told if name.startswith("gripper")] == [
+    assert [name for name, _ in entries if name.startswith("gripper")] == [
         "gripper/closed",
         "gripper/pinch",
         "gripper/closed",
@@ -126,12 +126,12 @@ def test_a_reset_takes_the_fingers_away(world, arm):
 
 
 def test_the_commands_are_told_and_can_be_repeated(world, arm):
-    told = []
-    world.listen(lambda e: told.append((e.source, e.name)) if e.kind == "command" else None)
+    entries = []
+    world.listen(lambda e: entries.append((e.source, e.name)) if e.kind == "command" else None)
     arm.gripper.squeeze_to(0.1)
     arm.gripper.squeeze(0.1)
     arm.gripper.release()
-    assert told == [
+    assert entries == [
         ("MTML", "gripper.squeeze_to"),
         ("MTML", "gripper.squeeze"),
         ("MTML", "gripper.release"),
@@ -139,13 +139,13 @@ def test_the_commands_are_told_and_can_be_repeated(world, arm):
 
 
 @pytest.mark.parametrize("angle", [-0.1, 1.2, float("nan"), "shut", None, True])
-def test_an_angle_that_is_none_is_refused(arm, angle):
+def test_an_angle_that_is_none_is_rejected(arm, angle):
     with pytest.raises(InputError, match=r"MTML: gripper: got angle .*; allowed: 0 to 1\.0472"):
         arm.gripper.squeeze_to(angle)
 
 
 @pytest.mark.parametrize("effort", [-0.1, 5.0, float("inf")])
-def test_an_effort_beyond_fingers_is_refused(arm, effort):
+def test_an_effort_beyond_fingers_is_rejected(arm, effort):
     with pytest.raises(InputError, match=r"MTML: gripper: got effort .*; allowed: 0 to 0\.8"):
         arm.gripper.squeeze(effort)
 

@@ -1,4 +1,4 @@
-"""A world tells what it was asked, and the same commands make the same motion."""
+"""A world enters its commands into a journal, and the same commands make the same motion."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from trocar.simulation import World
 from trocar.simulation.journal import Entry, apply_command
 
 
-def heard(world: World) -> list[Entry]:
+def entries_of(world: World) -> list[Entry]:
     entries: list[Entry] = []
     world.listen(entries.append)
     return entries
@@ -18,7 +18,7 @@ def heard(world: World) -> list[Entry]:
 
 def test_every_verb_is_one_command_however_many_it_uses_itself():
     world = World("psm")
-    entries = heard(world)
+    entries = entries_of(world)
     arm = world.arm("PSM1")
     arm.move_to("home")
     assert arm.jaw is not None
@@ -33,20 +33,20 @@ def test_every_verb_is_one_command_however_many_it_uses_itself():
 
 def test_a_command_keeps_copies_of_its_arguments_and_when_it_came():
     world = World("psm")
-    entries = heard(world)
+    entries = entries_of(world)
     world.step(7)
     goal = world.arm("PSM1").measured_js().position
-    wanted = goal.copy()
+    expected = goal.copy()
     world.arm("PSM1").servo_jp(goal)
     goal[:] = 9.0
     assert entries[0].period == 7
     assert entries[0].time == world.time
-    np.testing.assert_array_equal(entries[0].values["q"], wanted)
+    np.testing.assert_array_equal(entries[0].values["q"], expected)
 
 
 def test_a_warning_is_an_event_with_its_text():
     world = World("psm")
-    entries = heard(world)
+    entries = entries_of(world)
     world.arm("PSM1").servo_jp([np.nan] * 6)
     (warning,) = [e for e in entries if e.kind == "event"]
     assert warning.name == "warning"
@@ -65,7 +65,7 @@ def test_who_stops_listening_hears_nothing_more():
 
 def test_the_same_commands_before_the_same_periods_make_bit_identical_motion():
     first = World("psm")
-    entries = heard(first)
+    entries = entries_of(first)
     arm = first.arm("PSM1")
     arm.move_jp([0.3, -0.2, 0.14, 0.5, 0.1, 0.2])
     first.step(37)

@@ -73,12 +73,12 @@ def test_unlocked_the_hand_turns_with_the_arm(world, arm):
 
 @pytest.mark.parametrize("given", ["matrix", "quaternion"])
 def test_a_wanted_orientation_is_approached_and_held(world, arm, given):
-    wanted = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
+    expected = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
     arm.servo_cf(HANDS_OFF)
-    assert arm.lock_orientation(wanted if given == "matrix" else quaternion_from_matrix(wanted))
+    assert arm.lock_orientation(expected if given == "matrix" else quaternion_from_matrix(expected))
     before = arm.measured_cp().T[:3, 3]
     world.step(3000)
-    assert angle_between(orientation(arm), wanted) < HELD_RAD
+    assert angle_between(orientation(arm), expected) < HELD_RAD
     assert np.linalg.norm(arm.measured_cp().T[:3, 3] - before) < 0.02
 
 
@@ -112,31 +112,31 @@ def test_every_other_command_ends_the_lock(world, arm, verb):
     given = {"servo_jp": (q,), "move_jp": (q,), "servo_jf": (np.zeros(7),)}
     getattr(world if verb == "reset" else arm, verb)(*given.get(verb, ()))
     assert not arm.orientation_locked
-    wanted = "effort" if verb in ("free", "servo_jf") else "position"
+    expected = "effort" if verb in ("free", "servo_jf") else "position"
     # servo_jf and free find the gimbal under position control, and take it along
-    assert set(arm.snapshot(None).modes[:7]) == {wanted}
+    assert set(arm.snapshot(None).modes[:7]) == {expected}
 
 
 def test_the_lock_is_told(world, arm):
-    told = []
-    world.listen(lambda e: told.append((e.kind, e.name, dict(e.values))))
+    entries = []
+    world.listen(lambda e: entries.append((e.kind, e.name, dict(e.values))))
     arm.lock_orientation()
     arm.unlock_orientation()
     arm.unlock_orientation()
-    assert [(k, n) for k, n, _ in told] == [
+    assert [(k, n) for k, n, _ in entries] == [
         ("command", "lock_orientation"),
         ("event", "orientation_locked"),
         ("command", "unlock_orientation"),
         ("event", "orientation_locked"),
         ("command", "unlock_orientation"),
     ]
-    assert [v["locked"] for k, _, v in told if k == "event"] == [True, False]
+    assert [v["locked"] for k, _, v in entries if k == "event"] == [True, False]
 
 
 @pytest.mark.parametrize(
     "bad", [np.zeros(4), np.ones((3, 3)), np.diag([1, 1, -1.0]), [1, 0, 0], "up", [np.nan] * 4]
 )
-def test_what_is_no_orientation_is_refused_with_a_warning(arm, bad):
+def test_what_is_no_orientation_is_rejected_with_a_warning(arm, bad):
     assert not arm.lock_orientation(bad)
     assert not arm.orientation_locked
     assert "lock_orientation: orientation" in arm.last_warning
@@ -158,19 +158,19 @@ def test_only_masters_that_are_ready_lock(arm):
 
 def test_the_platform_s_effort_is_the_dvrk_s():
     """Source: SAW control_servo_cf_preload: 0.5 (1 (goal - q4) - 0.1 v4), at most 0.4 N m."""
-    law = PlatformEffort(-1.658, 3.5779)
+    controller = PlatformEffort(-1.658, 3.5779)
     q, qd = np.zeros(7), np.zeros(7)
     q[4], q[5] = 0.3, 0.1
-    assert law.effort(q, qd) == pytest.approx(0.5 * 0.1 * np.cos(0.3))
+    assert controller.effort(q, qd) == pytest.approx(0.5 * 0.1 * np.cos(0.3))
     qd[3] = 0.2
-    assert law.effort(q, qd) == pytest.approx(0.5 * (0.1 * np.cos(0.3) - 0.1 * 0.2))
+    assert controller.effort(q, qd) == pytest.approx(0.5 * (0.1 * np.cos(0.3) - 0.1 * 0.2))
     q[5] = 0.7
     qd[3] = 0.0
-    assert law.effort(q, qd) == pytest.approx(PLATFORM_P * PLATFORM_STEP)
+    assert controller.effort(q, qd) == pytest.approx(PLATFORM_P * PLATFORM_STEP)
     q[3] = 3.5779
-    assert law.effort(q, qd) == 0.0  # at its limit
+    assert controller.effort(q, qd) == 0.0  # at its limit
     qd[3] = 100.0
-    assert law.effort(q, qd) == -PLATFORM_EFFORT_MAX
+    assert controller.effort(q, qd) == -PLATFORM_EFFORT_MAX
     assert pytest.approx(0.05) == PLATFORM_D
 
 

@@ -122,7 +122,7 @@ def test_a_joint_range_that_comes_near_a_flat_loop_is_warned_of(tmp_path, caplog
     arm = tmp_path / "bold.toml"
     arm.write_text(text.replace("lower_rad = -0.925025", "lower_rad = -1.2"), encoding="utf-8")
     World(lone_rig(load_arm(arm), "PSM1"))
-    assert "PSM1: a loop of psm flattens 0.080 rad from the joint range" in caplog.text
+    assert "PSM1: a loop of psm is singular 0.080 rad from the joint range" in caplog.text
     caplog.clear()
     World("psm")
     assert not caplog.text

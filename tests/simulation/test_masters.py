@@ -47,9 +47,9 @@ def test_a_master_is_seen_from_the_stereo_display_as_on_the_dvrk(rig, name):
     seen = world.arm(name).measured_cp()
     q = world.arm(name).measured_js().position
     assert seen.frame_id == "HRSV"
-    wanted = printed_base(MASTERS[name]) @ printed_chain(q)
-    np.testing.assert_allclose(seen.T, wanted, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(world.arm(name).setpoint_cp().T, wanted, rtol=0, atol=1e-12)
+    expected = printed_base(MASTERS[name]) @ printed_chain(q)
+    np.testing.assert_allclose(seen.T, expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(world.arm(name).setpoint_cp().T, expected, rtol=0, atol=1e-12)
 
 
 def test_the_display_s_place_in_the_world_does_not_change_what_it_sees(console):

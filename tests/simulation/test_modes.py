@@ -185,7 +185,7 @@ def test_unknown_modes_and_joints_are_told_with_the_known_ones():
 
 
 @pytest.mark.parametrize("bad", [-1.0, np.nan, np.inf, "stiff"])
-def test_impossible_gains_are_refused_and_none_is_changed(bad):
+def test_impossible_gains_are_rejected_and_none_is_changed(bad):
     arm = World("psm").arm("PSM1")
     before = arm.gains("yaw")
     with pytest.raises(InputError, match="allowed: 0 or more"):

@@ -64,7 +64,7 @@ def test_every_arm_crosses_its_whole_range_at_the_least_ratio(name):
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e-13, 5e-324])
-def test_a_move_that_takes_too_long_to_plan_is_refused(scale):
+def test_a_move_that_takes_too_long_to_plan_is_rejected(scale):
     zero, one = np.zeros(2), np.ones(2)
     with pytest.raises(InputError, match="no trajectory from"):
         Profile((zero, zero), np.array([1.0, 0.5]), (scale * one, scale * one), 0.0)
@@ -226,9 +226,9 @@ def test_set_points_go_on_at_a_velocity_until_a_limit_or_the_next_command():
     assert arm.servo_jv([0.2, -0.1, 0.01, 0.0, 0.0, 0.0])
     assert not arm.busy
     world.step(500)
-    told = arm.setpoint_js()
-    np.testing.assert_allclose(told.position - before, [0.1, -0.05, 0.005, 0, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(told.velocity[:3], [0.2, -0.1, 0.01])
+    setpoint = arm.setpoint_js()
+    np.testing.assert_allclose(setpoint.position - before, [0.1, -0.05, 0.005, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(setpoint.velocity[:3], [0.2, -0.1, 0.01])
     np.testing.assert_allclose(arm.measured_js().velocity[:2], [0.2, -0.1], atol=5e-3)
     world.step(12_000)
     limits = [arm.upper[0], arm.lower[1], arm.upper[2]]

@@ -56,6 +56,6 @@ def test_a_state_that_is_not_finite_is_not_observed() -> None:
 
 
 @pytest.mark.parametrize("every", [0, -1, 1.5, True, "1"])
-def test_a_number_of_periods_that_is_not_whole_is_refused(every: Any) -> None:
+def test_a_number_of_periods_that_is_not_whole_is_rejected(every: Any) -> None:
     with pytest.raises(InputError, match=r"every: got .*; allowed: a whole number above 0"):
         World("psm").observe(lambda: None, every)

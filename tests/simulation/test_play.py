@@ -132,7 +132,7 @@ BAD[2, 3] = np.nan
         ({"positions": {"PSM1": np.zeros((4, 7))}, "every": 1.5}, "whole number above 0"),
     ],
 )
-def test_a_table_that_cannot_be_played_is_refused_and_nothing_moves(arguments, message):
+def test_a_table_that_cannot_be_played_is_rejected_and_nothing_moves(arguments, message):
     world = World("psm")
     before = world.mj_data.qpos.copy(), world.mj_data.ctrl.copy()
     with pytest.raises(InputError, match=message):

@@ -39,7 +39,7 @@ def test_a_psm_is_seen_from_the_scope_as_the_bodies_stand(rig):
     for name in ("PSM1", "PSM2"):
         seen = world.arm(name).measured_cp()
         assert seen.frame_id == "ECM"
-        # The loops gape by up to 0.1 um at 0.5 m from the remote centre.
+        # Loop errors reach 0.1 um at 0.5 m from the remote centre.
         np.testing.assert_allclose(seen.T, inverse(tip) @ tip_of_psm(world, name), atol=2e-6)
 
 
@@ -92,13 +92,13 @@ def test_set_points_are_seen_in_the_same_frame():
     arm = world.arm("PSM1")
     goal = np.array([0.2, 0.1, 0.15, 0.3, 0.1, -0.1])
     arm.servo_jp(goal)
-    wanted = arm.setpoint_cp()
-    assert wanted.frame_id == arm.measured_cp().frame_id == "ECM"
+    expected = arm.setpoint_cp()
+    assert expected.frame_id == arm.measured_cp().frame_id == "ECM"
     world.step(3000)
-    np.testing.assert_allclose(arm.measured_cp().T, wanted.T, atol=5e-3)
+    np.testing.assert_allclose(arm.measured_cp().T, expected.T, atol=5e-3)
     base, _ = world.base_pose("PSM1")
     mechanism = world.rig.arm("PSM1").arm.mechanism
-    np.testing.assert_allclose(wanted.T, base @ pose(mechanism, np.append(goal, 0.0)), atol=1e-4)
+    np.testing.assert_allclose(expected.T, base @ pose(mechanism, np.append(goal, 0.0)), atol=1e-4)
 
 
 def test_lone_arms_have_their_remote_centre_where_the_rig_says():
@@ -106,7 +106,7 @@ def test_lone_arms_have_their_remote_centre_where_the_rig_says():
         np.testing.assert_allclose(World(rig).remote_centres()[name], [0.0, 0.0, 0.3], atol=1e-12)
 
 
-def test_a_reference_arm_that_no_setup_joints_are_made_for_is_refused():
+def test_a_reference_arm_that_no_setup_joints_are_made_for_is_rejected():
     for rig, allowed in (("full_cart", "PSM1, PSM2, PSM3, ECM"), ("psm", "none, for the rig has")):
         with pytest.raises(InputError, match=f"reference arm: got 'PSM4'; allowed: {allowed}"):
             World(rig).set_reference_arm("PSM4")

@@ -86,7 +86,7 @@ def check_sequence(names: list[str], seed: int, ready: bool) -> None:
         arm.begin(arm.readings()[0], ready=True)
     for name in names:
         was_ready = arm.operating_state().ready
-        before, told = arm.readings()[0], arm.setpoint_js().position
+        before, setpoint = arm.readings()[0], arm.setpoint_js().position
         VERBS[name](arm, rng)
         now = arm.operating_state()
         assert now.state in STATES
@@ -94,7 +94,7 @@ def check_sequence(names: list[str], seed: int, ready: bool) -> None:
         world.step(int(rng.integers(1, 3)))
         assert arm.operating_state().state in STATES
         if not was_ready and not now.is_busy and name not in READ_ANEW:
-            np.testing.assert_array_equal(arm.setpoint_js().position, told)
+            np.testing.assert_array_equal(arm.setpoint_js().position, setpoint)
         if now.state in ("DISABLED", "FAULT") and not now.is_busy and not was_ready:
             # a jaw that was pressed into its stop comes back out of it
             np.testing.assert_allclose(arm.readings()[0][:6], before[:6], atol=1e-6)

@@ -1,4 +1,4 @@
-"""What a sample reads out is what the arms' own verbs said when it was taken."""
+"""What a sample reads out is what the arms' own verbs return when it was taken."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def scatter(world: World, rng: np.random.Generator) -> None:
                 arm.servo_jp(rng.uniform(arm.lower, arm.upper)[: arm.description.own_joints])
 
 
-def said(world: World) -> dict[str, dict[str, Any]]:
+def verbs_of(world: World) -> dict[str, dict[str, Any]]:
     """Return what the verbs of every arm say now."""
     found: dict[str, dict[str, Any]] = {}
     for name, arm in world.arms.items():
@@ -52,7 +52,7 @@ def said(world: World) -> dict[str, dict[str, Any]]:
 
 
 def read_out(seen: Readout, name: str, figure: str) -> Any:
-    """Return a figure of a sample, by the name that `said` has for it."""
+    """Return a figure of a sample, by the name that `verbs_of` has for it."""
     arm, (first, _, last) = seen.arm(name), figure.partition(" ")
     local = first == "local"
     if figure == "frame":
@@ -70,9 +70,9 @@ def read_out(seen: Readout, name: str, figure: str) -> Any:
 
 
 def check(seen: Readout, expected: Mapping[str, Mapping[str, Any]], order: Any = list) -> None:
-    """Compare every figure, asked for in some order."""
-    asked = [(name, figure) for name, each in expected.items() for figure in each]
-    for name, figure in order(asked):
+    """Compare every figure, read in some order."""
+    figures = [(name, figure) for name, each in expected.items() for figure in each]
+    for name, figure in order(figures):
         got, value = read_out(seen, name, figure), expected[name][figure]
         if figure == "frame":
             assert got == value, name
@@ -87,7 +87,7 @@ def test_every_figure_of_a_sample_is_that_of_the_verb(rig: str, rng: np.random.G
     reader = Reader(world.model)
     for _ in range(3):
         scatter(world, rng)
-        check(reader.read(world.sample()), said(world), rng.permutation)
+        check(reader.read(world.sample()), verbs_of(world), rng.permutation)
 
 
 @pytest.mark.parametrize("reference", ["ECM", "PSM2"])
@@ -96,31 +96,31 @@ def test_poses_follow_the_reference_arm_and_frames_that_were_set(
 ) -> None:
     world = World("full_cart", collisions=False)
     reader = Reader(world.model)
-    check(reader.read(world.sample()), said(world))
+    check(reader.read(world.sample()), verbs_of(world))
     scatter(world, rng)
     world.set_reference_arm(reference)
     T = transform(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2.0, 3.0]))
     world.arm("PSM1").set_base_frame(T, "table")
-    check(reader.read(world.sample()), said(world))
+    check(reader.read(world.sample()), verbs_of(world))
 
 
 def test_setup_joints_that_are_welded_are_read_where_they_stand(rng: np.random.Generator) -> None:
     world = World("full_cart", setup_joints="locked", collisions=False)
     scatter(world, rng)
-    check(Reader(world.model).read(world.sample()), said(world))
+    check(Reader(world.model).read(world.sample()), verbs_of(world))
 
 
 def test_a_calibrated_arm_reads_out_by_its_own_loops(skew_overlay, rng) -> None:
     world = World("psm", calibration=skew_overlay("psm", rng))
     scatter(world, rng)
     assert not world.model.joints.arms["PSM1"].parallel
-    check(Reader(world.model).read(world.sample()), said(world))
+    check(Reader(world.model).read(world.sample()), verbs_of(world))
 
 
 def test_a_sample_stays_what_it_was_while_the_world_moves_on(rng: np.random.Generator) -> None:
     world = World("two_psm_ecm")
     reader = Reader(world.model)
-    before, expected = reader.read(world.sample()), said(world)
+    before, expected = reader.read(world.sample()), verbs_of(world)
     scatter(world, rng)
     world.step(50)
     check(before, expected)
@@ -132,7 +132,7 @@ def test_two_samples_may_be_read_in_turns(rng: np.random.Generator) -> None:
     pairs = []
     for _ in range(2):
         scatter(world, rng)
-        pairs.append((reader.read(world.sample()), said(world)))
+        pairs.append((reader.read(world.sample()), verbs_of(world)))
     for figure in pairs[0][1]["PSM1"]:
         for seen, expected in pairs:
             check(seen, {"PSM1": {figure: expected["PSM1"][figure]}})
@@ -140,7 +140,7 @@ def test_two_samples_may_be_read_in_turns(rng: np.random.Generator) -> None:
 
 def test_an_effort_that_is_no_number_spoils_only_its_own_arm() -> None:
     world = World("two_psm_ecm")
-    sample, expected = world.sample(), said(world)
+    sample, expected = world.sample(), verbs_of(world)
     sample.arms["PSM1"].effort[:] = np.nan
     seen = Reader(world.model).read(sample)
     assert np.isnan(seen.arm("PSM1").wrench("body")).all()

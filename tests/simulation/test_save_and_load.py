@@ -163,7 +163,7 @@ def test_random_numbers_go_on_where_they_were():
 
 
 @pytest.mark.parametrize("build", [lambda: World("ecm"), lambda: World("psm", friction="paper")])
-def test_a_state_of_another_model_is_refused_and_nothing_changes(build):
+def test_a_state_of_another_model_is_rejected_and_nothing_changes(build):
     world, other = World("psm"), build()
     before = numbers(other)
     with pytest.raises(InputError, match=r"load: got a state of psm .*; allowed: one of"):

@@ -155,11 +155,11 @@ def test_a_known_force_at_the_tip_is_read_in_the_tips_own_axes(
     tip = frame_in_world(world, "tip", at)
     massed = next(b for b in world.rig.arm("PSM1").arm.bodies if b.frame == body)
     centre = frame_in_world(world, body, at) @ [*massed.com, 1.0]
-    told = wrench(world)
+    reading = wrench(world)
     moved = np.cross(centre[:3] - tip[:3, 3], force) + torque
-    np.testing.assert_allclose(told.force, tip[:3, :3].T @ force, atol=0.01 * 0.7)
-    np.testing.assert_allclose(told.torque, tip[:3, :3].T @ moved, atol=0.01 * 4e-3)
-    assert told.frame_id == "tip"
+    np.testing.assert_allclose(reading.force, tip[:3, :3].T @ force, atol=0.01 * 0.7)
+    np.testing.assert_allclose(reading.torque, tip[:3, :3].T @ moved, atol=0.01 * 4e-3)
+    assert reading.frame_id == "tip"
 
 
 def test_the_worlds_own_tip_load_is_read_while_the_arm_moves(tmp_path: Path) -> None:
@@ -175,9 +175,9 @@ def test_the_worlds_own_tip_load_is_read_while_the_arm_moves(tmp_path: Path) -> 
         tip = frame_in_world(world, "tip", arm.readings()[0], "PSM2")
         # The load is renewed every 5 ms, in the pose at its period's beginning.
         applied = root[:3, :3] @ (5.0 * load_direction(world.time - 0.005))
-        told = wrench(world)
-        np.testing.assert_allclose(told.force, tip[:3, :3].T @ applied, atol=0.01 * 5.0)
-        np.testing.assert_allclose(told.torque, 0.0, atol=1e-12)
+        reading = wrench(world)
+        np.testing.assert_allclose(reading.force, tip[:3, :3].T @ applied, atol=0.01 * 5.0)
+        np.testing.assert_allclose(reading.torque, 0.0, atol=1e-12)
     world.reset()
     assert not wrench(world).force.any()
 
@@ -187,9 +187,9 @@ def test_inertia_and_weight_are_no_wrench(tmp_path: Path) -> None:
     world.arm("PSM1").move_jp(POSES[2][:6])
     for _ in range(50):
         world.step(7)
-        told = wrench(world)
-        assert not told.force.any()
-        assert not told.torque.any()
+        reading = wrench(world)
+        assert not reading.force.any()
+        assert not reading.torque.any()
 
 
 def test_motors_that_press_a_tool_on_the_table_balance_weight_and_wrench(tmp_path: Path) -> None:
@@ -201,10 +201,10 @@ def test_motors_that_press_a_tool_on_the_table_balance_weight_and_wrench(tmp_pat
     arm.move_jp([0.1, -0.15, 0.240, 0.4, 0.2, -0.1]).wait(5.0)
     world.step(4000)
     at = arm.readings()[0]
-    told = wrench(world)
-    assert np.linalg.norm(told.force) > 3.0
+    reading = wrench(world)
+    assert np.linalg.norm(reading.force) > 3.0
     jacobian = jacobian_body(arm.description.mechanism, at)
-    load = jacobian.T @ [*told.force, *told.torque]
+    load = jacobian.T @ [*reading.force, *reading.torque]
     measured = gravity_efforts(world, at) - efforts(world)
     # 1 % of the largest torque; the jaw's motor sees single fingers, not their sum.
     np.testing.assert_allclose(measured[:6], load[:6], atol=0.01 * np.abs(load[:2]).max())
@@ -251,10 +251,10 @@ def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses
     arm = world.arm("PSM1")
     arm.move_jp([0.0, 0.0, 0.24, 0.0, 0.0, 0.0]).wait(5.0)
     world.step(1000)
-    told = touching(world)
-    assert told.frame_id == "world"
-    assert {c.body for c in told.contacts} == {"PSM1/finger_left", "PSM1/finger_right"}
-    for contact in told.contacts:
+    reading = touching(world)
+    assert reading.frame_id == "world"
+    assert {c.body for c in reading.contacts} == {"PSM1/finger_left", "PSM1/finger_right"}
+    for contact in reading.contacts:
         assert contact.other == contact.other_shape.rpartition("/")[0] == "table"
         assert contact.shape.startswith(f"{contact.body}/")
         np.testing.assert_allclose(contact.normal, [0.0, 0.0, 1.0], atol=1e-12)
@@ -262,7 +262,7 @@ def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses
         assert 0.0 <= contact.depth < 1e-6
         assert contact.force[2] > 0.0
         assert np.linalg.norm(contact.force[:2]) <= 1.0 * contact.force[2]  # CONTACT_FRICTION
-    total = sum((c.force for c in told.contacts), np.zeros(3))
+    total = sum((c.force for c in reading.contacts), np.zeros(3))
     tip = frame_in_world(world, "tip", arm.readings()[0])
     np.testing.assert_allclose(total, tip[:3, :3] @ wrench(world).force, atol=1e-3)
     pressed = arm.measured_js().effort[2]  # along the vertical shaft, gravity compensated
@@ -332,9 +332,9 @@ def test_the_ray_between_the_pads_ends_at_a_box(
     assert span == pytest.approx(2 * 0.008 * np.sin(0.5 * opening), abs=1e-9)
     side = np.sign(pads[0][0])
     expected = abs(pads[0][0] - (1e-3 * shift_mm + side * 0.5e-3))
-    told = near(world)
-    assert told.gap == pytest.approx(span, abs=1e-9)
-    assert told.distance == pytest.approx(expected, abs=1e-9)
+    reading = near(world)
+    assert reading.gap == pytest.approx(span, abs=1e-9)
+    assert reading.distance == pytest.approx(expected, abs=1e-9)
 
 
 def test_what_lies_beyond_the_end_of_a_ray_is_not_seen(tmp_path: Path) -> None:
@@ -386,9 +386,9 @@ def test_at_rest_an_imu_reads_g_upward_in_its_own_axes(
     world = World(rig_with(tmp_path, imu(frame, more=more)), friction="paper")
     at = hold(world, q, 3000)
     axes = frame_in_world(world, frame, at)[:3, :3] @ matrix_from_rpy(*rpy)
-    told = inertial(world)
-    np.testing.assert_allclose(told.linear_acceleration, axes.T @ [0.0, 0.0, G], atol=1e-3)
-    np.testing.assert_allclose(told.angular_velocity, 0.0, atol=1e-4)
+    reading = inertial(world)
+    np.testing.assert_allclose(reading.linear_acceleration, axes.T @ [0.0, 0.0, G], atol=1e-3)
+    np.testing.assert_allclose(reading.angular_velocity, 0.0, atol=1e-4)
 
 
 def test_a_turning_shaft_pulls_inward_by_omega_squared_r(tmp_path: Path) -> None:
@@ -401,12 +401,12 @@ def test_a_turning_shaft_pulls_inward_by_omega_squared_r(tmp_path: Path) -> None
     v[:, 3] = omega
     world.set_state("PSM1", q[0], v[0])
     world.play({"PSM1": q[1:]}, {"PSM1": v[1:]}, every=5)
-    told = inertial(world)
+    reading = inertial(world)
     spin = world.arm("PSM1").readings()[1][3]
     assert spin > 5.0
-    assert abs(told.angular_velocity[2]) == pytest.approx(spin, rel=1e-3)
-    assert told.linear_acceleration[0] == pytest.approx(-(spin**2) * 0.03, rel=0.01)
-    assert abs(told.linear_acceleration[2]) == pytest.approx(G, rel=0.01)
+    assert abs(reading.angular_velocity[2]) == pytest.approx(spin, rel=1e-3)
+    assert reading.linear_acceleration[0] == pytest.approx(-(spin**2) * 0.03, rel=0.01)
+    assert abs(reading.linear_acceleration[2]) == pytest.approx(G, rel=0.01)
 
 
 def test_a_moving_imu_reads_the_second_derivative_of_where_it_is(tmp_path: Path) -> None:
@@ -418,11 +418,11 @@ def test_a_moving_imu_reads_the_second_derivative_of_where_it_is(tmp_path: Path)
     arm.move_jp([0.8, -0.6, 0.2, 0.5, 0.2, -0.2])
     world.step(100)
     body = world.mj_model.body("PSM1/insertion").id
-    told: list[ImuReading] = []
+    readings: list[ImuReading] = []
     at: list[Array] = []
     for _ in range(300):
         world.step()
-        told.append(inertial(world))
+        readings.append(inertial(world))
         seen = world.snapshot()
         turn = matrix_from_quaternion(seen.quaternions[body])
         at.append(transform(turn, seen.positions[body]))
@@ -433,7 +433,7 @@ def test_a_moving_imu_reads_the_second_derivative_of_where_it_is(tmp_path: Path)
         second = (points[k + span] - 2 * points[k] + points[k - span]) / (span * step) ** 2
         mean = np.zeros(3)
         for j in range(-span + 1, span):  # the weights of a second difference over 2 span periods
-            felt = told[k + j + 1].linear_acceleration
+            felt = readings[k + j + 1].linear_acceleration
             mean += (span - abs(j)) / span**2 * (at[k + j + 1][:3, :3] @ felt)
         mean[2] -= G
         np.testing.assert_allclose(mean, second, atol=1e-3)  # the arm turns within a period
@@ -451,8 +451,8 @@ def test_an_imu_stands_on_a_welded_setup_joint_too(tmp_path: Path) -> None:
         path = rig_with(tmp_path, sensors.format(joint), "suj_two_psm_ecm")
         world = World(path, setup_joints=setup)
         world.step(5)
-        told = inertial(world)
-        assert np.linalg.norm(told.linear_acceleration) == pytest.approx(G, abs=1e-3)
+        reading = inertial(world)
+        assert np.linalg.norm(reading.linear_acceleration) == pytest.approx(G, abs=1e-3)
         held = world.sensor("held")
         assert isinstance(held, EffortReading)
         assert setup == "braked" or held.effort == 0.0
@@ -489,14 +489,14 @@ def test_a_twist_is_the_first_difference_of_a_pose_in_its_own_axes(
 
     before = seen()
     world.step()
-    told, now = velocity(world), seen()
+    reading, now = velocity(world), seen()
     change = now[:3, :3].T @ (now - before)[:3] / world.timestep
     spin = (change[:, :3] - change[:, :3].T) / 2.0
-    assert np.linalg.norm(told.linear) > 0.01
+    assert np.linalg.norm(reading.linear) > 0.01
     # A period ends with the velocity that it moved by. Axes that turn by half a period at 1 rad/s,
     # 0.5 mrad, change 0.2 m/s by 0.1 mm/s and 0.6 rad/s by 0.3 mrad/s.
-    np.testing.assert_allclose(told.linear, change[:, 3], atol=1e-4)
-    np.testing.assert_allclose(told.angular, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=3e-4)
+    np.testing.assert_allclose(reading.linear, change[:, 3], atol=1e-4)
+    np.testing.assert_allclose(reading.angular, [spin[2, 1], spin[0, 2], spin[1, 0]], atol=3e-4)
 
 
 def test_a_twist_at_the_tip_is_the_measured_velocity(tmp_path: Path) -> None:
@@ -504,9 +504,9 @@ def test_a_twist_at_the_tip_is_the_measured_velocity(tmp_path: Path) -> None:
     arm = world.arm("PSM1")
     arm.move_jp([0.3, 0.2, 0.16, 0.4, 0.3, -0.2])
     world.step(300)
-    told, public, turn = velocity(world), arm.measured_cv(), arm.measured_cp().T[:3, :3]
-    np.testing.assert_allclose(told.linear, turn.T @ public.linear, atol=1e-3)
-    np.testing.assert_allclose(told.angular, turn.T @ public.angular, atol=1e-2)
+    reading, public, turn = velocity(world), arm.measured_cv(), arm.measured_cp().T[:3, :3]
+    np.testing.assert_allclose(reading.linear, turn.T @ public.linear, atol=1e-3)
+    np.testing.assert_allclose(reading.angular, turn.T @ public.angular, atol=1e-2)
 
 
 # ------------------------------------------------------------------ all of them
@@ -578,7 +578,7 @@ def test_a_reading_at_the_start_is_what_the_first_period_feels(tmp_path: Path) -
         world.reset()
 
 
-def test_an_unknown_sensor_is_refused_and_the_known_ones_listed(tmp_path: Path) -> None:
+def test_an_unknown_sensor_is_rejected_and_the_known_ones_listed(tmp_path: Path) -> None:
     world = World(rig_with(tmp_path, TIP + TOUCH))
     assert list(world.sensors) == ["tip", "touch"]
     with pytest.raises(UnknownNameError, match=r"sensor 'tpi' .*'tip'.*known: tip, touch"):
@@ -588,11 +588,11 @@ def test_an_unknown_sensor_is_refused_and_the_known_ones_listed(tmp_path: Path) 
 
 
 def test_a_reading_is_frozen(tmp_path: Path) -> None:
-    told = wrench(World(rig_with(tmp_path, TIP)))
+    reading = wrench(World(rig_with(tmp_path, TIP)))
     with pytest.raises(dataclasses.FrozenInstanceError):
-        told.time = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+        reading.time = 1.0  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(ValueError, match="read-only"):
-        told.force[0] = 1.0
+        reading.force[0] = 1.0
 
 
 def test_noise_is_drawn_as_wide_as_asked_and_anew_from_the_same_seed(tmp_path: Path) -> None:
@@ -621,18 +621,18 @@ def test_a_sensor_with_a_rate_has_one_sample_a_period(tmp_path: Path) -> None:
     world = World(rig_with(tmp_path, TIP + "noise_n = 0.5\nrate_hz = 100.0\n"))
     seen: list[tuple[float, float]] = []
     for _ in range(60):
-        told = wrench(world)
-        seen.append((told.time, told.force[0]))
+        reading = wrench(world)
+        seen.append((reading.time, reading.force[0]))
         world.step(3)
     times = sorted({time for time, _ in seen})
     assert len(set(seen)) == len(times) == 18  # 0.177 s
     assert all(time - int(time * 100 + 1e-9) / 100 < 0.003 + 1e-9 for time in times)
     first = seen[0]
     world.reset()
-    told = wrench(world)
-    assert (told.time, told.force[0]) == first
+    reading = wrench(world)
+    assert (reading.time, reading.force[0]) == first
     world.reset(seed=1)
-    assert wrench(world).force[0] != told.force[0]  # at the same time, and yet a new sample
+    assert wrench(world).force[0] != reading.force[0]  # at the same time, and yet a new sample
 
 
 def test_sensors_stay_when_another_tool_is_mounted(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The servos' law: proportional, integral, and a derivative that acts on the error."""
+"""The servos' controller: proportional, integral, and a derivative that acts on the error."""
 
 from __future__ import annotations
 
@@ -51,9 +51,13 @@ def test_without_it_the_arm_lags_by_the_derivative_over_the_proportional_gain():
 def test_compiled_gains_are_the_descriptions(rig, control):
     world = World(rig, control=control)
     for rig_arm in world.rig.arms:
-        for joint, wanted in rig_arm.arm.control[control].pid.items():
-            assert world.arm(rig_arm.name).gains(joint) == (wanted.p, wanted.i, wanted.d)
-            assert compiled_gains(world, rig_arm.name, joint) == (wanted.p, wanted.i, wanted.d)
+        for joint, expected in rig_arm.arm.control[control].pid.items():
+            assert world.arm(rig_arm.name).gains(joint) == (expected.p, expected.i, expected.d)
+            assert compiled_gains(world, rig_arm.name, joint) == (
+                expected.p,
+                expected.i,
+                expected.d,
+            )
 
 
 def compiled_gains(world: World, arm: str, joint: str) -> tuple[float, float, float]:

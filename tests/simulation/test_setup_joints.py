@@ -81,7 +81,7 @@ def test_releasing_and_locking_do_not_move_anything(world):
         assert np.abs(setup.measured_js().position - before).max() < 1e-4
 
 
-def test_moves_are_refused_while_every_brake_is_locked(world):
+def test_moves_are_rejected_while_every_brake_is_locked(world):
     setup = world.arm("SUJ_PSM1")
     before = setup.measured_js().position
     motion = setup.move_jp(before + 0.1)
@@ -164,7 +164,7 @@ def test_potentiometers_read_positions_with_offset_and_seeded_noise(world):
         ({"offset": [0.1, 0.2]}, r"shape \(2,\)"),
     ],
 )
-def test_impossible_potentiometers_are_refused(world, arguments, message):
+def test_impossible_potentiometers_are_rejected(world, arguments, message):
     with pytest.raises(InputError, match=message):
         world.arm("SUJ_PSM1").potentiometers(**arguments)
 
@@ -198,7 +198,7 @@ def test_welded_setup_joints_stand_where_braked_ones_start(world):
         assert here.frame_id == there.frame_id
 
 
-def test_welded_setup_joints_refuse_to_move_and_to_change():
+def test_welded_setup_joints_neither_move_nor_change():
     world = World(RIG, setup_joints="locked")
     setup = world.arm("SUJ_PSM1")
     before = setup.measured_js().position

@@ -27,7 +27,7 @@ def state(arm: Arm) -> tuple[str, bool, bool]:
     return now.state, now.is_homed, now.is_busy
 
 
-def told(world: World) -> list[tuple[str, bool, bool]]:
+def reported_states(world: World) -> list[tuple[str, bool, bool]]:
     """What the world tells of operating states from now on."""
     found: list[tuple[str, bool, bool]] = []
 
@@ -95,7 +95,7 @@ def test_no_verb_moves_an_arm_that_is_not_ready(verb, how):
 
 def test_homing_enables_brings_the_arm_home_and_only_then_lets_it_move(off):
     arm = off.arm("PSM1")
-    states = told(off)
+    states = reported_states(off)
     motion = arm.home()
     assert state(arm) == ("ENABLED", False, True)
     assert not arm.servo_jp(GOAL)
@@ -180,7 +180,7 @@ def test_a_paused_arm_holds_and_takes_commands_again_after_resume():
         ("pause", "home", "DISABLED or ENABLED"),
     ],
 )
-def test_state_commands_that_do_not_fit_are_refused(before, verb, allowed):
+def test_state_commands_that_do_not_fit_are_rejected(before, verb, allowed):
     arm = World("psm").arm("PSM1")
     assert arm.state_command(before)
     was = state(arm)
@@ -249,7 +249,7 @@ def test_busy_goes_up_and_down_for_every_move_also_of_no_length_and_of_the_jaw()
     world = World("psm")
     arm = world.arm("PSM1")
     assert arm.jaw is not None
-    states = told(world)
+    states = reported_states(world)
     assert arm.move_jp(arm.setpoint_js().position).wait(1.0)
     assert arm.jaw.move_jp(arm.jaw.setpoint_js().position).wait(1.0)
     assert [busy for _, _, busy in states] == [True, False, True, False]
@@ -261,7 +261,7 @@ def test_a_table_is_not_played_by_an_arm_that_is_not_ready():
         world.play({"PSM1": np.tile([*HOME, 0.0], (3, 1))})
 
 
-def test_a_table_that_is_refused_leaves_a_free_arm_free():
+def test_a_table_that_is_rejected_leaves_a_free_arm_free():
     world = World("psm")
     arm = world.arm("PSM1")
     assert arm.free()

@@ -44,7 +44,7 @@ def _command(called: str, parser: argparse.ArgumentParser) -> list[str]:
     options = ["[OPTIONS]"] if any(a.option_strings and not a.required for a in rows) else []
     words = [_usage(a) for a in rows if a.required or not a.option_strings]
     line = " ".join([called, *words, *options, *(["COMMAND ..."] if inner else [])])
-    parts = [_escaped(parser.description or ""), f"```\n{line}\n```"]
+    parts = [*_description(parser.description or ""), f"```\n{line}\n```"]
     if rows:
         table = [f"| `{_name(a)}` | {_help(parser, a)} |" for a in rows]
         parts.append("\n".join(["| argument | |", "|---|---|", *table]))
@@ -54,6 +54,17 @@ def _command(called: str, parser: argparse.ArgumentParser) -> list[str]:
             *_command(f"{called} {name}", one),
         ]
     return [part for part in parts if part]
+
+
+def _description(text: str) -> list[str]:
+    """Return a description as paragraphs, indented lines (a table of keys) as they are."""
+    found: list[str] = []
+    for block in re.split(r"((?:^ {2,}.*\n?)+)", text, flags=re.MULTILINE):
+        if block.startswith("  "):
+            found.append(f"```\n{block.rstrip()}\n```")
+        elif block.strip():
+            found.append(_escaped(block))
+    return found
 
 
 def _usage(action: argparse.Action) -> str:

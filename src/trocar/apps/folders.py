@@ -49,14 +49,14 @@ def check_folder(folder: Path, force: bool) -> None:
         InputError: it is no folder, or holds something that nobody allowed to replace
     """
     if folder.exists() and not folder.is_dir():
-        raise InputError(f"{folder}: is no folder; allowed: a new or an empty one")
+        raise InputError(f"{folder}: is not a folder; allowed: a new or an empty folder")
     if folder.is_dir() and not force:
         held = sorted(entry.name for entry in folder.iterdir())
         if held:
             more = f" and {len(held) - 1} more" if len(held) > 1 else ""
             raise InputError(
                 f"{folder}: is not empty (got {held[0]}{more}); allowed: a new or an empty folder,"
-                " or --force to replace what has the same name"
+                " or --force to replace existing files"
             )
 
 

@@ -83,7 +83,7 @@ def page_in(folder: str | Path, purpose: str) -> Path:
     """
     target = Path(folder).expanduser()
     if target.exists() and not target.is_dir():
-        raise InputError(f"{target}: is no folder; allowed: one that is there or can be made")
+        raise InputError(f"{target}: is not a folder; allowed: an existing or a new folder")
     new_figure(1.0, 1.0, purpose)
     return target / "index.html"
 

@@ -155,7 +155,7 @@ def periods_per_tick(world: World) -> int:
     every = round(TICK_S / world.timestep)
     if every < 1 or abs(every * world.timestep - TICK_S) > 1e-9:
         raise InputError(
-            f"timestep: got {world.timestep:g} s; allowed: what divides {TICK_S:g} s evenly"
+            f"timestep: got {world.timestep:g} s; allowed: {TICK_S:g} s divided by a whole number"
         )
     return every
 

@@ -164,9 +164,9 @@ class _Entries:
         for key in keys:
             if key in self.data:
                 return key, self.data[key]
-        told = ", ".join(str(key) for key in self.data) or "nothing"
+        present = ", ".join(str(key) for key in self.data) or "nothing"
         other = f" (or {', '.join(others)})" if others else ""
-        raise self.fail(first, f"is missing{other}; the file has {told}")
+        raise self.fail(first, f"is missing{other}; the file has {present}")
 
     def _numbers(self, key: str, value: Any) -> Array:
         if isinstance(value, dict):

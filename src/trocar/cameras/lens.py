@@ -181,14 +181,14 @@ def _followed(target: Array, c: Array, steps: int) -> tuple[Array, Array]:
     found, reached = np.zeros_like(target), np.ones(len(target))
     going = np.ones(len(target), dtype=np.bool_)
     for step in range(1, steps + 1):
-        wanted = target * (step / steps)
+        goal = target * (step / steps)
         found = found * (step / max(step - 1, 1))
         for _ in range(ITERATIONS if step < steps else LAST_ITERATIONS):
             J = _jacobian(found, c)
             det = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
             lost = going & ~(det > 0.0)
             reached[lost], going = (step - 1) / steps, going & ~lost
-            miss = wanted - _distorted(found, c)
+            miss = goal - _distorted(found, c)
             safe = np.where(going, det, 1.0)
             dx = (J[:, 1, 1] * miss[:, 0] - J[:, 0, 1] * miss[:, 1]) / safe
             dy = (J[:, 0, 0] * miss[:, 1] - J[:, 1, 0] * miss[:, 0]) / safe

@@ -106,7 +106,7 @@ class Rectification:
 
     Attributes:
         R: R_rectified_eye (3, 3)
-        P: of the rectified picture (3, 4): [[f, 0, cx, f x], [0, f, cy, 0], [0, 0, 1, 0]] [px];
+        P: of the rectified picture (3, 4): `[[f, 0, cx, f x], [0, f, cy, 0], [0, 0, 1, 0]]` in px;
             x is the left eye's place in this one's frame: 0, or -baseline of the right eye [m]
     """
 
@@ -230,7 +230,7 @@ class CameraDescription:
     """A camera that a rig places.
 
     Attributes:
-        name: what it is asked for by
+        name: by which it is requested
         kind: "endoscope" (at the end of an arm's scope) or "view"
         arm: name of the arm that carries it, "" for the world
         frame: the frame of that arm that it stands on, "" for the world
@@ -302,7 +302,7 @@ def _check_intrinsics(
 
 
 def _check_baseline(T_left_right: Array) -> None:
-    """Refuse two eyes that cannot be those of one scope.
+    """Reject two eyes that cannot be those of one scope.
 
     Raises:
         InputError: what is wrong, what was got and what is allowed
@@ -336,7 +336,7 @@ def _check_baseline(T_left_right: Array) -> None:
 
 
 def _check_alike(left: tuple[int, int], right: tuple[int, int]) -> None:
-    """Refuse eyes whose pictures differ in size.
+    """Reject eyes whose pictures differ in size.
 
     Raises:
         InputError: both sizes are named
@@ -354,8 +354,8 @@ def _check_matrix(K: ArrayLike) -> Array:
     except (TypeError, ValueError):
         k = np.array(np.nan)
     if k.shape != (3, 3) or not np.isfinite(k).all():
-        told: object = K.tolist() if isinstance(K, np.ndarray) else K
-        raise InputError(f"K: got {told!r}; allowed: 3 x 3 finite numbers")
+        given: object = K.tolist() if isinstance(K, np.ndarray) else K
+        raise InputError(f"K: got {given!r}; allowed: 3 x 3 finite numbers")
     if k[0, 1] != 0.0 or k[1, 0] != 0.0 or (k[2] != [0.0, 0.0, 1.0]).any():
         raise InputError(
             f"K: got {k.tolist()}; allowed: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] (no skew)"

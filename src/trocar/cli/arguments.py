@@ -1,12 +1,15 @@
-"""The parser of the command line, and the arguments that several subcommands share."""
+"""The command-line parser, and arguments shared by several subcommands."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from argparse import _ActionsContainer
 
 #: Port of the web viewer.
 PORT = 8080
@@ -20,14 +23,14 @@ class Parser(argparse.ArgumentParser):
         super().__init__(**options)  # type: ignore[arg-type]
 
     def error(self, message: str) -> NoReturn:
-        """Reject the command line."""
+        """Raise InputError with argparse's message."""
         command = self.prog.partition(" ")[2]
         where = f"{command}: " if command else ""
         raise InputError(f"{where}{message} (see {self.prog} --help)")
 
 
 def keep_negative_numbers(words: Sequence[str]) -> list[str]:
-    """Return a command line in which argparse takes no negative number for an option.
+    """Escape negative numbers so that argparse does not parse them as options.
 
     argparse recognises -1 and -0.5 as numbers, but not -1.2e-05 and -inf. A leading space keeps a
     word from being parsed as an option.
@@ -36,14 +39,14 @@ def keep_negative_numbers(words: Sequence[str]) -> list[str]:
 
 
 def number(text: str) -> float:
-    """Read a number of the command line."""
+    """Parse a number."""
     if not _is_number(text):
         raise argparse.ArgumentTypeError(f"got {text.strip()!r}; allowed: a number")
     return float(text)
 
 
 def duration(text: str) -> float:
-    """Read a positive, finite time [s]."""
+    """Parse a positive, finite time [s]."""
     value = number(text)
     if not 0.0 < value < float("inf"):
         raise argparse.ArgumentTypeError(f"got {value:g}; allowed: above 0 s")
@@ -59,74 +62,91 @@ def _is_number(text: str) -> bool:
 
 
 def add_arm(parser: argparse.ArgumentParser) -> None:
-    """Add an arm and its tool."""
-    parser.add_argument("arm", metavar="ARM", help="built-in arm (trocar list) or TOML file")
+    """Add the arm and its tool."""
     parser.add_argument(
-        "--tool", metavar="TOOL", help='tool, its TOML file, or "none" (default: the arm\'s own)'
+        "arm", metavar="ARM", help="built-in arm (see trocar list arms) or TOML file"
+    )
+    parser.add_argument(
+        "--tool",
+        metavar="TOOL",
+        help='built-in tool, TOML file, or "none" (default: the tool of the arm\'s description)',
     )
 
 
-def add_calibration(parser: argparse.ArgumentParser) -> None:
-    """Add the calibration of one arm."""
+def add_calibration(parser: _ActionsContainer) -> None:
+    """Add the calibration overlay of one arm."""
     parser.add_argument(
-        "--calibration", metavar="OVERLAY", help="calibrated geometry in place of the nominal one"
+        "--calibration",
+        metavar="OVERLAY",
+        help="calibration overlay, replaces nominal geometry (trocar calibrate)",
     )
 
 
-def add_calibrations(parser: argparse.ArgumentParser) -> None:
-    """Add the calibrations of a rig's arms."""
+def add_calibrations(parser: _ActionsContainer) -> None:
+    """Add the calibration overlays of a rig's arms."""
     parser.add_argument(
         "--calibration",
         action="append",
         metavar="[ARM=]OVERLAY",
-        help="calibrated geometry of this arm, or of all arms of its kind; may be repeated",
+        help="calibration overlay of ARM, or of every arm of its type (repeatable)",
     )
 
 
-def add_gains(parser: argparse.ArgumentParser) -> None:
-    """Add the presets of servo gains and of joint friction."""
+def add_gains(parser: _ActionsContainer) -> None:
+    """Add the presets of servo gains and joint friction."""
     parser.add_argument(
-        "--control", choices=("dvrk", "paper"), default="dvrk", help="servo gains (default: dvrk)"
+        "--control",
+        choices=("dvrk", "paper"),
+        default="dvrk",
+        help="servo gain preset (default: dvrk)",
     )
     parser.add_argument(
         "--friction",
         choices=("identified", "paper"),
         default="identified",
-        help="joint friction (default: identified)",
+        help="joint friction preset (default: identified)",
     )
 
 
-def add_rig(parser: argparse.ArgumentParser, rig: str | None = "full_cart") -> None:
-    """Add the rig; None: the command chooses one."""
+def add_rig(
+    parser: _ActionsContainer, rig: str | None = "full_cart", chosen: str = "chosen by command"
+) -> None:
+    """Add the rig.
+
+    Args:
+        parser: parser or argument group
+        rig: default rig; None: the command chooses one
+        chosen: help text for the default, if `rig` is None
+    """
     parser.add_argument(
         "--rig",
         default=rig,
-        help=f"built-in rig (trocar list) or TOML file; default: {rig or 'the smallest that fits'}",
+        help=f"built-in rig (see trocar list rigs) or TOML file (default: {rig or chosen})",
     )
 
 
-def add_port(parser: argparse._ActionsContainer) -> None:
+def add_port(parser: _ActionsContainer) -> None:
     """Add the port of the web viewer."""
     parser.add_argument(
         "--port",
         type=int,
         default=PORT,
         metavar="N",
-        help=f"web viewer port (default {PORT}, 0 = any free port)",
+        help=f"web viewer port (default: {PORT}, 0 = any free port)",
     )
 
 
-def add_origin(parser: argparse._ActionsContainer) -> None:
-    """Add the origins of web pages that may connect."""
+def add_origin(parser: _ActionsContainer) -> None:
+    """Add the origins of web pages that are allowed to connect."""
     parser.add_argument(
         "--origin",
         action="append",
         default=[],
         metavar="URL",
-        help="accept pages of this origin, as http://localhost:3000; may be repeated",
+        help="allow web pages of this origin, e.g. http://localhost:3000 (repeatable)",
     )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add JSON output."""
-    parser.add_argument("--json", action="store_true", help="print one JSON document, for programs")
+    parser.add_argument("--json", action="store_true", help="print the result as one JSON document")

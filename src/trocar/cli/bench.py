@@ -1,10 +1,10 @@
-"""Measure how fast trocar runs and how true it is, each figure beside its goal.
+"""Benchmark speed and accuracy, and compare each figure with its goal.
 
-Speeds are those of the paper's Table 9 configurations beside bare MuJoCo in the same run: the
-ratio counts, the real-time factor depends on the machine. With --log a recording is replayed too.
-The part core, measured on request only, is the cost of verbs and readings in physics steps.
-Benchmarks of start-up, recording, clients, pictures and long runs are in the repository:
-python -m benchmarks --help.
+PART speed measures the configurations of the paper's Table 9 against bare MuJoCo in the same run:
+compare the ratio, because the real-time factor depends on the machine. PART figures measures
+accuracy. PART core (only if named) measures the cost of API calls in physics steps. --log adds the
+replay of a recording. Benchmarks of start-up, recording, clients, images and long runs are part of
+the repository: python -m benchmarks --help.
 """
 
 from __future__ import annotations
@@ -21,10 +21,13 @@ if TYPE_CHECKING:
     from trocar.apps.figures import Figure
     from trocar.apps.timing import Table9Row
 
+SUMMARY = "benchmark speed against bare MuJoCo, and accuracy"
+ORDER = 200
+
 #: The parts that are measured by default, and all parts.
 PARTS = ("speed", "figures")
 ALL_PARTS = (*PARTS, "core")
-#: Steps that each part announces, for the estimate of the progress bar.
+#: Progress steps that each part reports, for the time estimate of the progress bar.
 STEPS = {"speed": 6, "figures": 11, "core": 10}
 
 
@@ -35,24 +38,36 @@ def add_arguments(parser: ArgumentParser) -> None:
         nargs="*",
         type=_part,
         metavar="PART",
-        help=f"what to measure: {', '.join(ALL_PARTS)}; default: {', '.join(PARTS)}",
+        help=f"benchmark: {', '.join(ALL_PARTS)} (default: {', '.join(PARTS)})",
     )
     parser.add_argument(
-        "--duration", type=number, default=10.0, metavar="S", help="simulated time of a pass (10 s)"
+        "--duration",
+        type=number,
+        default=10.0,
+        metavar="S",
+        help="simulated time per pass (default: 10)",
     )
     parser.add_argument(
-        "--passes", type=int, default=5, metavar="N", help="interleaved passes (default: 5)"
+        "--passes",
+        type=int,
+        default=5,
+        metavar="N",
+        help="number of interleaved passes (default: 5)",
     )
     parser.add_argument(
-        "--poses", type=int, default=10_000, metavar="N", help="poses of the inverse kinematics"
+        "--poses",
+        type=int,
+        default=10_000,
+        metavar="N",
+        help="number of inverse-kinematics poses (default: 10000)",
     )
-    parser.add_argument("--log", help="a PSM's recording to replay (docs/replay.md)")
+    parser.add_argument("--log", metavar="FILE", help="replay this PSM recording (docs/replay.md)")
     parser.add_argument(
         "--calibration",
         action="append",
         default=[],
         metavar="OVERLAY",
-        help="speed of the configurations with this calibrated robot; may be repeated",
+        help="measure speed with this calibrated robot (repeatable)",
     )
     add_json(parser)
 
@@ -60,7 +75,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Measure and print."""
     if not 0.0 < args.duration < float("inf") or args.passes < 1 or args.poses < 1:
-        raise InputError("--duration, --passes and --poses: allowed: above 0")
+        raise InputError(
+            f"got --duration {args.duration:g}, --passes {args.passes}, --poses {args.poses};"
+            " allowed: above 0"
+        )
     from trocar.apps.benchmarks.core import core
     from trocar.apps.benchmarks.fidelity import fidelity
     from trocar.apps.figures import figure_rows
@@ -70,8 +88,8 @@ def run(args: Namespace) -> int:
     overlays = [read_overlay(file) for file in args.calibration]
     if overlays and (set(args.part) - {"speed"} or args.log):
         raise InputError(
-            "--calibration: allowed with the part speed alone; `trocar verify --calibration` says"
-            " how true a calibrated robot is"
+            "--calibration: allowed with PART speed only; to measure the accuracy of a calibrated"
+            " robot, run `trocar verify --calibration`"
         )
     parts = args.part or (("speed",) if overlays else PARTS)
     rows: list[Table9Row] = []
@@ -127,7 +145,7 @@ def _speeds(rows: list[Table9Row]) -> str:
         for row in rows
     ]  # fmt: skip
     return (
-        "Speed at 1 kHz on one core (medians; bare = mj_step alone in the same motion;\n"
-        "overhead = own time / its; at rest = own time / that of mj_step while the arms rest;\n"
-        "collision cost = mj_step with bodies / without, at rest):\n\n" + table(head, lines)
+        "Speed at 1 kHz on one core (medians). Bare MuJoCo: mj_step alone, same motion.\n"
+        "Overhead: time of trocar's own code / time of mj_step; at rest: the same, arms at rest.\n"
+        "Collision cost: mj_step with bodies / without bodies, at rest.\n\n" + table(head, lines)
     )

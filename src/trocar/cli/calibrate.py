@@ -1,8 +1,8 @@
-"""From motion capture to a robot's own geometry: an overlay of its description.
+"""Identify a robot's kinematic geometry from motion capture, and write a calibration overlay.
 
-The tracks hold the poses of marker clusters on the links: a still start of half a second or more,
-then a sweep of the pitch (and of yaw and pitch for the remote centre, here or in --rcm FILE).
-docs/calibration.md says how to record them. No description is changed.
+TRACKS holds the poses of marker clusters on the links: at least 0.5 s at rest, then a sweep of the
+pitch joint (and of yaw and pitch for the remote centre of motion, in TRACKS or in --rcm FILE).
+See docs/calibration.md for the recording procedure. The nominal description is not modified.
 """
 
 from __future__ import annotations
@@ -16,27 +16,39 @@ from trocar.cli.output import print_json, progress_steps, table, warn
 if TYPE_CHECKING:
     from trocar.apps.calibration.calibrate import Calibration
 
+SUMMARY = "identify an arm's geometry from motion capture"
+ORDER = 110
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("tracks", metavar="TRACKS", help="a CSV export of Motive, or tidy CSV")
     parser.add_argument(
-        "--arm", required=True, metavar="ARM", help="a built-in arm (trocar list), or a TOML file"
+        "tracks", metavar="TRACKS", help="motion-capture tracks: Motive CSV export or tidy CSV"
     )
-    parser.add_argument("-o", "--output", metavar="OVERLAY", help="where to write the overlay")
-    parser.add_argument("--rcm", metavar="FILE", help="the sweep of the remote centre, if apart")
+    parser.add_argument(
+        "--arm",
+        required=True,
+        metavar="ARM",
+        help="built-in arm (see trocar list arms) or TOML file",
+    )
+    parser.add_argument("-o", "--output", metavar="OVERLAY", help="overlay file to write")
+    parser.add_argument(
+        "--rcm", metavar="FILE", help="tracks of the remote-centre sweep, if in a separate file"
+    )
     parser.add_argument(
         "--bodies",
         metavar="BODY=NAME,...",
-        help="what bodies are called in the files, as psm_yaw=Rigid Body 3",
+        help='names of the bodies in the files, e.g. "psm_yaw=Rigid Body 3"',
     )
     parser.add_argument(
         "--closure",
         choices=("parallelogram", "general"),
-        help="parallelogram: loops that close exactly, the default where the description has them;"
-        " general: four-bars with the sides as they are",
+        help="parallelogram: constrain the loops to parallelograms (default if the description has"
+        " them); general: four-bar loops with independent side lengths",
     )
-    parser.add_argument("--report", metavar="DIR", help="write a page with tables and pictures")
+    parser.add_argument(
+        "--report", metavar="DIR", help="write an HTML report with tables and figures to DIR"
+    )
     add_json(parser)
 
 
@@ -79,7 +91,7 @@ def _report(found: Calibration) -> str:
     head = ["axes", "measured [mm]", "sigma [mm]", f"{found.closure} [mm]", "absorbed [mm]"]
     left = found.refined
     parts = [
-        f"{found.arm}: {left.samples} samples; left of a pose {1e3 * left.position_rms:.4f} mm and"
+        f"{found.arm}: {left.samples} samples; pose residual {1e3 * left.position_rms:.4f} mm and"
         f" {1e3 * left.rotation_rms:.4f} mrad per axis (RMS)",
         table(head, rows),
     ]
@@ -92,11 +104,13 @@ def _report(found: Calibration) -> str:
             [axis, f"{1e3 * p:.4f}", f"{1e3 * s:.4f}"]
             for axis, p, s in zip("xyz", report.fit.post, report.fit.sigma_post, strict=True)
         ]
-        text = f"Remote centre in {report.base}; wanders by {1e3 * report.wander_rms:.4f} mm (RMS)"
+        text = (
+            f"Remote centre in {report.base}; displacement {1e3 * report.wander_rms:.4f} mm (RMS)"
+        )
         if distance is not None:
             text += (
-                f"; {1e3 * distance.value:.4f} mm (sigma {1e3 * distance.sigma:.4f}) from the"
-                " first axis"
+                f"; distance from the first axis {1e3 * distance.value:.4f} mm"
+                f" (sigma {1e3 * distance.sigma:.4f})"
             )
         parts += [text, table(["", "[mm]", "sigma [mm]"], places)]
     return "\n\n".join(parts)

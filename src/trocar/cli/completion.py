@@ -1,7 +1,7 @@
-"""Print the completion script of a shell: commands, options, and the names that they take.
+"""Print a shell completion script for commands, options and built-in names.
 
-bash: eval "$(trocar completion bash)" in ~/.bashrc
-zsh:  eval "$(trocar completion zsh)" in ~/.zshrc, after compinit
+bash: add to ~/.bashrc:                 eval "$(trocar completion bash)"
+zsh:  add to ~/.zshrc, after compinit:  eval "$(trocar completion zsh)"
 fish: trocar completion fish > ~/.config/fish/completions/trocar.fish
 """
 
@@ -9,6 +9,9 @@ from __future__ import annotations
 
 from argparse import Action, ArgumentParser, Namespace, _SubParsersAction
 from collections.abc import Iterator
+
+SUMMARY = "print a shell completion script"
+ORDER = 220
 
 SHELLS = ("bash", "zsh", "fish")
 
@@ -28,7 +31,7 @@ ZSH = "autoload -Uz bashcompinit && bashcompinit\n"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("shell", choices=SHELLS, metavar="|".join(SHELLS), help="the shell")
+    parser.add_argument("shell", choices=SHELLS, metavar="|".join(SHELLS), help="shell")
 
 
 def run(args: Namespace) -> int:
@@ -48,7 +51,7 @@ def _commands() -> Iterator[tuple[str, str, list[Action]]]:
 
 
 def _values(action: Action) -> list[str]:
-    """Return the known values of an argument; file names complete by themselves."""
+    """Return the known values of an argument; the shell completes file names."""
     from trocar.descriptions import names
 
     if action.choices is not None:

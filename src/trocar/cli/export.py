@@ -1,7 +1,7 @@
-"""Write an arm or a rig for other simulators: a folder with the model, its meshes and a README.
+"""Export an arm or a rig for other simulators: a folder with the model, its meshes and a README.
 
-A name that an arm and a rig share (psm, ecm) is the arm, alone and without a table; the path of
-the rig's file exports the rig. Nothing is written unless all of it is.
+If an arm and a rig have the same name (psm, ecm), the arm is exported; give the path of the rig's
+file to export the rig. If the export fails, nothing is written.
 """
 
 from __future__ import annotations
@@ -16,40 +16,47 @@ from trocar.cli.output import print_json, warn
 if TYPE_CHECKING:
     from trocar.apps.exports import Export
 
+SUMMARY = "export an arm or a rig as URDF, SDF or MJCF"
+ORDER = 160
+
 MESH_FILES = (".obj", ".stl")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "subject", metavar="ARM|RIG", help="a built-in arm or rig (trocar list), or a TOML file"
+        "subject", metavar="ARM|RIG", help="built-in arm or rig (see trocar list) or TOML file"
     )
-    parser.add_argument("--format", required=True, metavar="FORMAT", help="urdf, sdf or mjcf")
     parser.add_argument(
-        "-o", "--out", required=True, metavar="DIR", help="a new folder, or an empty one"
+        "--format", required=True, metavar="FORMAT", help="output format: urdf, sdf or mjcf"
+    )
+    parser.add_argument(
+        "-o", "--out", required=True, metavar="DIR", help="output folder, new or empty"
     )
     parser.add_argument(
         "--tool",
         action="append",
         default=[],
         metavar="[ARM=]TOOL",
-        help='another tool, its TOML file, or "none"; of a rig for this arm; may be repeated',
+        help='mount another tool: built-in, TOML file, or "none"; ARM= selects an arm of a rig'
+        " (repeatable)",
     )
     add_calibrations(parser)
     parser.add_argument(
-        "--package", default="", metavar="NAME", help="URDF: a ROS package of this name"
+        "--package", default="", metavar="NAME", help="urdf: write a ROS package NAME"
     )
     parser.add_argument(
-        "--sdf-version", default="1.9", metavar="V", help="SDF: 1.9 (default), 1.7 or 1.11"
+        "--sdf-version",
+        default="1.9",
+        metavar="V",
+        help="sdf: format version, 1.7, 1.9 or 1.11 (default: 1.9)",
     )
-    parser.add_argument(
-        "--force", action="store_true", help="replace what DIR has under the same names"
-    )
+    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
-    """Export, and say what was written."""
+    """Export, and print what was written."""
     from trocar.apps.exports import Options, export, find_rig
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
@@ -68,6 +75,6 @@ def _report(done: Export) -> str:
     meshes = [name for name in done.files if name.endswith(MESH_FILES)]
     beside = {name.rpartition("/")[0] for name in meshes}
     files = [f"  {n}" for n in done.files if n.rpartition("/")[0] not in beside or "/" not in n]
-    more = f"  and {len(meshes)} meshes, {done.triangles} triangles to be seen"
+    more = f"  and {len(meshes)} meshes, {done.triangles} visual triangles"
     head = f"{done.folder}: {done.format}, {done.links} links, {done.joints} joints"
     return "\n".join([head, *files, *([more] if meshes else [])])

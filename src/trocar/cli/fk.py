@@ -1,8 +1,8 @@
-"""Compute the pose of an arm's tip, or of any of its frames, from joint positions.
+"""Compute the pose of an arm's tip, or of another frame, from joint positions.
 
-Joint positions are in radians, the insertion (and a setup joint's slide) in metres, in the
-dVRK's order and with its signs. A PSM takes six, or seven with the jaw's opening angle last;
-an MTM seven, or eight with its gripper's.
+Joint positions are in radians, prismatic joints (insertion, setup-joint slide) in metres, in the
+order and with the signs of the dVRK. A PSM takes six values, or seven with the jaw angle last; an
+MTM takes seven, or eight with the gripper angle last.
 """
 
 from __future__ import annotations
@@ -24,20 +24,23 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SUMMARY = "forward kinematics: poses from joint positions"
+ORDER = 120
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
     add_calibration(parser)
     parser.add_argument(
-        "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, slides m]"
+        "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, m if prismatic]"
     )
-    parser.add_argument("--frame", metavar="NAME", help='a frame, or "all" (default: the tip)')
+    parser.add_argument("--frame", metavar="NAME", help='frame name, or "all" (default: the tip)')
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
-    """Print the pose of a frame, or of all."""
+    """Print the pose of one frame, or of all frames."""
     from trocar.descriptions import load_arm
     from trocar.kinematics import forward
 
@@ -56,7 +59,7 @@ def run(args: Namespace) -> int:
 
 
 def _positions(arm: ArmDescription, values: list[float]) -> list[float]:
-    """Return a position per joint, jaw or gripper 0 where not given; warn beyond limits."""
+    """Return one position per joint (jaw or gripper 0 if not given); warn if beyond a limit."""
     joints = [joint.name for joint in arm.joints]
     own = joints[: arm.own_joints]
     if len(values) not in (len(joints), len(own)):

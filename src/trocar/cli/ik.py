@@ -1,7 +1,7 @@
-"""Compute all joint positions within the limits that bring an arm's tip to a pose.
+"""Compute all joint positions within limits that reach a tip pose.
 
-The pose is in the arm's own frame (relative_to in the answer): three coordinates in metres and
-a quaternion, scalar first. Exit status 1: the pose cannot be reached.
+The pose is expressed in the arm's reference frame (relative_to in the output): position in metres
+and unit quaternion, scalar first. Exit status 1: the pose is out of reach.
 """
 
 from __future__ import annotations
@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SUMMARY = "inverse kinematics: all joint positions for a pose"
+ORDER = 130
+
 # Source: our choice. A quaternion typed with four digits has a norm within this of 1.
 NORM_TOLERANCE = 1e-3
 
@@ -33,21 +36,23 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_arm(parser)
     add_calibration(parser)
     for name in ("X", "Y", "Z"):
-        parser.add_argument(name, type=number, help="position of the tip [m]")
+        parser.add_argument(name, type=number, help="tip position [m]")
     for name in ("QW", "QX", "QY", "QZ"):
-        parser.add_argument(name, type=number, help="orientation of the tip, unit quaternion")
+        parser.add_argument(name, type=number, help="tip orientation, unit quaternion")
     parser.add_argument(
         "--seed",
         metavar="Q",
         nargs="+",
         type=number,
-        help="sort solutions by distance from these positions (default: middle of the limits)",
+        help="sort solutions by distance from these joint positions (default: centre of the"
+        " limits)",
     )
     parser.add_argument(
         "--platform",
         metavar="RAD",
         type=number,
-        help="an MTM's wrist platform angle [rad] (default: wrist yaw 0 where the limits allow it)",
+        help="wrist platform angle of an MTM [rad] (default: the one with wrist yaw 0, if within"
+        " limits)",
     )
     add_json(parser)
 
@@ -70,7 +75,7 @@ def run(args: Namespace) -> int:
         print(f"trocar: error: {error}", file=sys.stderr)
         return 1
     names = arm.mechanism.joint_names[: solutions.shape[-1]]
-    first = "the seed" if args.seed else "the middle"
+    first = "the seed" if args.seed else "the centre of the limits"
     document = {**answer, "joints": names, "solutions": solutions}
     print_result(args, document, lambda: _report(arm, solutions, first))
     return 0

@@ -1,8 +1,8 @@
-"""A robot or an object from another tool's file, as an arm or a prop that a rig can place.
+"""Import a robot or an object as an arm or a prop that can be placed in a rig.
 
-Reads URDF (after xacro), SDF of one model, MJCF, and meshes (OBJ, STL, PLY, glTF, DAE), which are
-taken apart into convex pieces. Writes a folder with one TOML file and its meshes.
-docs/exports.md says what comes along and what does not.
+FILE is URDF (expand xacro first), SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE);
+meshes are decomposed into convex pieces. The output is a folder with one TOML file and its meshes.
+See docs/exports.md for the supported elements.
 """
 
 from __future__ import annotations
@@ -14,30 +14,48 @@ from pathlib import Path
 from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, warn
 
+SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
+ORDER = 170
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("file", metavar="FILE", help="URDF, SDF, MJCF, or a mesh")
+    parser.add_argument("file", metavar="FILE", help="URDF, SDF, MJCF or mesh file")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder")
     parser.add_argument(
-        "-o", "--output", required=True, metavar="DIR", help="the folder that is written"
+        "--as",
+        dest="kind",
+        choices=("arm", "prop"),
+        help="import as arm or as prop (default: arm if it has movable joints)",
     )
-    parser.add_argument(
-        "--as", dest="kind", choices=("arm", "prop"), help="default: an arm where joints move"
-    )
-    parser.add_argument("--name", default="", help="default: the name in the file")
-    parser.add_argument(
-        "--unit", default="m", choices=("m", "mm", "cm", "in"), help="of a mesh; default: m"
-    )
-    parser.add_argument("--mass", type=number, metavar="KG", help="of a mesh")
-    parser.add_argument("--hull", action="store_true", help="take a mesh's convex hull")
-    parser.add_argument(
-        "--package-path", action="append", default=[], metavar="DIR", help="where package:// looks"
-    )
-    parser.add_argument(
-        "--passive", default="", metavar="JOINT,...", help="joints that loops determine"
-    )
-    parser.add_argument("--force", action="store_true", help="replace what has the same name")
+    parser.add_argument("--name", default="", help="name (default: the name in FILE)")
+    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
     add_json(parser)
+    robot = parser.add_argument_group("robot files")
+    robot.add_argument(
+        "--package-path",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="search DIR for package:// files (repeatable)",
+    )
+    robot.add_argument(
+        "--passive",
+        default="",
+        metavar="JOINT,...",
+        help="passive joints, determined by the closed loops",
+    )
+    mesh = parser.add_argument_group("mesh files")
+    mesh.add_argument(
+        "--unit",
+        default="m",
+        choices=("m", "mm", "cm", "in"),
+        help="length unit of the mesh (default: m)",
+    )
+    mesh.add_argument("--mass", type=number, metavar="KG", help="mass of the body")
+    mesh.add_argument(
+        "--hull", action="store_true", help="use the convex hull, without decomposition"
+    )
 
 
 def run(args: Namespace) -> int:
@@ -63,6 +81,6 @@ def run(args: Namespace) -> int:
     joints = f", joints {', '.join(found.joints)}" if found.joints else ""
     print(
         f"{found.kind} {found.name}: {found.links} links{joints}; {found.mass:.4g} kg,"
-        f" {found.triangles} triangles, {found.pieces} colliding pieces\nwritten to {found.file}"
+        f" {found.triangles} triangles, {found.pieces} collision geoms\nwritten to {found.file}"
     )
     return 0

@@ -1,9 +1,9 @@
-"""A lab's own dVRK configuration as a rig.
+"""Import a lab's dVRK configuration as a rig.
 
-Reads system-*.json (console-*.json before version 2.4) and the files that it names: arms, base
-frames, setup joints, instruments, gains, teleoperation. Writes a rig that `trocar sim --rig` runs,
-and files of arms that differ from the built-in ones. Everything that the rig does not have is
-listed. docs/your-lab.md shows it.
+Reads system-*.json (console-*.json before dVRK 2.4) and the files it references: arms, base
+frames, setup joints, instruments, gains, teleoperation. Writes a rig file for `trocar sim --rig`,
+and a description of each arm that differs from the built-in ones. Parts of the configuration that
+the rig does not simulate are listed. See docs/your-lab.md.
 """
 
 from __future__ import annotations
@@ -19,17 +19,23 @@ from trocar.cli.output import print_json, table, warn
 if TYPE_CHECKING:
     from trocar.apps.dvrk_config import Imported
 
+SUMMARY = "import a lab's dVRK configuration as a rig"
+ORDER = 180
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("system", metavar="SYSTEM.json", help="the dVRK's system-*.json")
-    parser.add_argument("-o", "--output", required=True, metavar="RIG.toml", help="what is written")
+    parser.add_argument("system", metavar="SYSTEM.json", help="system-*.json file of the dVRK")
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="RIG.toml", help="rig file to write"
+    )
     parser.add_argument(
         "--share",
         action="append",
         default=[],
         metavar="DIR",
-        help="where files are looked for, too: sawIntuitiveResearchKit/share; may be repeated",
+        help="also search DIR for referenced files, e.g. sawIntuitiveResearchKit/share"
+        " (repeatable)",
     )
     parser.add_argument(
         "--tool",
@@ -37,19 +43,19 @@ def add_arguments(parser: ArgumentParser) -> None:
         default=[],
         type=_tool,
         metavar="PSM=TOOL",
-        help="an instrument in place of the file's; may be repeated",
+        help="mount TOOL in place of the configured instrument (repeatable)",
     )
-    parser.add_argument(
-        "--literal", action="store_true", help="take 1.5708 as printed, not as 90 degrees"
-    )
-    parser.add_argument("--force", action="store_true", help="write over files that are there")
+    parser.add_argument("--literal", action="store_true", help="read 1.5708 literally, not as pi/2")
+    parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_json(parser)
 
 
 def _tool(text: str) -> tuple[str, str]:
     name, equals, tool = text.partition("=")
     if not (name and equals and tool):
-        raise ArgumentTypeError(f"got {text!r}; allowed: PSM=TOOL, as PSM1=PROGRASP_FORCEPS:400093")
+        raise ArgumentTypeError(
+            f"got {text!r}; allowed: PSM=TOOL, e.g. PSM1=PROGRASP_FORCEPS:400093"
+        )
     return name, tool
 
 
@@ -61,7 +67,7 @@ def run(args: Namespace) -> int:
         tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.force
     )
     found = import_dvrk(args.system, args.output, options)
-    for text in (*found.warnings, *(f"unknown key, not used: {text}" for text in found.unknown)):
+    for text in (*found.warnings, *(f"unknown key, ignored: {text}" for text in found.unknown)):
         warn(text)
     if args.json:
         print_json(_document(found))
@@ -80,7 +86,8 @@ def run(args: Namespace) -> int:
         print("not simulated:", *found.idle, sep="\n  ")
     gap = found.agreement
     print(
-        f"against the files: {gap.bases} base frames {gap.base_m:.1e} m, {gap.base_rad:.1e} rad;"
+        f"difference from the files: {gap.bases} base frames {gap.base_m:.1e} m,"
+        f" {gap.base_rad:.1e} rad;"
         f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad;"
         f" {gap.setups} setup joints {gap.setup_m:.1e} m, {gap.setup_rad:.1e} rad"
     )

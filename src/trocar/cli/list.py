@@ -1,4 +1,4 @@
-"""List the arms, tools, rigs and cameras that come with trocar."""
+"""List the built-in arms, tools, rigs and cameras."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ from typing import Any
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_result, table
 
+SUMMARY = "list built-in arms, tools, rigs and cameras"
+ORDER = 140
+
 SHELVES = ("arms", "tools", "rigs", "cameras")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "shelf", metavar="|".join(SHELVES), nargs="?", choices=SHELVES, help="default: all of them"
+        "shelf",
+        metavar="|".join(SHELVES),
+        nargs="?",
+        choices=SHELVES,
+        help="kind to list (default: all)",
     )
     add_json(parser)
 

@@ -1,8 +1,9 @@
-"""The simulated arms follow a real robot: live, or as it was recorded.
+"""Mirror a real robot with the simulated arms, live or from a recording.
 
-Subscribes to /<ARM>/measured_js (and jaw, gripper, setup joints) and puts the arms of the rig
-there, or lets their servos follow. With --bag, the page shows a recording; --no-page runs through
-it and reports how far the arms lagged behind. See docs/mirror.md.
+Subscribes to /<ARM>/measured_js (and jaw, gripper, setup joints) and sets the joint positions of
+the simulated arms, or commands them as servo set-points. With --bag, the web viewer plays a
+recording; with --no-page, the command plays it without viewer and reports the lag of each arm.
+See docs/mirror.md.
 """
 
 from __future__ import annotations
@@ -13,9 +14,9 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_origin, add_port, number
+from trocar.cli.arguments import add_json, add_origin, add_port, add_rig, number
 from trocar.cli.output import print_json, table
-from trocar.cli.worlds import add_look, add_record, open_pictures, recording
+from trocar.cli.worlds import add_cameras, add_record, open_pictures, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,53 +26,55 @@ if TYPE_CHECKING:
     from trocar.interfaces.pictures import Pictures
     from trocar.simulation import World
 
+SUMMARY = "mirror a real robot, live or from a recording"
+ORDER = 60
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    source = parser.add_mutually_exclusive_group(required=True)
-    source.add_argument("--ros1", action="store_true", help="a robot on ROS 1 (rospy)")
-    source.add_argument("--ros2", action="store_true", help="a robot on ROS 2 (extra ros2)")
-    source.add_argument("--websocket", metavar="URL", help="rosbridge, as ws://127.0.0.1:9090")
-    source.add_argument("--bag", metavar="FILE", help="rosbag 1, rosbag 2 or MCAP")
-    parser.add_argument(
-        "--rig", default="full_cart", help="a built-in rig (trocar list), or a TOML file"
+    group = parser.add_argument_group("source (one is required)")
+    source = group.add_mutually_exclusive_group(required=True)
+    source.add_argument("--ros1", action="store_true", help="robot on ROS 1 (rospy)")
+    source.add_argument("--ros2", action="store_true", help="robot on ROS 2 (extra ros2)")
+    source.add_argument(
+        "--websocket", metavar="URL", help="robot behind rosbridge, e.g. ws://127.0.0.1:9090"
     )
+    source.add_argument("--bag", metavar="FILE", help="recording: rosbag 1, rosbag 2 or MCAP file")
+    add_rig(parser)
     parser.add_argument(
-        "--arms", metavar="ARM,...", help="arms that follow; default: all with topics in the source"
+        "--arms",
+        metavar="ARM,...",
+        help="arms to mirror (default: all with topics in the source)",
     )
     parser.add_argument(
         "--by",
         choices=("set", "servo"),
         default="set",
-        help="put the arms where the robot is (default), or let their servos follow it",
+        help="set joint positions, or command them as servo set-points (default: set)",
     )
-    parser.add_argument("--duration", type=number, metavar="S", help="stop after this much time")
+    parser.add_argument("--duration", type=number, metavar="S", help="stop after S seconds")
     parser.add_argument(
         "--speed",
         choices=("realtime", "max"),
-        help="playback of a bag; default: realtime with the page, max without",
+        help="playback speed of a bag (default: realtime with the web viewer, else max)",
     )
+    add_json(parser)
     add_record(parser)
-    add_port(parser)
-    parser.add_argument("--no-page", action="store_true", help="serve no page: follow and report")
-    parser.add_argument(
+    viewer = parser.add_argument_group("web viewer and clients")
+    add_port(viewer)
+    viewer.add_argument(
+        "--no-page", action="store_true", help="do not serve the web viewer, print a report"
+    )
+    viewer.add_argument(
         "--serve",
         type=int,
         metavar="N",
-        help="serve the twin's own topics and images over rosbridge's WebSocket; 0: any port",
+        help="serve the simulated arms' topics and images over rosbridge WebSocket on port N"
+        " (0 = any free port)",
     )
-    add_origin(parser)
-    cameras = parser.add_argument_group("cameras of the twin")
-    cameras.add_argument("--no-cameras", action="store_true", help="render no images")
-    cameras.add_argument("--camera-rate", type=number, metavar="HZ", help="default: 60")
-    cameras.add_argument(
-        "--image-format",
-        choices=("jpeg", "png"),
-        default="jpeg",
-        help="format of compressed images",
-    )
-    add_look(cameras)
-    add_json(parser)
+    add_origin(viewer)
+    cameras = parser.add_argument_group("cameras")
+    add_cameras(cameras)
 
 
 def run(args: Namespace) -> int:
@@ -79,9 +82,9 @@ def run(args: Namespace) -> int:
     if args.duration is not None and not 0.0 < args.duration < float("inf"):
         raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
     if args.json and not args.no_page:
-        raise InputError("--json: only a run without the page has a report; add --no-page")
+        raise InputError("--json: allowed with --no-page only, which prints a report")
     if args.speed == "max" and not args.bag:
-        raise InputError("--speed max: a robot that is there now moves in real time; use --bag")
+        raise InputError("--speed max: allowed with --bag only; a live robot runs in real time")
     from trocar.apps.follow import Mirror
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
@@ -97,7 +100,7 @@ def run(args: Namespace) -> int:
     arms = [name.strip() for name in args.arms.split(",") if name.strip()] if args.arms else None
     mirror = Mirror(loop, source, arms, args.by)
     if mirror.missing and args.bag:
-        print(f"not in {args.bag}: {', '.join(mirror.missing)}", file=sys.stderr)
+        print(f"no topics in {args.bag}: {', '.join(mirror.missing)}", file=sys.stderr)
     with ExitStack() as stack:
         stack.enter_context(closing(mirror))
         pictures = _pictures(loop, args, stack)
@@ -136,7 +139,7 @@ def _source(args: Namespace) -> BagSource | LiveSource:
 
 
 def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
-    """Run until the bag or the time is over, or until Ctrl-C."""
+    """Run until the bag ends, the duration has passed, or Ctrl-C."""
     with closing(loop), suppress(KeyboardInterrupt):
         loop.start(duration_s)
         while not mirror.over.wait(0.05):
@@ -146,7 +149,7 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
 
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
-    """Start rendering the twin's cameras, where a client could look."""
+    """Start rendering the cameras, if a client can subscribe to them."""
     pictures = open_pictures(loop, args)  # checks the options in any case
     if pictures is None or (args.no_page and args.serve is None):
         return None
@@ -158,7 +161,7 @@ def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
 def _served(
     loop: Loop, args: Namespace, shared: tuple[Pictures | None, PageAccess], stack: ExitStack
 ) -> str:
-    """Serve the twin's own topics with --serve; return the line to print."""
+    """Serve the simulated arms' topics with --serve; return the line to print."""
     if args.serve is None:
         return ""
     from trocar.interfaces.crtk import Core

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from trocar.descriptions import ArmDescription
 
-#: Least time between two pictures of a progress bar: drawing one takes about 1 ms. [s]
+#: Minimum time between redraws of a progress bar; one takes about 1 ms. [s]
 REFRESH_S = 0.1
 
 
@@ -28,13 +28,13 @@ def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[]
 
 
 def print_json(document: Mapping[str, Any]) -> None:
-    """Print a document; arrays become lists, NaN and infinity null."""
+    """Print a document as JSON; arrays become lists, NaN and infinity null."""
     text = json.dumps(plain(document), indent=2, allow_nan=False)
     print(re.sub(r"\[\n[^][{}]*\]", lambda m: f"[{' '.join(m[0][1:-1].split())}]", text))
 
 
 def plain(value: Any) -> Any:
-    """Return a value as JSON has it."""
+    """Convert a value to JSON types."""
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # an array or a number of numpy, which is not imported here
@@ -52,7 +52,7 @@ def warn(message: str) -> None:
 
 
 def title(arm: ArmDescription) -> str:
-    """Name an arm and its tool."""
+    """Return the names of an arm and its tool as a title."""
     return f"{arm.name} with {arm.tool}" if arm.tool else arm.name
 
 
@@ -71,14 +71,14 @@ def short(value: float | None) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  ") -> str:
-    """Lay out rows under a head; columns of numbers are flush right.
+    """Lay out rows under a head; right-align columns of numbers.
 
-    Unlike rich's, the lines keep their width where no terminal is, and nothing is imported.
+    Unlike a table of rich, line widths do not depend on a terminal, and nothing is imported.
 
     Args:
-        head: the columns' names with their units
-        rows: as many texts each
-        indent: what each line starts with
+        head: column names with units
+        rows: cells, one per column
+        indent: start of each line
     """
     body = [list(row) for row in rows]
     numbers = set("0123456789+-.e ")
@@ -97,13 +97,13 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  "
 
 @contextmanager
 def progress_bar(unit: str, shown: bool = True) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a function (done, total) that draws a progress bar with an estimate on stderr.
+    """Yield a function (done, total) that draws a progress bar on stderr.
 
-    None where stderr is no terminal, or `shown` is false.
+    Yields None if stderr is not a terminal or `shown` is false.
 
     Args:
-        unit: what is counted
-        shown: whether to draw at all
+        unit: name of the counted items, plural
+        shown: False: draw nothing
     """
     if not (shown and sys.stderr.isatty()):
         yield None
@@ -122,11 +122,11 @@ def progress_bar(unit: str, shown: bool = True) -> Iterator[Callable[[int, int],
 
 @contextmanager
 def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callable[[str], None]]:
-    """Yield a function that announces the next step, in a progress bar where stderr is a terminal.
+    """Yield a function (step) that reports the start of a step, as progress bar on stderr.
 
     Args:
-        verb: elsewhere each step prints `trocar: VERB STEP ...`; "": nothing
-        count: number of steps, for an estimate of the time that remains; None: unknown
+        verb: if stderr is not a terminal, print `trocar: VERB STEP ...` per step; "": print nothing
+        count: number of steps, to estimate the remaining time; None: unknown
     """
     if not sys.stderr.isatty():
 
@@ -167,7 +167,7 @@ def _bar() -> Iterator[Callable[[str, int, int | None], None]]:
         TimeRemainingColumn(),
         TextColumn("left"),
     )
-    # No thread redraws the bar: some commands measure time.
+    # No redraw thread: some commands measure time.
     with Progress(
         *columns, console=Console(stderr=True), auto_refresh=False, transient=True
     ) as bar:

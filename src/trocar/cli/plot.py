@@ -1,8 +1,8 @@
-"""Draw a recording: of every joint its position and set-point, their difference, and the effort.
+"""Plot position, set-point, tracking error and effort of every joint of a recording.
 
-FILE is one of trocar's own (trocar sim --record, World.record). A PNG shows one arm; of several
-arms each has its own, named after it. An HTML page shows them all, with the largest errors and
-efforts in numbers and the list of commands, and needs no network.
+FILE is a recording of a simulation (trocar sim --record, World.record). PNG output is one file per
+arm, named after the arm if there are several. HTML output is one self-contained page with all
+arms, a table of maximum errors and efforts, and the list of commands.
 """
 
 from __future__ import annotations
@@ -10,19 +10,22 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 
+SUMMARY = "plot a recording: joints, errors, efforts"
+ORDER = 100
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("file", metavar="FILE", help="the recording")
+    parser.add_argument("file", metavar="FILE", help="recording, MCAP file")
     parser.add_argument(
-        "-o", "--out", metavar="OUT", help="a .png or .html file; default: FILE's name with .png"
+        "-o", "--out", metavar="OUT", help="output file, .png or .html (default: FILE as .png)"
     )
-    parser.add_argument("--arm", help="this arm alone; default: every arm that moved")
-    parser.add_argument("--joint", help="this joint alone")
+    parser.add_argument("--arm", help="plot this arm only (default: every arm that moved)")
+    parser.add_argument("--joint", help="plot this joint only")
 
 
 def run(args: Namespace) -> int:
-    """Draw, and print what was written."""
+    """Plot, and print the files written."""
     from trocar.apps.plotting import plot
 
     report = plot(args.file, args.out, args.arm, args.joint)

@@ -1,6 +1,6 @@
-"""The program `trocar`: its subcommands, and how an error ends it.
+"""The program `trocar`: table of subcommands, error messages, exit status.
 
-Exit status: 0 done; 1 the run failed; 2 bad input, nothing was done; 130 interrupted.
+Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -8,40 +8,36 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
+import re
 import sys
 from collections.abc import Collection, Sequence
 from importlib import import_module
+from pathlib import Path
 
 from trocar import __version__
 from trocar.cli.arguments import Parser, keep_negative_numbers
 from trocar.errors import InputError, TrocarError, UnknownNameError
 
-#: Subcommand -> its line in `trocar --help`. The module `trocar.cli.<name>`, hyphens as _, has
-#: `add_arguments(parser)` and `run(args) -> exit status`; it imports heavy libraries in `run` only.
-COMMANDS = {
-    "sim": "simulate a rig, live in the browser or headless",
-    "render": "write a picture or a video of a rig's camera",
-    "run": "run a dVRK script without ROS",
-    "teleop": "drive a rig by keyboard, gamepad, SpaceMouse or masters",
-    "tune": "measure an arm's step responses and tune its gains",
-    "mirror": "follow a real robot with the simulated arms, live or recorded",
-    "replay": "repeat a recording, or drive an arm along one of a real arm",
-    "mocap": "simulate motion capture of an arm",
-    "rcm": "find an arm's remote centre in motion capture",
-    "plot": "plot a recording: joints, errors, efforts",
-    "calibrate": "identify an arm's own geometry from motion capture",
-    "fk": "forward kinematics: poses from joint positions",
-    "ik": "inverse kinematics: all joint positions of a pose",
-    "list": "list built-in arms, tools, rigs and cameras",
-    "show": "show an arm: frames, limits, masses, sources",
-    "export": "write an arm or a rig as URDF, SDF or MJCF",
-    "import": "import an arm or a prop from URDF, SDF, MJCF or a mesh",
-    "import-dvrk": "import a lab's dVRK configuration, as a rig",
-    "verify": "repeat the closed-loop paper's experiments",
-    "bench": "measure speed beside bare MuJoCo, and accuracy",
-    "sample": "write small sample files for the other commands",
-    "completion": "print the completion script of a shell",
-}
+
+def _commands() -> dict[str, str]:
+    """Return {subcommand: its summary}, from the sources: importing them all would take too long.
+
+    The module `trocar.cli.<name>`, hyphens as _, has `SUMMARY`, its line in `trocar --help`, and
+    `ORDER`, its place there; `add_arguments(parser)` and `run(args) -> exit status`, which imports
+    heavy libraries.
+    """
+    found: list[tuple[int, str, str]] = []
+    for path in Path(__file__).parent.glob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        if summary := re.search(r'^SUMMARY = "(.*)"$', text, re.MULTILINE):
+            order = re.search(r"^ORDER = (\d+)$", text, re.MULTILINE)
+            name = path.stem.replace("_", "-")
+            found.append((int(order[1]) if order else sys.maxsize, name, summary[1]))
+    return {name: summary for _, name, summary in sorted(found)}
+
+
+#: {subcommand: its line in `trocar --help`}.
+COMMANDS = _commands()
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -50,10 +46,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Args:
-        arguments: what follows the program's name; `sys.argv` when omitted
+        arguments: words after the program name; None: those of `sys.argv`
 
     Returns:
-        the exit status, see above
+        exit status, see above
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
@@ -81,11 +77,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
-    """Return the parser of all subcommands, with the arguments of those that are `described`."""
+    """Return the parser of all subcommands; only those in `described` get their arguments."""
     parser = Parser(
         prog="trocar",
-        description="The da Vinci Research Kit in Python: true mechanism, dynamics, interface.",
-        epilog="See trocar COMMAND --help for a command. Lengths are in metres, angles in radians.",
+        description="Simulate the da Vinci Research Kit: mechanism, dynamics, CRTK interface.",
+        epilog="Run `trocar COMMAND --help` for the options of a command. Units: metres, radians.",
     )
     parser.add_argument("--version", action="version", version=f"trocar {__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, title="commands")
@@ -103,7 +99,7 @@ def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
 
 
 def _discard_output() -> None:
-    """Redirect buffered output to nowhere, so that the interpreter's own flush does not fail."""
+    """Redirect buffered output to devnull, so that the interpreter's flush at exit succeeds."""
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

@@ -1,8 +1,8 @@
-"""Find an arm's remote centre in motion capture, by pivot calibration.
+"""Locate an arm's remote centre of motion from motion capture, by pivot calibration.
 
-TRACKS is a CSV export of OptiTrack Motive or tidy CSV, of a sweep of yaw and pitch; bodies are
-called ARM_LINK, such as psm_base, psm_yaw, psm_pitch_end. Exit status 2: the sweep does not
-determine the centre, as when only one joint turned. See docs/calibration.md for the method.
+TRACKS is a CSV export of OptiTrack Motive or tidy CSV, recorded during a sweep of yaw and pitch.
+Bodies are named ARM_LINK: psm_base, psm_yaw, psm_pitch_end. Exit status 2: the sweep does not
+determine the centre, e.g. because only one joint moved. See docs/calibration.md for the method.
 """
 
 from __future__ import annotations
@@ -21,15 +21,20 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SUMMARY = "locate an arm's remote centre of motion from motion capture"
+ORDER = 90
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("tracks", metavar="TRACKS", help="file of motion capture")
+    parser.add_argument(
+        "tracks", metavar="TRACKS", help="motion-capture tracks: Motive CSV export or tidy CSV"
+    )
     parser.add_argument("--arm", metavar="ARM", required=True, help="psm, ecm, or a TOML file")
     parser.add_argument(
         "--bodies",
         metavar="BODY=NAME,...",
-        help='names of bodies in the file, as "psm_yaw=Rigid Body 3"',
+        help='names of the bodies in the file, e.g. "psm_yaw=Rigid Body 3"',
     )
     add_json(parser)
 
@@ -51,7 +56,7 @@ def run(args: Namespace) -> int:
 
 def _report(report: RcmReport) -> str:
     fit, table7 = report.fit, report.table7
-    lines = [f"remote centre of {report.arm}: where {report.body} turns, in {report.base} [mm]\n"]
+    lines = [f"remote centre of {report.arm}: pivot of {report.body} in {report.base} [mm]\n"]
     rows = [
         ("b_post, in the base", fit.post, fit.sigma_post, fit.rms_axes),
         ("b_tip, in the body", fit.tip, fit.sigma_tip, None),
@@ -61,14 +66,14 @@ def _report(report: RcmReport) -> str:
     head = ("", "x", "y", "z", "sigma x", "sigma y", "sigma z", "RMS x", "RMS y", "RMS z")
     lines.append(table(head, [(name, *_cells(p, s, rms)) for name, p, s, rms in rows]))
     rms, noise = _mm(fit.rms, 4), _mm(report.noise_rms, 4)
-    lines.append(f"\nRMS as a distance {rms} mm, of which noise {noise}")
+    lines.append(f"\nRMS distance {rms} mm, of which noise {noise}")
     if report.distance is not None:
         value, sigma = _mm(report.distance.value, 3), _mm(report.distance.sigma, 4)
         lines.append(f"distance from the pitch axis {value} mm, sigma {sigma}")
-    outliers = f"{fit.outliers} outliers left out"
+    outliers = f"{fit.outliers} outliers excluded"
     lines.append(f"condition number {fit.condition:.3g}; {int(fit.used.sum())} samples, {outliers}")
     if report.cloud:
-        lines.append(f"\nabout each pose, the mean of its samples ({len(report.cloud)} poses):\n")
+        lines.append(f"\nmean position per joint pose ({len(report.cloud)} poses):\n")
         head = ("yaw [rad]", "pitch [rad]", "x [mm]", "y [mm]", "z [mm]", "samples")
         poses = [
             (*(fixed(q, 2) for q in c.q), *(_mm(v, 3) for v in c.position), str(c.samples))

@@ -1,7 +1,8 @@
-"""Write the image of a rig's camera: a picture of one moment, or a video of a motion.
+"""Render an image or a video from a camera of a rig.
 
-The file name's ending selects the format: .png or .jpg, or .mp4 (extra video). Needs neither a
-display nor a graphics card. A video runs in simulated time, however long drawing takes.
+The file extension selects the format: .png or .jpg for an image, .mp4 for a video (extra video).
+Rendering needs neither a display nor a GPU. Videos advance in simulated time, independent of the
+rendering speed.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from trocar.rendering import Endoscope
     from trocar.simulation import World
 
+SUMMARY = "render an image or a video from a camera of a rig"
+ORDER = 20
+
 DURATION_S, RATE_HZ = 10.0, 30.0
 #: As in `trocar.apps.filming`, which is not imported for a list of words.
 EYES = ("both", "left", "right", "anaglyph")
@@ -28,24 +32,32 @@ MOTIONS = ("instruments", "sine", "still")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    add_rig(parser)
     parser.add_argument(
-        "-o", "--out", required=True, metavar="FILE", help=".png, .jpg or .mp4; overwritten"
+        "-o",
+        "--out",
+        required=True,
+        metavar="FILE",
+        help="output file, .png, .jpg or .mp4; overwritten if it exists",
     )
-    parser.add_argument("--camera", metavar="NAME", help="camera of the rig (default: its first)")
+    add_rig(parser)
+    add_calibrations(parser)
     parser.add_argument(
-        "--pose", metavar="NAME", help='initial pose of the rig (default: "work" if it has one)'
+        "--pose", metavar="NAME", help="initial pose of the rig (default: work, if the rig has it)"
     )
     parser.add_argument(
         "--after",
         type=number,
         default=0.0,
         metavar="S",
-        help="simulated time before the picture (default: 0)",
+        help="simulated time before the first frame (default: 0)",
     )
-    video = parser.add_argument_group("videos")
+    add_json(parser)
+    video = parser.add_argument_group("video")
     video.add_argument(
-        "--duration", type=number, metavar="S", help=f"simulated time (default: {DURATION_S:g})"
+        "--duration",
+        type=number,
+        metavar="S",
+        help=f"duration in simulated time (default: {DURATION_S:g})",
     )
     video.add_argument(
         "--rate", type=number, metavar="HZ", help=f"frame rate (default: {RATE_HZ:g})"
@@ -54,30 +66,42 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--motion",
         choices=MOTIONS,
         default="instruments",
-        help="small motions of the instruments (default), all arms along the paper's sine, or none",
+        help="instruments: small motions of the instruments (default); sine: all arms along the"
+        " paper's sine trajectory; still: none",
     )
-    picture = parser.add_argument_group("picture")
-    picture.add_argument("--eye", choices=EYES, default="both", help="default: both, side by side")
-    picture.add_argument("--show", choices=SHOWN, default="colour", help="default: colour")
+    picture = parser.add_argument_group("camera")
     picture.add_argument(
-        "--angle", type=number, metavar="DEG", help="angle of the endoscope's tip: 0, 30 or -30"
+        "--camera", metavar="NAME", help="camera of the rig (default: the first one)"
+    )
+    picture.add_argument(
+        "--eye",
+        choices=EYES,
+        default="both",
+        help="image of a stereo camera (default: both, side by side)",
+    )
+    picture.add_argument(
+        "--show",
+        choices=SHOWN,
+        default="colour",
+        help="image content; ids: segmentation (default: colour)",
+    )
+    picture.add_argument(
+        "--angle", type=number, metavar="DEG", help="endoscope tip angle: 0, 30 or -30"
     )
     picture.add_argument(
         "--samples", type=int, default=4, metavar="N", help="samples per pixel (default: 4)"
     )
     add_look(picture)
-    add_calibrations(parser)
-    add_json(parser)
 
 
 def run(args: Namespace) -> int:
-    """Draw and write."""
+    """Render and write."""
     from trocar.apps.filming import film, kind_of, take_picture
 
     path = Path(args.out).expanduser()
     kind = kind_of(path)
     if kind == "picture" and (args.duration is not None or args.rate is not None):
-        raise InputError(f"{path}: --duration and --rate are for videos (.mp4)")
+        raise InputError(f"{path}: got --duration or --rate; allowed: with a video (.mp4) only")
     if not 0.0 <= args.after < float("inf"):
         raise InputError(f"--after: got {args.after:g}; allowed: 0 s or more")
     world, scope = _opened(args)
@@ -86,7 +110,7 @@ def run(args: Namespace) -> int:
         width, height = take_picture(scope.capture, path, **shown)
         count = 1
     else:
-        with progress_bar("pictures", not args.json) as watch:
+        with progress_bar("frames", not args.json) as watch:
             width, height, count = film(
                 world,
                 scope.capture_next,
@@ -98,7 +122,7 @@ def run(args: Namespace) -> int:
                 **shown,
             )
     scope.close()
-    many = "" if count == 1 else f", {count} pictures"
+    many = "" if count == 1 else f", {count} frames"
     document = {"file": str(path), "width": width, "height": height, "pictures": count}
     print_result(args, document, lambda: f"{path}: {width} x {height}{many}")
     return 0

@@ -1,12 +1,11 @@
-"""Repeat a recording of a simulation, or drive an arm along one of a real arm, and compare.
+"""Replay the recording of a simulation, or drive an arm along the log of a real arm, and compare.
 
-A recording of trocar's own (trocar sim --record) is repeated command by command, and every physics
-period is compared to the last bit; of the options only --rig and --json matter then.
+Recording of a simulation (trocar sim --record): every command is repeated, and every physics step
+is compared bit by bit. Only --rig and --json apply.
 
-Otherwise FILE is a recording of a real PSM, ECM or MTM: comma-separated text without a header,
-plain or gzip, a row per sample: the positions of all joints, then their velocities, then their
-efforts (SI); or a rosbag 1, a rosbag 2 or an MCAP file with the topic /<ARM>/measured_js. See
-docs/replay.md.
+Log of a real PSM, ECM or MTM: CSV without a header, plain or gzip, one row per sample with the
+positions, then velocities, then efforts of all joints (SI units); or a rosbag 1, rosbag 2 or MCAP
+file with topic /<ARM>/measured_js. See docs/replay.md.
 """
 
 from __future__ import annotations
@@ -15,66 +14,68 @@ import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibration, add_json, number
+from trocar.cli.arguments import add_calibration, add_gains, add_json, number
 from trocar.cli.output import print_json, progress_bar, table
 
 if TYPE_CHECKING:
     from trocar.apps.follow import RepeatReport, ReplayReport
 
+SUMMARY = "replay a simulation, or drive an arm along a real arm's log"
+ORDER = 70
+
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("log", metavar="FILE", help="the recording")
-    parser.add_argument("--rig", help="path of the rig of a recording of trocar's own, if it moved")
-    parser.add_argument(
-        "--arm", default="psm", help="a built-in arm (trocar list), or a TOML file; default: psm"
+    parser.add_argument("log", metavar="FILE", help="recording of a simulation or log of an arm")
+    add_json(parser)
+    own = parser.add_argument_group("recording of a simulation")
+    own.add_argument("--rig", help="TOML file of the recorded rig, if its path has changed")
+    real = parser.add_argument_group("log of a real arm")
+    real.add_argument(
+        "--arm",
+        default="psm",
+        help="built-in arm (see trocar list arms) or TOML file (default: psm)",
     )
-    parser.add_argument("--tool", help="another tool, or its TOML file; default: the arm's")
-    add_calibration(parser)
-    parser.add_argument(
+    real.add_argument(
+        "--tool", help="built-in tool or TOML file (default: the tool of the arm's description)"
+    )
+    add_calibration(real)
+    real.add_argument(
         "--mode",
         choices=("position", "effort"),
         default="position",
-        help="follow the recorded motion, or apply the recorded efforts open loop",
+        help="position: track the recorded positions (default); effort: apply the recorded efforts"
+        " open loop",
     )
-    parser.add_argument(
+    real.add_argument(
         "--window",
         type=number,
         default=0.5,
         metavar="S",
-        help="in mode effort, restart from the recorded state this often; default: 0.5 s",
+        help="mode effort: reset to the recorded state every S seconds (default: 0.5)",
     )
-    parser.add_argument(
+    real.add_argument(
         "--rate",
         type=number,
         default=200.0,
         metavar="HZ",
-        help="rows a second; a bag is resampled to it; default: 200",
+        help="sample rate of a CSV log; bags are resampled to it (default: 200)",
     )
-    parser.add_argument(
+    real.add_argument(
         "--wrist",
         choices=("motor", "joint"),
         default="motor",
-        help="side of the coupling on which a PSM's wrist and jaw, or an MTM's joints 2 to 4, were"
-        " recorded in a text file; default: motor",
+        help="CSV log: side of the coupling on which a PSM's wrist and jaw, or an MTM's joints 2 to"
+        " 4, were recorded (default: motor)",
     )
-    parser.add_argument(
-        "--topic", help="joint states in a bag; default: the only topic that fits the arm"
+    real.add_argument(
+        "--topic", help="bag: topic of joint states (default: the only one that fits the arm)"
     )
-    parser.add_argument(
-        "--control", choices=("dvrk", "paper"), default="dvrk", help="gains; default: dvrk"
-    )
-    parser.add_argument(
-        "--friction",
-        choices=("identified", "paper"),
-        default="identified",
-        help="of the joints; default: identified",
-    )
-    add_json(parser)
+    add_gains(real)
 
 
 def run(args: Namespace) -> int:
-    """Replay and print what was found."""
+    """Replay and print the report."""
     from trocar.recording import is_recording
 
     return _repeat(args) if is_recording(args.log) else _replay(args)
@@ -83,7 +84,7 @@ def run(args: Namespace) -> int:
 def _repeat(args: Namespace) -> int:
     from trocar.apps.follow import repeat
 
-    with progress_bar("periods", not args.json) as watch:
+    with progress_bar("steps", not args.json) as watch:
         report = repeat(args.log, args.rig, watch)
     for text in (*report.warnings, *filter(None, [report.problem])):
         print(f"trocar: warning: {args.log}: {text}", file=sys.stderr)
@@ -120,13 +121,13 @@ def _replay(args: Namespace) -> int:
 def _repeated(report: RepeatReport) -> str:
     head = (
         f"{report.file}: rig {report.rig}, {report.commands} commands,"
-        f" {report.periods} periods ({report.simulated_s:.3f} s)\n"
+        f" {report.periods} steps ({report.simulated_s:.3f} s)\n"
     )
     if report.difference is None:
-        return f"{head}the motion is identical to the last bit (digest {report.digest})"
+        return f"{head}motion is identical to the last bit (digest {report.digest})"
     d = report.difference
     return (
-        f"{head}the motion DIFFERS from {d.time:.3f} s on; largest difference:"
+        f"{head}motion DIFFERS from {d.time:.3f} s on; largest difference:"
         f" {d.largest:.3g} in the {d.quantity} of {d.joint}"
     )
 
@@ -135,7 +136,7 @@ def _tables(report: ReplayReport, rate_hz: float) -> str:
     rows: list[list[str]] = []
     for joint, tracking in report.tracking_rms.items():
         slides = joint == "insertion"
-        share = report.effort_relative_rms[joint]
+        ratio = report.effort_relative_rms[joint]
         rows.append(
             [
                 joint,
@@ -143,12 +144,12 @@ def _tables(report: ReplayReport, rate_hz: float) -> str:
                 "mm" if slides else "mrad",
                 f"{report.effort_rms[joint]:.4f}",
                 "N" if slides else "N m",
-                "-" if share is None else f"{100.0 * share:.1f}",
+                "-" if ratio is None else f"{100.0 * ratio:.1f}",
             ]
         )
     head = ["joint", "tracking RMS", "", "effort RMS", "", "% of recorded"]
     return (
         f"{report.arm} along {report.log}, mode {report.mode}: {report.samples} samples"
-        f" ({report.samples / rate_hz:.2f} s), {report.clipped} beyond a limit and clipped\n\n"
+        f" ({report.samples / rate_hz:.2f} s), {report.clipped} clipped to a joint limit\n\n"
         f"{table(head, rows)}"
     )

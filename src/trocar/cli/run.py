@@ -1,9 +1,8 @@
-"""Run a script that was written for the dVRK (import crtk, dvrk), without ROS.
+"""Run a dVRK Python script (import crtk, dvrk) without ROS.
 
-Words after the script's name that are no option of this command go to the script, as does all that
-follows `--`. With --speed max, sleeps, rates and waits take simulated time as fast as it can be
-computed, and each run is the same to the last bit. The exit status is the script's: 1 when it
-raises.
+Words after the script name that are not options of this command are passed to the script, as is
+everything after `--`. With --speed max, the script's sleeps, rates and waits run in simulated time,
+as fast as possible and reproducible bit by bit. The exit status is the script's, 1 if it raises.
 """
 
 from __future__ import annotations
@@ -27,6 +26,9 @@ if TYPE_CHECKING:
     from trocar.interfaces.crtk.scripts import Flow
     from trocar.simulation import World
 
+SUMMARY = "run a dVRK Python script without ROS"
+ORDER = 30
+
 #: Source: dVRK 2.4, system_ROS publishes every 10 ms. [Hz]
 RATE_HZ = 100.0
 #: Options without a value.
@@ -36,14 +38,14 @@ FLAGS = ("-h", "--help", "--page", "--overwrite")
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     _add_options(parser)
-    parser.add_argument("script", metavar="SCRIPT.py", help="the script")
+    parser.add_argument("script", metavar="SCRIPT.py", help="script to run")
     parser.add_argument(
-        "arguments", metavar="...", nargs="*", help="options of this command, or the script's"
+        "arguments", metavar="...", nargs="*", help="arguments passed to the script"
     )
     whole = parser.parse_known_args
 
     def parse(words: Sequence[str], namespace: Any = None) -> Any:
-        """Parse the options of this command, and leave the script's words as they are."""
+        """Parse the options of this command only, and leave the script's arguments unchanged."""
         own, rest = _sorted_out(words)
         found, unknown = whole(own, namespace)
         found.arguments = rest
@@ -53,12 +55,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    add_world(parser, None)
     parser.add_argument(
         "--speed",
         choices=("realtime", "max"),
         default="realtime",
-        help="wall-clock pace (default), or simulated time as fast as possible",
+        help="realtime, or max: simulated time as fast as possible (default: realtime)",
     )
     parser.add_argument(
         "--timeout",
@@ -66,16 +67,18 @@ def _add_options(parser: ArgumentParser) -> None:
         metavar="S",
         help="abort after S seconds of simulated time, or S seconds of wall time without progress",
     )
-    parser.add_argument("--page", action="store_true", help="show the rig in the web viewer")
-    add_port(parser)
-    add_record(parser)
     parser.add_argument(
         "--rate",
         type=number,
         default=RATE_HZ,
         metavar="HZ",
-        help=f"publication rate of states; default: {RATE_HZ:g}, as the dVRK's; at most 1000",
+        help=f"publication rate of states (default: {RATE_HZ:g}, as on the dVRK; at most 1000)",
     )
+    add_world(parser, None, "the smallest with the script's arms")
+    add_record(parser)
+    viewer = parser.add_argument_group("web viewer")
+    viewer.add_argument("--page", action="store_true", help="serve the web viewer")
+    add_port(viewer)
 
 
 def run(args: Namespace) -> int:
@@ -90,7 +93,7 @@ def run(args: Namespace) -> int:
     if args.rig is None:
         args.rig = rig_for(script.read_bytes(), args.arguments)
     if args.page and args.speed == "max":
-        raise InputError("--page: only at the wall clock's pace; leave out --speed max")
+        raise InputError("--page: got --speed max; allowed: --speed realtime")
     world = make_world(args)
     page = ScriptPage(world, args.port) if args.page else None
     flow, linger = _flow(world, args, page), page and page.linger
@@ -106,7 +109,7 @@ def run(args: Namespace) -> int:
 
 
 def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
-    """Return what the script runs over."""
+    """Return the connection between script and simulation, live or stepped."""
     from trocar.apps.teleoperation import components
     from trocar.interfaces import Loop
     from trocar.interfaces.crtk.scripts import Live, Stepped
@@ -120,7 +123,7 @@ def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
 
 
 class ScriptPage:
-    """The page beside a script: served in a thread of its own, until Ctrl-C after the script."""
+    """Web viewer of a running script, served in its own thread until Ctrl-C after the script."""
 
     def __init__(self, world: World, port: int) -> None:
         self._world, self._port = world, port
@@ -128,18 +131,18 @@ class ScriptPage:
         self._thread = threading.Thread(target=self._serve, name="trocar-page", daemon=True)
 
     def begin(self, loop: Loop) -> None:
-        """Serve the page, which starts the loop; return when time flows."""
+        """Serve the web viewer, which starts the loop; return when the loop runs."""
         self._loop = loop
         self._thread.start()
         print(f"{self._ready.result()}  (Ctrl-C stops)", file=sys.stderr, flush=True)
         if sys.stdin is not None and sys.stdin.isatty():
-            print("Enter starts the script ", file=sys.stderr, end="", flush=True)
+            print("press Enter to start the script ", file=sys.stderr, end="", flush=True)
             sys.stdin.readline()
 
     def linger(self) -> None:
-        """Wait for Ctrl-C, while somebody may still look."""
+        """Keep serving until Ctrl-C."""
         with suppress(KeyboardInterrupt):
-            print("the script is over; Ctrl-C closes the page", file=sys.stderr, flush=True)
+            print("script finished; Ctrl-C stops the web viewer", file=sys.stderr, flush=True)
             while self._thread.is_alive():
                 self._thread.join(1.0)
 
@@ -156,7 +159,7 @@ class ScriptPage:
 
 
 def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return this command's words, those after the script's name too, and the script's own."""
+    """Split the words into those of this command (also after the script) and the script's."""
     before = _leading(words)
     script = words[before : before + 1]
     after = words[before + 1 :]
@@ -169,7 +172,7 @@ def _sorted_out(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def _leading(words: Sequence[str]) -> int:
-    """Count the words at the beginning that are options of this command, and their values."""
+    """Count the leading words that are options of this command, or their values."""
     options = Parser(allow_abbrev=False)
     _add_options(options)
     names = set(re.findall(r"--[\w-]+|-h", options.format_usage()))

@@ -1,7 +1,7 @@
 """Write small sample files for the commands that read files.
 
-DIR gets a PSM's log, a rosbag, tracks of motion capture, a robot's URDF and a lab's dVRK
-configuration, the same on every machine: simulated, not recorded on a robot. Needs the extra bags.
+The files are a PSM log, a rosbag, motion-capture tracks, a URDF robot and a dVRK configuration. All
+are simulated, not recorded on a robot, and identical on every machine. Requires the extra bags.
 """
 
 from __future__ import annotations
@@ -12,19 +12,22 @@ from pathlib import Path
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_result, table
 
-#: Source: our own choice: a robot with lengths off by some millimetres, of an ordinary system.
+SUMMARY = "write small sample files for the other commands"
+ORDER = 210
+
+#: Source: our own choice: link lengths perturbed by some millimetres, noise of a common system.
 SEED, SWEEP_S, RATE_HZ, NOISE_M, NOISE_RAD = 7, 12.0, 60.0, 1e-4, 1e-3
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("folder", metavar="DIR", help="a new folder, or an empty one")
-    parser.add_argument("--force", action="store_true", help="replace files of the same names")
+    parser.add_argument("folder", metavar="DIR", help="output folder, new or empty")
+    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
-    """Write, and print what each file is."""
+    """Write the files, and print the content of each."""
     import numpy as np
 
     from trocar.apps.folders import whole_folder
@@ -42,7 +45,7 @@ def run(args: Namespace) -> int:
         )
         robot = f"perturbed with seed {SEED}"
         write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
-        files["tracks.csv"] = "motion capture of a PSM whose lengths are not as drawn"
+        files["tracks.csv"] = "motion capture of a PSM with perturbed link lengths"
     document = {"folder": str(folder), "files": files}
     print_result(
         args,

@@ -1,19 +1,22 @@
-"""A live simulation: its options, and one loop for the web viewer and every transport.
+"""Live simulation: its options, and one loop for the web viewer and all transports.
 
-A new transport takes its option in `add_serving` and a line in `_transports`; its `greeting` is
-printed when the simulation runs.
+Transports are the modules of `trocar.interfaces.crtk.transports` with `OPTIONS`; what has a
+`greeting` prints it when the simulation runs.
 """
 
 from __future__ import annotations
 
 import gc
-import logging
-import os
+import re
 import sys
 from argparse import ArgumentParser, Namespace
+from ast import literal_eval
+from collections.abc import Mapping
 from contextlib import ExitStack, closing, suppress
-from typing import TYPE_CHECKING
-from urllib.parse import urlencode
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_origin, add_port, number
 from trocar.cli.worlds import (
@@ -31,13 +34,10 @@ if TYPE_CHECKING:
     from trocar.interfaces.origins import PageAccess
     from trocar.simulation import World
 
-_log = logging.getLogger("trocar")
-
-WEBSOCKET_PORT = 9090
-FOXGLOVE_PORT = 8765
-TOKEN_VARIABLE = "TROCAR_TOKEN"
+PACKAGE = "trocar.interfaces.crtk.transports"
+TRANSPORTS = Path(__file__).parents[1] / "interfaces" / "crtk" / "transports"
 #: Generation-0 threshold of the garbage collector: messages contain no cycles.
-#: Source: our own choice; with Python's 700 every tenth period was 0.4 ms late.
+#: Source: our own choice; with Python's default of 700, every tenth step was 0.4 ms late.
 GC_THRESHOLD = 5_000
 #: Python's thread switch interval [s]. Source: our own choice, half a tick.
 SWITCH_S = 0.0001
@@ -48,68 +48,32 @@ def add_serving(parser: ArgumentParser) -> None:
     viewer = parser.add_argument_group("web viewer")
     add_port(viewer)
     viewer.add_argument("--no-page", action="store_true", help="do not serve the web viewer")
-    clients = parser.add_argument_group("clients (docs/ros.md)")
+    add_origin(viewer)
+    clients = parser.add_argument_group("clients (docs/sockets.md, docs/ros.md)")
+    for module in transport_modules():
+        for option, settings in module.options.items():
+            default = settings.get("default")
+            kind = {"type": int} if isinstance(default, int) else {}
+            clients.add_argument(option, **kind, **settings)
     clients.add_argument(
-        "--no-websocket", action="store_true", help="do not serve rosbridge's WebSocket"
-    )
-    clients.add_argument(
-        "--websocket-port",
-        type=int,
-        default=WEBSOCKET_PORT,
-        metavar="N",
-        help=f"WebSocket port (default {WEBSOCKET_PORT}, 0 = any free port)",
-    )
-    clients.add_argument(
-        "--host",
-        default="127.0.0.1",
-        help="WebSocket address (default 127.0.0.1); beyond this machine only with --token",
-    )
-    clients.add_argument(
-        "--token", help=f"token that WebSocket clients must present (default: ${TOKEN_VARIABLE})"
-    )
-    add_origin(clients)
-    clients.add_argument(
-        "--ros1", action="store_true", help="join the ROS 1 master at ROS_MASTER_URI (rospy)"
-    )
-    clients.add_argument(
-        "--ros2",
-        nargs="?",
-        const="auto",
-        choices=("auto", "rclpy", "dds"),
-        metavar="auto|rclpy|dds",
-        help="ROS 2 by rclpy where it can be imported, else by DDS without ROS (extra ros2);"
-        " without token",
-    )
-    clients.add_argument(
-        "--foxglove", action="store_true", help="live view in Foxglove (extra foxglove)"
-    )
-    clients.add_argument(
-        "--foxglove-port",
-        type=int,
-        default=FOXGLOVE_PORT,
-        metavar="N",
-        help=f"Foxglove port (default {FOXGLOVE_PORT}, 0 = any free port)",
-    )
-    clients.add_argument(
-        "--foxglove-record",
-        metavar="FILE",
-        help="--foxglove, and write every topic to a new MCAP file",
-    )
-    clients.add_argument(
-        "--rate", type=number, metavar="HZ", help="rate of states (default 220, at most 1000)"
+        "--rate",
+        type=number,
+        metavar="HZ",
+        help="publication rate of states (default: 220, at most 1000)",
     )
     clients.add_argument(
         "--clock",
         choices=("wall", "sim"),
         default="wall",
-        help="stamps: wall time at the start plus simulated time (default), or simulated time",
+        help="message stamps: wall, start time plus simulated time; sim, simulated time (default:"
+        " wall)",
     )
     clients.add_argument(
         "--compat",
         action="append",
         default=[],
         choices=("dvrk_env", "dvrk_vrep"),
-        help="serve the topics of an older simulator as well; may be repeated",
+        help="also serve the topics of an older simulator (repeatable)",
     )
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
@@ -117,16 +81,16 @@ def add_serving(parser: ArgumentParser) -> None:
 
 
 def serve(world: World, args: Namespace, session: Session | None = None) -> None:
-    """Run a world and serve it as the options say, until Ctrl-C or the end of --duration.
+    """Run and serve a world until Ctrl-C or the end of --duration.
 
     Args:
-        world: what runs
-        args: the options of `add_serving`
-        session: teleoperation by this machine's devices; None: the rig's masters wait for clients
+        world: world to simulate
+        args: parsed options of `add_serving`
+        session: teleoperation by devices of this machine; None: clients drive the rig's masters
 
     Raises:
-        InputError: a port, host or token that cannot be used, or nothing to serve
-        DivergedError: the simulation left the finite numbers
+        InputError: port, host or token is not usable, or nothing is served
+        DivergedError: the simulation diverged
     """
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
@@ -136,14 +100,15 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
     transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
-            "nothing would be served: leave out --no-page or --no-websocket, or use --headless"
+            "got --no-page and --no-websocket, so nothing is served; leave out one of them, or use"
+            " --headless"
         )
     shared = bool(transports) or session is not None
     if session is None and shared and not args.no_page:
         from trocar.apps.teleoperation.session import Session
 
-        session = Session()  # pedals in the page
-    # Clients need an answer sooner than the web viewer does.
+        session = Session()  # pedals in the web viewer
+    # Clients need shorter ticks than the web viewer.
     tick_s = max(1, round(SERVER_TICK_S / world.timestep)) * world.timestep if shared else None
     loop = Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
     loop.while_running = recording(world, args)
@@ -179,7 +144,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
         gc.collect()
         stack.callback(gc.unfreeze)
         stack.callback(gc.set_threshold, *gc.get_threshold())
-        gc.freeze()  # a collection of everything set up so far takes as long as thirty ticks
+        gc.freeze()  # collecting all objects of the setup takes thirty ticks
         gc.set_threshold(GC_THRESHOLD)
         if args.no_page:
             with closing(loop), suppress(KeyboardInterrupt):
@@ -189,6 +154,8 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             return
         from trocar.interfaces.viewer import serve as serve_page
 
+        addresses = (getattr(transport, "viewer_address", None) for transport in transports)
+        socket = next(filter(None, addresses), None)
         serve_page(
             world,
             port=args.port,
@@ -196,58 +163,51 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             on_ready=greet,
             loop=loop,
             pictures=pictures,
-            driving=session and session.driving(_socket(transports, args, access)),
+            driving=session and session.driving(socket),
             access=access,
         )
 
 
-def _transports(args: Namespace, access: PageAccess) -> list[Transport]:
+@dataclass(frozen=True)
+class TransportModule:
+    """A module of `trocar.interfaces.crtk.transports`, not imported yet.
+
+    Attributes:
+        name: as imported
+        order: its place among the options
+        options: {option: keyword arguments of argparse}
+    """
+
+    name: str
+    order: int
+    options: Mapping[str, Mapping[str, Any]]
+
+    def requested(self, args: Namespace) -> bool:
+        """Whether an option was given, or the transport is served by default."""
+        return any(
+            option.startswith("--no-")
+            or getattr(args, option[2:].replace("-", "_"))
+            != settings.get("default", False if "action" in settings else None)
+            for option, settings in self.options.items()
+        )
+
+
+def transport_modules() -> list[TransportModule]:
+    """Return the modules with `OPTIONS`, read from the sources: importing them takes too long."""
+    found: list[TransportModule] = []
+    for path in (*TRANSPORTS.glob("*.py"), *TRANSPORTS.glob("*/__init__.py")):
+        text = path.read_text(encoding="utf-8")
+        options = re.search(r"^OPTIONS = (\{.*?^\})", text, re.MULTILINE | re.DOTALL)
+        order = re.search(r"^ORDER = (\d+)$", text, re.MULTILINE)
+        if options is not None:
+            name = path.parent.name if path.stem == "__init__" else path.stem
+            place = int(order[1]) if order else sys.maxsize
+            found.append(TransportModule(f"{PACKAGE}.{name}", place, literal_eval(options[1])))
+    return sorted(found, key=lambda module: (module.order, module.name))
+
+
+def _transports(args: Namespace, pages: PageAccess) -> list[Transport]:
     """Return the transports of the options, not started yet."""
-    found: list[Transport] = []
-    if not args.no_websocket:
-        from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
-
-        found.append(WebSocketTransport(args.host, args.websocket_port, _token(args), access))
-    if args.ros2 is not None:
-        found.append(_ros2(args.ros2))
-    if args.ros1:
-        from trocar.interfaces.crtk.transports.ros1 import Ros1Transport
-
-        found.append(Ros1Transport())
-    if args.foxglove or args.foxglove_record is not None:
-        from trocar.interfaces.crtk.transports.foxglove import FoxgloveTransport
-
-        record = args.foxglove_record
-        found.append(FoxgloveTransport(args.foxglove_port, record, images=args.record_images))
-    return found
-
-
-def _token(args: Namespace) -> str | None:
-    return args.token if args.token is not None else os.environ.get(TOKEN_VARIABLE) or None
-
-
-def _ros2(kind: str) -> Transport:
-    """Return ROS 2 by rclpy, or by Cyclone DDS without ROS; "auto": by rclpy if there is one."""
-    if kind != "dds":
-        from trocar.interfaces.crtk.transports.rclpy_node import MissingRclpyError, RclpyTransport
-
-        try:
-            return RclpyTransport()
-        except MissingRclpyError as error:
-            if kind == "rclpy":
-                raise
-            if error.there:
-                reason = f"{error.python} cannot import it ({error.reason})"
-                _log.warning("ROS 2: there is an rclpy, but %s; using DDS without ROS", reason)
-    from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
-
-    return Ros2Transport()
-
-
-def _socket(transports: list[Transport], args: Namespace, access: PageAccess) -> str | None:
-    """Return the WebSocket's address with the web viewer's credentials, None without one."""
-    address = next((str(t.address) for t in transports if hasattr(t, "address")), None)  # type: ignore[attr-defined]
-    if address is None:
-        return None
-    token = _token(args)
-    return f"{address}/?{access.query}" + (f"&{urlencode({'token': token})}" if token else "")
+    modules = (import_module(m.name) for m in transport_modules() if m.requested(args))
+    found = (module.open_transport(vars(args), pages) for module in modules)
+    return [transport for transport in found if transport is not None]

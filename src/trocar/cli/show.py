@@ -1,7 +1,7 @@
-"""Show an arm: joints and limits, frames, loops, masses, gains, and the sources of all numbers.
+"""Show an arm: joint limits, frames, closed loops, masses, gains, and the source of each number.
 
-With --picture DIR, draw it: front.png, side.png and top.png in parallel projection, so that
-lengths can be measured in them, and three_quarter.png. ARM may then be a rig as well.
+With --picture DIR, render the arm instead: front.png, side.png and top.png in orthographic
+projection, to scale, and three_quarter.png in perspective. ARM may then also be a rig.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from trocar.descriptions import ArmDescription, RigDescription
     from trocar.kinematics.mechanism import Frame
 
+SUMMARY = "show an arm: joints, frames, masses, gains, sources"
+ORDER = 150
+
 Document = dict[str, Any]
 
 WIDTH = 110  # of running text
@@ -33,11 +36,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_arm(parser)
     add_calibration(parser)
     add_json(parser)
-    parser.add_argument("--picture", metavar="DIR", help="draw it from four sides, into DIR")
+    parser.add_argument("--picture", metavar="DIR", help="render four views into DIR")
 
 
 def run(args: Namespace) -> int:
-    """Print the arm's description, or draw it."""
+    """Print the arm's description, or render it."""
     if args.picture is not None:
         from trocar.rendering import write_pictures
 
@@ -51,15 +54,15 @@ def run(args: Namespace) -> int:
     for flat in (flat for closure in found["closures"] for flat in closure["flattenings"]):
         if flat["margin"] is not None and flat["margin"] < NEAR_FLAT_RAD:
             warn(
-                f"loop {flat['closure']} flattens {short(flat['margin'])} rad from the limits of "
-                f"{flat['joint']}; allowed: {NEAR_FLAT_RAD} rad or more"
+                f"loop {flat['closure']} is singular {short(flat['margin'])} rad from the limits"
+                f" of {flat['joint']}; allowed: {NEAR_FLAT_RAD} rad or more"
             )
     print_result(args, found, lambda: report(found))
     return 0
 
 
 def _rig(args: Namespace) -> RigDescription:
-    """Return the rig of this name, or a rig of the one arm."""
+    """Return the named rig, or a rig with the named arm only."""
     from trocar.descriptions import load_arm, load_rig, names
     from trocar.descriptions.lone_arm import lone_arm_rig
 
@@ -69,7 +72,7 @@ def _rig(args: Namespace) -> RigDescription:
 
 
 def document(arm: ArmDescription) -> Document:
-    """Return what a description says, as JSON has it."""
+    """Return a description as a JSON document."""
     from trocar.kinematics.loops import flattenings
 
     mechanism, overlay, coupling = arm.mechanism, arm.overlay, arm.coupling
@@ -122,7 +125,7 @@ def document(arm: ArmDescription) -> Document:
 def _frame_documents(arm: ArmDescription) -> list[Document]:
     import numpy as np
 
-    # Only a standard row has a part that comes after its motion; some rows are of both kinds.
+    # Only a standard row has a transform after its motion; some rows fit both conventions.
     standard = any((frame.after != np.eye(4)).any() for frame in arm.mechanism.frames)
     return [
         {
@@ -139,7 +142,7 @@ def _frame_documents(arm: ArmDescription) -> list[Document]:
 
 
 def _dh_row(frame: Frame, convention: str) -> Document | None:
-    """Return the DH row that places a frame at q = 0, None when it is not placed by one."""
+    """Return the DH row of a frame at q = 0; None: its pose is no DH row."""
     from trocar.geometry import modified_dh_parameters, standard_dh_parameters
 
     read = standard_dh_parameters if convention == "standard" else modified_dh_parameters
@@ -153,7 +156,7 @@ def _dh_row(frame: Frame, convention: str) -> Document | None:
 
 
 def _nested(models: Mapping[str, Any]) -> Document:
-    """Return named records, and records of records, as dictionaries."""
+    """Convert named (nested) records to dictionaries."""
     return {
         name: asdict(entry) if is_dataclass(entry) else _nested(entry)  # type: ignore[arg-type]
         for name, entry in models.items()
@@ -169,7 +172,7 @@ def _sections(arm: Document) -> Iterator[str]:
     head = {
         "type": f"{arm['type']}, {arm['generation'] or 'no generation'}",
         "tool": arm["tool"] or "none",
-        "root": f"{arm['root']} (the frame that is mounted)",
+        "root": f"{arm['root']} (mounting frame)",
         "poses": f"of the tip {arm['tip']} in {arm['relative_to']}",
         "inverse": arm["inverse_kinematics"] or "no closed form",
         "file": arm["file"],
@@ -179,7 +182,7 @@ def _sections(arm: Document) -> Iterator[str]:
     lines = (f"  {key:<8} {text}" for key, text in head.items())
     yield "\n".join([f"{arm['arm']}: {arm['title']}", *lines])
     yield "Joints\n" + table(
-        ["joint", "lower", "upper", "effort at most", "speed", "acceleration", "hinge"],
+        ["joint", "lower", "upper", "max effort", "max speed", "max acceleration", "hinge"],
         (
             [
                 j["name"],
@@ -213,10 +216,10 @@ def _sections(arm: Document) -> Iterator[str]:
         )
     if arm["bodies"]:
         total = sum(body["mass"] for body in arm["bodies"])
-        yield f"Bodies: {short(total)} kg in all\n" + table(
+        yield f"Bodies: {short(total)} kg in total\n" + table(
             [
                 "frame",
-                "of",
+                "part",
                 "mass [kg]",
                 "com x",
                 "y",
@@ -224,7 +227,7 @@ def _sections(arm: Document) -> Iterator[str]:
                 "ixx",
                 "iyy",
                 "izz [kg m^2]",
-                "from",
+                "inertia from",
             ],
             (
                 [
@@ -240,7 +243,7 @@ def _sections(arm: Document) -> Iterator[str]:
         )
     if arm["friction"]:
         yield "Friction\n" + table(
-            ["model", "at", "dry [N m, N]", "viscous [N m s/rad, N s/m]"],
+            ["model", "at", "Coulomb [N m, N]", "viscous [N m s/rad, N s/m]"],
             (
                 [model, name, short(entry["coulomb"]), short(entry["viscous"])]
                 for model, entries in arm["friction"].items()
@@ -249,7 +252,7 @@ def _sections(arm: Document) -> Iterator[str]:
         )
     if arm["rotor"]:
         rows = [[name, short(value)] for name, value in arm["rotor"].items()]
-        yield "Rotors, as the frame feels them\n" + table(["frame", "[kg m^2, kg]"], rows)
+        yield "Rotor inertia, reflected to the frame\n" + table(["frame", "[kg m^2, kg]"], rows)
     for control in arm["control"].values():
         switches = {
             "gravity compensation": "gravity_compensation",
@@ -261,7 +264,7 @@ def _sections(arm: Document) -> Iterator[str]:
             for j in arm["joints"]
             if (pid := control["pid"].get(j["name"]))
         ]
-        gains = table(["joint", "P", "I", "D", "of"], rows)
+        gains = table(["joint", "P", "I", "D", "effort"], rows)
         yield f"Gains {control['name']!r}: {', '.join(on)}\n{gains}"
     if (coupling := arm["coupling"]) is not None:
         joints, matrix = coupling["joints"], coupling["actuator_to_joint"]
@@ -272,10 +275,10 @@ def _sections(arm: Document) -> Iterator[str]:
     if arm["poses"]:
         rows = [[name, *map(short, q)] for name, q in arm["poses"].items()]
         names = (j["name"] for j in arm["joints"])
-        yield "Named poses [rad, slides m]\n" + table(["pose", *names], rows)
+        yield "Named poses [rad, m if prismatic]\n" + table(["pose", *names], rows)
     if arm["missing"]:
         rows = [[entry["what"], entry["why"]] for entry in arm["missing"]]
-        yield "Not known\n" + table(["what", "why"], rows)
+        yield "Unknown values\n" + table(["value", "reason"], rows)
     yield "Sources\n" + "\n".join(_sources(arm))
 
 
@@ -287,7 +290,7 @@ def _motion(frame: Document) -> str:
 
 
 def _place(frame: Document) -> str:
-    """Write a frame's place: its DH row, or position and angles; what is 0 is left out."""
+    """Format a frame's pose: DH row, or position and angles; omit zeros."""
     if frame["parent"] is None:
         return "-"
     units = {"a": "m", "alpha": "rad", "d": "m", "theta": "rad"}
@@ -308,8 +311,8 @@ def _place(frame: Document) -> str:
 
 
 def _sources(arm: Document) -> Iterator[str]:
-    """Say where each block is from; a source that stands for several is said once."""
-    told: dict[str, list[str]] = {arm["source"]: ["all that names no other source"]}
+    """Format the sources, each once with all blocks it applies to."""
+    blocks_of: dict[str, list[str]] = {arm["source"]: ["default"]}
     for kind, rows, key in (
         ("joint", arm["joints"], "name"),
         ("frame", arm["frames"], "name"),
@@ -317,11 +320,11 @@ def _sources(arm: Document) -> Iterator[str]:
     ):
         for row in rows:
             part = f"{row['part']} " if row.get("part", arm["arm"]) != arm["arm"] else ""
-            told.setdefault(row["source"], []).append(f"{part}{kind} {row[key]}")
+            blocks_of.setdefault(row["source"], []).append(f"{part}{kind} {row[key]}")
     for block, source in arm["sources"].items():
-        told.setdefault(source, []).append(block)
-    told.pop("", None)
-    for source, blocks in told.items():
+        blocks_of.setdefault(source, []).append(block)
+    blocks_of.pop("", None)
+    for source, blocks in blocks_of.items():
         yield _paragraph(", ".join(blocks) + ":", "  ") + "\n" + _paragraph(source, " " * 6)
 
 
@@ -345,7 +348,7 @@ def _vector(values: Iterable[float]) -> str:
 
 
 def _sum(terms: Mapping[str, float]) -> str:
-    """Write a weighted sum: `yaw - 0.5 jaw`."""
+    """Format a weighted sum: `yaw - 0.5 jaw`."""
     factors = {1.0: "", -1.0: "-"}
     parts = [factors.get(ratio, f"{short(ratio)} ") + name for name, ratio in terms.items()]
     return " + ".join(parts).replace("+ -", "- ")

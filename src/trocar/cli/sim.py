@@ -1,9 +1,9 @@
-"""Simulate a rig: live for the browser and for clients, or headless along the paper's trajectory.
+"""Simulate a rig, live for browser and clients, or headless along the paper's trajectory.
 
-Live, serves the web viewer and rosbridge's WebSocket on this machine only and prints their
-addresses when the simulation runs. Headless, moves every arm but the setup joints along the
-paper's sine and reports speed, loop health and tracking. --record writes a file that
-`trocar replay` repeats; headless it is one more pass along the sine.
+Live (default): serve the web viewer and a rosbridge WebSocket, on this machine only, and print
+their addresses. Headless: move all arms except setup joints along the paper's sine trajectory and
+report speed, loop error and tracking error. --record writes a file that `trocar replay` reproduces;
+a headless run records one additional pass.
 """
 
 from __future__ import annotations
@@ -22,35 +22,40 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from trocar.apps.timing import HeadlessReport
 
+SUMMARY = "simulate a rig, live in the browser or headless"
+ORDER = 10
+
 HEADLESS_DURATION_S = 10.0
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    add_world(parser)
     parser.add_argument(
-        "--headless", action="store_true", help="run without viewer and clients, and report"
+        "--headless",
+        action="store_true",
+        help="run without web viewer and clients, and print a report",
     )
     parser.add_argument(
         "--duration",
         type=duration,
         metavar="S",
-        help="stop after S seconds of simulated time (headless: default 10)",
-    )
-    parser.add_argument(
-        "--tip-load",
-        type=number,
-        default=0.0,
-        metavar="NEWTON",
-        help="apply a rotating force at every tool tip",
+        help="stop after S seconds of simulated time (headless default: 10)",
     )
     parser.add_argument(
         "--speed",
         choices=("realtime", "max"),
-        help="default: realtime live, max headless",
+        help="real time, or as fast as possible (default: realtime, headless: max)",
+    )
+    add_json(parser)
+    world = add_world(parser)
+    world.add_argument(
+        "--tip-load",
+        type=number,
+        default=0.0,
+        metavar="NEWTON",
+        help="apply a rotating force of NEWTON at every tool tip (default: 0)",
     )
     add_record(parser)
-    add_json(parser)
     add_serving(parser)
 
 
@@ -59,7 +64,7 @@ def run(args: Namespace) -> int:
     if not 0.0 <= args.tip_load < float("inf"):
         raise InputError(f"--tip-load: got {args.tip_load:g}; allowed: 0 N or more")
     if args.json and not args.headless:
-        raise InputError("--json: only a headless run has a report; add --headless")
+        raise InputError("--json: allowed with --headless only, which prints a report")
     world = make_world(args, args.tip_load)
     if not args.headless:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
@@ -85,17 +90,17 @@ def _report(report: HeadlessReport) -> str:
         for arm, joints in report.tracking_rms.items()
         for joint, rms in joints.items()
     ]
-    branch = "right" if report.branch_ok else "WRONG"
+    branch = "correct" if report.branch_ok else "WRONG"
     rcm, wander_um = report.rcm_error_um_max, report.rcm_wander_um_max or 0.0
-    centre = "none" if rcm is None else f"{rcm:.3f} um off at most"
+    centre = "none" if rcm is None else f"{rcm:.3f} um max"
     if wander_um >= 1.0:
-        centre += f" (up to {wander_um:.0f} um by the robot's own geometry)"
+        centre += f" (of which {wander_um:.0f} um due to the calibrated geometry)"
     return (
         f"{report.rig}: {report.simulated_s:g} s simulated in {report.wall_s:.3f} s"
         f" at {1e3 * report.timestep_s:g} ms\n"
         f"  real-time factor   {report.real_time_factor:.1f}"
         f"  (bare MuJoCo {report.bare_real_time_factor:.1f}, overhead {report.overhead:.3f})\n"
-        f"  loop gap           {report.loop_gap_um_max:.4f} um at most\n"
-        f"  remote centre      {centre}, branch {branch}\n\n"
-        + table(["arm", "joint", "tracking RMS", ""], rows)
+        f"  loop error         {report.loop_gap_um_max:.4f} um max\n"
+        f"  RCM error          {centre}\n"
+        f"  assembly branch    {branch}\n\n" + table(["arm", "joint", "tracking RMS", ""], rows)
     )

@@ -1,42 +1,42 @@
-"""Drive a rig by hand: keyboard, gamepad, SpaceMouse, or the masters of a surgeon's console.
+"""Teleoperate a rig by keyboard, gamepad, SpaceMouse, or the masters of a surgeon console.
 
-Serve the web viewer and topics as `trocar sim` does, and move the first instrument, or that of
---arm, in the directions of the endoscope's picture. More in docs/teleoperation.md.
+Serves the web viewer and topics like `trocar sim`, and moves one instrument (--arm) relative to
+the endoscope image. See docs/teleoperation.md.
 
-keyboard (in the page: click on the frame in the tab "Drive" first)
+keyboard (in the web viewer: first click on the frame in tab "Drive")
   A  D                       left, right
   W  S                       up, down
-  R  F                       away, nearer
+  R  F                       away, closer
   arrows                     turn up, down, left, right
   Q  E                       roll left, right
   C  O                       close, open the jaw
   X (held)                   fine: 0.2 of the speed
   Shift (held)               fast: 3 times the speed
-  1  2 ...                   use the first, second ... instrument
-  V (held)                   camera pedal: drag the endoscope's picture instead
-  K (held)                   clutch: the tool stays
+  1  2 ...                   select the first, second ... instrument
+  V (held)                   camera pedal: move the endoscope instead
+  K (held)                   clutch: hold the tool
   G  B  M (held)             pedals coag, bicoag, mono
   Y  U (held)                pedals cam -, cam +
 
-gamepad (of this machine, extra gamepad; or in the page with --device keyboard)
+gamepad (on this machine, extra gamepad; or in the web viewer with --device keyboard)
   left stick                 left, right, up, down
-  right trigger, left trigger  away, nearer
+  right, left trigger        away, closer
   right stick                turn left, right, up, down
   left, right shoulder       roll left, right
   A  B                       close, open the jaw
   X (held)                   fine: 0.2 of the speed
-  Y (held)                   drag the endoscope's picture instead
-  left, right on the cross   use the instrument before, the next one
+  Y (held)                   move the endoscope instead
+  left, right on the D-pad   select the previous, next instrument
 
-spacemouse (of this machine, extra spacemouse)
-  push the cap               left, right, up, down, away, nearer
+spacemouse (on this machine, extra spacemouse)
+  push the cap               left, right, up, down, away, closer
   turn the cap               turn about the same axes
   left, right button         close, open the jaw
 
-masters (of a rig that has some, as full_cart_mtm)
-  rings and arrows at the handles  carry the simulated masters (drag them in the page)
-  gripper sliders            pinch to begin; the jaw follows
-  K  V  G  B  M  Y  U  P     press and release pedals: the letters at their boxes
+masters (rig with masters, e.g. full_cart_mtm)
+  rings and arrows           drag the simulated masters in the web viewer
+  gripper sliders            pinch to start teleoperation; the jaw follows
+  K  V  G  B  M  Y  U  P     press and release pedals, as labelled
 """
 
 from __future__ import annotations
@@ -50,36 +50,44 @@ from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
 
+SUMMARY = "teleoperate a rig: keyboard, gamepad, SpaceMouse or masters"
+ORDER = 40
+
 #: Default rigs, of devices and of masters. Source: our own choice.
 RIG, RIG_OF_MASTERS = "pegs", "full_cart_mtm"
-#: Pose that has the tools in view, of rigs that have it.
+#: Start pose with the tools in view, if the rig defines it.
 POSE = "work"
 
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    add_world(parser, None)
-    parser.set_defaults(rig=None)
     parser.add_argument(
         "--device",
         choices=("keyboard", "gamepad", "spacemouse", "masters"),
-        help="input device; default: keyboard, or masters where the rig has some",
+        help="input device (default: masters if the rig has some, else keyboard)",
     )
-    parser.add_argument("--arm", help="first instrument to drive; default: the rig's first")
+    parser.add_argument(
+        "--arm", help="instrument to drive at the start (default: the first of the rig)"
+    )
     parser.add_argument(
         "--scale",
         type=number,
-        help="factor of a device's speeds or of the masters' translation, above 0 to 1",
+        help="scale of the device speed, or of the masters' translation, above 0 to 1",
     )
     parser.add_argument(
-        "--motion", metavar="FILE", help="move the masters as in a recording (with masters)"
+        "--motion",
+        metavar="FILE",
+        help="device masters: replay the masters' motion from a recording",
     )
     parser.add_argument(
-        "--pose", metavar="NAME", help=f"start pose of the arms; default: {POSE}, if the rig has it"
+        "--pose",
+        metavar="NAME",
+        help=f"initial pose of the rig (default: {POSE}, if the rig has it)",
     )
     parser.add_argument(
-        "--duration", type=number, metavar="S", help="stop after this much simulated time"
+        "--duration", type=number, metavar="S", help="stop after S seconds of simulated time"
     )
+    add_world(parser, None, f"{RIG}, for masters {RIG_OF_MASTERS}")
     add_record(parser)
     parser.set_defaults(speed="realtime")
     add_serving(parser)
@@ -93,8 +101,8 @@ def run(args: Namespace) -> int:
     kind = args.device or _device_of(args.rig)
     if kind == "keyboard" and (args.no_page or args.no_websocket):
         raise InputError(
-            "--device keyboard: the page takes the keys and sends them over the WebSocket; "
-            "leave out --no-page and --no-websocket, or drive by another --device"
+            "--device keyboard: requires the web viewer and the WebSocket; leave out --no-page and"
+            " --no-websocket, or use another --device"
         )
     if args.duration is not None and not 0.0 < args.duration < float("inf"):
         raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")

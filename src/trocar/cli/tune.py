@@ -1,8 +1,8 @@
-"""Step each joint of a lone arm, tell how it answers, and tune its gains from that.
+"""Measure the step response of each joint of an arm, and tune its PID gains.
 
-The other joints are held meanwhile. P and D are searched for the soonest settled step with little
-overshoot and effort to spare; I stays. docs/tuning.md says how. Nothing is written to a file:
-the lines to put into one are printed.
+The other joints hold their position. P and D are optimised for settling time with small overshoot
+and without effort saturation; I is unchanged. The tuned gains are printed as TOML, no file is
+modified. See docs/tuning.md for the method.
 """
 
 from __future__ import annotations
@@ -12,11 +12,14 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json
+from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json
 from trocar.cli.output import print_json, short, table
 
 if TYPE_CHECKING:
-    from trocar.apps.tuning import Tried, TuningReport
+    from trocar.apps.tuning import GainTrial, TuningReport
+
+SUMMARY = "measure an arm's step responses and tune its gains"
+ORDER = 50
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -28,20 +31,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="J",
         action="append",
         default=[],
-        help="this joint only; may be repeated; default: all",
+        help="tune this joint only (repeatable, default: all joints)",
     )
-    parser.add_argument(
-        "--control",
-        choices=("dvrk", "paper"),
-        default="dvrk",
-        help="gains to begin with; default: dvrk",
-    )
-    parser.add_argument(
-        "--friction",
-        choices=("identified", "paper"),
-        default="identified",
-        help="of the joints; default: identified",
-    )
+    add_gains(parser)
     add_json(parser)
 
 
@@ -81,17 +73,17 @@ def _tables(report: TuningReport) -> str:
         rows.append([joint.joint, step, "present", *_row(joint.present)])
         rows.append(["", "", "tuned", *_row(joint.tuned)])
     head = ["joint", "step", "gains", "P", "I", "D", "rise [ms]", "overshoot [%]",
-            "settled [ms]", "left [mrad, mm]", "effort [% of limit]"]  # fmt: skip
+            "settling [ms]", "error [mrad, mm]", "peak effort [%]"]  # fmt: skip
     mounted = f" with {report.tool}" if report.tool else ""
     lines = "\n\n".join(f"# {part}\n{text}" for part, text in report.toml.items())
     return (
-        f"{report.arm}{mounted}: steps with the gains {report.control!r},"
+        f"{report.arm}{mounted}: step responses with gains {report.control!r},"
         f" {report.friction} friction\n\n{table(head, rows)}\n\n"
-        f"The tuned gains, for the file of each part:\n\n{lines}"
+        f"Tuned gains, for the TOML file of each part:\n\n{lines}"
     )
 
 
-def _row(tried: Tried) -> list[str]:
+def _row(tried: GainTrial) -> list[str]:
     gains, response = tried.gains, tried.response
     return [
         *(short(gain) for gain in (gains.p, gains.i, gains.d)),
@@ -104,5 +96,5 @@ def _row(tried: Tried) -> list[str]:
 
 
 def _digits(value: float, decimals: int) -> str:
-    """Write a number with so many decimals, `-` for what there is not, 0 without a sign."""
+    """Format a number with a fixed number of decimals; `-` for NaN, 0 without a sign."""
     return "-" if value != value else f"{round(value, decimals) + 0.0:.{decimals}f}"

@@ -1,10 +1,10 @@
-"""Repeat the closed-loop paper's experiments on the simulation, the paper's figures beside ours.
+"""Reproduce the experiments of the closed-loop paper in simulation, and compare the figures.
 
-Loops over the joint range (closure), the remote centre (rcm: Table 7, Figure 9), distances of
-hinges (axes: Table 6), six joints along a sine (tracking: Figure 10), speed (realtime: Table 9),
-and whether every format has the frames where the kinematics has them (formats). The exit status is
-1 when a figure leaves its tolerance; speed, which depends on the machine, is stated without one.
-docs/calibration.md describes how each is measured.
+closure: loop error over the joint range; rcm: remote centre of motion (Table 7, Figure 9); axes:
+distances between hinge axes (Table 6); tracking: six joints along a sine (Figure 10); realtime:
+speed (Table 9); formats: frame poses of every export format compared with the kinematics.
+Exit status 1: a figure is out of tolerance; speed depends on the machine and has no tolerance. See
+docs/calibration.md for the methods.
 """
 
 from __future__ import annotations
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from trocar.apps.figures import Part
     from trocar.apps.verification import Verification
 
+SUMMARY = "reproduce the experiments of the closed-loop paper"
+ORDER = 190
+
 PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
 
 
@@ -29,31 +32,29 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=_parts,
         default=PARTS,
         metavar="PART,...",
-        help=f"verify these alone, of {', '.join(PARTS)}; default: all",
+        help=f"run only these parts: {', '.join(PARTS)} (default: all)",
     )
     parser.add_argument(
         "--arm",
         action="append",
         default=[],
         metavar="ARM",
-        help="a built-in arm or a TOML file; may be repeated; default: those of the calibrations,"
-        " or psm and ecm",
+        help="built-in arm or TOML file (repeatable; default: the calibrated arms, else psm and"
+        " ecm)",
     )
     parser.add_argument(
         "--calibration",
         action="append",
         default=[],
         metavar="OVERLAY.toml",
-        help="verify the robot that was calibrated; may be repeated",
+        help="verify this calibrated robot (repeatable)",
     )
-    parser.add_argument(
-        "--report", metavar="DIR", help="write a page with tables and plots to DIR/index.html"
-    )
+    parser.add_argument("--report", metavar="DIR", help="write an HTML report to DIR/index.html")
     add_json(parser)
 
 
 def run(args: Namespace) -> int:
-    """Verify, print, and say whether every figure is within its tolerance."""
+    """Verify, print, and return 1 if a figure is out of tolerance."""
     from trocar.apps.verification import check_report, verify, write_report
 
     if args.report is not None:

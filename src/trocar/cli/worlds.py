@@ -1,4 +1,4 @@
-"""The world that a command simulates, its recording and its cameras, with their options."""
+"""World, recording and cameras of a command, with their options."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from trocar.cli.arguments import add_calibrations, add_gains, add_rig, number
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from argparse import _ActionsContainer
+    from argparse import _ActionsContainer, _ArgumentGroup
 
     from trocar.interfaces import Loop
     from trocar.interfaces.pictures import Pictures, Renderer
@@ -23,43 +23,53 @@ if TYPE_CHECKING:
     Shapes = tuple[int, Sequence[ShapeRecord]]
 
 
-def add_world(parser: ArgumentParser, rig: str | None = "full_cart") -> None:
-    """Add the rig, its tools and how it is simulated; None: the command chooses the rig."""
-    add_rig(parser, rig)
-    parser.add_argument(
+def add_world(
+    parser: ArgumentParser, rig: str | None = "full_cart", chosen: str = ""
+) -> _ArgumentGroup:
+    """Add the rig, its tools and the physics options; return their group.
+
+    Args:
+        parser: parser of the command
+        rig: default rig; None: the command chooses one
+        chosen: help text for the default, if `rig` is None
+    """
+    group = parser.add_argument_group("rig and physics")
+    add_rig(group, rig, chosen)
+    group.add_argument(
         "--tool",
         action="append",
         default=[],
         type=_tool,
         metavar="ARM=TOOL",
-        help="mount another tool (trocar list tools, or a TOML file); may be repeated",
+        help="mount TOOL on ARM: built-in (see trocar list tools) or TOML file (repeatable)",
     )
-    add_calibrations(parser)
-    add_gains(parser)
-    parser.add_argument(
+    add_calibrations(group)
+    add_gains(group)
+    group.add_argument(
         "--setup-joints",
         choices=("braked", "locked"),
         default="braked",
-        help="setup joints simulated with brakes, or welded (faster)",
+        help="simulate setup joints with brakes, or weld them, which is faster (default: braked)",
     )
-    parser.add_argument(
-        "--timestep", type=number, default=0.001, metavar="S", help="physics step (default 0.001)"
+    group.add_argument(
+        "--timestep", type=number, default=0.001, metavar="S", help="physics step (default: 0.001)"
     )
+    return group
 
 
 def _tool(text: str) -> tuple[str, str]:
     arm, _, tool = text.partition("=")
     if not (arm and tool):
         example = "PSM1=LARGE_NEEDLE_DRIVER:400006"
-        raise ArgumentTypeError(f"got {text!r}; allowed: ARM=TOOL, as {example}")
+        raise ArgumentTypeError(f"got {text!r}; allowed: ARM=TOOL, e.g. {example}")
     return arm, tool
 
 
 def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
-    """Build the world of `add_world`'s options.
+    """Build the world from the options of `add_world`.
 
     Raises:
-        InputError: an option that cannot be used
+        InputError: an option is not usable
     """
     from trocar.simulation import World
 
@@ -81,14 +91,17 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
 
 def add_record(parser: ArgumentParser) -> None:
     """Add the recording of the run."""
-    parser.add_argument(
-        "--record", metavar="FILE", help="write states, commands and events to a new MCAP file"
+    group = parser.add_argument_group("recording")
+    group.add_argument(
+        "--record", metavar="FILE", help="record states, commands and events to a new MCAP file"
     )
-    parser.add_argument("--overwrite", action="store_true", help="--record: replace the file")
+    group.add_argument(
+        "--overwrite", action="store_true", help="overwrite the file of --record if it exists"
+    )
 
 
 def recording(world: World, args: Namespace) -> Callable[[], AbstractContextManager[object]]:
-    """Return what opens the recording of `add_record`'s options, and closes it again."""
+    """Return a factory of the context manager that records according to `add_record`'s options."""
     if args.record is None:
         return nullcontext
     from trocar.recording import record
@@ -97,15 +110,17 @@ def recording(world: World, args: Namespace) -> Callable[[], AbstractContextMana
 
 
 def add_look(group: _ActionsContainer) -> None:
-    """Add the look of the cameras' images."""
+    """Add the image options of cameras."""
     group.add_argument(
         "--preset",
         metavar="CAMERA",
-        help="camera of the endoscope: built-in (trocar list cameras), a TOML file, or a"
-        " calibration file of ROS or OpenCV (LEFT,RIGHT for both eyes)",
+        help="endoscope camera: built-in (see trocar list cameras), TOML file, or ROS or OpenCV"
+        " calibration (LEFT,RIGHT for both eyes)",
     )
     group.add_argument(
-        "--distortion", action="store_true", help="lens distortion; needs a calibration"
+        "--distortion",
+        action="store_true",
+        help="apply lens distortion; requires a calibrated camera",
     )
     group.add_argument(
         "--exposure",
@@ -115,17 +130,21 @@ def add_look(group: _ActionsContainer) -> None:
         help="exposure compensation in stops (default: auto)",
     )
     group.add_argument(
-        "--vignette", type=number, default=0.0, metavar="0..1", help="darkening of corners"
+        "--vignette",
+        type=number,
+        default=0.0,
+        metavar="0..1",
+        help="darkening of the image corners (default: 0)",
     )
     group.add_argument(
         "--noise", type=number, default=0.0, metavar="RATIO", help="sensor noise (default: 0)"
     )
-    group.add_argument("--no-shadows", action="store_true", help="draw no shadows (faster)")
+    group.add_argument("--no-shadows", action="store_true", help="render no shadows (faster)")
 
 
 def add_cameras(group: _ActionsContainer) -> None:
-    """Add the cameras of a live simulation."""
-    group.add_argument("--no-cameras", action="store_true", help="draw no images")
+    """Add the camera options of a live simulation."""
+    group.add_argument("--no-cameras", action="store_true", help="render no images")
     group.add_argument("--camera-rate", type=number, metavar="HZ", help="image rate (default: 60)")
     group.add_argument(
         "--image-format",
@@ -137,7 +156,7 @@ def add_cameras(group: _ActionsContainer) -> None:
 
 
 def add_record_images(group: _ActionsContainer) -> None:
-    """Add images to recordings."""
+    """Add the recording of images."""
     group.add_argument(
         "--record-images", action="store_true", help="record compressed images at the camera rate"
     )
@@ -154,15 +173,19 @@ def _exposure(text: str) -> float | Literal["auto"]:
 
 
 def eyes_of(preset: str) -> str | list[str]:
-    """Return a preset's name or file, or the files of both eyes."""
+    """Return the name or file of a preset, or the files of both eyes."""
     return preset.split(",") if "," in preset else preset
 
 
 def look_of(args: Namespace, samples: int = 0) -> Look:
-    """Return the look of `add_look`'s options, with so many samples per pixel.
+    """Return the Look from the options of `add_look`.
+
+    Args:
+        args: parsed options
+        samples: samples per pixel
 
     Raises:
-        InputError: a value that is not allowed
+        InputError: a value is out of range
     """
     from trocar.rendering import Look
 
@@ -177,16 +200,16 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
 
 
 def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
-    """Return the images of a loop's cameras, None without cameras.
+    """Return the image source of a loop's cameras; None: no cameras.
 
     Raises:
-        UnknownNameError: no such preset; the known ones are listed
-        InputError: an option that is not allowed
+        UnknownNameError: unknown preset
+        InputError: an option is out of range
     """
     rig = loop.world.rig
     scopes = [camera.name for camera in rig.cameras if camera.kind == "endoscope"]
     if args.preset is not None and (args.no_cameras or not scopes):
-        raise InputError(f"--preset: {rig.name} has no endoscope whose images are drawn")
+        raise InputError(f"--preset: rig {rig.name} has no rendered endoscope")
     if args.no_cameras or not rig.cameras:
         return None
     from trocar.descriptions.cameras import load_camera
@@ -203,7 +226,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
 
 
 def _series(look: Look, ask: Callable[[Callable[[World], Shapes]], Shapes]) -> Series:
-    """Return a renderer of the shapes that a world answers with."""
+    """Return a renderer of the world's shapes."""
     from trocar.rendering import Renderer, Series
 
     return Series(
@@ -212,17 +235,17 @@ def _series(look: Look, ask: Callable[[Callable[[World], Shapes]], Shapes]) -> S
 
 
 def record_images(world: World, pictures: Pictures | None, args: Namespace) -> None:
-    """Add images to the recording of a live run, with --record-images.
+    """Add images to the recording of a live run, if --record-images is given.
 
     Raises:
-        InputError: nothing is recorded, or no camera draws
+        InputError: nothing is recorded, or no camera is rendered
     """
     if not args.record_images:
         return
     if args.record is None and args.foxglove_record is None:
-        raise InputError("--record-images: got no recording; add --record or --foxglove-record")
+        raise InputError("--record-images: requires --record FILE or --foxglove-record FILE")
     if pictures is None:
-        raise InputError(f"--record-images: {world.rig.name} has no camera that is drawn")
+        raise InputError(f"--record-images: rig {world.rig.name} has no rendered camera")
     if args.record is not None:
         from trocar.interfaces.crtk.images import RecordedImages
 
@@ -230,18 +253,18 @@ def record_images(world: World, pictures: Pictures | None, args: Namespace) -> N
 
 
 def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[None]:
-    """Return what adds images to the recording of a headless run, with --record-images.
+    """Return a context manager that adds images to a headless recording, with --record-images.
 
     Raises:
         InputError: nothing is recorded, or the rig has no camera
-        TrocarError: nothing can be drawn
+        TrocarError: rendering is not possible
     """
     if not args.record_images:
         return nullcontext()
     if args.record is None:
-        raise InputError("--record-images: got no recording; add --record FILE")
+        raise InputError("--record-images: requires --record FILE")
     if not world.rig.cameras:
-        raise InputError(f"--record-images: {world.rig.name} has no camera")
+        raise InputError(f"--record-images: rig {world.rig.name} has no camera")
     from trocar.interfaces.crtk.images import images_recorded
     from trocar.interfaces.pictures import RATE_HZ
 

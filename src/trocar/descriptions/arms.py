@@ -257,7 +257,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
 
 
 def check_fit(arm: str, generation: str, tool: ToolDescription) -> None:
-    """Refuse a tool that is made for arms of another generation.
+    """Reject a tool that is made for arms of another generation.
 
     Raises:
         InputError: naming both
@@ -281,7 +281,7 @@ def _read_parts(table: Table, part: str) -> Parts:
     frames = tuple(read_frame(row) for row in rows)
     hinges = [read_closure(row) for row in table.tables("closure")]
     known = {frame.name: frame for frame in frames}
-    at = rest_poses(known)  # a closure on other frames is refused with the whole mechanism
+    at = rest_poses(known)  # a closure on other frames is rejected with the whole mechanism
     pins = [c for c, slides in hinges if slides and c.frame_a in at and c.frame_b in at]
     bodies = tuple(read_body(row, part) for row in table.tables("body"))
     return Parts(

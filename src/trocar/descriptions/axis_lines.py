@@ -1,4 +1,4 @@
-"""The axes of a mechanism as lines at home, and what is told of them: distances and angles.
+"""The axes of a mechanism as lines at home, their distances and angles.
 
 The distance of two lines that are not parallel depends on where along them it is taken. Everywhere
 in trocar it is taken in one plane: across the mean direction of the lines, through one point, the
@@ -33,7 +33,7 @@ class Line:
     direction: Array
 
     def moved(self, T_ab: Array) -> Line:
-        """Return the line, which is told in b, as a has it."""
+        """Return the line, given in b, in a."""
         return Line(T_ab[:3, :3] @ self.point + T_ab[:3, 3], T_ab[:3, :3] @ self.direction)
 
 

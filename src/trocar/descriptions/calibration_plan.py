@@ -14,7 +14,7 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class CalibrationPlan:
-    """Which axes of a mechanism are measured, and what is told of them.
+    """Which axes of a mechanism are measured, and which figures of them are reported.
 
     An axis is named after the frame that moves about it, or after the closure whose hinge it is.
 

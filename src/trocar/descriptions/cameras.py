@@ -84,9 +84,9 @@ def load_stereo_camera(source: Source) -> StereoCalibration:
     found = load_camera(source)
     if isinstance(found, StereoCalibration):
         return found
-    told = source if isinstance(source, str | Path) else ", ".join(str(s) for s in source)
+    name = source if isinstance(source, str | Path) else ", ".join(str(s) for s in source)
     raise DescriptionError(
-        str(told),
+        str(name),
         "",
         "is the calibration of one eye; an endoscope has two: give the files of the left and of the"
         " right eye, or OpenCV's with both",

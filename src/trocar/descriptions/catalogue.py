@@ -40,8 +40,8 @@ def load_arm(
         InputError: the overlay is for another arm
     """
     table = _open("arms", _find("arms", name))
-    wanted = table.text("default_tool", "") if tool is None else str(tool)
-    arm = read_arm(table, None if wanted in ("", "none") else load_tool(wanted))
+    mounted = table.text("default_tool", "") if tool is None else str(tool)
+    arm = read_arm(table, None if mounted in ("", "none") else load_tool(mounted))
     return calibrated(arm, calibration)
 
 
@@ -114,7 +114,7 @@ def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:
         raise table.fail("base", str(problem)) from problem
     if base in (path, *above):
         raise table.fail("base", f"got {name!r}; allowed: a file that is not based on this one")
-    # Two descriptions of one name could not be told apart.
+    # Two descriptions of one name could not be distinguished.
     return table.without("base").on(_open(shelf, base, (path, *above)).without("name"))
 
 

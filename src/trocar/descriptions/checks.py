@@ -14,7 +14,7 @@ INVERSE_TOLERANCE = 1e-9
 
 
 def check_arm(arm: ArmDescription) -> None:
-    """Refuse names that nobody has, gains that are missing, and contradictions.
+    """Reject names that nobody has, gains that are missing, and contradictions.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
@@ -46,7 +46,7 @@ def check_arm(arm: ArmDescription) -> None:
 
 
 def check_name(file: str, key: str, name: str, known: Iterable[str]) -> None:
-    """Refuse a name that is not known.
+    """Reject a name that is not known.
 
     Raises:
         DescriptionError: with the known names
@@ -68,7 +68,7 @@ def _check_poses(arm: ArmDescription) -> None:
 
 
 def _check_drives(arm: ArmDescription) -> None:
-    """Refuse drives and couplings that are not each other's inverse."""
+    """Reject drives and couplings that are not each other's inverse."""
     mechanism = arm.mechanism
     for row, joint in enumerate(mechanism.joints):
         moved = sum(w * mechanism.ratios[mechanism.frame_index[f]] for f, w in joint.drive)

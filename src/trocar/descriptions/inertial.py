@@ -1,4 +1,4 @@
-"""What masses ask of the motors, and what bodies that move together weigh as one."""
+"""Loads of masses on the motors, and the combined mass of bodies that move together."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def holding_efforts(arm: ArmDescription, q: ArrayLike, down: ArrayLike = (0, 0, 
 
 
 def apparent_inertias(arm: ArmDescription, q: ArrayLike) -> Array:
-    """Return the inertia that each motor feels when only its joint moves, (..., n).
+    """Return the inertia at each motor when only its joint moves, (..., n).
 
     The diagonal of the joint-space inertia, loops and reflected rotors included
     [kg m^2 or kg].

@@ -107,8 +107,8 @@ def _from_obj(data: bytes) -> Array:
         if key == "v":
             points.append([float(w) for w in words[:3]])
         elif key == "f":
-            wanted = [int(w.split("/")[0]) for w in words]
-            corners = [k - 1 if k > 0 else len(points) + k for k in wanted]
+            indices = [int(w.split("/")[0]) for w in words]
+            corners = [k - 1 if k > 0 else len(points) + k for k in indices]
             if not all(0 <= k < len(points) for k in corners):
                 raise ValueError(f"face {' '.join(words)} has a corner that is not there")
             faces += [[corners[0], a, b] for a, b in pairwise(corners[1:])]

@@ -47,7 +47,7 @@ def with_tool(arm: ArmDescription, tool: str | Path) -> ArmDescription:
 
 
 def _check_as_in_file(arm: ArmDescription) -> None:
-    """Refuse an arm that was changed in Python: reading it again would take the change back."""
+    """Reject an arm that was changed in Python: reading it again would take the change back."""
     bare = load_arm(Path(arm.file), "none", arm.overlay)
     changed = [
         frame.name
@@ -100,7 +100,7 @@ def rig_with_tool(rig: RigDescription, name: str, tool: str | Path) -> RigDescri
 
 
 def _check_sensors(rig: RigDescription, name: str, arm: ArmDescription) -> None:
-    """Refuse a tool that lacks what a sensor of the rig stands on."""
+    """Reject a tool that lacks what a sensor of the rig stands on."""
     for sensor in rig.sensors:
         lacking = set(sensor.frames) - set(arm.mechanism.frame_index)
         lacking |= set(sensor.joints) - set(arm.mechanism.joint_names)
@@ -121,8 +121,8 @@ def carried_over(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
         (n_new,) [rad or m]
     """
     known: Mapping[str, float] = dict(zip(old.mechanism.joint_names, q.tolist(), strict=True))
-    wanted = np.array([known.get(joint, 0.0) for joint in new.mechanism.joint_names])
-    return np.clip(wanted, new.mechanism.lower, new.mechanism.upper)
+    positions = np.array([known.get(joint, 0.0) for joint in new.mechanism.joint_names])
+    return np.clip(positions, new.mechanism.lower, new.mechanism.upper)
 
 
 def joints_without_tool(arm: ArmDescription) -> tuple[str, ...]:

@@ -168,7 +168,7 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
 
 
 def _check_frames(arm: ArmDescription, overlay: Overlay, where: str) -> None:
-    """Refuse frames that the arm does not have by itself: tools are exchanged, and not measured."""
+    """Reject frames that the arm does not have by itself: tools are exchanged, and not measured."""
     mechanism = arm.mechanism
     tools: set[str] = set()
     if arm.tool:
@@ -192,7 +192,7 @@ def _check_known(kind: str, got: Iterable[str], known: Iterable[str], where: str
 
 
 def _check_numbers(overlay: Overlay, where: str) -> None:
-    """Refuse what did not come from a file, where it would have been looked at."""
+    """Reject what did not come from a file, where it would have been looked at."""
     for name, patch in (*overlay.frames.items(), *overlay.closures.items()):
         for key, value in vars(patch).items():
             if value is None or isinstance(value, bool):
@@ -205,17 +205,17 @@ def _check_numbers(overlay: Overlay, where: str) -> None:
 
 
 def _check_closed(mechanism: Mechanism, overlay: Overlay, where: str) -> None:
-    """Refuse loops that do not close as the overlay says they do, over the joints' range."""
+    """Reject loops that do not close as the overlay says they do, over the joints' range."""
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
     q = mechanism.lower + share * (mechanism.upper - mechanism.lower)
     if overlay.closure == "parallelogram" and not loops_are_parallelograms(mechanism):
-        gape = gaps(mechanism, coupled_coordinates(mechanism, q)).max(axis=0)
-        worst = int(np.argmax(gape))
+        error = gaps(mechanism, coupled_coordinates(mechanism, q)).max(axis=0)
+        worst = int(np.argmax(error))
         raise DescriptionError(
             where,
             f"closures.{mechanism.closures[worst].name}",
-            f"the loop is no parallelogram: it gapes by {gape[worst]:.3g} m over the joints' range;"
-            f' allowed: {PARALLELOGRAM_TOLERANCE_M:.0e} m, or closure = "general"',
+            f"the loop is no parallelogram: its error is {error[worst]:.3g} m over the joints'"
+            f' range; allowed: {PARALLELOGRAM_TOLERANCE_M:.0e} m, or closure = "general"',
         )
     try:
         coordinates(mechanism, q)

@@ -21,8 +21,8 @@ from trocar.kinematics.mechanism import Closure, Frame
 Array = NDArray[np.float64]
 
 #: A pin's own mass, and what resists its slide besides, as a rotor does [kg]. Source: measured on a
-#: PSM and an ECM with skew axes under 10 N: with 0.2 kg loops gape by half as much again, with 5 kg
-#: as little; a pin slides by parts of a millimetre, so neither is felt.
+#: PSM and an ECM with skew axes under 10 N: with 0.2 kg loop errors are half as large again, with
+#: 5 kg as small; a pin slides by parts of a millimetre, so neither matters.
 PIN_MASS_KG = 0.001
 PIN_ROTOR_KG = 1.0
 #: Inertia of a ball of 1 g and 10 mm. [kg m^2]
@@ -45,7 +45,7 @@ def pin_frame(closure: Closure, frames: Mapping[str, Frame]) -> Frame:
     """Return the frame of a closure's pin: slides from point_b on frame_b along frame_a's axis.
 
     Args:
-        closure: not pinned, on frames that `rest_poses` knows
+        closure: not pinned, on frames that `rest_poses` has
         frames: of the mechanism by name; they stand as at coordinate 0 of each
     """
     at, frame_a = rest_poses(frames), frames[closure.frame_a]

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 
-#: Name of the stereo display's frame, in which the poses of masters are told. Source: the dVRK's
+#: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
 DISPLAY = "HRSV"
 #: Name of the patient cart's frame, and the arm in whose tip frame the poses of the others on its
@@ -268,7 +268,7 @@ class ArmDescription:
 
 @dataclass(frozen=True, eq=False)
 class BaseFrame:
-    """The frame that an arm's poses are told in, where the rig says so.
+    """The frame of an arm's poses, where the rig gives it.
 
     Attributes:
         name: what messages call it
@@ -289,7 +289,7 @@ class RigArm:
         on: the arm that carries it, "" for the world
         frame: the frame of that arm that it is mounted on, "" for the world
         pose: T_mount_root, the arm's root in that frame (4, 4)
-        base_frame: what `measured_cp` is told in, None where that follows from the rig
+        base_frame: the frame of `measured_cp`, None where that follows from the rig
     """
 
     name: str

@@ -77,10 +77,10 @@ def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
     kind = cast(TeleopKind, row.text("kind", allowed=KINDS))
     masters = _masters(row, kind, {arm.name: arm.arm.type for arm in arms})
     slave = row.text("slave")
-    wanted = kind.upper()
-    able = [arm.name for arm in arms if arm.arm.type == wanted]
+    type_ = kind.upper()
+    able = [arm.name for arm in arms if arm.arm.type == type_]
     if slave not in able:
-        known = ", ".join(able) or f"none, for this rig has no {wanted}"
+        known = ", ".join(able) or f"none, for this rig has no {type_}"
         raise row.fail("slave", f"got {slave!r}; allowed: {known}")
     scale = row.number("scale", SCALE)
     if not 0.0 < scale <= 1.0:
@@ -132,12 +132,12 @@ def _angles(row: Table) -> dict[str, float]:
     return found
 
 
-#: What the rig itself is called where commands are told.
+#: Name of the rig itself as a source of commands.
 RESERVED = ("world",)
 #: What a part of a topic's name may be. Source: ROS 1 and ROS 2, "Names".
 OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 #: Thinner than this share of its length, a mesh has no volume. Source: our own choice; MuJoCo
-#: refuses hulls without volume.
+#: rejects hulls without volume.
 FLAT = 1e-6
 
 
@@ -173,7 +173,7 @@ def read_prop(row: Table) -> Prop:
 
 
 def check_object_name(table: Table, name: str, arms: Iterable[str]) -> None:
-    """Refuse the name of a movable prop that commands and topics could not tell from others.
+    """Reject the name of a movable prop that commands and topics could not distinguish from others.
 
     Raises:
         DescriptionError: what was got and what is allowed
@@ -204,12 +204,12 @@ def _read_bodies(row: Table) -> list[Body]:
 def _from_bodies(row: Table, bodies: list[Body]) -> Movable:
     """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
     mass, com, inertia = merged(bodies)
-    wanted = read_mass(row) if row.has("mass", "mass") else mass
-    return Movable(wanted, com, inertia * wanted / mass, bodies[0].inertia_from)
+    total = read_mass(row) if row.has("mass", "mass") else mass
+    return Movable(total, com, inertia * total / mass, bodies[0].inertia_from)
 
 
 def _check_touchable(row: Table, shapes: tuple[Shape, ...]) -> None:
-    """Refuse an object that would fall through everything, or whose hull has no volume."""
+    """Reject an object that would fall through everything, or whose hull has no volume."""
     touching = [shape for shape in shapes if shape.collide]
     if not touching:
         raise row.fail(
@@ -325,7 +325,7 @@ def _read_arm(
 
 
 def _read_base_frame(row: Table) -> BaseFrame | None:
-    """Return the frame that the arm's poses are told in, None where the rig says it."""
+    """Return the frame of the arm's poses, None where the rig has no `base_frame`."""
     if "base_frame" not in row:
         return None
     table = row.table("base_frame")

@@ -197,7 +197,7 @@ class TipWrench(SensorDescription):
         return (self.frame, self.beyond)
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> WrenchReading:
-        """Return the wrench of the last physics period."""
+        """Return the wrench of the last physics step."""
         mine = physics.bodies(self.arm, self.beyond)
         force, torque = physics.wrench(mine, Place(self.arm, self.frame, self.pose))
         return WrenchReading(
@@ -248,7 +248,7 @@ class Contacts(SensorDescription):
         return (self.frame,) if self.frame else ()
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ContactsReading:
-        """Return the contacts of the last physics period."""
+        """Return the contacts of the last physics step."""
         units = {"point": "m", "normal": "1", "force": "N", "torque": "N m", "depth": "m"}
         found = physics.contacts(physics.bodies(self.arm, self.frame))
         contacts = [replace(one, force=self.noisy("force", one.force, rng)) for one in found]
@@ -368,7 +368,7 @@ class Imu(SensorDescription):
         return (self.frame,)
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ImuReading:
-        """Return the velocity now and the acceleration of the last physics period."""
+        """Return the velocity now and the acceleration of the last physics step."""
         units = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"}
         motion = physics.motion(Place(self.arm, self.frame, self.pose))
         return ImuReading(

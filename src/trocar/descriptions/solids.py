@@ -132,10 +132,10 @@ def _shape(row: Table, folder: Path, group: str, seen: bool) -> Shape:
     path = folder / row.text("file")
     name = f"{group}_{path.stem.replace('.', '_')}"
     mesh = _read(path, name)
-    wanted = row.number("triangles")
+    expected = row.number("triangles")
     row.done()
-    if len(mesh.faces) != wanted:
-        raise row.fail("triangles", f"got {wanted:g}; {path} holds {len(mesh.faces)}")
+    if len(mesh.faces) != expected:
+        raise row.fail("triangles", f"got {expected:g}; {path} holds {len(mesh.faces)}")
     reach = np.abs(mesh.vertices).max(axis=0)
     return Shape(
         "mesh", np.eye(4), reach, material, collide=False, weigh=False, mesh=mesh, visible=seen

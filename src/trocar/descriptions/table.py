@@ -180,11 +180,11 @@ class Table:
         return self._numbers(key, self.raw(key), size)
 
     def _numbers(self, key: str, value: Any, size: int | None) -> Array:
-        wanted = "numbers" if size is None else f"{size} numbers"
+        expected = "numbers" if size is None else f"{size} numbers"
         if not isinstance(value, list) or (
             size is not None and len(cast(list[Any], value)) != size
         ):
-            raise self.fail(key, f"got {value!r}; allowed: a list of {wanted}")
+            raise self.fail(key, f"got {value!r}; allowed: a list of {expected}")
         return np.array([self._finite(key, v) for v in cast(list[Any], value)], dtype=np.float64)
 
     def matrix(self, key: str, rows: int, columns: int) -> Array:
@@ -224,7 +224,7 @@ class Table:
         return [key for key in self._data if key not in self._read]
 
     def done(self) -> None:
-        """Refuse keys that nobody asked for.
+        """Reject unknown keys.
 
         Raises:
             DescriptionError: naming the unknown key and those that this table knows
@@ -311,10 +311,10 @@ def _merged(base: Any, own: Any) -> Any:
     """Return a value on that of the base."""
     if isinstance(base, Entries) and isinstance(own, Entries):
         left = _without_dropped(base, own)
-        said = {k: _merged(left.get(k), v) for k, v in own.items() if k != "drop"}
-        made = Entries({**left, **said}, own.file, own.path)
+        merged = {k: _merged(left.get(k), v) for k, v in own.items() if k != "drop"}
+        made = Entries({**left, **merged}, own.file, own.path)
         places = {k: base.inherited.get(k, (base.file, base.path)) for k in left}
-        made.inherited = {k: place for k, place in places.items() if k not in said}
+        made.inherited = {k: place for k, place in places.items() if k not in merged}
         return made
     old, new = _by_name(base), _by_name(own)
     if old is None or new is None:

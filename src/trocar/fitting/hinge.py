@@ -252,7 +252,7 @@ class Axis:
 
 @dataclass(frozen=True, eq=False)
 class HingeFit:
-    """A hinge as estimated: one axis, told in both bodies' frames.
+    """A hinge as estimated: one axis, in both bodies' frames.
 
     Turning b by a positive angle about `direction_a`, right-handed, increases `angles`; their zero
     is arbitrary, and so is the sign of the directions (here: the largest component of `direction_a`
@@ -376,12 +376,14 @@ def check_poses(T_ab: ArrayLike) -> tuple[Array, Mask]:
     """
     T = np.asarray(T_ab, dtype=np.float64)
     if T.ndim != 3 or T.shape[1:] != (4, 4):
-        raise InputError(f"poses of two bodies: an array of shape (n, 4, 4) wanted, got {T.shape}")
+        raise InputError(
+            f"poses of two bodies: expected an array of shape (n, 4, 4), got {T.shape}"
+        )
     tracked: Mask = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     if tracked.sum() < LEAST_POSES:
         raise InputError(
             f"poses of two bodies: both are tracked at once in {tracked.sum()} of {len(T)} "
-            f"samples; at least {LEAST_POSES} wanted"
+            f"samples; expected at least {LEAST_POSES}"
         )
     return T, tracked
 

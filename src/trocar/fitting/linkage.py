@@ -7,7 +7,7 @@ better. So every pose of a sample is one and the same for all hinges that its bo
     f_h(T_a, T_b; axis) = 0     of each hinge: both bodies have the same point, and the same line
     minimise the squares of what the poses must be moved by, over their noise
 
-Nothing is said of how far apart the hinges are: no side equals another. A pin that closes a loop
+Distances between hinges are free: no side equals another. A pin that closes a loop
 is a hinge like the others across its axis, and free along and about the rest, where its loop would
 be held twice; its direction is that of its own fit.
 

@@ -106,7 +106,7 @@ class RestPose:
 
 @dataclass(frozen=True)
 class _Noise:
-    """Noise of the body's pose and of the frame's that it is told in [m], [rad]."""
+    """Noise of the body's pose and of its reference frame's [m], [rad]."""
 
     position: float
     rotation: float
@@ -158,7 +158,7 @@ def fit_pivot_in_body(T_ca: ArrayLike, T_cb: ArrayLike) -> PivotFit:
         T_ca, T_cb: poses at equal steps of time, (n, 4, 4), NaN where not tracked
 
     Returns:
-        the point, `post` and `points` told in a, `tip` in b
+        the point, `post` and `points` in a, `tip` in b
 
     Raises:
         InputError: a body hardly tracked
@@ -235,7 +235,7 @@ def white_noise(T_ca: ArrayLike) -> tuple[float, float]:
     if np.isfinite(position[:, 0]).sum() < _LEAST_SAMPLES:
         raise InputError(
             f"poses of a body: {int(np.isfinite(position[:, 0]).sum())} stretches of four "
-            f"neighbouring samples; at least {_LEAST_SAMPLES} wanted"
+            f"neighbouring samples; expected at least {_LEAST_SAMPLES}"
         )
     return _deviation(position) / _THIRD, _deviation(rotation) / _THIRD
 
@@ -245,15 +245,15 @@ def _check(R: ArrayLike, p: ArrayLike) -> tuple[Array, Mask]:
     turns, origins = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
     if turns.ndim != 3 or turns.shape[1:] != (3, 3) or origins.shape != (len(turns), 3):
         raise InputError(
-            f"poses of a body: arrays of shape (n, 3, 3) and (n, 3) wanted, got {turns.shape} and "
-            f"{origins.shape}"
+            f"poses of a body: expected arrays of shape (n, 3, 3) and (n, 3), "
+            f"got {turns.shape} and {origins.shape}"
         )
     T = np.concatenate([turns, origins[:, :, None]], axis=2)
     tracked: Mask = np.asarray(np.isfinite(T).all(axis=(1, 2)))
     if tracked.sum() < LEAST_POSES:
         raise InputError(
             f"poses of a body: it is tracked in {tracked.sum()} of {len(T)} samples; "
-            f"at least {LEAST_POSES} wanted"
+            f"expected at least {LEAST_POSES}"
         )
     return T, tracked
 
@@ -265,7 +265,7 @@ def _start(R: Array, p: Array) -> tuple[Array, Mask]:
 
 
 def _check_determined(R: Array) -> None:
-    """Refuse rotations that share one axis.
+    """Reject rotations that share one axis.
 
     The two smaller of the three angles tell: the mean rotation shortens a direction by half the
     mean squared angle by which it is turned.

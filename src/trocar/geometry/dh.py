@@ -94,8 +94,8 @@ def standard_dh_parameters(T: ArrayLike) -> Array:
     return _check_row(row, standard_dh(*row), m, "standard")
 
 
-def _check_row(row: Array, made: Array, wanted: Array, which: str) -> Array:
-    worst = float(np.abs(made - wanted).max())
+def _check_row(row: Array, made: Array, expected: Array, which: str) -> Array:
+    worst = float(np.abs(made - expected).max())
     if not worst <= ROW_TOLERANCE:
         raise InputError(f"pose: no {which} DH row makes it, the nearest is off by {worst:.3g}")
     return row

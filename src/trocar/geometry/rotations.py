@@ -116,10 +116,12 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
     """
     q = np.asarray(q_wxyz, dtype=np.float64)
     if q.ndim == 0 or q.shape[-1] != 4:
-        raise InputError(f"quaternion: shape (..., 4) wanted, got {q.shape}")
+        raise InputError(f"quaternion: expected shape (..., 4), got {q.shape}")
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0.0).all()):
-        raise InputError(f"quaternion: finite and of non-zero length wanted, got {q.tolist()}")
+        raise InputError(
+            f"quaternion: expected finite numbers of non-zero length, got {q.tolist()}"
+        )
     q = q / length
     w, v = q[..., :1, None], q[..., 1:]
     # R = (w^2 - v.v) I + 2 v v^T + 2 w [v]x, with w^2 - v.v written so that R(1, 0, 0, 0) is exact.
@@ -231,9 +233,9 @@ def check_rotation(R: ArrayLike, name: str = "rotation") -> Array:
     """
     m = np.asarray(R, dtype=np.float64)
     if m.ndim < 2 or m.shape[-2:] != (3, 3):
-        raise InputError(f"{name}: shape (..., 3, 3) wanted, got {m.shape}")
+        raise InputError(f"{name}: expected shape (..., 3, 3), got {m.shape}")
     if not np.isfinite(m).all():
-        raise InputError(f"{name}: finite numbers wanted, got {m.tolist()}")
+        raise InputError(f"{name}: expected finite numbers, got {m.tolist()}")
     residual = np.abs(np.swapaxes(m, -1, -2) @ m - np.eye(3))
     if residual.size and residual.max() > TOLERANCE:
         raise InputError(
@@ -241,5 +243,5 @@ def check_rotation(R: ArrayLike, name: str = "rotation") -> Array:
             f"(allowed {TOLERANCE:g})"
         )
     if (np.linalg.det(m) < 0.0).any():
-        raise InputError(f"{name}: a reflection (determinant -1), a rotation wanted")
+        raise InputError(f"{name}: a reflection (determinant -1); expected a rotation")
     return m

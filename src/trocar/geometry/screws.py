@@ -92,9 +92,9 @@ def nearest_point_to_lines(points: ArrayLike, directions: ArrayLike) -> tuple[Ar
     """
     p, d = np.asarray(points, dtype=np.float64), np.asarray(directions, dtype=np.float64)
     if p.ndim != 2 or p.shape[1] != 3 or d.shape != p.shape:
-        raise InputError(f"lines: two arrays of shape (n, 3) wanted, got {p.shape} and {d.shape}")
+        raise InputError(f"lines: expected two arrays of shape (n, 3), got {p.shape} and {d.shape}")
     if len(p) < 2:
-        raise InputError(f"lines: at least two wanted, got {len(p)}")
+        raise InputError(f"lines: expected at least two, got {len(p)}")
     d = _unit(d)
     projectors = np.eye(3) - d[:, :, None] * d[:, None, :]
     normal = projectors.mean(axis=0)
@@ -111,5 +111,7 @@ def _unit(direction: ArrayLike) -> Array:
     d = np.asarray(direction, dtype=np.float64)
     length = np.linalg.norm(d, axis=-1, keepdims=True)
     if not (np.isfinite(length).all() and (length > 0.0).all()):
-        raise InputError(f"direction: finite and of non-zero length wanted, got {d.tolist()}")
+        raise InputError(
+            f"direction: expected a finite vector of non-zero length, got {d.tolist()}"
+        )
     return d / length

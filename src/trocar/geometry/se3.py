@@ -185,13 +185,13 @@ def check_transform(T: ArrayLike, name: str = "pose") -> Array:
     """
     m = np.asarray(T, dtype=np.float64)
     if m.ndim < 2 or m.shape[-2:] != (4, 4):
-        raise InputError(f"{name}: shape (..., 4, 4) wanted, got {m.shape}")
+        raise InputError(f"{name}: expected shape (..., 4, 4), got {m.shape}")
     if m.ndim == 2 and _is_pose(m):  # the usual case, in a tenth of the time
         return m
     if not np.isfinite(m).all():
-        raise InputError(f"{name}: finite numbers wanted, got {m.tolist()}")
+        raise InputError(f"{name}: expected finite numbers, got {m.tolist()}")
     if (np.abs(m[..., 3, :] - [0.0, 0.0, 0.0, 1.0]) > TOLERANCE).any():
-        raise InputError(f"{name}: last row (0, 0, 0, 1) wanted, got {m[..., 3, :].tolist()}")
+        raise InputError(f"{name}: expected last row (0, 0, 0, 1), got {m[..., 3, :].tolist()}")
     check_rotation(m[..., :3, :3], name=f"{name}: rotation part")
     return m
 

@@ -125,7 +125,7 @@ class Inbox:
             self.rejected += 1
             say, self._said = not self._said, True
         if say:
-            _log.warning("%d commands wait already: rejected %r", self._capacity, command)
+            _log.warning("%d commands pending: rejected %r", self._capacity, command)
         return False
 
     def drain(self) -> list[Command]:

@@ -193,14 +193,14 @@ class Loop:
         if self._outcome is not None and self._outcome.done():
             answer.cancel()
         elif not self._inbox.post(Command(WORLD, ASK, {"answer": answer}, act=act)):
-            answer.set_exception(InputError("too many commands wait already: ask again"))
+            answer.set_exception(InputError("too many pending requests; try again"))
         self._posted.set()
         return answer
 
     def start(self, duration_s: float | None = None) -> None:
         """Run in a thread of its own, for a simulated time or until stopped [s]."""
         if self.running:
-            raise InputError("the loop runs already")
+            raise InputError("the loop is already running")
         self._stopping.clear()
         context = ExitStack()
         context.enter_context(self.while_running())
@@ -334,9 +334,9 @@ class Loop:
             return
         periods = command.kwargs["periods"]
         if not self._paused:
-            raise InputError("step: time flows; allowed: while it is paused")
+            raise InputError("step: the simulation is running; allowed: while paused")
         if not 1 <= periods <= MOST_STEPS:
-            raise InputError(f"step: got {periods} periods; allowed: 1 to {MOST_STEPS}")
+            raise InputError(f"step: got {periods} steps; allowed: 1 to {MOST_STEPS}")
         self._world.step(periods)
         self._stepped += periods
 
@@ -348,7 +348,7 @@ class Loop:
         self._refused += 1
         unsaid = self._rate_limit.due(reason, self._clock.now())
         if unsaid is not None and not command.topic:  # whoever serves the topic logs it
-            _log.warning("refused: %s%s", reason, suffix(unsaid), exc_info=defect)
+            _log.warning("rejected: %s%s", reason, suffix(unsaid), exc_info=defect)
         for watcher in self._watchers:
             watcher.refused(command, reason)
 

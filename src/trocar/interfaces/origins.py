@@ -81,8 +81,8 @@ def checked_origin(url: str) -> str:
 
 def _no_origin(url: str) -> InputError:
     return InputError(
-        f"--origin: got {url!r}; allowed: scheme, host and port of a page, such as "
-        "http://localhost:3000 (pages opened as files have no origin: serve those with "
+        f"--origin: got {url!r}; allowed: scheme, host and port of a web page, e.g. "
+        "http://localhost:3000 (a page opened as a file has no origin: serve it with "
         "python -m http.server)"
     )
 

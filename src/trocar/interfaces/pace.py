@@ -142,7 +142,7 @@ class Pace:
         if lag > GIVE_UP_S:
             self.let_go_s += lag
             self._start += lag
-            _log.warning("%.1f s behind real time: going on from here", lag)
+            _log.warning("%.1f s behind real time: skipping the delay", lag)
             lag = 0.0
         return int((lag + EARLY_S) // self._period) + 1
 
@@ -182,6 +182,6 @@ def whole_steps(tick_s: float, timestep_s: float) -> int:
     steps = round(tick_s / timestep_s)
     if steps < 1 or abs(steps * timestep_s - tick_s) > 1e-9 * tick_s:
         raise InputError(
-            f"a tick of {tick_s} s is no whole multiple of the timestep of {timestep_s} s"
+            f"got a tick of {tick_s} s; allowed: a whole multiple of the timestep, {timestep_s} s"
         )
     return steps

@@ -1,8 +1,8 @@
 """Images of the cameras for all subscribers: drawn in a thread of its own, of the newest snapshot.
 
-loop's thread --snapshot, if a subscriber and an image are due--> newest only --drawn--> takers
+loop's thread --snapshot, if a subscriber and an image are due--> newest only --drawn--> clients
 
-Neither the physics nor a taker ever waits for an image: a snapshot that is not drawn yet when the
+Neither the physics nor a client ever waits for an image: a snapshot that is not drawn yet when the
 next one comes is dropped, and counted.
 """
 
@@ -209,23 +209,23 @@ class Shot:
         return found
 
 
-class Taker(Protocol):
-    """Somebody who looks."""
+class PictureClient(Protocol):
+    """Receives pictures."""
 
     def wanted(self) -> Collection[str]:
-        """Return the cameras to look through now; asked in the loop's thread: be quick."""
+        """Return the cameras that are requested now; called in the loop's thread: be quick."""
         ...
 
     def take(self, shot: Shot) -> None:
-        """Take a picture, of a camera that somebody wanted; called in the drawing thread."""
+        """Receive a picture of a requested camera; called in the drawing thread."""
         ...
 
 
-class Shutter:
-    """Asked in the loop's thread, told by the drawing thread.
+class DrawSchedule:
+    """Decide in the loop's thread when to draw, from how long the drawing thread takes.
 
     Attributes:
-        owed: whether a picture was due and is not taken yet
+        owed: whether a picture was due and is not drawn yet
     """
 
     def __init__(self) -> None:
@@ -233,8 +233,8 @@ class Shutter:
         self._usual_s = 0.0
         self._began: float | None = None
 
-    def takes(self, due: bool, free: bool = True) -> bool:
-        """Tell whether to take a picture now.
+    def starts(self, due: bool, free: bool = True) -> bool:
+        """Return whether to draw a picture now.
 
         Args:
             due: whether the next one is due since the last call
@@ -261,7 +261,7 @@ class Shutter:
 
 
 class Pictures:
-    """Draws for all takers.
+    """Draws for all clients.
 
     Args:
         loop: whose world is drawn
@@ -289,12 +289,12 @@ class Pictures:
         self._loop, self._open, self.rate_hz = loop, open_renderer, rate_hz
         self._packer = Packer(format)
         self._calibrations = dict(calibrations or {})
-        self._takers: tuple[Taker, ...] = ()
+        self._clients: tuple[PictureClient, ...] = ()
         self._order: Order | None = None
         self._changed = threading.Condition()
         self._stopping = self._drawing = False
         self._thread: threading.Thread | None = None
-        self._shutter = Shutter()
+        self._schedule = DrawSchedule()
         self._unwatch: Callable[[], None] = lambda: None
         self._count = -1
         self._refused = 0
@@ -321,12 +321,12 @@ class Pictures:
             self._thread.join(FAREWELL_S)
             self._thread = None
 
-    def add(self, taker: Taker) -> Callable[[], None]:
+    def add(self, client: PictureClient) -> Callable[[], None]:
         """Hand pictures to somebody as well, until the function that is returned is called."""
-        self._takers += (taker,)
+        self._clients += (client,)
 
         def leave() -> None:
-            self._takers = tuple(t for t in self._takers if t is not taker)
+            self._clients = tuple(t for t in self._clients if t is not client)
 
         return leave
 
@@ -354,17 +354,17 @@ class Pictures:
         Args:
             due: whether the next one is due since the last call
         """
-        if due and self._shutter.owed:
+        if due and self._schedule.owed:
             self._drop()
         with self._changed:
-            return self._shutter.takes(due, free=self._order is None)
+            return self._schedule.starts(due, free=self._order is None)
 
     @property
     def wanted(self) -> frozenset[str]:
         """Names of the cameras that somebody looks through now."""
         if self.failure:
             return frozenset()
-        return frozenset[str]().union(*(taker.wanted() for taker in self._takers))
+        return frozenset[str]().union(*(client.wanted() for client in self._clients))
 
     def patience(self) -> int:
         """Return in how many ticks a picture may be due."""
@@ -412,7 +412,7 @@ class Pictures:
         if now - self._complained > COMPLAIN_S:
             self._complained = now
             _log.warning(
-                "drawing is slower than %g Hz: %d pictures were dropped so far",
+                "rendering is slower than %g Hz: %d images dropped so far",
                 self.rate_hz,
                 self.dropped,
             )
@@ -427,13 +427,13 @@ class Pictures:
                 if renderer is None:
                     renderer = self._open()
                 self._draw(renderer, order)
-                self._shutter.end()
+                self._schedule.end()
         except CancelledError:  # the loop has ended, and answers no more
             pass
         except TrocarError as problem:
             self._fail(str(problem))
         except Exception as problem:  # noqa: BLE001  logged whole; the simulation goes on
-            _log.exception("nothing is drawn any more")
+            _log.exception("rendering stopped")
             self._fail(repr(problem))
         finally:
             if renderer is not None:
@@ -446,7 +446,7 @@ class Pictures:
             self._changed.wait_for(lambda: self._order is not None or self._stopping)
             order, self._order = self._order, None
             self._drawing = not self._stopping
-            self._shutter.begin()
+            self._schedule.begin()
             return None if self._stopping else order
 
     def _draw(self, renderer: Renderer, order: Order) -> None:
@@ -456,8 +456,8 @@ class Pictures:
                 beside = order.beside.get(camera, ())
                 frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
                 shot = Shot(camera, order, frame, self._packer)
-                for taker in self._takers:
-                    taker.take(shot)
+                for client in self._clients:
+                    client.take(shot)
                 self.made += 1
         except OvertakenError:
             self._refused += 1
@@ -471,7 +471,7 @@ class Pictures:
         self.failure = reason
         with self._changed:
             self._drawing, self._order = False, None
-        _log.warning("no pictures: %s", reason)
+        _log.warning("no images: %s", reason)
 
 
 def let_others_go_first() -> None:

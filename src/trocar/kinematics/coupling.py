@@ -40,13 +40,13 @@ class Coupling:
         """Check and keep the matrix, and invert it."""
         matrix = np.array(self.actuator_to_joint, dtype=np.float64)
         if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or matrix.size == 0:
-            raise InputError(f"coupling: a square matrix wanted, got shape {matrix.shape}")
+            raise InputError(f"coupling: expected a square matrix, got shape {matrix.shape}")
         if not np.isfinite(matrix).all():
-            raise InputError(f"coupling: finite numbers wanted, got {matrix.tolist()}")
+            raise InputError(f"coupling: expected finite numbers, got {matrix.tolist()}")
         condition = float(np.linalg.cond(matrix))
         if not condition < _WORST_CONDITION:
             raise InputError(
-                f"coupling: a matrix that can be inverted wanted, got condition {condition:.3g} "
+                f"coupling: expected an invertible matrix, got condition {condition:.3g} "
                 f"(allowed {_WORST_CONDITION:g})"
             )
         inverse = np.linalg.inv(matrix)
@@ -110,5 +110,5 @@ def actuator_effort_from_joint(coupling: Coupling, effort: ArrayLike) -> Array:
 def _checked(coupling: Coupling, values: ArrayLike) -> Array:
     array, n = np.asarray(values, dtype=np.float64), len(coupling.actuator_to_joint)
     if array.ndim == 0 or array.shape[-1] != n:
-        raise InputError(f"coupling: {n} values along the last axis wanted, got {array.shape}")
+        raise InputError(f"coupling: expected {n} values along the last axis, got {array.shape}")
     return array

@@ -73,13 +73,13 @@ def pose(
     point = next((c for c in mechanism.closures if c.name == name), None)
     end = _index(mechanism, point.frame_a if point else name)
     base = _index(mechanism, relative_to or mechanism.reference)
-    wanted = sorted(
+    names = sorted(
         {
             *mechanism.chain(mechanism.frames[end].name),
             *mechanism.chain(mechanism.frames[base].name),
         }
     )
-    at = frame_poses(mechanism, coordinates(mechanism, q), wanted)
+    at = frame_poses(mechanism, coordinates(mechanism, q), names)
     result = inverse(at[base]) @ at[end]
     return result @ _shift(point.point_a) if point else result
 

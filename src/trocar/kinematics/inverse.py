@@ -78,10 +78,10 @@ def inverse_kinematics(
         InputError: a pose, seed or angle that is none, or a mechanism that is not built so
     """
     fit = fit_chain(mechanism, structure)
-    wanted = check_transform(T)
-    if wanted.shape != (4, 4):
-        raise InputError(f"pose: shape (4, 4) wanted, got {wanted.shape}")
-    in_chain = inverse(fit.chain.base) @ wanted @ inverse(fit.tip)
+    pose = check_transform(T)
+    if pose.shape != (4, 4):
+        raise InputError(f"pose: expected shape (4, 4), got {pose.shape}")
+    in_chain = inverse(fit.chain.base) @ pose @ inverse(fit.tip)
     joints = _range(mechanism, fit.count)
     if fit.deviation <= EXACT:
         return fit.chain.solve(in_chain, joints.lower, joints.upper, seed, platform_angle)
@@ -93,7 +93,7 @@ def inverse_kinematics(
     elif structure == "rcm_scope":
         in_chain, tolerance = _pointed_at_centre(in_chain), DIRECTION_TOLERANCE
     starts = _starts(fit, in_chain, joints, moving, (start, platform_angle))
-    polished = _polished(_Problem(mechanism, wanted, moving), starts, tolerance)
+    polished = _polished(_Problem(mechanism, pose, moving), starts, tolerance)
     solutions = inside(polished, joints)
     if len(solutions) == 0:
         raise out_of_limits(polished, joints)
@@ -181,14 +181,14 @@ def _starts(
     T: Array,
     joints: JointRange,
     moving: NDArray[np.bool_],
-    asked: tuple[Array, float | None],
+    options: tuple[Array, float | None],
 ) -> Array:
     """Solve in closed form, with some room beyond the limits of what moves afterwards, (k, n)."""
     slack = np.where(moving, _slack(fit, joints), 0.0)
     try:
-        return fit.chain.solve(T, joints.lower - slack, joints.upper + slack, *asked)
+        return fit.chain.solve(T, joints.lower - slack, joints.upper + slack, *options)
     except UnreachableError:  # not even then: say so with the limits as they are
-        return fit.chain.solve(T, joints.lower, joints.upper, *asked)
+        return fit.chain.solve(T, joints.lower, joints.upper, *options)
 
 
 def _slack(fit: Fit, joints: JointRange) -> Array:

@@ -110,7 +110,7 @@ def inverse_gimbal_arm(
         q, sine = gimbal_branches(pose[:3, :3], arm, angles)
         solutions = inside(q, joints)
         if len(solutions):
-            _refuse_singular(pose[:3, 3], inside(q[sine < SINGULAR], joints))
+            _reject_singular(pose[:3, 3], inside(q[sine < SINGULAR], joints))
             return nearest_first(solutions, joints, start)
         tried = np.concatenate([tried, q])
     raise out_of_limits(tried, joints)
@@ -186,7 +186,7 @@ def _with_platform_at(joints: JointRange, angle: float) -> JointRange:
     """Narrow the platform's limits to one angle, so that whole turns do not move it."""
     low, high = joints.lower.copy(), joints.upper.copy()
     if not np.isfinite(angle):
-        raise InputError(f"platform_angle: a finite number wanted, got {angle}")
+        raise InputError(f"platform_angle: expected a finite number, got {angle}")
     by = max(float(low[PLATFORM]) - angle, angle - float(high[PLATFORM]))
     if by > LIMIT_TOLERANCE:
         raise UnreachableError(
@@ -227,7 +227,7 @@ def gimbal_branches(R: Array, arm: Array, angles: Array) -> tuple[Array, Array]:
     return q.reshape(-1, 7), np.broadcast_to(sine, q.shape[:-1]).ravel()
 
 
-def _refuse_singular(wrist: Array, singular: Array) -> None:
+def _reject_singular(wrist: Array, singular: Array) -> None:
     if len(singular):
         raise SingularError(
             "singular pose: wrist pitch and wrist roll turn about one line, so neither is "

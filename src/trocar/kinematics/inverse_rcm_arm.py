@@ -112,7 +112,7 @@ def inverse_rcm_arm(
     singular = branches.wrist_at_centre | branches.shaft_on_yaw_axis | branches.tip_on_axis
     solutions = inside(branches.q[~singular], joints)
     if len(solutions) == 0:
-        _refuse_singular(branches, joints)
+        _reject_singular(branches, joints)
         raise out_of_limits(branches.q, joints)
     return nearest_first(solutions, joints, seed)
 
@@ -219,7 +219,7 @@ def _branches(geometry: RcmArmGeometry, T: Array) -> _Branches:
     )
 
 
-def _refuse_singular(branches: _Branches, joints: JointRange) -> None:
+def _reject_singular(branches: _Branches, joints: JointRange) -> None:
     """Raise SingularError where a branch keeps the limits of the joints that it does determine."""
     if branches.tip_on_axis and some_inside(branches.q, joints, (2, 4)):
         raise SingularError(

@@ -30,7 +30,7 @@ def link_pose(mechanism: Mechanism, structure: str, q: ArrayLike) -> Array:
     """Return the pose of the k-th link of the dVRK's serial chain, (4, 4).
 
     The paper's linkage and instrument have other axes than the dVRK's table of a PSM or an ECM, so
-    the axes are told by its rows, and the origins as frames of the mechanism (yaw and pitch turn
+    its rows give the axes, and the origins are frames of the mechanism (yaw and pitch turn
     about the remote centre). The frames of other arms are those of the table already.
 
     Args:

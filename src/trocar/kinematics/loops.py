@@ -1,9 +1,9 @@
-"""Closed loops: how far they gape, which branch they are on, and where they flatten.
+"""Closed loops: loop error, assembly branch, and singular configurations.
 
 A point that two links share gives a residual r = p_b - p_a. Its derivative by the coordinates of
 the two frames that the hinge determines spans the plane of the loop; the sine of the angle
-between the two columns is the branch determinant. It vanishes where the loop flattens, and its
-sign tells the parallelogram from the anti-parallelogram.
+between the two columns is the branch determinant. It vanishes where the loop is singular (flat),
+and its sign distinguishes the parallelogram from the anti-parallelogram.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _turns() -> Array:
     return np.pi * (np.arange(TERMS) + 0.5) / TERMS
 
 
-#: Couplings close a loop when it gapes less than this. Source: our own choice. [m]
+#: Couplings close a loop when its error is less than this. Source: our own choice. [m]
 PARALLELOGRAM_TOLERANCE_M = 1e-9
 #: Newton stops here; a tenth of a picometre is rounding at these sizes. [m]
 CLOSED_M = 1e-13
@@ -129,13 +129,13 @@ def residuals(mechanism: Mechanism, coordinates: Array) -> Array:
 
 
 def gaps(mechanism: Mechanism, coordinates: Array) -> Array:
-    """Return how far each loop gapes, (..., n_closures) [m]."""
+    """Return each loop's error, the distance of its two points, (..., n_closures) [m]."""
     return np.linalg.norm(residuals(mechanism, coordinates), axis=-1)
 
 
 @lru_cache(maxsize=256)
 def loops_are_parallelograms(mechanism: Mechanism) -> bool:
-    """Tell whether the couplings alone close every loop over the joints' range, to 1e-9 m."""
+    """Return whether the couplings alone close every loop over the joints' range, to 1e-9 m."""
     if not mechanism.closures:
         return True
     share = np.linspace(0.0, 1.0, 33)[:, None]
@@ -160,7 +160,7 @@ def closed_coordinates(mechanism: Mechanism, q: Array) -> Array:
     worst = float(gap.max(initial=0.0))
     if not worst <= PARALLELOGRAM_TOLERANCE_M:
         raise LoopError(
-            f"{mechanism.name}: the loops gape by {worst:.3e} m at these joint positions;"
+            f"{mechanism.name}: the loop error is {worst:.3e} m at these joint positions;"
             f" allowed {PARALLELOGRAM_TOLERANCE_M:.0e} m"
         )
     return found
@@ -297,12 +297,12 @@ def passive_frames(mechanism: Mechanism) -> list[int]:
 
 @dataclass(frozen=True)
 class Flattening:
-    """Where a loop flattens as one joint moves.
+    """Where a loop becomes singular (flat) as one joint moves.
 
     Attributes:
         closure: name of the closing point
         joint: the joint that folds the loop
-        below, above: joint positions of the nearest flattening on either side [rad]; -inf, inf
+        below, above: joint positions of the nearest singularity on either side [rad]; -inf, inf
             when there is none within half a turn
         margin: smallest distance from the joint's range, negative inside it [rad]
     """
@@ -315,7 +315,7 @@ class Flattening:
 
 
 def flattenings(mechanism: Mechanism) -> tuple[Flattening, ...]:
-    """Find where each loop flattens, for each revolute joint that folds it."""
+    """Find where each loop is singular, for each revolute joint that folds it."""
     found: list[Flattening] = []
     for row, closure in enumerate(mechanism.closures):
         names = [mechanism.frame_index[name] for name in closure.passive]

@@ -47,11 +47,11 @@ def remote_centre(shaft_points: ArrayLike, shaft_directions: ArrayLike) -> Remot
     directions = np.asarray(shaft_directions, dtype=np.float64)
     if points.ndim < 1 or points.shape[-1] != 3 or directions.shape != points.shape:
         raise InputError(
-            f"shaft lines: two arrays of shape (..., 3) wanted, got {points.shape} and "
+            f"shaft lines: expected two arrays of shape (..., 3), got {points.shape} and "
             f"{directions.shape}"
         )
     if not np.isfinite(points).all():
-        raise InputError("shaft lines: finite points wanted, some are not")
+        raise InputError("shaft lines: expected finite points, some are not")
     points, directions = points.reshape(-1, 3), directions.reshape(-1, 3)
     point, rms = nearest_point_to_lines(points, directions)
     return RemoteCentre(point, rms, point_line_distance(point, points, directions))

@@ -54,13 +54,13 @@ def joint_range(
     n = len(names)
     if low.shape != (n,) or high.shape != (n,):
         raise InputError(
-            f"limits: {n} joints ({', '.join(names)}) wanted, got {low.shape} and {high.shape}"
+            f"limits: expected {n} joints ({', '.join(names)}), got {low.shape} and {high.shape}"
         )
     bad = np.flatnonzero(~((low <= high) & np.isfinite(low) & np.isfinite(high)))
     if bad.size:
         i = int(bad[0])
         raise InputError(
-            f"limits: {names[i]}: finite lower <= upper wanted, got {low[i]:g} and {high[i]:g}"
+            f"limits: {names[i]}: expected finite lower <= upper, got {low[i]:g} and {high[i]:g}"
         )
     return JointRange(names, slides, low, high)
 
@@ -118,7 +118,7 @@ def seed_or_middle(joints: JointRange, seed: ArrayLike | None) -> Array:
         return middle
     start = np.asarray(seed, dtype=np.float64)
     if start.shape != middle.shape or not np.isfinite(start).all():
-        raise InputError(f"seed: {middle.size} finite numbers wanted, got {start.tolist()}")
+        raise InputError(f"seed: expected {middle.size} finite numbers, got {start.tolist()}")
     return start
 
 

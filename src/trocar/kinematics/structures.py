@@ -92,7 +92,7 @@ def rcm_arm(axes: JointAxes) -> Chain:
     def solve(
         T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
     ) -> Array:
-        _refuse_platform(platform)
+        _reject_platform(platform)
         return inverse_rcm_arm(geometry, T, lower, upper, seed)
 
     return Chain(base, forward, solve, partial(nearest_rcm_arm, geometry))
@@ -110,7 +110,7 @@ def rcm_scope(axes: JointAxes) -> Chain:
     def solve(
         T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
     ) -> Array:
-        _refuse_platform(platform)
+        _reject_platform(platform)
         return inverse_rcm_scope(geometry, T, lower, upper, seed)
 
     return Chain(base, forward, solve, partial(nearest_rcm_scope, geometry))
@@ -157,7 +157,7 @@ def _remote_centre_frame(axes: JointAxes) -> Array:
 
 
 def _triad(z: Array, x: Array) -> Array:
-    """Give axes with z as it is and x as near as can be to what is asked, (3, 3)."""
+    """Give axes with z as it is and x as near as can be to the requested one, (3, 3)."""
     y = np.cross(z, x)
     y = y / np.linalg.norm(y)
     return np.stack([np.cross(y, z), y, z], axis=-1)
@@ -180,7 +180,7 @@ def _shaft(q: Array, depth: float) -> Array:
     )
 
 
-def _refuse_platform(platform: float | None) -> None:
+def _reject_platform(platform: float | None) -> None:
     if platform is not None:
         raise InputError("platform_angle: only an arm with a wrist platform takes one")
 

@@ -41,9 +41,9 @@ from trocar.modeling.options import (
     ISLAND_JOINTS,
     LAYERS,
     STIFF_IMPEDANCE,
-    STIFF_PERIODS,
+    STIFF_STEPS,
     STILL_M_S,
-    STOP_PERIODS,
+    STOP_STEPS,
     ModelOptions,
 )
 
@@ -124,7 +124,7 @@ def build(rig: RigDescription | str | Path, options: ModelOptions | None = None)
     try:
         return RigModel(rig, chosen, spec, spec.compile())
     except ValueError as problem:
-        raise DescriptionError(rig.file, "", f"MuJoCo refuses it: {problem}") from problem
+        raise DescriptionError(rig.file, "", f"MuJoCo rejects it: {problem}") from problem
 
 
 def gpu_model(model: RigModel) -> mujoco.MjModel:
@@ -330,22 +330,22 @@ class Draft:
         """Give a body its hinge or slide: the axis is z ahead of the frame's fixed `after`."""
         back = inverse(frame.after)
         slides = frame.motion == "prismatic"
-        feels = hinge_of(place.arm, frame.name, self._options.friction)
+        passive = hinge_of(place.arm, frame.name, self._options.friction)
         hinge = body.add_joint(
             name=naming.scoped(place.name, frame.name),
             type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
             pos=back[:3, 3],
             axis=back[:3, 2],
-            armature=feels.armature,
-            damping=[feels.damping, 0.0, 0.0],
-            frictionloss=feels.frictionloss,
+            armature=passive.armature,
+            damping=[passive.damping, 0.0, 0.0],
+            frictionloss=passive.frictionloss,
         )
-        if feels.stiffness:
-            hinge.stiffness = [feels.stiffness, 0.0, 0.0]
-            hinge.springref = feels.rest
-        if np.isfinite([feels.lower, feels.upper]).all():
-            hinge.range = [feels.lower, feels.upper]
-            hinge.solref_limit = [STOP_PERIODS * self._options.timestep, 1.0]
+        if passive.stiffness:
+            hinge.stiffness = [passive.stiffness, 0.0, 0.0]
+            hinge.springref = passive.rest
+        if np.isfinite([passive.lower, passive.upper]).all():
+            hinge.range = [passive.lower, passive.upper]
+            hinge.solref_limit = [STOP_STEPS * self._options.timestep, 1.0]
             hinge.solimp_limit = STIFF_IMPEDANCE
 
     def _add_loops(self, place: RigArm, anchors: Mapping[str, Anchor]) -> None:
@@ -369,7 +369,7 @@ class Draft:
                     name1=sites[0],
                     name2=sites[1],
                     data=np.zeros(12),
-                    solref=[STIFF_PERIODS * self._options.timestep, 1.0],
+                    solref=[STIFF_STEPS * self._options.timestep, 1.0],
                     solimp=STIFF_IMPEDANCE,
                 )
             if closure.guard and guarded:
@@ -384,7 +384,7 @@ class Draft:
             name1=hinges[0],
             name2=hinges[1],
             data=[0.0, ratio, *[0.0] * 10],
-            solref=[STIFF_PERIODS * self._options.timestep, 1.0],
+            solref=[STIFF_STEPS * self._options.timestep, 1.0],
             solimp=STIFF_IMPEDANCE,
         )
 

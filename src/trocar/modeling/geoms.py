@@ -15,7 +15,7 @@ from trocar.geometry.se3 import transform
 from trocar.modeling.options import (
     CONTACT_FRICTION,
     CONTACT_IMPEDANCE,
-    CONTACT_PERIODS,
+    CONTACT_STEPS,
     ModelOptions,
 )
 
@@ -180,7 +180,7 @@ def set_contact(geom: mujoco.MjsGeom, options: ModelOptions) -> None:
     """Give a geom the friction and the stiffness of contacts."""
     geom.condim = 4
     geom.friction = CONTACT_FRICTION
-    geom.solref = [CONTACT_PERIODS * options.timestep, 1.0]
+    geom.solref = [CONTACT_STEPS * options.timestep, 1.0]
     geom.solimp = CONTACT_IMPEDANCE
 
 

@@ -1,4 +1,4 @@
-"""What a hinge feels, and the inertia of bodies that move together: the same in every format."""
+"""Passive properties of hinges and compound inertia of bodies, the same in every format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Hinge:
     Attributes:
         joint: the public joint whose motor sits on it, None of a passive one
         weight: position of that joint = weight * coordinate
-        armature: inertia of the rotor as the coordinate feels it [kg m^2 or kg]
+        armature: rotor inertia reflected to the coordinate [kg m^2 or kg]
         damping: [N m s/rad or N s/m]
         frictionloss: dry friction [N m or N]
         stiffness: of a spring [N m/rad], 0 without one
@@ -40,7 +40,7 @@ class Hinge:
 
 
 def hinge_of(arm: ArmDescription, frame: str, friction: str) -> Hinge:
-    """Return what the hinge or slide of a frame feels.
+    """Return the passive properties of a frame's hinge or slide.
 
     Friction of a joint is turned into its hinge's by the weight w of the drive: q = w * coordinate.
 

@@ -78,7 +78,7 @@ class LinkJoint:
         parent, child: names of links
         pose: T_parent_child where the coordinate is 0, (4, 4)
         arm, frame: whose motion it is, "" of a fixed joint
-        hinge: what it feels, None of a fixed joint
+        hinge: its passive properties, None of a fixed joint
         lower, upper: how far it goes [rad or m]
         effort, velocity: what its motor can do, of a passive joint those of what it follows
         offset, follows: coordinate = offset + sum(ratio * coordinate of joint) over ((joint,

@@ -25,7 +25,7 @@ from trocar.modeling.build import SERVO_INPUTS, SITE_RADIUS_M, Draft, effort_lim
 from trocar.modeling.geoms import COLLISION_GROUP, VISUAL_GROUP, set_contact
 from trocar.modeling.markup import NOISE, child, document, element, number, numbers
 from trocar.modeling.mesh_files import obj
-from trocar.modeling.options import STIFF_IMPEDANCE, STIFF_PERIODS, STOP_PERIODS, ModelOptions
+from trocar.modeling.options import STIFF_IMPEDANCE, STIFF_STEPS, STOP_STEPS, ModelOptions
 
 Array = NDArray[np.float64]
 
@@ -41,9 +41,9 @@ BRAKED_DAMPING = 1e12
 EXACT_DIGITS = 17
 #: Significant digits that a number of single precision has.
 SINGLE_DIGITS = 7
-#: Time constant of loops in MJX, in physics periods. Source: MuJoCo raises it to two periods by
+#: Time constant of loops in MJX, in physics steps. Source: MuJoCo raises it to two steps by
 #: itself under every integrator but `discrete` (flag refsafe); written so that a reader sees it.
-SAFE_PERIODS = 2.0
+SAFE_STEPS = 2.0
 #: Attributes of a hinge and of its servo that are in the class of their joint.
 JOINT_FIELDS = ("type", "range", "armature", "damping", "frictionloss", "stiffness", "springref")
 SERVO_FIELDS = (
@@ -56,7 +56,7 @@ KEY_COUNT = '  <size nkey="1"/>\n\n'
 NUMBER = re.compile(r'(?<=[ "])-?\d[\d.]*(?:e[-+]\d+)?(?=[ "])')
 #: Elements whose numbers MuJoCo keeps in single precision.
 MATERIAL = re.compile(r"<material .*?/>")
-#: Joint vectors that say how low a lone arm reaches, and how far below the floor lies [m].
+#: Joint vectors that determine how low a lone arm reaches, and how far below the floor lies [m].
 SAMPLES, CLEARANCE_M = 256, 0.15
 #: Room that is left around the frames in the first look. Source: by eye.
 MARGIN = 1.3
@@ -154,7 +154,7 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
     option.cone, option.impratio = mujoco.mjtCone.mjCONE_PYRAMIDAL, usual.impratio
     option.disableflags = usual.disableflags
     for equality in spec.equalities:
-        equality.solref = [SAFE_PERIODS * option.timestep, 1.0]
+        equality.solref = [SAFE_STEPS * option.timestep, 1.0]
     for geom in spec.geoms:
         if geom.group == COLLISION_GROUP and geom.type == mujoco.mjtGeom.mjGEOM_CYLINDER:
             radius, half, _ = geom.size
@@ -165,7 +165,7 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
 
 
 def _weightless(place: RigArm, variant: Variant) -> bool:
-    """Tell whether the bodies of an arm are spared their weight.
+    """Return whether the bodies of an arm are spared their weight.
 
     So they are where the arm's own controller carries it, and the file's servos take positions
     alone. Setup joints are counterbalanced.
@@ -216,7 +216,7 @@ def _set_servos(spec: mujoco.MjSpec, rig: RigDescription, variant: Variant) -> N
                     servo.forcerange = [0.0, 0.0]
             else:
                 servo.group = 0
-                servo.ctrlspec = 0  # written, `input="pos"` is refused by MuJoCo before 4.0
+                servo.ctrlspec = 0  # written, `input="pos"` is rejected by MuJoCo before 4.0
                 if joint.spring is not None:
                     servo.ctrlrange = servo.forcerange
             for what, kind in readings.items():
@@ -264,10 +264,10 @@ def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant:
     """Put what many elements share into default classes; the file then has what differs."""
     spec = draft.spec
     root = spec.add_default(file_name(rig), spec.default)
-    root.joint.solref_limit = [STOP_PERIODS * options.timestep, 1.0]
+    root.joint.solref_limit = [STOP_STEPS * options.timestep, 1.0]
     root.joint.solimp_limit = STIFF_IMPEDANCE
-    periods = SAFE_PERIODS if variant.mjx else STIFF_PERIODS
-    root.equality.solref = [periods * options.timestep, 1.0]
+    steps = SAFE_STEPS if variant.mjx else STIFF_STEPS
+    root.equality.solref = [steps * options.timestep, 1.0]
     root.equality.solimp = STIFF_IMPEDANCE
     # Thin or open shapes have no volume; masses come from `inertial` alone.
     root.mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL

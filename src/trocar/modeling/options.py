@@ -17,7 +17,7 @@ class ModelOptions:
     """Choices that change the compiled model.
 
     Attributes:
-        timestep: physics period [s]
+        timestep: physics time step [s]
         servo: one actuator a joint: "pid" has the inputs position, velocity and effort, and its
             gains are written into the compiled model; "position" has the gains of `control` and
             one input (`build.position_inputs`), which GPUs accept
@@ -54,24 +54,24 @@ class ModelOptions:
 #: differs by 7e-9 rad at most after 0.6 s.
 ISLAND_JOINTS = 60
 #: A rig with objects is always solved on islands: what lies still then sleeps, and costs nothing
-#: until something touches it. Slower than this for 10 periods is still. Source: our own choice, a
+#: until something touches it. Slower than this for 10 steps is still. Source: our own choice, a
 #: tenth of MuJoCo's. Measured per physics step: 20 blocks beside the cart with masters, 420 us
 #: awake, 170 us asleep. [m/s]
 STILL_M_S = 1e-4
-#: Time constant of loops, in physics periods. Source: measured on the PSM and ECM under
-#: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole period.
-STIFF_PERIODS = 0.25
+#: Time constant of loops, in physics steps. Source: measured on the PSM and ECM under
+#: 10 N: gaps of 0.06 um with a quarter (trocar bench), of 0.15 um with a whole step.
+STIFF_STEPS = 0.25
 STIFF_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 #: A loop without a guard is held by so many equal constraints, each of which yields as the solver's
 #: stiffest one does. Source: measured on a PSM with sides off by 0.5 mm and axes by 0.2 deg under
 #: 10 N, over the whole pitch: gaps of 0.29 um with one, 0.073 um with four.
 LAYERS = 4
-#: Time constant of the joints' mechanical stops, in physics periods. Source: measured with a
-#: gripping jaw: it hammers on its stop by 3 mrad at 1 period or less, and rests 8 urad in it at 2.
-STOP_PERIODS = 2.0
-#: Time constant of contacts in physics periods, and the cone's ratio. Source: prototypes of
+#: Time constant of the joints' mechanical stops, in physics steps. Source: measured with a
+#: gripping jaw: it hammers on its stop by 3 mrad at 1 step or less, and rests 8 urad in it at 2.
+STOP_STEPS = 2.0
+#: Time constant of contacts in physics steps, and the cone's ratio. Source: prototypes of
 #: a needle held by two jaws; not measured on these arms yet.
-CONTACT_PERIODS = 2.0
+CONTACT_STEPS = 2.0
 CONTACT_IMPEDANCE = (0.9999, 0.9999, 0.0001, 0.5, 2.0)
 IMPRATIO = 10.0
 CONTACT_FRICTION = (1.0, 0.002, 0.0005)

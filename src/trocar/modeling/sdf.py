@@ -39,7 +39,7 @@ Z = "0 0 1"
 #: The prop that people stand on, and where the ground is in a rig without one: where rigs whose
 #: arms hang on stands have it [m]. Source: data/rigs.
 FLOOR, FLOOR_Z = "floor", -0.75
-#: Period of Gazebo's physics. Source: that of our own simulation. [s]
+#: Time step of Gazebo's physics. Source: that of our own simulation. [s]
 STEP = 0.001
 #: Where the sun comes from, and how bright it is. Source: our own choice.
 SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
@@ -255,7 +255,7 @@ def _add_dynamics(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
 
 
 def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, version: str) -> None:
-    """Say which joint a joint follows, in the words that readers of the version know."""
+    """Write which joint a joint follows, in the elements that readers of the version support."""
     ((leader, ratio),) = joint.follows
     offset = joint.offset + ratio * model.zero[leader] - model.zero[joint.name]
     if version == "1.11":
@@ -307,7 +307,7 @@ def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
 
 
 def _flat(model: LinkModel, loop: LinkLoop) -> bool:
-    """Tell whether every hinge of a loop has the same direction."""
+    """Return whether every hinge of a loop has the same direction."""
     above = {joint.child: joint for joint in model.joints}
 
     def chain(link: str) -> list[LinkJoint]:
@@ -360,7 +360,7 @@ def add_collision_filters(parent: Any, model: LinkModel, carriers: Mapping[str, 
 
 
 def _add_group(parent: Any, name: str, members: list[str], ignored: list[str]) -> None:
-    # Names of links are taken, even for elements that a reader does not know.
+    # Names of links are taken, even for elements that a reader does not support.
     group = child(parent, f"{{{DRAKE}}}collision_filter_group", {"name": f"{name}_group"})
     for member in members:
         child(group, f"{{{DRAKE}}}member", text=member)

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 #: beyond what anything here does.
 UNLIMITED = 1000.0
 #: What a link between two joints takes from the link behind it, as a share of its mass and
-#: inertia: engines refuse a moving link without any. Source: our own choice, a micro of the whole.
+#: inertia: engines reject a moving link without any. Source: our own choice, a micro of the whole.
 SHARE = 1e-6
 #: Between a joint's own name and that of the one that it is to stand behind.
 BEHIND = "_and_"

@@ -93,17 +93,17 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Consecutive states of a world, one per physics period.
+    """Consecutive states of a world, one per physics step.
 
     Attributes:
         layout: the meaning of a row
-        law: P, I, D and effort limit of each live servo, as they acted, (s, 4)
+        gains: P, I, D and effort limit of each live servo, as they acted, (s, 4)
         first: number of the first row since the recording began
         states: time and the rest of `STATE`, (k, size)
     """
 
     layout: Layout
-    law: Array
+    gains: Array
     first: int
     states: Array
 
@@ -117,7 +117,7 @@ def joint_values(rows: Rows) -> Array:
     found[0] = layout.rest[:, None] + np.einsum("jq,kq->jk", layout.drive, qpos)
     found[1] = np.einsum("jv,kv->jk", layout.rate, qvel)
     found[3] = layout.rest[:, None]
-    p, i, d, limit = rows.law.T[:, :, None]
+    p, i, d, limit = rows.gains.T[:, :, None]
     goal, rate, fed_forward = rows.states.T[layout.servos]
     effort = p * (goal - found[0, layout.live]) + i * rows.states.T[layout.integrals]
     effort += d * (rate - found[1, layout.live]) + fed_forward
@@ -189,7 +189,7 @@ def layout_of(world: World, number: int) -> Layout:
     )
 
 
-def law_of(world: World) -> Array:
+def effective_gains(world: World) -> Array:
     """Return P, I, D and effort limit of every live servo as they act now, (s, 4)."""
     gains, limit = world.servos.effective
     return np.column_stack([gains, limit])

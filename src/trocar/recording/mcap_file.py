@@ -369,7 +369,7 @@ def _messages(layout: Layout) -> list[tuple[str, str, Cdr]]:
 
 @dataclass(frozen=True, eq=False)
 class PackedRows:
-    """Joint values of consecutive periods.
+    """Joint values of consecutive steps.
 
     Attributes:
         layout: number of the layout that names the columns

@@ -45,7 +45,7 @@ class Recorded:
         entries: commands and events of the recording, in their order
         layouts: {number: columns of each arm}
         rows: rows of states; the first is the state that the recording began with
-        start, end: simulated time of the first row, and that many periods later [s]
+        start, end: simulated time of the first row, and that many steps later [s]
         problem: why the file ends early, "" where it is whole
     """
 
@@ -61,7 +61,7 @@ class Recorded:
 
     @property
     def timestep(self) -> float:
-        """Physics period [s]."""
+        """Physics time step [s]."""
         return float(self.about["timestep_s"])
 
     @property
@@ -71,9 +71,9 @@ class Recorded:
 
     def blocks(self) -> Iterator[PackedRows]:
         """Read the states block by block."""
-        for told in mcap_messages(self.file):
-            if told.topic == STATES:
-                yield unpack(told.data)
+        for message in mcap_messages(self.file):
+            if message.topic == STATES:
+                yield unpack(message.data)
 
     def states(self, arm: ArmColumns, every: int = 1) -> ArmStates:
         """Return one arm's states, of every n-th row; rows of other joints are left out."""
@@ -118,7 +118,7 @@ class ArmStates:
     setpoint: Array
 
 
-class Told(NamedTuple):
+class McapMessage(NamedTuple):
     """A message of an MCAP file: topic, name of its schema, log time [ns], data."""
 
     topic: str
@@ -128,7 +128,7 @@ class Told(NamedTuple):
 
 
 def is_mcap(path: str | Path) -> bool:
-    """Tell whether a file begins like an MCAP file."""
+    """Return whether a file begins like an MCAP file."""
     where = Path(path).expanduser()
     if not where.is_file():
         return False
@@ -137,7 +137,7 @@ def is_mcap(path: str | Path) -> bool:
 
 
 def is_recording(path: str | Path) -> bool:
-    """Tell whether a file is a recording of trocar's own, whole or not."""
+    """Return whether a file is a recording of trocar's own, whole or not."""
     if not is_mcap(path):
         return False
     messages = _Messages(path)
@@ -187,7 +187,7 @@ def open_recording(path: str | Path) -> Recorded:
     return Recorded(file, about, tuple(past), tuple(entries), layouts, rows, start, end, problem)
 
 
-def mcap_messages(path: str | Path) -> Iterator[Told]:
+def mcap_messages(path: str | Path) -> Iterator[McapMessage]:
     """Read the messages of any MCAP file, up to where it ends or breaks off.
 
     Raises:
@@ -242,7 +242,7 @@ class _Messages:
         self.about: dict[str, str] = {}
         self.problem = ""
 
-    def __iter__(self) -> Iterator[Told]:
+    def __iter__(self) -> Iterator[McapMessage]:
         try:
             with self._path.open("rb") as stream:
                 if stream.read(len(MAGIC)) != MAGIC:
@@ -268,7 +268,7 @@ class _Messages:
                 f" {self.about.get('trocar')}; allowed: format {FORMAT}",
             )
 
-    def _read(self, stream: IO[bytes]) -> Iterator[Told]:
+    def _read(self, stream: IO[bytes]) -> Iterator[McapMessage]:
         mcap, size = self._mcap, self._path.stat().st_size
         schemas: dict[int, str] = {0: ""}
         channels: dict[int, Any] = {}
@@ -285,7 +285,7 @@ class _Messages:
                 elif isinstance(record, mcap.records.Message):
                     channel = channels[record.channel_id]
                     schema = schemas[channel.schema_id]
-                    yield Told(channel.topic, schema, record.log_time, record.data)
+                    yield McapMessage(channel.topic, schema, record.log_time, record.data)
         except (mcap.exceptions.EndOfFile, mcap.exceptions.RecordLengthLimitExceeded):
             self.problem = "it breaks off: the file ends inside a record"
         except broken as error:

@@ -17,7 +17,7 @@ import numpy as np
 
 from trocar.errors import InputError
 from trocar.recording.about import world_metadata
-from trocar.recording.layout import STATE, Rows, law_of, layout_of
+from trocar.recording.layout import STATE, Rows, effective_gains, layout_of
 from trocar.recording.mcap_file import Extra, McapFile, mcap_library
 from trocar.simulation import World
 from trocar.simulation.journal import Entry
@@ -39,7 +39,7 @@ Entries = tuple[tuple[int, Entry], ...]
 
 
 class Sampler:
-    """Observes a world: copies its state after every period, and hands on blocks of rows.
+    """Observes a world: copies its state after every step, and hands on blocks of rows.
 
     Args:
         world: is sampled from now until `stop`; its present state is the first row
@@ -56,7 +56,7 @@ class Sampler:
         #: The meaning of the rows as they are now.
         self.layout = layout_of(world, 0)
         self._new_base = False
-        self._law, self._revision = law_of(world), world.servos.revision
+        self._gains, self._revision = effective_gains(world), world.servos.revision
         self._new_block()
         self._stops = world.listen(self._note), world.observe(self._sample)
         self._sample()
@@ -78,13 +78,13 @@ class Sampler:
             self._hand_over()
             self._new_base = False
             self.layout = layout_of(world, self.layout.number + 1)
-            self._law, self._revision = law_of(world), world.servos.revision
+            self._gains, self._revision = effective_gains(world), world.servos.revision
             self._new_block()
         elif world.servos.revision != self._revision:
-            self._revision, law = world.servos.revision, law_of(world)
-            if not np.array_equal(law, self._law):
+            self._revision, gains = world.servos.revision, effective_gains(world)
+            if not np.array_equal(gains, self._gains):
                 self._hand_over()
-                self._law = law
+                self._gains = gains
         world.copy_state(self._rows[self._filled], STATE)
         self._filled += 1
         self.count += 1
@@ -103,7 +103,7 @@ class Sampler:
         states, self._filled = self._states[: self._filled], 0
         entries, self._entries = tuple(self._entries), []
         self._new_block()
-        self._take(Rows(self.layout, self._law, self.count - len(states), states), entries)
+        self._take(Rows(self.layout, self._gains, self.count - len(states), states), entries)
 
 
 class Recorder:
@@ -157,7 +157,7 @@ class Recorder:
 
     @property
     def rows(self) -> int:
-        """Physics periods recorded so far, the state at the beginning included."""
+        """Physics steps recorded so far, the state at the beginning included."""
         return self._sampler.count
 
     def add(self, extra: Extra) -> bool:

@@ -126,7 +126,7 @@ class Card:
         self._arrays[key].render(self.gl.TRIANGLES, vertices=3)
 
     def program(self, vertex: str, fragment: str, defines: Sequence[str] = ()) -> moderngl.Program:
-        """Return a program, made when it is first asked for."""
+        """Return a program, compiled at the first call."""
         key = vertex, fragment, *defines
         if key not in self._programs:
             self._programs[key] = self.context.program(
@@ -166,7 +166,7 @@ class Card:
         self.context.release()
 
 
-def tell(program: moderngl.Program, uniforms: Mapping[str, object]) -> None:
+def set_uniforms(program: moderngl.Program, uniforms: Mapping[str, object]) -> None:
     """Set what the program has kept of these; a compiler drops what changes nothing."""
     for name, value in uniforms.items():
         if name in program:

@@ -89,7 +89,7 @@ def draw(
     program: moderngl.Program, array: moderngl.VertexArray, orders: moderngl.Buffer, count: int
 ) -> None:
     """Draw triangles by the first commands of a buffer, as `VertexArray.render_indirect` does."""
-    gl = _library()
+    gl = opengl_library()
     if gl is None:
         array.render_indirect(orders, TRIANGLES, count)
         return
@@ -100,8 +100,8 @@ def draw(
 
 
 def flush() -> None:
-    """Let what was asked for be drawn; another target may be used then without a wait."""
-    gl = _library()
+    """Flush the requested drawing; another target may be used then without a wait."""
+    gl = opengl_library()
     if gl is not None:
         gl.glFlush()
 
@@ -115,7 +115,7 @@ def read(target: moderngl.Framebuffer, attachment: int, into: NDArray[np.generic
         into: takes all rows, (height, width[, 3]), uint8, float32 or int32 as the output is
     """
     kind = into.shape[2] if into.ndim == 3 else 1, into.dtype.name
-    gl = _library()
+    gl = opengl_library()
     if gl is None:
         target.read_into(
             into.reshape(-1).view(np.uint8),
@@ -133,7 +133,7 @@ def read(target: moderngl.Framebuffer, attachment: int, into: NDArray[np.generic
 
 
 @cache
-def _library() -> ctypes.CDLL | None:
+def opengl_library() -> ctypes.CDLL | None:
     """Return the library that calls the driver of the context that is current, or None."""
     if sys.platform != "linux":
         return None

@@ -142,7 +142,7 @@ class Stream:
                     return
             try:
                 frame = self._draw(*order)
-            except Exception as problem:  # noqa: BLE001  told to whoever asks for a frame
+            except Exception as problem:  # noqa: BLE001  raised where a frame is requested
                 self._fail(problem)
                 return
             with self._changed:
@@ -153,9 +153,9 @@ class Stream:
     def _fail(self, problem: Exception) -> None:
         if not isinstance(problem, TrocarError):
             _log.exception("no more pictures")
-        told = problem if isinstance(problem, TrocarError) else TrocarError(repr(problem))
+        error = problem if isinstance(problem, TrocarError) else TrocarError(repr(problem))
         with self._changed:
-            self._failure = told
+            self._failure = error
             self._changed.notify_all()
 
 
@@ -202,17 +202,17 @@ class Series:
 
         Args:
             snapshot, cameras, camera: as there
-            beside: "depth", "ids": what is wanted more than the renderer has anyway
+            beside: "depth", "ids": further channels beside those of the renderer
         """
         stops = self._stops(snapshot, cameras, camera)
         channels = self._renderer.channels.with_(beside)
         record = cameras[camera]
-        wanted = record.build, record.calibration, record.angle, stops, channels
+        requested = record.build, record.calibration, record.angle, stops, channels
         before, drawn = self._before.get(camera), self._drawn.get(camera)
         if (
             before is not None
             and drawn is not None
-            and drawn[1] == wanted
+            and drawn[1] == requested
             and self._renderer.look.noise == 0.0
             and stands_still(drawn[0], snapshot)
         ):
@@ -220,7 +220,7 @@ class Series:
         else:
             draw = self._renderer.render
             frame = draw(snapshot, cameras, camera, stops=stops, channels=channels)
-            self._drawn[camera] = snapshot, wanted
+            self._drawn[camera] = snapshot, requested
         self._before[camera] = frame
         return frame
 
@@ -339,7 +339,7 @@ class Endoscope:
         self.renderer.close()
 
     def _mounted(self, cameras: Mapping[str, CameraRecord]) -> dict[str, CameraRecord]:
-        """Return the camera with the eyes and the bend that were asked for."""
+        """Return the camera with the requested eyes and bend."""
         if self.camera not in cameras:
             where = f"rig {self.world.rig.name}"
             raise UnknownNameError("camera", self.camera, cameras, where)

@@ -24,7 +24,7 @@ class StereoFrame:
         camera: its name
         left, right: (height, width, 3), red, green, blue; right is None of a camera with one eye
         depth: along z of each eye, (eyes, height, width) float32 [m], inf where nothing is; None
-            where it was not asked for
+            where it was not requested
         ids: what each pixel shows, (eyes, height, width) int32, 0 where nothing is
         normals: of the surface, in each eye's frame, (eyes, height, width, 3) float32
         names: {id: "PSM1/wrist_yaw", "table", ...} of everything in the scene

@@ -16,7 +16,7 @@ AUTO: Literal["auto"] = "auto"
 
 @dataclass(frozen=True)
 class Look:
-    """What is asked of pictures beside where they are taken from.
+    """Settings of pictures beside the camera's pose.
 
     Attributes:
         shadows: whether the light throws them

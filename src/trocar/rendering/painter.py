@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.rendering import context, shaders
-from trocar.rendering.card import SEEN, SHADING, Card, tell
+from trocar.rendering.card import SEEN, SHADING, Card, set_uniforms
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
 from trocar.rendering.staging import Stage
@@ -105,7 +105,7 @@ class Painter:
     def _shade(self, stage: Stage, lenses: Optics) -> None:
         card = self._card
         program = card.program(shaders.SHADOW_VERTEX, shaders.SHADOW_FRAGMENT)
-        tell(program, {"shadow": _columns(stage.light.clip)})
+        set_uniforms(program, {"shadow": _columns(stage.light.clip)})
         shade, target = card.shadow_map(self._look.shadow_map(lenses.size[0]))
         target.use()
         target.clear(depth=1.0)
@@ -126,14 +126,14 @@ class Painter:
         defines += [name for name, on in switches.items() if on]
         defines.append(f"AROUND {light.around:.6f}")
         program = card.program(shaders.VERTEX, shaders.FRAGMENT, defines)
-        tell(program, {"shadow": _columns(light.clip)})
-        tell(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
+        set_uniforms(program, {"shadow": _columns(light.clip)})
+        set_uniforms(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
         for row, eye in enumerate(lenses.eyes):
             width, height = lenses.drawn
             cast("moderngl.Framebuffer", card.context.fbo).viewport = 0, row * height, width, height
             T, lens = eye.T_eye_reference, eye.lens
-            tell(program, {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths})
-            tell(
+            set_uniforms(program, {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths})
+            set_uniforms(
                 program,
                 {
                     "light": tuple(T[:3, :3] @ light.at + T[:3, 3]),
@@ -156,12 +156,12 @@ class Painter:
         card.context.enable_only(card.gl.NOTHING)
         for unit, name in enumerate(outputs):
             drawn[name].texture.use(unit)
-            tell(program, {INPUTS[name]: unit})
+            set_uniforms(program, {INPUTS[name]: unit})
         if lenses.places is not None:
             self._where(lenses).use(len(outputs))
         grain = (self._look.seed * 2654435761 + round(time * 1e6) * 40503) % 2**32
         size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
-        tell(
+        set_uniforms(
             program,
             {"places": len(outputs), "size": size, "noise": self._look.noise, "seed": grain},
         )

@@ -159,11 +159,11 @@ def _draw(
     scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
     scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, target)
-    wanted, nothing = mujoco.MjvOption(), mujoco.MjvPerturb()
-    wanted.geomgroup[:] = [0, 1, 1, 0, 0, 0]
-    wanted.sitegroup[:] = 0
+    options, nothing = mujoco.MjvOption(), mujoco.MjvPerturb()
+    options.geomgroup[:] = [0, 1, 1, 0, 0, 0]
+    options.sitegroup[:] = 0
     everything = mujoco.mjtCatBit.mjCAT_ALL
-    mujoco.mjv_updateScene(model, data, wanted, nothing, camera, everything, scene)
+    mujoco.mjv_updateScene(model, data, options, nothing, camera, everything, scene)
     frame = mujoco.MjrRect(0, 0, width, height)
     mujoco.mjr_render(frame, scene, target)
     image = np.empty((height, width, 3), np.uint8)

@@ -62,9 +62,9 @@ class Reference:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._target)
         self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
-        self._wanted = mujoco.MjvOption()
-        self._wanted.geomgroup[:] = [0, 1, 1, 0, 0, 0]
-        self._wanted.sitegroup[:] = 0
+        self._options = mujoco.MjvOption()
+        self._options.geomgroup[:] = [0, 1, 1, 0, 0, 0]
+        self._options.sitegroup[:] = 0
 
     def place(self, snapshot: Snapshot) -> None:
         """Put every body where a snapshot has it."""
@@ -77,7 +77,7 @@ class Reference:
         mujoco.mjv_updateScene(
             model,
             data,
-            self._wanted,
+            self._options,
             mujoco.MjvPerturb(),
             mujoco.MjvCamera(),
             mujoco.mjtCatBit.mjCAT_ALL,

@@ -42,7 +42,7 @@ READ = {
 
 @dataclass(frozen=True)
 class Channels:
-    """What is wanted beside colour."""
+    """Images that are rendered beside colour."""
 
     depth: bool = False
     ids: bool = False
@@ -51,8 +51,8 @@ class Channels:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the card's outputs."""
-        wanted = (("DEPTH", self.depth), ("IDS", self.ids), ("NORMALS", self.normals))
-        return ("COLOUR", *(name for name, on in wanted if on))
+        optional = (("DEPTH", self.depth), ("IDS", self.ids), ("NORMALS", self.normals))
+        return ("COLOUR", *(name for name, on in optional if on))
 
     def with_(self, names: Collection[str]) -> Channels:
         """Return these and more."""
@@ -65,7 +65,7 @@ class Renderer:
     Args:
         shapes: asked for the shapes of a world and the build that they are of, at first and when a
             snapshot is of another build: `lambda: (world.snapshot().build, world.shapes())`
-        channels: what is wanted beside colour
+        channels: images beside colour
         look: light, exposure, lens and sensor
 
     Attributes:
@@ -111,7 +111,7 @@ class Renderer:
             camera: which
             stops: exposure; as the look has it when omitted, where it is automatic measured on
                 this snapshot alone
-            channels: what is wanted beside colour; as the renderer has it when omitted
+            channels: images beside colour; as the renderer has it when omitted
 
         Raises:
             UnknownNameError: no such camera; the known ones are listed
@@ -222,7 +222,7 @@ class Renderer:
         card.load(self._things, self.look)
 
     def _lenses(self, record: CameraRecord, most: int) -> Optics:
-        """Return a camera's optics, computed when they are first asked for."""
+        """Return a camera's optics, computed at the first call."""
         key = id(record.calibration), record.kind
         if key not in self._optics:
             while len(self._optics) >= KEPT:

@@ -25,7 +25,7 @@ from trocar.simulation.control import Clock, ControlState, JointControl
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
-    Law,
+    Controller,
     TipState,
     WrenchFrame,
 )
@@ -65,7 +65,7 @@ STATE_COMMANDS = ("enable", "disable", "home", "unhome", "pause", "resume")
 #: Cartesian commands need the first wrist joint this far past the remote centre. Source:
 #: mtsIntuitiveResearchKit.h, SafeDistanceFromRCM. [m]
 SAFE_DEPTH_M = 0.045
-#: Source: our own choice; motors' efforts say nothing of directions in which a tip moves so little.
+#: Source: our own choice; motors' efforts do not show directions in which a tip moves so little.
 RCOND = 1e-9
 #: The closed form of masters, whose wrist platform is free and whose gimbal can be locked.
 GIMBAL_ARM = "gimbal_arm"
@@ -88,13 +88,16 @@ def least_squares(A: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class ArmState:
-    """What an arm keeps beside the physics and the servos, as `Arm.save` returns it."""
+    """What an arm keeps beside the physics and the servos, as `Arm.save` returns it.
+
+    The names of its fields are in pickled states.
+    """
 
     state: State
     homed: bool
     told: tuple[State, bool, bool] | None
     control: ControlState
-    laws: dict[str, Law]
+    laws: dict[str, Controller]
     lock: Array | None
     absolute: bool
     push: Array
@@ -104,7 +107,7 @@ class ArmState:
 
 
 class Arm:
-    """One arm of a rig. Commands that cannot be used are refused with a warning; nothing moves.
+    """One arm of a rig. Commands that cannot be used are rejected with a warning; nothing moves.
 
     Attributes:
         name: "PSM1", ...
@@ -117,7 +120,7 @@ class Arm:
         gripper: a master's gripper, None without one
         motors: set-points, modes, gains and brakes of its joints
         control: joint commands for any part of its joints
-        journal: where its commands and events are told
+        journal: receives its commands and events
     """
 
     def __init__(self, rig_arm: RigArm, motors: Motors, clock: Clock) -> None:
@@ -127,13 +130,13 @@ class Arm:
         self._clock = clock
         self._base: tuple[Array, str] | None = None
         self._homing: Homing | None = None
-        #: Periodic laws by name; the efforts that were commanded, which theirs are added to.
-        self._laws: dict[str, Law] = {}
+        #: Active controllers by name; the efforts that were commanded, which theirs are added to.
+        self._controllers: dict[str, Controller] = {}
         self._lock: Array | None = None
         self._absolute = False
-        self._told: tuple[State, bool, bool] | None = None
+        self._reported: tuple[State, bool, bool] | None = None
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
-        self._jaw = Jaw(self.name, self.journal, self.tell_state)
+        self._jaw = Jaw(self.name, self.journal, self.report_state)
         self._fit(rig_arm, motors, None)
 
     def __repr__(self) -> str:
@@ -146,7 +149,7 @@ class Arm:
         return f"<Arm {self.name!r}: {self.type}{tool}, {self.operating_state().state}; {q}>"
 
     def _fit(self, rig_arm: RigArm, motors: Motors, before: JointControl | None) -> None:
-        """Take what the mounted tool determines."""
+        """Set what the mounted tool determines."""
         self.description = rig_arm.arm
         self.joint_names = rig_arm.arm.mechanism.joint_names
         self.lower, self.upper = rig_arm.arm.mechanism.lower, rig_arm.arm.mechanism.upper
@@ -154,7 +157,7 @@ class Arm:
         self.motors = motors
         self.control = JointControl(self.name, motors, self._clock, before)
         self._states = self.control.states
-        self._push = np.zeros(rig_arm.arm.own_joints)
+        self._effort = np.zeros(rig_arm.arm.own_joints)
         jaw, last = rig_arm.arm.has_jaw, len(self.joint_names) - 1
         self._own = slice(0, rig_arm.arm.own_joints)
         self._all = slice(0, len(self.joint_names))
@@ -167,7 +170,7 @@ class Arm:
 
     @command
     def set_tool_type(self, name: str) -> None:
-        """Mount another tool; the world's `exchange_tool` says what becomes of the arm.
+        """Mount another tool; see the world's `exchange_tool` for what becomes of the arm.
 
         Raises:
             UnknownNameError, InputError, DescriptionError: as `exchange_tool` does
@@ -191,7 +194,7 @@ class Arm:
 
     @command
     def servo_jr(self, dq: ArrayLike) -> bool:
-        """Add to the set-points now, (n,) [rad or m]; tell whether it was accepted."""
+        """Add to the set-points now, (n,) [rad or m]; return whether it was accepted."""
         return self._ended(self.control.servo_relative(dq, self._own, "servo_jr"))
 
     @command
@@ -218,7 +221,7 @@ class Arm:
         Returns:
             whether the command was accepted
         """
-        return self._pushed(self.control.servo_effort(effort, self._own, "servo_jf"))
+        return self._accept_effort(self.control.servo_effort(effort, self._own, "servo_jf"))
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
@@ -248,15 +251,15 @@ class Arm:
 
     @command
     def hold(self) -> None:
-        """End every move and law, and stay at the set-points."""
+        """End every move and controller, and stay at the set-points."""
         if self.control.ready("hold"):
             self._stop()
 
     @command
     def free(self) -> bool:
         """Exert nothing but gravity compensation, until the next command; the jaw holds."""
-        zero = np.zeros(len(self._push))
-        return self._pushed(self.control.servo_effort(zero, self._own, "free"))
+        zero = np.zeros(len(self._effort))
+        return self._accept_effort(self.control.servo_effort(zero, self._own, "free"))
 
     # ------------------------------------------------------------------ tip
 
@@ -273,12 +276,12 @@ class Arm:
         Both in axes of the frame of `measured_cp`: p + dp, dR @ R.
         """
         change = np.asarray(T, dtype=np.float64)
-        told = self.setpoint_cp().T
+        goal = self.setpoint_cp().T
         if change.shape == (4, 4):
-            told = transform(change[:3, :3] @ told[:3, :3], told[:3, 3] + change[:3, 3])
+            goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
         else:
-            told = change
-        q = self._solved(told, "servo_cr")
+            goal = change
+        q = self._solved(goal, "servo_cr")
         return q is not None and self._ended(self.control.servo(q, None, self._own, "servo_cr"))
 
     @command
@@ -286,7 +289,7 @@ class Arm:
         """Move to a pose (4, 4) in the frame of `measured_cp`: solved once, then joint by joint."""
         q = self._solved(T, "move_cp")
         if q is None:
-            return self.control.refused(self._own)
+            return self.control.rejected(self._own)
         return self._begun(self.control.move(q, [self._own], "move_cp"))
 
     @command
@@ -298,15 +301,15 @@ class Arm:
             frame: "body": at the tip in its axes; "spatial": about the reference frame's origin
         """
         names = ("fx", "fy", "fz", "tx", "ty", "tz")
-        wanted = self.control.refusals.vector(wrench, names, "servo_cf", "forces")
-        if wanted is None:
+        components = self.control.rejections.vector(wrench, names, "servo_cf", "forces")
+        if components is None:
             return False
         if frame not in FRAMES:
-            self.control.refusals.warn(
+            self.control.rejections.warn(
                 "servo_cf frame", f"servo_cf: got frame {frame!r}; allowed: {', '.join(FRAMES)}"
             )
             return False
-        return self._follow_law(CartesianForce(wanted, frame, self._absolute), "servo_cf")
+        return self._run_controller(CartesianForce(components, frame, self._absolute), "servo_cf")
 
     @command
     def set_cf_orientation_absolute(self, on: bool) -> None:
@@ -316,13 +319,13 @@ class Arm:
     @command
     def servo_ci(self, impedance: CartesianImpedance) -> bool:
         """Be a spring and damper about a pose, until the next command."""
-        return self._follow_law(impedance, "servo_ci")
+        return self._run_controller(impedance, "servo_ci")
 
     # ------------------------------------------------------------------ states
 
     @command
     def state_command(self, name: str) -> bool:
-        """Obey "enable", "disable", "home", "unhome", "pause" or "resume".
+        """Execute "enable", "disable", "home", "unhome", "pause" or "resume".
 
         As on the hardware, "home" lets an arm that is on and home already stay where it is.
 
@@ -330,7 +333,7 @@ class Arm:
             whether it was accepted
         """
         if name not in STATE_COMMANDS:
-            self.control.refusals.warn(
+            self.control.rejections.warn(
                 "state_command",
                 f"state_command: got {name!r}; allowed: {', '.join(STATE_COMMANDS)}",
             )
@@ -348,15 +351,15 @@ class Arm:
             self._settle()
             self.motors.switch(True)
             self.motors.follow()
-            self.tell_state()
+            self.report_state()
         return True
 
     @command
     def disable(self) -> bool:
-        """End everything and take the motors' power; the arm is held where it is."""
+        """End everything and switch the motors off; the arm is held where it is."""
         self._switch_off()
         self._states.state = "DISABLED"
-        self.tell_state()
+        self.report_state()
         return True
 
     @command
@@ -366,16 +369,16 @@ class Arm:
             return False
         self._stop()
         self._states.state = "PAUSED"
-        self.tell_state()
+        self.report_state()
         return True
 
     @command
     def resume(self) -> bool:
-        """Take commands again after `pause`."""
+        """Accept commands again after `pause`."""
         if not self._may("resume"):
             return False
         self._states.state = "ENABLED"
-        self.tell_state()
+        self.report_state()
         return True
 
     @command
@@ -392,9 +395,9 @@ class Arm:
         """
         own = self.motors.position[self._own]
         if not self._may("home"):
-            return self.control.refused(self._own)
+            return self.control.rejected(self._own)
         if self._states.homed and self._states.powered and not anew:
-            self.tell_state()
+            self.report_state()
             return self._over(own)
         self._states.homed = False
         self.enable()
@@ -409,7 +412,7 @@ class Arm:
         )
         kinds = [j.kind == "prismatic" for j in self.description.joints[self._own]]
         self._homing = Homing(motion, way, np.array(kinds))
-        self.tell_state()
+        self.report_state()
         return motion
 
     @command
@@ -418,17 +421,17 @@ class Arm:
         if self._states.state == "ENABLED":
             self._stop()
         self._states.homed = False
-        self.tell_state()
+        self.report_state()
         return True
 
     def fault(self, reason: str) -> None:
-        """Take the motors' power because something went wrong (the world calls this)."""
+        """Switch the motors off after a fault (the world calls this)."""
         self._switch_off()
         self._states.state = "FAULT"
         log.error("%s: FAULT: %s", self.name, reason)
-        self.control.refusals.last = f"FAULT: {reason}"
-        self.control.tell("error", text=reason)
-        self.tell_state()
+        self.control.rejections.last = f"FAULT: {reason}"
+        self.control.report("error", text=reason)
+        self.report_state()
 
     # ------------------------------------------------------------------ servos
 
@@ -441,7 +444,7 @@ class Arm:
         """Switch joints (all when omitted) to "position", "effort" or "set", from where they are.
 
         Moves end; joints that change hold where they are, or exert nothing in mode "effort".
-        Refused with a warning while the arm has power but may not move (PAUSED, not homed).
+        Rejected with a warning while the arm has power but may not move (PAUSED, not homed).
 
         Raises:
             InputError: no such mode, or an arm that is welded into the model
@@ -453,7 +456,7 @@ class Arm:
         which = self._which(joints)
         if self._states.powered and not self.control.ready("set_mode"):
             return
-        self._end_laws()
+        self._end_controllers()
         self.control.under_position(self._all)
         self.control.stay(which)
         self.motors.effort[which] = 0.0
@@ -497,12 +500,12 @@ class Arm:
 
     @property
     def strict_limits(self) -> bool:
-        """Whether targets beyond a limit are refused; else they are clipped, as on the dVRK."""
+        """Whether targets beyond a limit are rejected; else they are clipped, as on the dVRK."""
         return self.control.strict_limits
 
     @command
     def use_strict_limits(self, on: bool) -> None:
-        """Refuse targets beyond a limit, or clip them."""
+        """Reject targets beyond a limit, or clip them."""
         self.control.strict_limits = bool(on)
 
     @property
@@ -530,11 +533,11 @@ class Arm:
         if of != "velocity":
             self.control.moves.acceleration_ratio = float(ratio)
         velocity, acceleration = self.trajectory_ratio
-        self.control.tell("trajectory_ratio", velocity=velocity, acceleration=acceleration)
+        self.control.report("trajectory_ratio", velocity=velocity, acceleration=acceleration)
 
     @command
     def set_base_frame(self, T: ArrayLike | None, frame_id: str = "") -> None:
-        """Say where the arm's reference frame stands in the frame of `measured_cp`.
+        """Set the pose of the arm's reference frame in the frame of `measured_cp`.
 
         Args:
             T: (4, 4); None: where the rig has it, by the measured joints of what carries it
@@ -633,25 +636,25 @@ class Arm:
         if not self.control.ready("lock_orientation"):
             return False
         if self.description.inverse_kinematics != GIMBAL_ARM:
-            self._refuse("only masters can")
+            self._reject("only masters can")
             return False
         try:
-            wanted = self.measured_cp().T[:3, :3] if R is None else check_orientation(R)
+            orientation = self.measured_cp().T[:3, :3] if R is None else check_orientation(R)
         except TrocarError as problem:
-            self._refuse(str(problem))
+            self._reject(str(problem))
             return False
-        self._lock = wanted.copy()
-        if "wrench" in self._laws:
+        self._lock = orientation.copy()
+        if "wrench" in self._controllers:
             self._begin_lock()
-        self.control.tell("orientation_locked", locked=True)
+        self.control.report("orientation_locked", locked=True)
         return True
 
     @command
     def unlock_orientation(self) -> bool:
         """Let the gimbal go; under force control it floats again."""
-        if "lock" in self._laws:
-            del self._laws["lock"]
-            self.control.lend(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
+        if "lock" in self._controllers:
+            del self._controllers["lock"]
+            self.control.to_effort(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
         self._forget_lock()
         return True
 
@@ -662,13 +665,13 @@ class Arm:
         busy = self.busy or self._homing is not None
         return OperatingState(self._states.state, self._states.homed, busy, self._clock.time)
 
-    def tell_state(self) -> None:
-        """Tell the journal of the operating state, when it changed."""
+    def report_state(self) -> None:
+        """Enter the operating state into the journal, when it changed."""
         states = self._states
         now = states.state, states.homed, self.busy or self._homing is not None
-        if now != self._told:
-            self._told = now
-            self.control.tell("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
+        if now != self._reported:
+            self._reported = now
+            self.control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
 
     @property
     def effort_limit(self) -> Array:
@@ -682,13 +685,13 @@ class Arm:
 
     @property
     def warnings(self) -> int:
-        """How many commands were refused or clipped."""
-        return self.control.refusals.count
+        """How many commands were rejected or clipped."""
+        return self.control.rejections.count
 
     @property
     def last_warning(self) -> str:
         """Why the last of them was."""
-        return self.control.refusals.last
+        return self.control.rejections.last
 
     @property
     def tool(self) -> str:
@@ -715,7 +718,7 @@ class Arm:
         return q, qd, effort
 
     def frame_coordinates(self) -> Array:
-        """Return every frame's own coordinate, with the loops as they gape, (n_frames,)."""
+        """Return every frame's own coordinate, with the loops' errors, (n_frames,)."""
         return self.motors.frame_coordinates()
 
     def health(self) -> ArmHealth:
@@ -745,8 +748,8 @@ class Arm:
             locked,
             bool(control.moves.legs),
             remote_centre,
-            control.refusals.count,
-            control.refusals.last,
+            control.rejections.count,
+            control.rejections.last,
             states.state,
             states.homed,
             self.description.tool,
@@ -786,8 +789,8 @@ class Arm:
         if self._base is not None or not self._clock.frames.follows(self.name):
             base, frame = self.base_frame()
             return Pose(base @ self.local_setpoint_cp().T, frame, self._clock.time)
-        clock, told = self._clock, self.motors.position
-        T, frame = clock.frames.public_at(self.name, told, clock.reference_arm)
+        clock, setpoint = self._clock, self.motors.position
+        T, frame = clock.frames.public_at(self.name, setpoint, clock.reference_arm)
         return Pose(T, frame, clock.time)
 
     def local_measured_cp(self) -> Pose:
@@ -871,11 +874,11 @@ class Arm:
         structure = self.description.inverse_kinematics
         if not structure:
             raise InputError(f"{self.name}: has no inverse kinematics")
-        wanted = check_transform(T)
-        if wanted.shape != (4, 4):
-            raise InputError(f"{self.name}: got a pose of shape {wanted.shape}; allowed: (4, 4)")
-        start = self.control.told(self._own) if seed is None else self._whole(seed)[self._own]
-        mechanism, local = self.description.mechanism, self._in_own_frame(wanted)
+        pose = check_transform(T)
+        if pose.shape != (4, 4):
+            raise InputError(f"{self.name}: got a pose of shape {pose.shape}; allowed: (4, 4)")
+        start = self.control.setpoints(self._own) if seed is None else self._whole(seed)[self._own]
+        mechanism, local = self.description.mechanism, self._in_own_frame(pose)
         if self._clock.frames.follows(self.name):
             near = nearest_start(mechanism, structure, local, start)
             tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE
@@ -896,17 +899,17 @@ class Arm:
         """
         motors, moves = self.motors, self.control.moves
         if read is None:
-            told = motors.position.copy(), motors.velocity.copy(), motors.effort.copy()
-            read = *self.readings(), motors.load(), *told
-        q, qd, effort, load, told_q, told_qd, told_effort = read
+            setpoint = motors.position.copy(), motors.velocity.copy(), motors.effort.copy()
+            read = *self.readings(), motors.load(), *setpoint
+        q, qd, effort, load, setpoint_q, setpoint_qd, setpoint_effort = read
         return ArmSample(
             q,
             qd,
             effort,
             load,
-            told_q,
-            told_qd,
-            told_effort,
+            setpoint_q,
+            setpoint_qd,
+            setpoint_effort,
             not motors.welded and motors.gravity_compensated,
             self._states.state,
             self._states.homed,
@@ -923,33 +926,33 @@ class Arm:
 
     @property
     def active(self) -> bool:
-        """Whether set-points or efforts change from period to period."""
-        return self.control.moves.active or self._homing is not None or bool(self._laws)
+        """Whether set-points or efforts change from step to step."""
+        return self.control.moves.active or self._homing is not None or bool(self._controllers)
 
     def follow(self, time: float) -> None:
-        """Advance the set-points of moves to a time, and renew the efforts of laws."""
+        """Advance the set-points of moves to a time, and renew the efforts of controllers."""
         self.control.moves.follow(time)
         self.motors.follow()
-        if self._laws:
-            self._obey()
+        if self._controllers:
+            self._apply_controllers()
         if self._homing is not None:
             self._watch(self._homing)
-        self.tell_state()
+        self.report_state()
 
     def start_at(self, q: Array) -> None:
-        """Forget every command and be told to rest at joint positions, (n,)."""
-        self._end_laws()
-        self.control.refusals.forget()
+        """Forget every command; set-points rest at joint positions, (n,)."""
+        self._end_controllers()
+        self.control.rejections.forget()
         self.control.put(q)
 
     def begin(self, q: Array, ready: bool) -> None:
-        """Start anew, told to rest at joint positions, (n,): ENABLED and homed, or DISABLED.
+        """Start anew with set-points at rest, (n,): ENABLED and homed, or DISABLED.
 
         The world puts motors and physics back.
         """
         self._abandon_homing()
-        self._base, self._absolute, self._told = None, False, None
-        self._push[:] = 0.0
+        self._base, self._absolute, self._reported = None, False, None
+        self._effort[:] = 0.0
         self.control.begin()
         if self.gripper is not None:
             self.gripper.forget()
@@ -966,25 +969,25 @@ class Arm:
         return ArmState(
             self._states.state,
             self._states.homed,
-            self._told,
+            self._reported,
             control.save(),
-            copy.deepcopy(self._laws),
+            copy.deepcopy(self._controllers),
             None if self._lock is None else self._lock.copy(),
             self._absolute,
-            self._push.copy(),
+            self._effort.copy(),
             None if self._base is None else (self._base[0].copy(), self._base[1]),
             homing,
             None if gripper is None else (gripper.closed, gripper.pinches, gripper.since),
         )
 
     def load(self, saved: ArmState) -> None:
-        """Take everything that `save` returned; handles of moves until now are over."""
+        """Restore everything that `save` returned; handles of moves until now are over."""
         self._abandon_homing()
         self._states.state, self._states.homed = saved.state, saved.homed
         motions = self.control.load(saved.control)
-        self._laws = copy.deepcopy(saved.laws)
+        self._controllers = copy.deepcopy(saved.laws)
         self._lock = None if saved.lock is None else saved.lock.copy()
-        self._absolute, self._push = saved.absolute, saved.push.copy()
+        self._absolute, self._effort = saved.absolute, saved.push.copy()
         self._base = None if saved.base is None else (saved.base[0].copy(), saved.base[1])
         if saved.homing is not None:
             goal, way_goal, done, reached = saved.homing
@@ -994,10 +997,10 @@ class Arm:
             self._homing = Homing(motion, way, np.array(kinds))
         if self.gripper is not None and saved.gripper is not None:
             self.gripper.closed, self.gripper.pinches, self.gripper.since = saved.gripper
-        self._told = saved.told
+        self._reported = saved.told
 
     def come_off(self) -> None:
-        """End every move, law and effort, before another tool is mounted."""
+        """End every move, controller and effort, before another tool is mounted."""
         self._stop()
 
     def setpoints(self) -> Array:
@@ -1009,16 +1012,16 @@ class Arm:
         self.motors = motors
         self.control.reattach(motors)
 
-    def refit(self, rig_arm: RigArm, motors: Motors, q: Array, told: Array) -> None:
-        """Take another tool with its motors; what was set stays.
+    def refit(self, rig_arm: RigArm, motors: Motors, q: Array, setpoint: Array) -> None:
+        """Mount another tool with its motors; settings stay.
 
-        The arm is at rest at joint positions q and told to be at others, (n,) each.
+        The arm is at rest at joint positions q; its set-points are others, (n,) each.
         """
         self._fit(rig_arm, motors, self.control)
         motors.place(q, np.zeros(len(q)))
-        motors.command(told, np.zeros(len(q)))
+        motors.command(setpoint, np.zeros(len(q)))
         motors.apply()
-        self.tell_state()
+        self.report_state()
 
     def come_to_rest(self) -> None:
         """Hold, when the set-points are on their way."""
@@ -1026,18 +1029,18 @@ class Arm:
             self._stop()
 
     def check_playable(self) -> None:
-        """Refuse a table of set-points while the arm takes no commands.
+        """Reject a table of set-points while the arm accepts no commands.
 
         Raises:
-            InputError: why it takes none
+            InputError: why it accepts none
         """
         why = self._states.why_not_ready()
         if why:
             raise InputError(f"play: {self.name}: {why}")
 
     def prepare_to_play(self) -> None:
-        """Take joints back from effort control, for a table of set-points."""
-        self._end_laws()
+        """Switch joints back from effort control, for a table of set-points."""
+        self._end_controllers()
         self.control.under_position(self._all)
 
     def take_over(self, q: Array, v: Array, effort: Array) -> None:
@@ -1050,34 +1053,34 @@ class Arm:
     # ------------------------------------------------------------------ inside
 
     def _ended(self, accepted: bool) -> bool:
-        """End laws after a position command that was accepted."""
+        """End controllers after a position command that was accepted."""
         if accepted:
-            self._end_laws()
-            self.tell_state()
+            self._end_controllers()
+            self.report_state()
         return accepted
 
-    def _pushed(self, accepted: bool) -> bool:
-        """End laws after an effort command that was accepted."""
+    def _accept_effort(self, accepted: bool) -> bool:
+        """End controllers after an effort command that was accepted."""
         if accepted:
-            self._end_laws()
-            self._push = self.motors.effort[self._own].copy()
-            self.tell_state()
+            self._end_controllers()
+            self._effort = self.motors.effort[self._own].copy()
+            self.report_state()
         return accepted
 
     def _begun(self, motion: Motion) -> Motion:
         self._ended(not motion.done)
         return motion
 
-    def _end_laws(self) -> None:
-        if self._laws:
-            self._laws.clear()
+    def _end_controllers(self) -> None:
+        if self._controllers:
+            self._controllers.clear()
         if self._lock is not None:
             self._forget_lock()
 
     def _may(self, verb: str) -> bool:
         why = self._states.why_not(verb)
         if why:
-            self.control.refusals.warn(f"{verb} state", f"{verb}: {why}")
+            self.control.rejections.warn(f"{verb} state", f"{verb}: {why}")
         return not why
 
     def _over(self, q: Array, reached: bool = True) -> Motion:
@@ -1089,13 +1092,13 @@ class Arm:
     def _stop(self) -> None:
         """End everything under way; stay at the set-points, or where joints were free."""
         self._abandon_homing()
-        self._end_laws()
+        self._end_controllers()
         self.control.under_position(self._all)
         self.control.moves.end(self._all)
         self.motors.velocity[:] = 0.0
         self.motors.follow()
         self.control.exert(np.zeros(len(self.joint_names)), self._all, "hold")
-        self.tell_state()
+        self.report_state()
 
     def _settle(self) -> None:
         """Put the set-points where the joints are measured."""
@@ -1107,7 +1110,7 @@ class Arm:
         if not self._states.powered:
             return
         self._abandon_homing()
-        self._end_laws()
+        self._end_controllers()
         self.control.under_position(self._all)
         self._settle()
         self.motors.switch(False)
@@ -1117,7 +1120,7 @@ class Arm:
         homing, self._homing = self._homing, None
         if homing is not None:
             homing.motion.finish(False)
-            self.control.tell("goal_reached", reached=False)
+            self.control.report("goal_reached", reached=False)
 
     def _watch(self, homing: Homing) -> None:
         measured = self.positions()[self._own]
@@ -1166,11 +1169,11 @@ class Arm:
         try:
             return self.inverse_kinematics(T)
         except (InputError, UnreachableError, SingularError) as problem:
-            self.control.refusals.warn(f"{verb} pose", f"{verb}: {problem}")
+            self.control.rejections.warn(f"{verb} pose", f"{verb}: {problem}")
             return None
 
     def _tip_state(self) -> TipState:
-        """Return where the arm is, for periodic laws."""
+        """Return where the arm is, for controllers."""
         q, qd, _ = self.readings()
         mechanism = self.description.mechanism
         base, tip = self.base_frame()[0], chain_pose(mechanism)(q)
@@ -1234,63 +1237,65 @@ class Arm:
             depth = float(chain_pose(mechanism, "roll")(q)[:3, 2] @ wrist)
         if depth >= SAFE_DEPTH_M:
             return True
-        self.control.refusals.warn(
+        self.control.rejections.warn(
             f"{verb} depth",
             f"{verb}: the wrist is {1e3 * depth:.1f} mm past the remote centre; allowed from "
             f"{1e3 * SAFE_DEPTH_M:.0f} mm on; insert the instrument first",
         )
         return False
 
-    def _follow_law(self, law: Law, verb: str) -> bool:
+    def _run_controller(self, controller: Controller, verb: str) -> bool:
         if not self.control.ready(verb) or not self._deep_enough(verb):
             return False
-        locked = "lock" in self._laws  # then it is under force control, and the gimbal goes on
-        self._push = np.zeros_like(self._push)
-        if not locked and not self.control.servo_effort(self._push, self._own, verb):
+        locked = (
+            "lock" in self._controllers
+        )  # then it is under force control, and the gimbal goes on
+        self._effort = np.zeros_like(self._effort)
+        if not locked and not self.control.servo_effort(self._effort, self._own, verb):
             return False
-        self._laws["wrench"] = law
-        self._begin_master_laws(law)
-        self._obey()
-        self.tell_state()
+        self._controllers["wrench"] = controller
+        self._begin_master_controllers(controller)
+        self._apply_controllers()
+        self.report_state()
         return True
 
-    def _obey(self) -> None:
-        """Add up the efforts of all laws and hand them to the motors."""
+    def _apply_controllers(self) -> None:
+        """Sum the efforts of all controllers and hand them to the motors."""
         now = self._tip_state()
-        effort = self._push.copy()
-        for law in self._laws.values():
-            action = law.act(now)
+        effort = self._effort.copy()
+        for controller in self._controllers.values():
+            action = controller.act(now)
             effort += action.effort
             if action.position is not None:
                 self.control.steer(action.position, action.velocity, self._own)
         self.control.exert(effort, self._own, "efforts")
 
-    def _begin_master_laws(self, law: Law) -> None:
+    def _begin_master_controllers(self, controller: Controller) -> None:
         """Let a master's platform give way and its gimbal be locked under force control.
 
         Under a wrench in the reference frame the platform stays, as on the dVRK.
         """
         if self.description.inverse_kinematics != GIMBAL_ARM:
             return
-        self._laws.pop("platform", None)
-        if not (isinstance(law, CartesianForce) and law.frame == "spatial"):
+        self._controllers.pop("platform", None)
+        if not (isinstance(controller, CartesianForce) and controller.frame == "spatial"):
             platform = self.description.joints[PLATFORM]
-            self._laws["platform"] = PlatformEffort(platform.lower, platform.upper)
-        if self._lock is not None and "lock" not in self._laws:
+            self._controllers["platform"] = PlatformEffort(platform.lower, platform.upper)
+        if self._lock is not None and "lock" not in self._controllers:
             self._begin_lock()
 
     def _begin_lock(self) -> None:
         if self._lock is None:
             return
-        if "lock" not in self._laws:
-            self.control.take(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
+        if "lock" not in self._controllers:
+            self.control.to_position(list(range(GIMBAL.start, GIMBAL.stop)), self._own)
         joints = self.description.joints[self._own]
         limits = GimbalLimits(
             np.array([j.lower for j in joints]),
             np.array([j.upper for j in joints]),
             np.array([j.velocity_max for j in joints]),
         )
-        self._laws["lock"] = OrientationLock(
+        self._controllers["lock"] = OrientationLock(
             fit_chain(self.description.mechanism, GIMBAL_ARM),
             self.base_frame()[0][:3, :3].T @ self._lock,
             self.positions()[self._own],
@@ -1301,7 +1306,7 @@ class Arm:
     def _forget_lock(self) -> None:
         if self._lock is not None:
             self._lock = None
-            self.control.tell("orientation_locked", locked=False)
+            self.control.report("orientation_locked", locked=False)
 
-    def _refuse(self, why: str) -> None:
-        self.control.refusals.warn("lock_orientation", f"lock_orientation: {why}")
+    def _reject(self, why: str) -> None:
+        self.control.rejections.warn("lock_orientation", f"lock_orientation: {why}")

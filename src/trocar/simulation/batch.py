@@ -29,7 +29,7 @@ from trocar.modeling import naming
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.frames import Frames
-from trocar.simulation.servos import POSITION, read_matrix, servo_law
+from trocar.simulation.servos import POSITION, pid_effort, read_matrix
 from trocar.simulation.world import GRAVITY_PERIOD_S, World
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ class Readings:
     Attributes:
         time: (n,) [s]
         q, qd, effort: measured positions, velocities and efforts, (n, J)
-        refused: arms whose tip set-point could not be reached and was left out, {arm: (n,) bool}
+        rejected: arms whose tip set-point could not be reached and was left out, {arm: (n,) bool}
         objects: {object: position and quaternion wxyz in the world, (n, 7)}
     """
 
@@ -54,7 +54,7 @@ class Readings:
     q: Array
     qd: Array
     effort: Array
-    refused: Mapping[str, NDArray[np.bool_]]
+    rejected: Mapping[str, NDArray[np.bool_]]
     objects: Mapping[str, Array]
     batch: Batch
 
@@ -187,12 +187,12 @@ class Batch:
         """
         if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
             raise InputError(f"step: got n={n!r}; allowed: a whole number above 0")
-        refused: dict[str, NDArray[np.bool_]] = {}
+        rejected: dict[str, NDArray[np.bool_]] = {}
         if setpoints is not None:
-            wanted, refused = self._wanted(setpoints)
-            told = self._told()
-            told[:, :, 0] = np.clip(wanted, self._table.lower, self._table.upper)
-            told[:, :, 1] = 0.0
+            positions, rejected = self._requested(setpoints)
+            inputs = self._inputs()
+            inputs[:, :, 0] = np.clip(positions, self._table.lower, self._table.upper)
+            inputs[:, :, 1] = 0.0
         left = int(n)
         while left > 0:
             since = self._periods % self._renewal
@@ -203,9 +203,9 @@ class Batch:
             self._periods += run
             left -= run
         self._check()
-        return self.read(refused)
+        return self.read(rejected)
 
-    def read(self, refused: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
+    def read(self, rejected: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
         """Return where all worlds are now."""
         model, state = self._model, self._rows.state
         first = 1 + model.nq + model.nv + model.na  # behind the time
@@ -214,16 +214,16 @@ class Batch:
         found = numbers @ self._read.T
         q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
         if self._gains.strides[0]:  # each world has its own
-            told = self._ctrl.reshape(self.n, count, INPUTS)
+            inputs = self._inputs()
             act = state[:, 1 + model.nq + model.nv : first]
-            effort = servo_law(self._gains, told, act, q, qd)
+            effort = pid_effort(self._gains, inputs, act, q, qd)
         effort = np.clip(effort, -self._limit, self._limit)
         objects = {
             prop.name: self._qpos[:, at : at + 7].copy()
             for prop in self.rig.objects
             for at in [int(model.joint(naming.free_joint(prop.name)).qposadr[0])]
         }
-        return Readings(state[:, 0].copy(), q, qd, effort, refused or {}, objects, self)
+        return Readings(state[:, 0].copy(), q, qd, effort, rejected or {}, objects, self)
 
     # ------------------------------------------------------------------ what may differ
 
@@ -287,13 +287,14 @@ class Batch:
     @property
     def setpoints(self) -> Array:
         """Positions that the servos follow, (n, J) [rad or m]; read-only."""
-        told = self._told()[:, :, 0].copy()
-        told.setflags(write=False)
-        return told
+        positions = self._inputs()[:, :, 0].copy()
+        positions.setflags(write=False)
+        return positions
 
     # ------------------------------------------------------------------ inside
 
-    def _told(self) -> Array:
+    def _inputs(self) -> Array:
+        """Return position, velocity and effort of every set-point, (n, J, 3), as a view."""
         return self._ctrl.reshape(self.n, len(self.names), INPUTS)
 
     def _effective(self) -> Array:
@@ -304,13 +305,13 @@ class Batch:
         sizes = self._model.nq, self._model.nv
         return read_matrix(self._table, self._effective(), sizes)
 
-    def _wanted(
+    def _requested(
         self, setpoints: ArrayLike | Mapping[str, ArrayLike]
     ) -> tuple[Array, dict[str, NDArray[np.bool_]]]:
         """Return every joint's set-point (n, J), checked, and which tips are out of reach."""
         if not isinstance(setpoints, Mapping):
             return self._checked("setpoints", setpoints, (self.n, len(self.names))), {}
-        wanted, refused = self._told()[:, :, 0].copy(), dict[str, NDArray[np.bool_]]()
+        positions, rejected = self._inputs()[:, :, 0].copy(), dict[str, NDArray[np.bool_]]()
         for key, values in setpoints.items():
             name, _, part = str(key).partition("/")
             arm = self._arms.get(name)
@@ -323,13 +324,13 @@ class Batch:
             first = rows.start
             if part == "tip":
                 T = self._checked(str(key), values, (self.n, 4, 4))
-                refused[name] = self._solve(name, T, wanted)
+                rejected[name] = self._solve(name, T, positions)
             elif part == "jaw":
-                wanted[:, rows.stop - 1] = self._checked(str(key), values, (self.n,))
+                positions[:, rows.stop - 1] = self._checked(str(key), values, (self.n,))
             else:
                 q = self._checked(str(key), values, (self.n, own))
-                wanted[:, first : first + own] = q
-        return wanted, refused
+                positions[:, first : first + own] = q
+        return positions, rejected
 
     def _checked(self, name: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
         try:
@@ -341,25 +342,25 @@ class Batch:
             raise InputError(f"Batch.step: {name}: got {got}; allowed: finite numbers, {shape}")
         return array
 
-    def _solve(self, name: str, T: Array, wanted: Array) -> NDArray[np.bool_]:
+    def _solve(self, name: str, T: Array, positions: Array) -> NDArray[np.bool_]:
         """Write the joints of tip poses into set-points; return which could not be reached."""
         arm, rows = self._arms[name].arm, self._table.arms[name].rows
         own = slice(rows.start, rows.start + arm.own_joints)
-        local = self.local_tips(self._told()[:, :, 0])
+        local = self.local_tips(self._inputs()[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
-        refused = np.zeros(self.n, np.bool_)
+        rejected = np.zeros(self.n, np.bool_)
         structure = arm.inverse_kinematics
         platform = 3 if structure == "gimbal_arm" else None
         for world in range(self.n):
-            seed = wanted[world, own]
+            seed = positions[world, own]
             angle = None if platform is None else float(seed[platform])
             try:
-                wanted[world, own] = nearest_solution(
+                positions[world, own] = nearest_solution(
                     arm.mechanism, structure, goals[world], seed, platform_angle=angle
                 )
             except (UnreachableError, SingularError):
-                refused[world] = True
-        return refused
+                rejected[world] = True
+        return rejected
 
     def _base(self, name: str, local: Mapping[str, Array]) -> Array:
         """Return an arm's reference frame in the frame of its public poses, (n, 4, 4) or (4, 4)."""
@@ -380,10 +381,10 @@ class Batch:
         """Feed forward what holds every motor's load in one world."""
         self._scratch.qpos[:] = self._qpos[world]
         holding = self._frames.holding_efforts(np.zeros(len(self.names)))
-        self._told()[world, :, 2] = self._servos["balanced"] * holding
+        self._inputs()[world, :, 2] = self._servos["balanced"] * holding
 
     def _check(self) -> None:
-        """Refuse a state that is no longer finite."""
+        """Reject a state that is no longer finite."""
         fine = np.isfinite(self._rows.state).all(axis=1)
         if not fine.all():
             world = int(np.argmin(fine))

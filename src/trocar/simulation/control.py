@@ -20,8 +20,8 @@ from trocar.simulation.states import States
 
 Array = NDArray[np.float64]
 
-#: A joint whose brake is locked was asked to move when its target is farther than this from where
-#: it is told to be. Source: our own choice; below it a reading that is sent back. [rad or m]
+#: A command moves a joint whose brake is locked when its target is farther than this from the
+#: set-point. Source: our own choice; below it a reading that is sent back. [rad or m]
 BRAKE_SLACK = 1e-4
 #: The same warning comes once in this much simulated time. Source: our own choice. [s]
 WARNING_PERIOD_S = 2.0
@@ -34,7 +34,7 @@ class Clock(Protocol):
 
     @property
     def journal(self) -> Journal:
-        """Where commands and events are told."""
+        """Receives commands and events."""
         ...
 
     @property
@@ -65,11 +65,11 @@ class Clock(Protocol):
         ...
 
 
-class Refusals:
-    """Checks an arm's commands and says what is wrong with them, seldom repeated.
+class Rejections:
+    """Checks an arm's commands and warns of those that it rejects or clips, seldom repeated.
 
     Attributes:
-        count: how many commands were refused or clipped
+        count: how many commands were rejected or clipped
         last: the last reason
     """
 
@@ -77,54 +77,54 @@ class Refusals:
         self.count = 0
         self.last = ""
         self._arm, self._time, self._journal = arm, time, journal
-        self._said: dict[str, float] = {}
-        self._unsaid: dict[str, int] = {}
+        self._warned: dict[str, float] = {}
+        self._suppressed: dict[str, int] = {}
 
     def warn(self, kind: str, reason: str) -> None:
-        """Count a refused or clipped command; say so once a while, with how many were not said."""
+        """Count a rejected or clipped command; warn of a kind once in a while."""
         self.count += 1
         self.last = reason
         now = self._time()
-        if now - self._said.get(kind, -np.inf) < WARNING_PERIOD_S:
-            self._unsaid[kind] = self._unsaid.get(kind, 0) + 1
+        if now - self._warned.get(kind, -np.inf) < WARNING_PERIOD_S:
+            self._suppressed[kind] = self._suppressed.get(kind, 0) + 1
             return
-        self._said[kind] = now
-        more = self._unsaid.pop(kind, 0)
+        self._warned[kind] = now
+        more = self._suppressed.pop(kind, 0)
         text = f"{reason} ({more} more such since)" if more else reason
         log.warning("%s: %s", self._arm, text)
         self._journal.event(self._arm, "warning", text=text)
 
     def forget(self) -> None:
-        """Say everything anew: time starts again."""
-        self._said.clear()
-        self._unsaid.clear()
+        """Warn of every kind anew: time starts again."""
+        self._warned.clear()
+        self._suppressed.clear()
 
     def save(self) -> tuple[int, str, Mapping[str, float], Mapping[str, int]]:
-        """Return copies of what was counted and said."""
-        return self.count, self.last, dict(self._said), dict(self._unsaid)
+        """Return copies of the counts and the times of warnings."""
+        return self.count, self.last, dict(self._warned), dict(self._suppressed)
 
     def load(self, saved: tuple[int, str, Mapping[str, float], Mapping[str, int]]) -> None:
-        """Take what `save` returned."""
+        """Restore what `save` returned."""
         self.count, self.last = saved[:2]
-        self._said, self._unsaid = dict(saved[2]), dict(saved[3])
+        self._warned, self._suppressed = dict(saved[2]), dict(saved[3])
 
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str
     ) -> Array | None:
         """Return one finite number per name, (n,) float64, or warn and return None."""
-        wanted = f"{len(names)} numbers for {', '.join(names)}"
+        allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)
         except (TypeError, ValueError):  # rows of unequal length
             array = np.asarray(None)
         if array.shape != (len(names),):
             got = f"of shape {array.shape}" if array.dtype.kind in "iuf" else "that are no numbers"
-            self.warn(f"{verb} {what} shape", f"{verb}: got {what} {got}; allowed: {wanted}")
+            self.warn(f"{verb} {what} shape", f"{verb}: got {what} {got}; allowed: {allowed}")
             return None
         if array.dtype.kind not in "iuf":
             self.warn(
                 f"{verb} {what} type",
-                f"{verb}: got {what} {array.tolist()!r}; allowed: {wanted}",
+                f"{verb}: got {what} {array.tolist()!r}; allowed: {allowed}",
             )
             return None
         if not np.isfinite(array).all():
@@ -138,7 +138,10 @@ class Refusals:
 
 @dataclass(frozen=True, eq=False)
 class ControlState:
-    """What `JointControl.save` returns; profiles are never written after they are made."""
+    """What `JointControl.save` returns; profiles are never written after they are made.
+
+    The names of its fields are in pickled states.
+    """
 
     motions: tuple[tuple[Array, int, bool], ...]
     legs: tuple[tuple[int, Profile, slice], ...]
@@ -153,15 +156,15 @@ class ControlState:
 class JointControl:
     """Commands and readings of an arm's joints, for the arm without its jaw and for the jaw.
 
-    A position command takes joints back from effort control that an effort command had taken; a
-    joint that was put into mode "effort" on purpose stays there.
+    A position command switches joints back to mode "position" that an effort command had switched
+    to "effort"; a joint that was put into mode "effort" on purpose stays there.
 
     Attributes:
         motors: set-points, modes, gains and brakes
         moves: what is under way
-        refusals: what was wrong with commands
+        rejections: checks commands, and counts the rejected and clipped ones
         states: the operating state
-        strict_limits: whether targets beyond limits are refused in place of clipped
+        strict_limits: whether targets beyond limits are rejected instead of clipped
     """
 
     def __init__(
@@ -173,9 +176,10 @@ class JointControl:
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
         self._range = list(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
-        #: Joints that an effort command took from position control, and that a law took back.
-        self.lent: set[int] = set()
-        self.taken: set[int] = set()
+        #: Joints that an effort command switched to mode "effort"; those of them that a controller
+        #: switched back.
+        self.switched: set[int] = set()
+        self.restored: set[int] = set()
         self.moves = Moves(
             motors.position,
             motors.velocity,
@@ -188,8 +192,8 @@ class JointControl:
         )
         self.states = before.states if before else States()
         self.strict_limits = before.strict_limits if before else False
-        self.refusals = (
-            before.refusals if before else Refusals(name, lambda: clock.time, clock.journal)
+        self.rejections = (
+            before.rejections if before else Rejections(name, lambda: clock.time, clock.journal)
         )
         if before:
             self.moves.velocity_ratio = before.moves.velocity_ratio
@@ -214,14 +218,14 @@ class JointControl:
             tuple((handles.index(leg.motion), leg.profile, leg.part) for leg in moves.legs),
             (moves.velocity_ratio, moves.acceleration_ratio),
             self.strict_limits,
-            frozenset(self.lent),
-            frozenset(self.taken),
-            self.refusals.save(),
+            frozenset(self.switched),
+            frozenset(self.restored),
+            self.rejections.save(),
             moves.drift,
         )
 
     def load(self, saved: ControlState) -> list[Motion]:
-        """Take everything that `save` returned; return new handles of the moves under way."""
+        """Restore everything that `save` returned; return new handles of the moves under way."""
         moves = self.moves
         moves.end(slice(0, len(self.joint_names)))
         handles = [moves.motion(goal.copy()) for goal, _, _ in saved.motions]
@@ -231,8 +235,8 @@ class JointControl:
         moves.drift = saved.drift
         moves.velocity_ratio, moves.acceleration_ratio = saved.ratios
         self.strict_limits = saved.strict_limits
-        self.lent, self.taken = set(saved.lent), set(saved.taken)
-        self.refusals.load(saved.refusals)
+        self.switched, self.restored = set(saved.lent), set(saved.taken)
+        self.rejections.load(saved.refusals)
         return handles
 
     def reattach(self, motors: Motors) -> None:
@@ -256,17 +260,17 @@ class JointControl:
     # ------------------------------------------------------------------ commands
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
-        """Set positions (and velocities) of some joints now; tell whether it was accepted."""
+        """Set positions (and velocities) of some joints now; return whether it was accepted."""
         if v is None and not self.moves.active and self._fits(q, part) and self.plain(part):
             self.motors.position[part] = q
             self.motors.velocity[part] = 0.0
             return True
         names = self.joint_names[part]
-        target = self.refusals.vector(q, names, verb, "positions")
-        speed = self.refusals.vector(
+        target = self.rejections.vector(q, names, verb, "positions")
+        speed = self.rejections.vector(
             np.zeros(len(names)) if v is None else v, names, verb, "velocities"
         )
-        if target is None or speed is None or self._stuck(part, verb):
+        if target is None or speed is None or self._immobile(part, verb):
             return False
         allowed = self._allowed(target, part, verb)
         if allowed is None:
@@ -280,50 +284,50 @@ class JointControl:
         return True
 
     def servo_velocity(self, v: ArrayLike, part: slice, verb: str) -> bool:
-        """Let set-points go on at velocities until the next command; tell whether accepted."""
-        wanted = self.refusals.vector(v, self.joint_names[part], verb, "velocities")
-        if wanted is None or self._stuck(part, verb):
+        """Let set-points go on at velocities until the next command; return whether accepted."""
+        requested = self.rejections.vector(v, self.joint_names[part], verb, "velocities")
+        if requested is None or self._immobile(part, verb):
             return False
         most = self.moves.velocity_max[part]
-        if (np.abs(wanted) > most).any():
-            self.refusals.warn(f"{verb} limit", f"{verb}: velocity clipped to the limits")
+        if (np.abs(requested) > most).any():
+            self.rejections.warn(f"{verb} limit", f"{verb}: velocity clipped to the limits")
         self.under_position(part)
         self.moves.end(part)
         self.motors.velocity[part] = 0.0
-        speed = np.where(self.motors.locked[part], 0.0, np.clip(wanted, -most, most))
+        speed = np.where(self.motors.locked[part], 0.0, np.clip(requested, -most, most))
         if speed.any():
-            lower, upper = self.lower[part], self.upper[part]
-            self.moves.drift = Drift(part, self.told(part), speed, lower, upper, self._clock.time)
+            limits = self.lower[part], self.upper[part]
+            self.moves.drift = Drift(part, self.setpoints(part), speed, *limits, self._clock.time)
         return True
 
     def servo_relative(self, dq: ArrayLike, part: slice, verb: str) -> bool:
-        """Add to the set-points of some joints; tell whether it was accepted."""
-        change = self.refusals.vector(dq, self.joint_names[part], verb, "positions")
-        return change is not None and self.servo(self.told(part) + change, None, part, verb)
+        """Add to the set-points of some joints; return whether it was accepted."""
+        change = self.rejections.vector(dq, self.joint_names[part], verb, "positions")
+        return change is not None and self.servo(self.setpoints(part) + change, None, part, verb)
 
     def servo_effort(self, effort: ArrayLike, part: slice, verb: str) -> bool:
-        """Set efforts; tell whether it was accepted.
+        """Set efforts; return whether it was accepted.
 
-        Joints that are in mode "effort" take theirs; where none is, all of them are put there
+        Joints that are in mode "effort" get theirs; where none is, all of them are put there
         until the next position command.
         """
-        wanted = self.refusals.vector(effort, self.joint_names[part], verb, "efforts")
-        if wanted is None or not self.ready(verb):
+        requested = self.rejections.vector(effort, self.joint_names[part], verb, "efforts")
+        if requested is None or not self.ready(verb):
             return False
         if self.motors.welded or self.motors.locked[part].all():
-            return not self._stuck(part, verb)
+            return not self._immobile(part, verb)
         self.under_effort(part)
-        self.exert(wanted, part, verb)
+        self.exert(requested, part, verb)
         return True
 
     def exert(self, effort: Array, part: slice, verb: str) -> None:
         """Hand efforts to the motors, within their limits; joints under position ignore theirs."""
-        wanted = np.where(self.motors.modes[part] == EFFORT, effort, 0.0)
+        requested = np.where(self.motors.modes[part] == EFFORT, effort, 0.0)
         limit = self.motors.limit[part]
-        if (np.abs(wanted) > limit).any():
-            self.refusals.warn(f"{verb} limit", f"{verb}: effort clipped to the limits")
+        if (np.abs(requested) > limit).any():
+            self.rejections.warn(f"{verb} limit", f"{verb}: effort clipped to the limits")
         every = self.motors.effort.copy()
-        every[part] = np.clip(wanted, -limit, limit)
+        every[part] = np.clip(requested, -limit, limit)
         self.motors.command_effort(every)
 
     def move(self, q: ArrayLike, parts: Sequence[slice], verb: str) -> Motion:
@@ -332,24 +336,24 @@ class JointControl:
         Each part arrives in its own time, the joints of a part together.
         """
         whole = slice(parts[0].start, parts[-1].stop)
-        target = self.refusals.vector(q, self.joint_names[whole], verb, "positions")
-        if target is None or self._stuck(whole, verb):
-            return self.refused(whole)
+        target = self.rejections.vector(q, self.joint_names[whole], verb, "positions")
+        if target is None or self._immobile(whole, verb):
+            return self.rejected(whole)
         allowed = self._allowed(target, whole, verb)
         if allowed is None:
-            return self.refused(whole)
+            return self.rejected(whole)
         self.under_position(whole)
         return self.moves.begin(allowed[0], parts, self._clock.time)
 
     def move_relative(self, dq: ArrayLike, part: slice, verb: str) -> Motion:
         """Move on from the goal that some joints have, or from their set-points."""
-        change = self.refusals.vector(dq, self.joint_names[part], verb, "positions")
+        change = self.rejections.vector(dq, self.joint_names[part], verb, "positions")
         if change is None:
-            return self.refused(part)
-        goal = self.told(part) if self.lent else self.moves.goal(part)
+            return self.rejected(part)
+        goal = self.setpoints(part) if self.switched else self.moves.goal(part)
         return self.move(goal + change, [part], verb)
 
-    def refused(self, part: slice) -> Motion:
+    def rejected(self, part: slice) -> Motion:
         """Return a motion that is over and reached nothing."""
         motion = self.moves.motion(self.motors.position[part].copy())
         motion.finish(False)
@@ -363,7 +367,7 @@ class JointControl:
         self.motors.velocity[:] = 0.0
 
     def put(self, q: Array) -> None:
-        """End every move and be told to rest at q, (n,), without effort."""
+        """End every move; set-points rest at q, (n,), without effort."""
         self.moves.end(slice(0, len(q)))
         self.motors.position[:] = q
         self.motors.velocity[:] = 0.0
@@ -374,82 +378,82 @@ class JointControl:
     def under_effort(self, part: slice) -> None:
         """Put joints into mode "effort", unless some were put there on purpose."""
         modes = self.motors.modes
-        if self.taken:
-            self.lend(sorted(self.taken), part)
+        if self.restored:
+            self.to_effort(sorted(self.restored), part)
         if (modes[part] == EFFORT).any():
             return
         free = (modes[part] == POSITION) & ~self.motors.locked[part]
-        self.lend((part.start + np.flatnonzero(free)).tolist(), part)
+        self.to_effort((part.start + np.flatnonzero(free)).tolist(), part)
 
     def under_position(self, part: slice) -> None:
-        """Take joints back that `under_effort` had put into mode "effort", where they are."""
-        if self.lent:
-            which = sorted(self.lent & set(range(part.start, part.stop)))
+        """Switch joints back that `under_effort` had put into mode "effort", where they are."""
+        if self.switched:
+            which = sorted(self.switched & set(range(part.start, part.stop)))
             if which:
-                self.take(which, part)
-        self.taken.clear()
+                self.to_position(which, part)
+        self.restored.clear()
 
     def keep_modes(self) -> None:
-        """Forget which joints were lent: their modes are now the caller's choice."""
-        self.lent.clear()
-        self.taken.clear()
+        """Forget which joints were switched: their modes are now the caller's choice."""
+        self.switched.clear()
+        self.restored.clear()
 
-    def told(self, part: slice) -> Array:
-        """Return the set-points; of joints under effort control where they are, (n,)."""
-        told = self.motors.position.copy()
-        if self.lent:
-            lent = sorted(self.lent)
-            told[lent] = self.motors.positions()[lent]
-        return told[part]
+    def setpoints(self, part: slice) -> Array:
+        """Return the set-points; of joints under effort control the measured positions, (n,)."""
+        setpoints = self.motors.position.copy()
+        if self.switched:
+            switched = sorted(self.switched)
+            setpoints[switched] = self.motors.positions()[switched]
+        return setpoints[part]
 
-    def take(self, which: Sequence[int], part: slice) -> None:
+    def to_position(self, which: Sequence[int], part: slice) -> None:
         """Put some joints of a part under position control, from where they are."""
         self._rest_here(which, part)
         self.motors.set_mode(POSITION, which)
-        self.taken |= self.lent & set(which)
-        self.lent -= set(which)
+        self.restored |= self.switched & set(which)
+        self.switched -= set(which)
 
-    def lend(self, which: Sequence[int], part: slice) -> None:
+    def to_effort(self, which: Sequence[int], part: slice) -> None:
         """Put some joints of a part under effort control until the next position command."""
         self._rest_here(which, part)
         self.motors.set_mode(EFFORT, which)
-        self.lent |= set(which)
-        self.taken -= set(which)
+        self.switched |= set(which)
+        self.restored -= set(which)
 
     def steer(self, q: Array, v: Array | None, part: slice) -> None:
         """Set the set-points of joints under position control inside their limits; NaN: leave."""
-        inside, wanted = np.clip(q, self.lower[part], self.upper[part]), np.isfinite(q)
-        self.motors.position[part] = np.where(wanted, inside, self.motors.position[part])
+        inside, given = np.clip(q, self.lower[part], self.upper[part]), np.isfinite(q)
+        self.motors.position[part] = np.where(given, inside, self.motors.position[part])
         if v is not None:
-            self.motors.velocity[part] = np.where(wanted, v, self.motors.velocity[part])
+            self.motors.velocity[part] = np.where(given, v, self.motors.velocity[part])
         self.motors.follow()
 
     # ------------------------------------------------------------------ state
 
     def ready(self, verb: str) -> bool:
-        """Tell whether the operating state lets the arm move, with a warning when not."""
+        """Return whether the operating state lets the arm move, with a warning when not."""
         why = self.states.why_not_ready()
         if why:
-            self.refusals.warn(f"{verb} {why}", f"{verb}: {why}")
+            self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
         return not why
 
     def plain(self, part: slice) -> bool:
-        """Tell whether joints simply follow their servos: ready, no brake, no other mode."""
+        """Return whether joints simply follow their servos: ready, no brake, no other mode."""
         m = self.motors
         return (
             self.states.ready
-            and not (self.lent or self.taken or m.brakes or m.welded)
+            and not (self.switched or self.restored or m.brakes or m.welded)
             and not np.count_nonzero(m.modes[part])
         )
 
-    def tell(self, event: str, **values: object) -> None:
-        """Tell the journal that something happened to this arm."""
+    def report(self, event: str, **values: object) -> None:
+        """Enter an event of this arm into the journal."""
         self._clock.journal.event(self._name, event, **values)
 
     # ------------------------------------------------------------------ inside
 
     def _fits(self, q: ArrayLike, part: slice) -> bool:
-        """Tell whether q is one number inside the limits for each joint; quickly."""
+        """Return whether q is one number inside the limits for each joint; quickly."""
         limits = self._range[part]
         try:
             values = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
@@ -463,7 +467,7 @@ class JointControl:
         return True
 
     def _over(self, motion: Motion) -> None:
-        self.tell("goal_reached", reached=motion.goal_reached)
+        self.report("goal_reached", reached=motion.goal_reached)
 
     def _here(self) -> Array:
         """Return where the joints are, inside their limits, (n,)."""
@@ -475,12 +479,12 @@ class JointControl:
         self.moves.end(part)
         m.position[which], m.velocity[which], m.effort[which] = here[which], 0.0, 0.0
 
-    def _stuck(self, part: slice, verb: str) -> bool:
+    def _immobile(self, part: slice, verb: str) -> bool:
         """Warn and return True when no joint could follow."""
         if not self.ready(verb):
             return True
         m = self.motors
-        chosen = [k for k in range(part.start, part.stop) if k not in self.lent]
+        chosen = [k for k in range(part.start, part.stop) if k not in self.switched]
         if m.welded:
             why = "the setup joints are welded into the model"
         elif m.locked[part].all():
@@ -489,7 +493,7 @@ class JointControl:
             why = 'every joint is in mode "effort"; nothing moves'
         else:
             return False
-        self.refusals.warn(f"{verb} stuck", f"{verb}: {why}")
+        self.rejections.warn(f"{verb} stuck", f"{verb}: {why}")
         return True
 
     def _allowed(
@@ -504,14 +508,18 @@ class JointControl:
         if (inside != target).any():
             beyond = ", ".join(n for n, c in zip(names, inside != target, strict=True) if c)
             if self.strict_limits:
-                self.refusals.warn(
+                self.rejections.warn(
                     f"{verb} {beyond} strict", f"{verb}: {beyond} beyond the limit; nothing moves"
                 )
                 return None
-            self.refusals.warn(f"{verb} {beyond} clipped", f"{verb}: {beyond} clipped to the limit")
-        locked, told = self.motors.locked[part], self.motors.position[part]
-        asked = locked & (np.abs(inside - told) > BRAKE_SLACK)
-        if asked.any():
-            held = ", ".join(n for n, c in zip(names, asked, strict=True) if c)
-            self.refusals.warn(f"{verb} {held} held", f"{verb}: {held} stays: its brake is locked")
-        return np.where(locked, told, inside), ~locked
+            self.rejections.warn(
+                f"{verb} {beyond} clipped", f"{verb}: {beyond} clipped to the limit"
+            )
+        locked, setpoint = self.motors.locked[part], self.motors.position[part]
+        held = locked & (np.abs(inside - setpoint) > BRAKE_SLACK)
+        if held.any():
+            which = ", ".join(n for n, c in zip(names, held, strict=True) if c)
+            self.rejections.warn(
+                f"{verb} {which} held", f"{verb}: {which} stays: its brake is locked"
+            )
+        return np.where(locked, setpoint, inside), ~locked

@@ -1,6 +1,6 @@
-"""Laws that turn where an arm is into efforts, evaluated every physics period while active.
+"""Controllers that compute an arm's efforts from its state, at every physics step while active.
 
-A law is told joint positions and velocities without the jaw, and where the tip is; it answers
+A controller gets joint positions and velocities without the jaw, and the tip's pose; it answers
 with efforts, and with set-points of joints that stay under position control.
 """
 
@@ -21,7 +21,7 @@ WrenchFrame = Literal["body", "spatial"]
 
 @dataclass(frozen=True, eq=False)
 class TipState:
-    """Where an arm is, for a law; n joints without the jaw.
+    """Where an arm is, for a controller; n joints without the jaw.
 
     Attributes:
         q, qd: joint positions and velocities, (n,) [rad or m, per s]
@@ -42,9 +42,9 @@ class TipState:
 
 @dataclass(frozen=True, eq=False)
 class Action:
-    """What a law wants: efforts, (n,), added up over laws; set-points, (n,), NaN where none.
+    """Output of a controller: efforts, summed over controllers, and set-points, NaN where none.
 
-    Set-points may have velocities, (n,).
+    All are (n,); set-points may have velocities.
     """
 
     effort: Array
@@ -52,11 +52,11 @@ class Action:
     velocity: Array | None = None
 
 
-class Law(Protocol):
-    """A periodic law."""
+class Controller(Protocol):
+    """Computes efforts at every physics step while active."""
 
     def act(self, now: TipState) -> Action:
-        """Return efforts (and set-points) for the next period."""
+        """Return efforts (and set-points) for the next step."""
         ...
 
 
@@ -158,5 +158,5 @@ def _half_plane(
     band = side(positive.deadband, negative.deadband)
     beyond = np.sign(error) * np.maximum(np.abs(error) - band, 0.0)
     gains = side(positive.p, negative.p), side(positive.d, negative.d)
-    push = gains[0] * beyond + gains[1] * rate + side(positive.bias, negative.bias)
-    return np.where(np.abs(error) > band, push, 0.0)
+    effort = gains[0] * beyond + gains[1] * rate + side(positive.bias, negative.bias)
+    return np.where(np.abs(error) > band, effort, 0.0)

@@ -70,7 +70,7 @@ class Frames:
                 linkage = self._linkages[arm.name] = Linkage(arm, table, loops)
                 self._project[index.qpos] = linkage.couple @ table.drive[index.rows]
         self._skew = [linkage for linkage in self._linkages.values() if linkage.skew]
-        #: Arms whose loops several joints fold: no table says how their hinges follow.
+        #: Arms whose loops several joints fold: no table gives their hinges.
         self._folded = [
             (arm.arm.mechanism, table.arms[arm.name])
             for arm in rig.arms
@@ -122,7 +122,7 @@ class Frames:
         mujoco.mj_kinematics(self._model, self.shadow)
         return self.shadow
 
-    def told(self, name: str, q: Array) -> mujoco.MjData:
+    def tips_at(self, name: str, q: Array) -> mujoco.MjData:
         """Return the shadow as `tips` does, with one arm at joint positions, (n,)."""
         np.dot(self._project, self._qpos, out=self._shown)
         for linkage in self._skew:
@@ -154,7 +154,7 @@ class Frames:
 
     def local_at(self, name: str, q: Array) -> Array:
         """Return the tip at joint positions (n,) as `measured` does, of an arm that `follows`."""
-        self.told(name, q)
+        self.tips_at(name, q)
         return self._tip[name].seen_from(self._reference[name])
 
     def public(self, name: str, reference_arm: str) -> tuple[Array, str]:
@@ -164,7 +164,7 @@ class Frames:
     def public_at(self, name: str, q: Array, reference_arm: str) -> tuple[Array, str]:
         """Return the tip at joint positions as `public` does, of an arm that `follows`."""
         origin, before, frame = self._origin(name, reference_arm)
-        self.told(name, q)
+        self.tips_at(name, q)
         T = self._tip[name].seen_from(origin)
         return (T if before is None else before @ T), frame
 
@@ -179,7 +179,7 @@ class Frames:
 
         Args:
             name: of the arm
-            reference_arm: as for `RigDescription.pose_frame`, which says which frame it is
+            reference_arm: as for `RigDescription.pose_frame`, which determines the frame
         """
         return self._seen(self._reference[name], name, reference_arm)
 

@@ -15,7 +15,7 @@ from trocar.simulation.servos import EFFORT, POSITION
 #: A gripper counts as closed below this opening. Source: our own choice; the dVRK's default is 0
 #: on a potentiometer that is calibrated to pass it. [rad]
 CLOSED_RAD = float(np.deg2rad(1.0))
-#: How long it must be so until that is told. Source: SAW mtsIntuitiveResearchKitMTM.h,
+#: How long it must be so until that is reported. Source: SAW mtsIntuitiveResearchKitMTM.h,
 #: gripper_events.debounce_threshold. [s]
 DEBOUNCE_S = 0.2
 
@@ -55,7 +55,7 @@ class Gripper:
             InputError: another effort
         """
         most = self._joint.effort_max
-        self._push(-self._checked("effort", effort, 0.0, most))
+        self._set_effort(-self._checked("effort", effort, 0.0, most))
 
     @command
     def squeeze_to(self, angle: float) -> None:
@@ -74,8 +74,8 @@ class Gripper:
 
     @command
     def release(self) -> None:
-        """Take the fingers away: the spring opens it."""
-        self._push(0.0)
+        """Release the fingers: the spring opens it."""
+        self._set_effort(0.0)
 
     # ------------------------------------------------------------------ used by the world
 
@@ -100,7 +100,7 @@ class Gripper:
             self.pinches += 1
             self._journal.event(self._source, "gripper/pinch")
 
-    def _push(self, effort: float) -> None:
+    def _set_effort(self, effort: float) -> None:
         """Exert an effort on the levers, and nothing else."""
         motors = self._control.motors
         motors.finger(EFFORT, float(motors.position[-1]), effort)

@@ -31,13 +31,14 @@ PRIMES = (2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0, 19.0)
 WANDER_SAMPLES = 256
 
 
-def warn_of_flattening(rig: RigDescription) -> None:
+def warn_near_singular(rig: RigDescription) -> None:
     """Warn of arms whose joint ranges come close to where a loop may change its branch."""
     for name, arm in {a.arm.mechanism: (a.name, a.arm) for a in rig.arms}.values():
         margin = flattening_margin(arm.mechanism)
         if margin < NEAR_FLAT_RAD:
             log.warning(
-                "%s: a loop of %s flattens %.3f rad from the joint range; allowed: %g rad or more",
+                "%s: a loop of %s is singular %.3f rad from the joint range;"
+                " allowed: %g rad or more",
                 name,
                 arm.name,
                 margin,
@@ -83,8 +84,8 @@ def remote_centre_error(mechanism: Mechanism, coordinates: Array) -> Array | Non
     """
     if "rcm" not in mechanism.frame_index or "insertion" not in mechanism.frame_index:
         return None
-    wanted = sorted({*mechanism.chain("rcm"), *mechanism.chain("insertion")})
-    poses = frame_poses(mechanism, coordinates, wanted)
+    frames = sorted({*mechanism.chain("rcm"), *mechanism.chain("insertion")})
+    poses = frame_poses(mechanism, coordinates, frames)
     centre = poses[mechanism.frame_index["rcm"]][..., :3, 3]
     shaft = poses[mechanism.frame_index["insertion"]]
     return np.linalg.norm(np.cross(centre - shaft[..., :3, 3], shaft[..., :3, 2]), axis=-1)

@@ -24,9 +24,9 @@ class Jaw:
     CLOSED = float(np.deg2rad(-20.0))
     OPEN = float(np.deg2rad(60.0))
 
-    def __init__(self, name: str, journal: Journal, tell_state: Callable[[], None]) -> None:
+    def __init__(self, name: str, journal: Journal, report_state: Callable[[], None]) -> None:
         self._journal, self._source, self._prefix = journal, name, "jaw."
-        self._tell_state = tell_state
+        self._report_state = report_state
         self._joints: JointControl | None = None
 
     def __repr__(self) -> str:
@@ -36,7 +36,7 @@ class Jaw:
         return f"<Jaw of {self._source!r}: {angle:.4f} rad, set-point {goal:.4f} rad>"
 
     def fit(self, control: JointControl | None) -> None:
-        """Take the joints of the tool that is mounted now, None where it has no jaw."""
+        """Set the joints of the mounted tool, None where it has no jaw."""
         self._joints = control
         if control is not None:
             self._part = slice(len(control.joint_names) - 1, len(control.joint_names))
@@ -53,27 +53,27 @@ class Jaw:
     @command
     def servo_jp(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Set the opening now, (1,) [rad]."""
-        return self._told(self._control.servo(q, v, self._part, "jaw.servo_jp"))
+        return self._reported(self._control.servo(q, v, self._part, "jaw.servo_jp"))
 
     @command
     def servo_jr(self, dq: ArrayLike) -> bool:
         """Add to the opening's set-point now, (1,) [rad]."""
-        return self._told(self._control.servo_relative(dq, self._part, "jaw.servo_jr"))
+        return self._reported(self._control.servo_relative(dq, self._part, "jaw.servo_jr"))
 
     @command
     def servo_jf(self, effort: ArrayLike) -> bool:
         """Set the jaw's effort, (1,) [N m]; it persists until the next command."""
-        return self._told(self._control.servo_effort(effort, self._part, "jaw.servo_jf"))
+        return self._reported(self._control.servo_effort(effort, self._part, "jaw.servo_jf"))
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
         """Move the opening to a goal, (1,) [rad]."""
-        return self._told(self._control.move(q, [self._part], "jaw.move_jp"))
+        return self._reported(self._control.move(q, [self._part], "jaw.move_jp"))
 
     @command
     def move_jr(self, dq: ArrayLike) -> Motion:
         """Move on from the opening's goal or set-point, (1,) [rad]."""
-        return self._told(self._control.move_relative(dq, self._part, "jaw.move_jr"))
+        return self._reported(self._control.move_relative(dq, self._part, "jaw.move_jr"))
 
     @command
     def close(self) -> Motion:
@@ -91,7 +91,7 @@ class Jaw:
             raise InputError(f"{self._source} has no jaw with this tool")
         return self._joints
 
-    def _told(self, answer: R) -> R:
-        """Tell the arm's state, which the jaw's moves are part of."""
-        self._tell_state()
+    def _reported(self, answer: R) -> R:
+        """Report the arm's state, which the jaw's moves are part of; return the answer."""
+        self._report_state()
         return answer

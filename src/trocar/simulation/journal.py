@@ -1,7 +1,7 @@
-"""What was asked of a world, and what happened in it, told to whoever listens.
+"""Commands to a world and events in it, as entries for listeners.
 
 Every public call that changes anything is one command, so that a list of them, each repeated before
-the same physics period, is the same motion again.
+the same physics step, is the same motion again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from trocar.errors import InputError
 
 P = ParamSpec("P")
 R = TypeVar("R")
-#: Who commands and events come from that concern no single arm or object.
+#: Source of commands and events that concern no single arm or object.
 WORLD = "world"
 #: Commands and numbers in them that `Past` keeps at most. Source: our own choice.
 MOST_COMMANDS = 4096
@@ -30,13 +30,13 @@ class Entry:
     """One command or event.
 
     Attributes:
-        period: physics periods since the last reset; a command comes before that one is stepped
+        period: physics steps since the last reset; a command comes before that one is stepped
         time: simulation time [s]
         kind: "command" or "event"
         source: an arm's or an object's name, or "world"
         name: a verb ("servo_jp", "jaw.move_jp", "reset") or an event ("operating_state",
             "goal_reached", "warning", "error", "status")
-        values: the verb's arguments by name, or what the event says; copies
+        values: the verb's arguments by name, or those of the event; copies
     """
 
     period: int
@@ -58,7 +58,7 @@ class Journal:
     Attributes:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
-        inside: how many commands are under way; those that a command gives itself are not told
+        inside: how many commands are under way; those that a command gives itself make no entry
         past: commands until now, from which a recording that begins later is repeated
     """
 
@@ -79,20 +79,20 @@ class Journal:
         return stop
 
     def event(self, source: str, name: str, **values: object) -> None:
-        """Tell that something happened."""
+        """Enter an event."""
         if self.listeners:
-            self._tell("event", source, name, {k: _copied(v) for k, v in values.items()})
+            self._send("event", source, name, {k: _copied(v) for k, v in values.items()})
 
     def command(self, source: str, name: str, values: dict[str, object]) -> None:
-        """Tell what was asked, and keep it."""
+        """Enter a command, and keep it."""
         for key, value in values.items():
             values[key] = _copied(value)
         if not self.past.incomplete:
             self.past.keep(self.period, self.time, source, name, values)
         if self.listeners:
-            self._tell("command", source, name, values)
+            self._send("command", source, name, values)
 
-    def _tell(
+    def _send(
         self,
         kind: Literal["command", "event"],
         source: str,
@@ -138,7 +138,7 @@ class Past:
             )
 
     def forget(self, why: str) -> None:
-        """Keep no commands any longer, and say why."""
+        """Keep no commands any longer, for this reason."""
         self.incomplete = why
         self._kept.clear()
 
@@ -159,18 +159,18 @@ def _numbers(value: object) -> int:
 class Commanded(Protocol):
     """Something with verbs: a world, an arm, a jaw."""
 
-    #: Where its commands are told, its arm's name or "world", and what comes before its verbs.
+    #: Receives its commands; its arm's name or "world"; what comes before its verbs.
     _journal: Journal
     _source: str
     _prefix: str
 
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
-    """Mark a method of something `Commanded` as a verb that the journal tells of."""
+    """Mark a method of something `Commanded` as a verb whose calls are entries of the journal."""
     names, name = list(inspect.signature(verb).parameters)[1:], verb.__name__
 
     @functools.wraps(verb)
-    def told(*args: P.args, **kwargs: P.kwargs) -> R:
+    def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
         owner: Any = args[0]  # something Commanded; this runs with every servo command
         journal: Journal = owner._journal
         if not journal.inside and (journal.listeners or not journal.past.incomplete):
@@ -184,8 +184,8 @@ def command(verb: Callable[P, R]) -> Callable[P, R]:
         finally:
             journal.inside -= 1
 
-    told.is_command = True  # type: ignore[attr-defined]
-    return told
+    journaled.is_command = True  # type: ignore[attr-defined]
+    return journaled
 
 
 def apply_command(world: object, entry: Entry) -> None:

@@ -70,8 +70,8 @@ class PlatformEffort:
     def effort(self, q: Array, qd: Array) -> float:
         """Return P (goal - q4) - D v4, within the largest effort [N m]."""
         goal = np.clip(q[PLATFORM] + platform_advance(q), self.lower, self.upper)
-        push = PLATFORM_P * (goal - q[PLATFORM]) - PLATFORM_D * qd[PLATFORM]
-        return float(np.clip(push, -PLATFORM_EFFORT_MAX, PLATFORM_EFFORT_MAX))
+        effort = PLATFORM_P * (goal - q[PLATFORM]) - PLATFORM_D * qd[PLATFORM]
+        return float(np.clip(effort, -PLATFORM_EFFORT_MAX, PLATFORM_EFFORT_MAX))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,33 +97,34 @@ class OrientationLock:
     """
 
     def __init__(self, fit: Fit, R: Array, q: Array, limits: GimbalLimits, time: float) -> None:
+        # These two attributes are in pickled states under these names.
         self._wanted = fit.chain.base[:3, :3].T @ R @ fit.tip[:3, :3].T
-        self._limits, self._last = limits, time
         self._told = q.copy()
+        self._limits, self._last = limits, time
 
     def act(self, now: TipState) -> Action:
-        """Return the gimbal's set-points for the next period."""
-        period = now.time - self._last
-        self._last += period
-        goal = self._goal(now.q[:3], period)
-        most = self._limits.speed * period
+        """Return the gimbal's set-points for the next step."""
+        elapsed = now.time - self._last
+        self._last += elapsed
+        goal = self._goal(now.q[:3], elapsed)
+        most = self._limits.speed * elapsed
         step = np.clip(goal - self._told, -most, most)
         self._told += step
         position, velocity = np.full(7, np.nan), np.zeros(7)
         position[GIMBAL] = self._told[GIMBAL]
-        if period > 0.0:
-            velocity[GIMBAL] = step[GIMBAL] / period
+        if elapsed > 0.0:
+            velocity[GIMBAL] = step[GIMBAL] / elapsed
         return Action(np.zeros(7), position, velocity)
 
-    def _goal(self, arm: Array, period: float) -> Array:
-        """Return the joints that have the orientation, nearest to those told last, (7,)."""
-        told, limits = self._told, self._limits
-        on = told[PLATFORM] + platform_advance(told) * min(period / PLATFORM_TIME_S, 1.0)
+    def _goal(self, arm: Array, elapsed: float) -> Array:
+        """Return the joints that have the orientation, nearest to the last set-points, (7,)."""
+        last, limits = self._told, self._limits
+        on = last[PLATFORM] + platform_advance(last) * min(elapsed / PLATFORM_TIME_S, 1.0)
         platform = np.clip(on, limits.lower[PLATFORM], limits.upper[PLATFORM])
         found, _ = gimbal_branches(self._wanted, arm[None], np.array([[platform]]))
-        found -= 2.0 * np.pi * np.round((found - told) / (2.0 * np.pi))
+        found -= 2.0 * np.pi * np.round((found - last) / (2.0 * np.pi))
         found[:, :3] = arm
-        nearest = found[np.abs(found - told)[:, GIMBAL].max(axis=1).argmin()]
+        nearest = found[np.abs(found - last)[:, GIMBAL].max(axis=1).argmin()]
         return np.clip(nearest, limits.lower, limits.upper)
 
 

@@ -89,7 +89,7 @@ class Motors:
         return self._servos.table.drive[self.index.rows].dot(self._data.qpos)
 
     def load(self) -> Array:
-        """Return the efforts that the weight of the links asks for, renewed with it, (n,)."""
+        """Return the efforts that hold the links' weight, renewed with it, (n,)."""
         return np.zeros(len(self.position)) if self.welded else self._holding.copy()
 
     def frame_coordinates(self) -> Array:
@@ -140,7 +140,7 @@ class Motors:
         self.follow()
 
     def follow(self) -> None:
-        """Put joints in mode "set" where they are told, with everything that their loops move."""
+        """Put joints in mode "set" at their set-points, with everything that their loops move."""
         kinematic = (self.modes == SET) & ~self.locked
         if kinematic.any():
             q, v, _ = self.read()
@@ -182,7 +182,7 @@ class Motors:
         self.apply()
 
     def switch(self, powered: bool) -> None:
-        """Give the motors power, or take it and hold the arm where it is."""
+        """Switch the motors' power on, or off and hold the arm where it is."""
         if not self.welded:
             self._servos.powered[self.index.rows] = powered
             self._forget(range(len(self.position)))
@@ -201,7 +201,7 @@ class Motors:
     # ------------------------------------------------------------------ inside
 
     def _refresh(self) -> None:
-        """Take this arm's rows of READ again after a change."""
+        """Refresh this arm's rows of READ after a change."""
         servos = self._servos
         if self._revision != servos.revision:
             read, limits = servos.matrix()
@@ -219,7 +219,7 @@ class Motors:
         if np.count_nonzero(v):
             rates = coordinate_rates(self.arm.mechanism, where) @ v
             self._data.qvel[index.dof] = rates[index.hinges]
-        # What the last period's forces did is no longer true; sensors look for this mark.
+        # What the last step's forces did is no longer true; sensors look for this mark.
         self._data.qacc[index.dof] = np.nan
 
     def _forget(self, which: Iterable[int]) -> None:

@@ -46,7 +46,7 @@ class Motion:
         return self.done and self._arrived
 
     def wait(self, timeout_s: float | None = None) -> bool:
-        """Wait until the move is over and tell whether the goal was reached.
+        """Wait until the move is over and return whether the goal was reached.
 
         Steps the world when no loop runs it, else blocks. Time is simulation time.
         """
@@ -80,18 +80,18 @@ class Profile:
         time: float,
     ) -> None:
         count = len(goal)
-        wanted = InputParameter(count)
+        profile_input = InputParameter(count)
         position, velocity = start
         most, rate = limits
-        wanted.current_position = position.tolist()
-        wanted.current_velocity = np.clip(velocity, -most, most).tolist()
-        wanted.target_position = goal.tolist()
-        wanted.max_velocity = most.tolist()
-        wanted.max_acceleration = rate.tolist()
+        profile_input.current_position = position.tolist()
+        profile_input.current_velocity = np.clip(velocity, -most, most).tolist()
+        profile_input.target_position = goal.tolist()
+        profile_input.max_velocity = most.tolist()
+        profile_input.max_acceleration = rate.tolist()
         self._inputs = (position.copy(), velocity.copy()), goal.copy(), limits, time
         self._path = Trajectory(count)
         try:
-            result = Ruckig(count).calculate(wanted, self._path)
+            result = Ruckig(count).calculate(profile_input, self._path)
         except (RuckigError, ValueError) as error:  # ValueError: a result that its enum lacks
             raise InputError(
                 f"no trajectory from {position.tolist()} to {goal.tolist()} within velocities"
@@ -111,7 +111,7 @@ class Profile:
         return np.array(position), np.array(velocity)
 
     def over(self, time: float) -> bool:
-        """Tell whether the set-point has arrived."""
+        """Return whether the set-point has arrived."""
         return time >= self.start + self.duration - 1e-12
 
     def __reduce__(self) -> tuple[type[Profile], tuple[object, ...]]:
@@ -219,7 +219,7 @@ class Moves:
         return bool(self.legs) or self.drift is not None
 
     def end(self, part: slice) -> None:
-        """End the moves of some joints; what they are told next is up to the caller."""
+        """End the moves of some joints; the caller sets their next set-points."""
         for leg in list(self.legs):
             if leg.part.start < part.stop and part.start < leg.part.stop:
                 self._finish(leg, False)

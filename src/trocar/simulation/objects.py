@@ -19,7 +19,7 @@ from trocar.simulation.records import Pose, Twist
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: The frame that objects are told in: that of the rig, which its arms stand in.
+#: The frame of objects' poses: that of the rig, which its arms stand in.
 FRAME = "world"
 #: No object is put farther from the origin. Source: our own choice; MuJoCo calls a position of
 #: 1e10 diverged. [m]
@@ -53,11 +53,11 @@ class ObjectStates:
 
 
 class SceneObject:
-    """A prop that can be moved. Its commands are told under its own name.
+    """A movable prop. Its commands are entries under its own name.
 
     Args:
         prop: its description
-        journal: where its commands are told
+        journal: receives its commands
 
     Attributes:
         name: what it is called
@@ -120,7 +120,7 @@ class Objects:
 
     Args:
         rig: its description
-        journal: where commands are told
+        journal: receives commands
     """
 
     def __init__(self, rig: RigDescription, journal: Journal) -> None:

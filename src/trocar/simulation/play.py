@@ -66,7 +66,7 @@ class Player:
         setpoints[:, :, 1] = 0.0
         open_loop = np.tile(self._servos.commanded, (count, 1))
         clipped: dict[str, int] = {}
-        for name, wanted in positions.items():
+        for name, values in positions.items():
             if name not in self._motors:
                 raise UnknownNameError("arm", name, self._motors, "play")
             d = self._motors[name]
@@ -75,7 +75,7 @@ class Player:
             if d.locked.any():
                 raise InputError(f"play: {name}: the brakes are locked; release them first")
             mechanism = d.arm.mechanism
-            target = _checked(name, wanted, (count, len(mechanism.joints)), "positions")
+            target = _checked(name, values, (count, len(mechanism.joints)), "positions")
             inside = np.clip(target, mechanism.lower, mechanism.upper)
             clipped[name] = int((inside != target).any(axis=1).sum())
             used = d.index.rows
@@ -114,8 +114,8 @@ class Player:
         samples = np.zeros((len(table.setpoints) if record else 0, len(self._servos.state())))
         model, data = self._model, self._data
         setpoints = self._servos.setpoint[:, :2]
-        for row, wanted in enumerate(table.setpoints):
-            setpoints[:] = wanted
+        for row, setpoint in enumerate(table.setpoints):
+            setpoints[:] = setpoint
             if table.efforts is not None:
                 self._servos.commanded[:] = table.efforts[row]
                 self._servos.write_efforts()
@@ -126,9 +126,9 @@ class Player:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]
             arms[name].take_over(last[:, 0], last[:, 1], self._servos.commanded[used])
-        periods = np.full(len(samples) * every + 1, self._model.opt.timestep)
-        periods[0] = begin
-        return self._recording(np.add.accumulate(periods)[every::every], samples, table.clipped)
+        steps = np.full(len(samples) * every + 1, self._model.opt.timestep)
+        steps[0] = begin
+        return self._recording(np.add.accumulate(steps)[every::every], samples, table.clipped)
 
     def _leave_to_servos(self, efforts: Array, played: tuple[str, ...]) -> None:
         """Blank the efforts of joints that are not in mode "effort", now that all modes are."""

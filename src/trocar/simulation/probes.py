@@ -1,8 +1,8 @@
 """What can be felt in a simulation: forces of contacts, accelerations, what a ray meets.
 
-Forces and accelerations are those of the last physics period: the integrator solves for the mean
-over a period, so they balance to the last digit and need no step of their own. After an arm was put
-somewhere there is no such period, and they are computed for the state as it stands.
+Forces and accelerations are those of the last physics step: the integrator solves for the mean
+over a step, so they balance to the last digit and need no computation of their own. After an arm
+was put somewhere there is no such step, and they are computed for the state as it stands.
 
 MuJoCo keys a contact by two geoms, or by a flex where a geom is -1. Here both sides of a contact
 are *carriers*: bodies by their ids, then flexes, flex k being carrier `nbody + k`.
@@ -27,7 +27,7 @@ from trocar.simulation.tip_load import TipLoad
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: Everything that a period depends on.
+#: Everything that a step depends on.
 WHOLE_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 #: A ray begins so far behind its pad, so that it meets what is pressed into the pad by the depth
 #: of a contact. Source: our own choice; fingers are 1.7 mm thick. [m]
@@ -155,15 +155,15 @@ class Probes:
         seen = self._site(at).pose_in(data)
         origin = seen[:3, 3]
         force, torque = np.zeros(3), np.zeros(3)
-        for point, push, turn in self._pushes(data, mine):
-            force += push
-            torque += np.cross(point - origin, push) + turn
+        for point, pressed, turn in self._external_forces(data, mine):
+            force += pressed
+            torque += np.cross(point - origin, pressed) + turn
         return seen[:3, :3].T @ force, seen[:3, :3].T @ torque
 
     def motion(self, at: Place) -> PlaceMotion:
         """Return how a place moves.
 
-        a = J dv/dt + dJ/dt v - g, with the last period's dv/dt.
+        a = J dv/dt + dJ/dt v - g, with the last step's dv/dt.
         """
         model, now, site = self._model, self._now(), self._site(at)
         acceleration = self._acted().qacc.copy()
@@ -219,7 +219,7 @@ class Probes:
         return scratch
 
     def _acted(self) -> mujoco.MjData:
-        """Return where the forces and accelerations of the last period stand."""
+        """Return where the forces and accelerations of the last step are."""
         if np.isfinite(self._data.qacc).all():
             return self._data
         scratch = self._copied()
@@ -246,7 +246,9 @@ class Probes:
         mujoco.mj_setState(self._model, self._scratch, state, WHOLE_STATE)
         return self._scratch
 
-    def _pushes(self, data: mujoco.MjData, mine: Bodies) -> Iterator[tuple[Array, Array, Array]]:
+    def _external_forces(
+        self, data: mujoco.MjData, mine: Bodies
+    ) -> Iterator[tuple[Array, Array, Array]]:
         """Yield (point, force, torque) in the world of all that acts on bodies from outside."""
         for contact, body, other in self._touching(data, mine):
             if mine[body] != mine[other]:
@@ -272,7 +274,11 @@ class Probes:
                 model.geom(geom).name if geom >= 0 else self._names[carrier]
                 for geom, carrier in zip(contact.geom, (first, second), strict=True)
             ]
-            body, other, sign = second, first, 1.0  # MuJoCo says what the first does to the second
+            body, other, sign = (
+                second,
+                first,
+                1.0,
+            )  # MuJoCo gives the force of the first on the second
             if mine[first]:
                 body, other, shapes, sign = first, second, shapes[::-1], -1.0
             yield (

@@ -66,7 +66,7 @@ class Reader:
         self._shown: object = None
 
     def read(self, sample: WorldSample) -> Readout:
-        """Return what a sample reads out; nothing is computed before it is asked for."""
+        """Return what a sample reads out; nothing is computed before it is read."""
         return Readout(self, sample)
 
     def measured(self, sample: WorldSample) -> Array:
@@ -76,7 +76,7 @@ class Reader:
     def setpoint(self, sample: WorldSample) -> Array:
         """Return the same with every arm that is `prepared` at its set-points."""
         self._show(sample)
-        q = {name: arm.told_q for name, arm in sample.arms.items()}
+        q = {name: arm.setpoint_q for name, arm in sample.arms.items()}
         return self._poses(self._frames.posed(q, self._posed))
 
     def views(self, sample: WorldSample) -> tuple[NDArray[np.intp], Array, tuple[str, ...]]:
@@ -316,7 +316,7 @@ class ArmReadout:
     @cached_property
     def _tips(self) -> Array:
         """Both tips in the own reference frame, measured and at the set-points, (2, 4, 4)."""
-        return chain_pose(self.arm.mechanism)(np.stack([self.sample.q, self.sample.told_q]))
+        return chain_pose(self.arm.mechanism)(np.stack([self.sample.q, self.sample.setpoint_q]))
 
     @cached_property
     def _jacobians(self) -> tuple[Array, Array]:

@@ -76,11 +76,11 @@ class ArmSample:
 
     Attributes:
         q, qd, effort: measured, of every joint (n,) [rad or m, per s, N m or N]
-        load: efforts that the links' weight asks for, (n,) [N m or N]
-        told_q, told_qd, told_effort: set-points, (n,)
+        load: efforts that hold the links' weight, (n,) [N m or N]
+        setpoint_q, setpoint_qd, setpoint_effort: set-points, (n,)
         balanced: whether gravity compensation is on
         state, homed, busy: the operating state
-        base: what `set_base_frame` said, T (4, 4) and frame; None where the rig says it
+        base: as `set_base_frame` set it, T (4, 4) and frame; None where the rig determines it
         tool: name of the mounted tool, "" without one
         ratios: shares of the velocity and acceleration limits that moves keep to
         closed: whether a master's gripper is shut
@@ -92,9 +92,9 @@ class ArmSample:
     qd: Array
     effort: Array
     load: Array
-    told_q: Array
-    told_qd: Array
-    told_effort: Array
+    setpoint_q: Array
+    setpoint_qd: Array
+    setpoint_effort: Array
     balanced: bool
     state: str
     homed: bool
@@ -130,7 +130,7 @@ class Snapshot(NamedTuple):
     """A world at a time: where every body is, and every arm.
 
     `build` counts how often the rig was compiled: bodies of another build are others, as after an
-    exchange of a tool. `arms` is empty where nobody asked for them.
+    exchange of a tool. `arms` is empty where they were not requested.
     """
 
     time: float

@@ -1,4 +1,4 @@
-"""The sensors that a rig places. They are asked, never stepped: unread, they cost nothing."""
+"""The sensors that a rig places. They are read, never stepped: unread, they cost nothing."""
 
 from __future__ import annotations
 

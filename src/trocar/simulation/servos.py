@@ -30,27 +30,27 @@ READ_STATE = int(
 )
 
 
-def servo_law(gains: Array, told: Array, integral: Array, q: Array, qd: Array) -> Array:
+def pid_effort(gains: Array, setpoint: Array, integral: Array, q: Array, qd: Array) -> Array:
     """Return the servos' efforts before they are limited: P e + I integral + D de + feed-forward.
 
-    The integrator is implicit in the servos: what acts during a period is their force at its end.
+    The integrator is implicit in the servos: what acts during a step is their force at its end.
     MuJoCo's `actuator_force` is the one at its beginning, which is wrong by (P v + D a) dt: 1.2 N
     at 0.2 m/s on the insertion, more than its friction.
 
     Args:
         gains: P, I, D, (..., J, 3)
-        told: position, velocity and effort fed forward, (..., J, 3)
+        setpoint: position, velocity and effort fed forward, (..., J, 3)
         integral, q, qd: of the position error; measured positions and velocities, (..., J)
     """
     p, i, d = gains[..., 0], gains[..., 1], gains[..., 2]
-    servo = p * (told[..., 0] - q) + i * integral + d * (told[..., 1] - qd)
-    return servo + told[..., 2]
+    servo = p * (setpoint[..., 0] - q) + i * integral + d * (setpoint[..., 1] - qd)
+    return servo + setpoint[..., 2]
 
 
 def read_matrix(table: JointTable, gains: Array, sizes: tuple[int, int]) -> Array:
     """Return READ with (q; qd; effort before the limits) = READ @ (qpos; qvel; act; ctrl).
 
-    The one servo law, applied to unit vectors: (3 J, nq + nv + 4 J).
+    `pid_effort` applied to unit vectors: (3 J, nq + nv + 4 J).
 
     Args:
         table: the joints
@@ -61,8 +61,8 @@ def read_matrix(table: JointTable, gains: Array, sizes: tuple[int, int]) -> Arra
     unit = np.eye(nq + nv + (1 + INPUTS) * count)
     velocity, integral, inputs = nq, nq + nv, nq + nv + count
     q, qd = unit[:, :velocity] @ table.drive.T, unit[:, velocity:integral] @ table.rate.T
-    told = unit[:, inputs:].reshape(len(unit), count, INPUTS)
-    effort = servo_law(gains, told, unit[:, integral:inputs], q, qd)
+    setpoint = unit[:, inputs:].reshape(len(unit), count, INPUTS)
+    effort = pid_effort(gains, setpoint, unit[:, integral:inputs], q, qd)
     return np.ascontiguousarray(np.concatenate([q, qd, effort], axis=1).T)
 
 
@@ -189,7 +189,7 @@ class Servos:
             model.opt.disableactuator = model.opt.disableactuator & ~group | bit
 
     def restore(self) -> None:
-        """Go back to what the table says; set-points and the model are left to the caller."""
+        """Reset to the table's values; set-points and the model are left to the caller."""
         table = self.table
         self.modes[:] = np.where(table.fingers, EFFORT, POSITION)
         self.gains[:], self.limit[:] = table.gains, table.effort_max
@@ -202,7 +202,7 @@ class Servos:
         return {name: getattr(self, name).copy() for name in SAVED}
 
     def load(self, saved: Mapping[str, Array]) -> None:
-        """Take everything that `save` returned and write it into the model."""
+        """Restore everything that `save` returned and write it into the model."""
         for name in SAVED:
             getattr(self, name)[:] = saved[name]
         self.apply()

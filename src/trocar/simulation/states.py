@@ -31,7 +31,7 @@ class OperatingState:
 
     Attributes:
         state: DISABLED (no power), ENABLED, PAUSED (holds, takes no commands) or FAULT
-        is_homed: whether it knows where it is and was brought home
+        is_homed: whether its position is known and it was brought home
         is_busy: whether a move or the homing is under way
     """
 
@@ -47,7 +47,7 @@ class OperatingState:
 
 
 class States:
-    """The state machine of one arm; it knows nothing of motors.
+    """The state machine of one arm; it is independent of motors.
 
     Attributes:
         state: the operating state
@@ -74,7 +74,7 @@ class States:
         return self.homed and self.state == "ENABLED"
 
     def why_not_ready(self) -> str:
-        """Say why motion commands are refused, "" when they are not."""
+        """Return why motion commands are rejected, "" when they are not."""
         if self.state == "PAUSED":
             return "the arm is PAUSED; resume it first"
         if self.state != "ENABLED":
@@ -82,13 +82,13 @@ class States:
         return "" if self.homed else "the arm is not homed; home it first"
 
     def why_not(self, command: str) -> str:
-        """Say why a state command is refused, "" when it is not."""
-        wanted: dict[str, tuple[State, ...]] = {
+        """Return why a state command is rejected, "" when it is not."""
+        required: dict[str, tuple[State, ...]] = {
             "pause": ("ENABLED",),
             "resume": ("PAUSED",),
             "home": ("DISABLED", "ENABLED"),
         }
-        allowed = wanted.get(command, (self.state,))
+        allowed = required.get(command, (self.state,))
         if self.state in allowed:
             return ""
         return f"the arm is {self.state}; allowed when {' or '.join(allowed)}"
@@ -109,7 +109,7 @@ class Homing:
         self._arrived = np.inf
 
     def look(self, measured: Array, time: float) -> Literal["", "home", "stopped", "late"]:
-        """Tell how it ended, "" while it has not. `measured` is (n,) [rad or m]."""
+        """Return how it ended, "" while it has not. `measured` is (n,) [rad or m]."""
         if not self.way.done:
             return ""
         if not self.way.goal_reached:
@@ -120,5 +120,5 @@ class Homing:
         return "late" if time - self._arrived > PATIENCE_S else ""
 
     def far(self, measured: Array) -> NDArray[np.bool_]:
-        """Tell which joints are not home, (n,)."""
+        """Return which joints are not home, (n,)."""
         return np.abs(measured - self.way.goal) > self._near

@@ -66,7 +66,7 @@ class TipLoad:
     def acting(self) -> list[tuple[int, Array, Array]]:
         """Return (body, point in it (3,) [m], force in the world (3,) [N]) of each force.
 
-        None acts between a reset and the first period after it.
+        None acts between a reset and the first step after it.
         """
         if not self._data.qfrc_applied.any():
             return []

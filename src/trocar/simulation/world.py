@@ -24,7 +24,7 @@ from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
-from trocar.simulation.health import warn_of_flattening
+from trocar.simulation.health import warn_near_singular
 from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
@@ -52,8 +52,8 @@ Array = NDArray[np.float64]
 #: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
 #: servos answer with 0.2 mrad. [s]
 GRAVITY_PERIOD_S = 0.02
-#: Set-points of moves are renewed this often, in physics periods. Source: our own choice.
-SETPOINT_PERIODS = 1
+#: Set-points of moves are renewed this often, in physics steps. Source: our own choice.
+SETPOINT_STEPS = 1
 #: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
 #: overlays are kept whole.
 APART = ("self", "rig", "calibration")
@@ -107,8 +107,8 @@ class World:
 
     Args:
         rig: a description, the name of a built-in rig, or the path of a TOML file; or a model from
-            `build`, which many worlds may share: it says all of the following down to `collisions`
-        timestep_s: physics period [s]
+            `build`, which many worlds may share: it fixes all of the following down to `collisions`
+        timestep_s: physics time step [s]
         control: gains that the arms start with, "dvrk" or "paper"
         friction: "identified" or "paper"
         gravity_compensation: on or off; as the gains' source has it when omitted
@@ -175,8 +175,8 @@ class World:
         self._wire()
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        #: Forces from outside the servos are renewed each so many periods, counted from a reset, so
-        #: that motion does not depend on how many periods each call of `step` takes.
+        #: Forces from outside the servos are renewed each so many steps, counted from a reset, so
+        #: that motion does not depend on how many steps each call of `step` takes.
         load = max(1, round(LOAD_PERIOD_S / self.timestep))
         self._gravity_renewal = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
         self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
@@ -187,10 +187,10 @@ class World:
         self.reset()
         #: The commands so far, from which a recording that begins later is repeated.
         self.past = self._journal.past
-        #: Observers and how often each is called at least; the shortest of these periods.
+        #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
-        warn_of_flattening(self.rig)
+        warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
         names = ", ".join(self.arms)
@@ -223,7 +223,7 @@ class World:
 
     @property
     def periods(self) -> int:
-        """Physics periods since the last reset."""
+        """Physics steps since the last reset."""
         return self.journal.period
 
     def listen(self, listener: Listener) -> Callable[[], None]:
@@ -239,8 +239,8 @@ class World:
         It may look, and must not command. Motion does not depend on observers.
 
         Args:
-            observer: called after at most `every` physics periods, and after the last of a step
-            every: physics periods; 1 observes each
+            observer: called after at most `every` physics steps, and at the end of each `step`
+            every: physics steps; 1 observes each
 
         Raises:
             InputError: every is no whole number above 0
@@ -257,7 +257,7 @@ class World:
         return lambda: set_observers([one for one in self._observers if one is not row])
 
     def step(self, n: int = 1) -> None:
-        """Advance n physics periods.
+        """Advance n physics steps.
 
         Raises:
             InputError: n is no whole number above 0
@@ -268,7 +268,7 @@ class World:
         left = int(n)
         while left > 0:
             moving = [arm for arm in self.arms.values() if arm.active]
-            count = min(left, SETPOINT_PERIODS) if moving else left
+            count = min(left, SETPOINT_STEPS) if moving else left
             for arm in moving:
                 arm.follow(self.time + count * self.timestep)
             self._advance(count)
@@ -284,7 +284,7 @@ class World:
         every: int = 5,
         record: bool = True,
     ) -> Recording:
-        """Drive arms along tables of set-points, one row every few physics periods.
+        """Drive arms along tables of set-points, one row every few physics steps.
 
         The fastest way through a known trajectory: limits are checked once for the whole table.
 
@@ -292,11 +292,11 @@ class World:
             positions: {arm: (k, n)} [rad or m]
             velocities: {arm: (k, n)}, zero when omitted
             efforts: {arm: (k, n)}, for joints in mode "effort" [N m or N]
-            every: physics periods a row lasts
+            every: physics steps a row lasts
             record: whether to sample every row; else the recording is empty
 
         Returns:
-            samples taken after each row's periods
+            samples taken after each row's steps
 
         Raises:
             InputError: a wrong shape, NaN or infinity, an arm that takes no commands; nothing moves
@@ -458,8 +458,8 @@ class World:
         arm.come_off()
         old, new = arm.description, rig.arm(name).arm
         q = engaged(arm.positions(), old, new)
-        told = engaged(arm.setpoints(), old, new)
-        warn_of_clipped(name, arm.setpoints(), old, told, new)
+        setpoints = engaged(arm.setpoints(), old, new)
+        warn_of_clipped(name, arm.setpoints(), old, setpoints, new)
         before, motors = (self._model, self._data, self.servos), arm.motors
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
@@ -471,7 +471,7 @@ class World:
         sensors = self._sensors
         self._wire()
         self._sensors.go_on(sensors, name)
-        arm.refit(rig.arm(name), new_motors, q, told)
+        arm.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
         rows, holding = new_motors.index.rows, self.servos.holding.copy()
         self.frames.holding_efforts(self.servos.holding)
@@ -533,7 +533,7 @@ class World:
         return self._probes.contact_table()
 
     def sensor(self, name: str) -> SensorReading:
-        """Return what a sensor of the rig tells now.
+        """Return the reading of a sensor of the rig now.
 
         Raises:
             UnknownNameError: no such sensor; the known ones are listed
@@ -544,7 +544,7 @@ class World:
         """Return a frozen copy of where everything is.
 
         Args:
-            arms: tell every arm's joints, too, which takes ten times as long as all bodies
+            arms: include every arm's joints, too, which takes ten times as long as all bodies
         """
         found: dict[str, ArmSnapshot] = {}
         centres, every = self.frames.remote_centres(), self.servos.read() if arms else None
@@ -559,14 +559,14 @@ class World:
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""
         every, load = self.servos.read(), self.servos.holding.copy()
-        told = self.servos.setpoint[:, :2].T.copy()
+        setpoint = self.servos.setpoint[:, :2].T.copy()
         commanded = self.servos.commanded.copy()
         arms: dict[str, ArmSample] = {}
         for name, arm in self.arms.items():
             rows = arm.motors.index.rows
             read = None
             if not arm.motors.welded:
-                read = (*every[:, rows], load[rows], *told[:, rows], commanded[rows])
+                read = (*every[:, rows], load[rows], *setpoint[:, rows], commanded[rows])
             arms[name] = arm.sample(read)
         return WorldSample(self.time, self.model, self._data.qpos.copy(), arms, self.reference_arm)
 
@@ -621,7 +621,7 @@ class World:
     # ------------------------------------------------------------------ inside
 
     def _adopt(self, model: RigModel) -> None:
-        """Take a compiled rig; what looks into the physics must be attached to it next."""
+        """Set the compiled rig; what looks into the physics must be attached to it next."""
         #: The rig as it is compiled now, which nothing writes to.
         self.model, self.rig = model, model.rig
         self._model = copy.copy(model.mj)  # gains, brakes and limits are written into this one
@@ -723,7 +723,7 @@ class World:
                 arm.fault(f"tracking error of {', '.join(joints)}")
 
     def _diverged(self) -> None:
-        """Go through the last periods again, one by one, to name what left the numbers first."""
+        """Repeat the last steps, one by one, to name what left the numbers first."""
         mujoco.mj_setState(self._model, self._data, self._before, INTEGRATION)
         self._bad[:] = 0
         for _ in range(self._renewal):
@@ -800,7 +800,7 @@ def _choices(model: RigModel) -> dict[str, Any]:
 
 
 def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) -> None:
-    """Refuse arguments that a model has decided already."""
+    """Reject arguments that a model determines already."""
     defaults: dict[str, Any] = World.__init__.__kwdefaults__ or {}
     names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions")
     given = [name for name in names if choices[name] != defaults[name]]

@@ -75,21 +75,21 @@ def test_the_sign_of_a_quaternion_and_a_spreadsheet_change_nothing(tidy_file):
         ([f"0,{BASE}", "1,psm_base,0,0,zero,1,0,0,0"], "line 3: z_m: got 'zero'; allowed"),
         ([f"0,{BASE}", "1,psm_base,0,0,inf,1,0,0,0"], "line 3: z_m: got 'inf'; allowed"),
         ([f"0,{BASE}", "1,psm_base,0,0,,1,0,0,0"], "line 3: psm_base: 1 of 7 values are blank"),
-        ([f"0,{BASE}", f" ,{BASE}"], "line 3: the time is blank; allowed: seconds"),
+        ([f"0,{BASE}", f" ,{BASE}"], "line 3: time is blank; allowed: seconds"),
         ([f"0,{BASE}", "1,,0,0,0,1,0,0,0"], "line 3: body: is blank"),
         ([f"1,{BASE}", f"0,{YAW}", f"0.5,{BASE}"],
-         "line 4: psm_base: got the time 0.5 s after 1 s; allowed: times that increase"),
+         "line 4: psm_base: got the time 0.5 s after 1 s; allowed: increasing times"),
         ([f"1,{BASE}", f"0,{YAW}", f"1,{BASE}"],
          "line 4: psm_base: got the time 1 s a second time; allowed"),
         ([f"0,{BASE}", "1,psm_base,0,0,0,0.9,0,0,0"],
-         "line 3: psm_base: got a quaternion of length 0.9 (w, x, y, z = 0.9, 0, 0, 0); allowed"),
-        ([f"0,{BASE}"], "got 1 sample; allowed: 2 or more"),
-        ([], "has a header and no rows"),
+         "line 3: psm_base: got a quaternion of norm 0.9 (w, x, y, z = 0.9, 0, 0, 0); allowed"),
+        ([f"0,{BASE}"], "got 1 samples; allowed: 2 or more"),
+        ([], "has a header but no rows"),
         (["0,a,500,1200,-300,1,0,0,0", "0,b,610,1310,100,1,0,0,0", "1,b,610,1310,100,1,0,0,0"],
-         "a and b are 429.2 m apart, and no arm is that large: are the positions in millimetres"
+         "a and b are 429.2 m apart, more than the size of an arm: are the positions in millimetres"
          " (1000 times too large)?"),
         (["0,a,50,0,0,1,0,0,0", "0,b,10,0,0,1,0,0,0", "1,b,10,0,0,1,0,0,0"],
-         "a and b are 40 m apart, and no arm is that large: are the positions in centimetres"),
+         "a and b are 40 m apart, more than the size of an arm: are the positions in centimetres"),
         (["0,a,0,0,0,1,0,0,0", "0,b,0.0003,0,0,1,0,0,0", "1,b,0.0003,0,0,1,0,0,0"],
          "all bodies lie within 0.0003 m"),
     ],
@@ -106,7 +106,7 @@ def test_what_cannot_be_used_is_named_with_its_line(rows, said, tidy_file):
     [
         ("time_s,body,x_mm,y_mm,z_mm,qw,qx,qy,qz",
          "line 1: columns missing: x_m, y_m, z_m; found: time_s, body, x_mm"),
-        ("0,0.1,0.2,0.3", "line 1: has no header, so no names; export it with the header"),
+        ("0,0.1,0.2,0.3", "line 1: has no header; export it with the header"),
         ("time_s;body;x_m", "line 1: is separated by semicolons; allowed"),
         ("name,value", "line 1: got 'name,value' as the first line; allowed: a Motive export"),
         ("", "line 2: has no header"),
@@ -119,7 +119,7 @@ def test_a_header_that_is_none_is_named(head, said, tidy_file):
 
 
 def test_a_file_that_is_empty_missing_or_binary_is_named(tmp_path):
-    for content, said in ((b"", "is empty; allowed"), (b"\xff\xfe\0", "is no UTF-8 text")):
+    for content, said in ((b"", "is empty; allowed"), (b"\xff\xfe\0", "is not UTF-8 text")):
         (tmp_path / "a.csv").write_bytes(content)
         with pytest.raises(TracksError, match=said):
             read_tracks(tmp_path / "a.csv")

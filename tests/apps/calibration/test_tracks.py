@@ -47,7 +47,7 @@ def test_missing_bodies_are_listed_beside_those_found_and_expected(motive_file):
 
 def test_a_body_that_is_nowhere_tracked_is_refused(tidy_file):
     tracks = read_tracks(tidy_file("0,a,0,0,0,1,0,0,0", "0,b,,,,,,,", "1,a,0,0,0,1,0,0,0"))
-    with pytest.raises(TracksError, match="nowhere tracked: b"):
+    with pytest.raises(TracksError, match="not tracked in any sample: b"):
         select_bodies(tracks, {"a": "a", "b": "b"})
 
 

@@ -47,7 +47,7 @@ def test_a_console_that_names_kinematics_in_its_arms_is_imported(tmp_path: Path)
     assert [arm.name for arm in found.rig.arms] == ["PSM1", "PSM2", "MTMR", "MTML", "ECM"]
     assert found.rig.arm("PSM1").arm.tool == "PROGRASP_FORCEPS:400093"
     assert found.rig.arm("PSM2").arm.tool == "LARGE_NEEDLE_DRIVER:400006"
-    assert any("PSM2" in note and "no such instrument" in note for note in found.notes)
+    assert any("PSM2" in note and "not a built-in instrument" in note for note in found.notes)
     assert {Path(found.rig.arm(n).arm.file).stem for n in ("MTML", "MTMR")} == {"mtml", "mtmr"}
     assert [teleop.name for teleop in found.rig.teleops] == ["MTMR_PSM1", "MTML_MTMR_ECM"]
     assert found.unknown == ()
@@ -164,7 +164,7 @@ def test_a_file_whose_name_differs_in_letter_case_is_taken_with_a_warning(tmp_pa
     folder = tmp_path / "lab-dVRK" / "custom-tool"
     found = import_dvrk(lab.write(folder, files), tmp_path / "rig.toml")
     assert found.rig.arm("PSM1").arm.joint("insertion").upper == 0.2
-    assert all("whose name differs in letter case" in text for text in found.warnings)
+    assert all("whose name differs in case" in text for text in found.warnings)
     names = [Path(text.split(": ")[0]).name for text in found.warnings]
     assert names == ["psm1-7.json", "PSM-Custom.json"]
 

@@ -33,7 +33,7 @@ def test_a_psm_of_other_lengths_is_serial_and_reaches_where_its_file_says(tmp_pa
     arm = found.rig.arm("PSM").arm
     assert not arm.mechanism.closures
     assert arm.joint("insertion").upper == 0.26
-    assert any("its chain is not psm's" in text for text in found.notes)
+    assert any("kinematic chain differs from psm" in text for text in found.notes)
     rng = np.random.default_rng(3)
     for q in rng.uniform(arm.mechanism.lower, arm.mechanism.upper, (10, 7)):
         tip = lab.chain([*rows, *lab.TOOL["Classic"]], q[:6]) @ lab.TOOLTIP
@@ -116,7 +116,7 @@ def test_an_instrument_that_trocar_has_stays_its_own_where_the_file_agrees(tmp_p
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"DH": {"convention": "modified", "joints": lab.PSM}}, "no instrument of trocar's has"),
+        ({"DH": {"convention": "modified", "joints": lab.PSM}}, "unsupported chain of"),
         ({"tooltip-offset": np.eye(4).tolist()}, r"tooltip-offset: got .*; allowed: \[\[0.0, -1"),
         ({"coupling": {"ActuatorToJointPosition": [[1.0]]}}, "allowed: 4 rows of 4 numbers"),
         ({"jaw": {"qmax": 1.0}}, "jaw.qmin: is missing"),

@@ -106,7 +106,7 @@ def test_an_entry_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, rig, mo
 
 def test_a_file_is_no_folder(tmp_path, rig):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    with pytest.raises(InputError, match="is no folder; allowed"):
+    with pytest.raises(InputError, match="is not a folder; allowed"):
         export(rig, "plain", tmp_path / "file", force=True)
     with pytest.raises(InputError, match="cannot be written: Not a directory"):
         export(rig, "plain", tmp_path / "file" / "below")

@@ -157,7 +157,7 @@ def test_what_a_position_servo_cannot_do_is_said(tmp_path):
     changed = replace(rig, arms=(replace(rig.arms[0], arm=replace(arm, control=control)),))
     done = export(changed, "mjcf", tmp_path / "out")
     assert done.warnings == (
-        "ECM: the integral gain of yaw is in ecm_pid.xml alone; a position servo has none",
+        "ECM: the integral gain of yaw is in ecm_pid.xml only; position servos have none",
     )
     pid = mujoco.MjModel.from_xml_path(str(done.folder / "ecm_pid.xml"))
     assert pid.actuator("yaw").gainprm[0] == 5.0 and pid.na == 1

@@ -48,7 +48,7 @@ def test_a_general_loop_is_told_to_be_a_straight_line(tmp_path, skew_overlay, rn
     rig = calibrated_rig(find_rig("psm"), skew_overlay("psm", rng))
     (warning,) = export(rig, "urdf", tmp_path).warnings
     off = rig_links(rig).line_errors["PSM1"]
-    assert warning.startswith("PSM1: its loops are no parallelograms")
+    assert warning.startswith("PSM1: its loops are not parallelograms")
     assert f"{1e3 * off:.3f} mm" in warning
     assert warning in (tmp_path / "README.md").read_text(encoding="utf-8")
 

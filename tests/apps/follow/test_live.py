@@ -78,15 +78,15 @@ def test_the_twin_goes_where_the_robot_goes_and_holds_when_it_is_gone(
             held = joints(own).copy()
             time.sleep(0.3)
             np.testing.assert_allclose(joints(own), held, atol=1e-6)
-            assert "silent, holds" in mirror.page()
+            assert "no message, holds" in mirror.page()
     said = "\n".join(r.getMessage() for r in caplog.records)
-    assert "PSM1: silent for 500 ms; it holds where it is" in said
-    assert "the connection is lost" in said
+    assert "PSM1: no message for 500 ms; holding position" in said
+    assert "connection lost" in said
 
 
 def test_nobody_there_is_told() -> None:
     listener = WebSocketListener("ws://127.0.0.1:1")
-    with pytest.raises(TrocarError, match=r"nobody answers at ws://127\.0\.0\.1:1"):
+    with pytest.raises(TrocarError, match=r"no connection to ws://127\.0\.0\.1:1"):
         listener.start(["PSM1/measured_js"], lambda *_: None)
     with pytest.raises(InputError, match="allowed: ws://HOST:PORT"):
         WebSocketListener("http://x")

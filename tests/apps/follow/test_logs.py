@@ -157,14 +157,14 @@ def damaged_gzip(path: Path) -> None:
         (folder, "is a folder"),
         (
             absent,
-            "there is no such file; allowed: a recording of trocar's own (MCAP), a CSV file"
+            "no such file; allowed: a recording of trocar's own (MCAP), a CSV file"
             " (plain or gzip), rosbag 1 (.bag), rosbag 2, MCAP",
         ),
-        (picture, "is no text"),
-        (endless, "the row never ends"),
-        (cut_gzip, "the gzip file is truncated or damaged"),
-        (false_gzip, "the gzip file is truncated or damaged"),
-        (damaged_gzip, "the gzip file is truncated or damaged"),
+        (picture, "is not text"),
+        (endless, "row too long"),
+        (cut_gzip, "gzip data is truncated or damaged"),
+        (false_gzip, "gzip data is truncated or damaged"),
+        (damaged_gzip, "gzip data is truncated or damaged"),
     ],
 )
 def test_what_is_no_recording_is_refused(

@@ -109,11 +109,11 @@ def test_silence_holds_and_is_said_and_so_is_the_return(
     with caplog.at_level(logging.WARNING, "trocar"):
         seen, report = follow(path)
     said = [r.getMessage() for r in caplog.records]
-    assert "ECM: silent for 500 ms; it holds where it is" in said
-    assert "PSM1: silent for 500 ms; it holds where it is" in said
-    assert any(text.startswith("PSM1: heard again after 1.2") for text in said)
-    assert any(text.startswith("ECM: heard again after 1.5") for text in said)
-    assert any("over after" in text and "hold" in text for text in said)
+    assert "ECM: no message for 500 ms; holding position" in said
+    assert "PSM1: no message for 500 ms; holding position" in said
+    assert any(text.startswith("PSM1: messages received again after 1.2") for text in said)
+    assert any(text.startswith("ECM: messages received again after 1.5") for text in said)
+    assert any("ended after" in text and "hold" in text for text in said)
     assert (report.arms["ECM"].gaps, report.arms["PSM1"].gaps) == (1, 1)
     still = [q for t, q in zip(seen.time, seen.q["ECM"], strict=True) if 1.1 < t < 2.4]
     assert np.ptp(np.array(still), axis=0).max() < 1e-6

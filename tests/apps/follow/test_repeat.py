@@ -198,7 +198,7 @@ def test_a_rig_that_was_built_in_python_is_handed_over(tmp_path: Path) -> None:
     world = World(rig)
     with record(world, file):
         world.step(5)
-    with pytest.raises(LogError, match="was built in Python and lies in no file"):
+    with pytest.raises(LogError, match="was built in Python, not read from a file"):
         repeat(file)
     assert repeat(file, rig=rig).identical
 

@@ -193,7 +193,7 @@ def test_an_unknown_arm_is_answered_with_those_that_are_known(log: Path) -> None
 
 
 def test_setup_joints_are_no_arm_to_replay_on(log: Path) -> None:
-    with pytest.raises(InputError, match="allowed for a replay: a PSM, an ECM or an MTM"):
+    with pytest.raises(InputError, match="allowed: PSM, ECM or MTM"):
         replay(log, "suj_psm1")
 
 

@@ -240,7 +240,7 @@ def test_a_device_that_falls_silent_holds_is_disabled_and_it_is_said(
     session.press("KeyD", seconds=0.3)
     session.run(0.45)
     assert session.state == "DISABLED"
-    assert "KEYBOARD: sent nothing for 0.5 s" in caplog.text
+    assert "KEYBOARD: no message for 0.5 s" in caplog.text
     there = session.world.arm("PSM1").setpoints()
     session.run(0.3)
     np.testing.assert_array_equal(session.world.arm("PSM1").setpoints(), there)
@@ -410,9 +410,9 @@ def test_the_fine_button_makes_sticks_slower_by_as_much_as_the_table_says() -> N
 
 def test_a_table_lists_the_instruments_of_the_rig_only() -> None:
     def uses(device: str, *instruments: str) -> list[str]:
-        return [x.does for x in table(device, instruments) if "use" in x.does]
+        return [x.does for x in table(device, instruments) if "select" in x.does]
 
-    assert uses("keyboard", "PSM1", "PSM2") == ["use PSM1, PSM2"]
+    assert uses("keyboard", "PSM1", "PSM2") == ["select PSM1, PSM2"]
     assert uses("keyboard", "PSM1") == uses("gamepad", "PSM1") == []
     assert len(uses("gamepad", "PSM1", "PSM2")) == 1
 

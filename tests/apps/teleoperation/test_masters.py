@@ -177,9 +177,7 @@ def test_a_master_that_vanishes_leaves_the_tool_where_it_is_and_it_is_said(tmp_p
     away.run(0.3, talk=False)
     assert away.one.current == "DISABLED"
     assert not away.one.following
-    assert "HAND: published nothing for 0.1 s" in str(
-        away.transport.last("HAND_PSM1/error")["data"]
-    )
+    assert "HAND: no message for 0.1 s" in str(away.transport.last("HAND_PSM1/error")["data"])
     np.testing.assert_array_equal(away.world.arm("PSM1").setpoints()[:6], there[:6])
 
 
@@ -236,7 +234,7 @@ def test_what_a_session_cannot_be_is_refused() -> None:
         Session("keyboard", scale=2.0)
     with pytest.raises(InputError, match="with --device masters"):
         Session("keyboard", motion="x.mcap")
-    with pytest.raises(InputError, match=r"as full_cart_mtm"):
+    with pytest.raises(InputError, match=r"e.g. full_cart_mtm"):
         Session("masters").components(Loop(World("psm")))
     with pytest.raises(InputError, match=r"got 'ECM'; allowed: PSM1, PSM2$"):
         Session("masters", "ECM").components(Loop(World("full_cart_mtm", setup_joints="locked")))
@@ -373,7 +371,7 @@ def test_a_spacemouse_is_read_and_may_be_unplugged(monkeypatch: pytest.MonkeyPat
     again = spacemouse.poll()
     assert again is not None and not again.linear.any()
     hid.plugged = False
-    with pytest.raises(InputError, match="none is plugged in"):
+    with pytest.raises(InputError, match="none found"):
         SpaceMouse()
 
 
@@ -410,9 +408,9 @@ def test_a_gamepad_is_read_by_its_standard_names_and_may_be_unplugged(
     one.get_axis = sdl.Controller = _fail
     with pytest.raises(OSError, match="just unplugged"):
         pad.poll()
-    with pytest.raises(InputError, match=r"just unplugged.*takes gamepads of the page"):
+    with pytest.raises(InputError, match=r"just unplugged.*reads gamepads in the browser"):
         devices.Gamepad()
     there[0] = False
     assert pad.poll() is None
-    with pytest.raises(InputError, match="no gamepad is plugged in"):
+    with pytest.raises(InputError, match="no gamepad found"):
         devices.Gamepad()

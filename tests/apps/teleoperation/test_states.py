@@ -109,7 +109,7 @@ def test_a_component_goes_through_its_states_and_back() -> None:
 def test_what_cannot_be_obeyed_is_refused(
     served: Served, topic: str, fields: dict[str, object], says: str
 ) -> None:
-    served.core.tell_refusals_anew()
+    served.core.forget_refusals()
     assert not served.send(topic, **fields)
     assert says in str(served.published("system/warning")[-1])
 

@@ -129,9 +129,9 @@ def test_a_report_goes_into_a_folder_only(tmp_path: Path) -> None:
     found = Verification((Part("formats", "psm", "Formats", (), "trocar verify"),))
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
-    with pytest.raises(InputError, match="is no folder; allowed"):
+    with pytest.raises(InputError, match="is not a folder; allowed"):
         check_report(taken)
-    with pytest.raises(InputError, match="is no folder; allowed"):
+    with pytest.raises(InputError, match="is not a folder; allowed"):
         write_report(taken, found)
     assert taken.read_text(encoding="utf-8") == "mine"
     with pytest.raises(InputError, match="cannot be written"):

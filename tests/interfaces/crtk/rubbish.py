@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trocar.interfaces.crtk.topics import Topic
+from trocar.interfaces.crtk.topic import Topic
 
 from .asking import joints, pose, quaternion, stamped, wrench, xyz
 

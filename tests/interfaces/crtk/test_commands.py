@@ -137,7 +137,7 @@ def test_a_burst_that_no_tick_can_hold_is_refused_at_the_door():
     accepted = [served.core.receive("PSM1/move_jp", joints(*NEAR)) for _ in range(100)]
     assert accepted == [True] * 64 + [False] * 36
     served.run(0.01)
-    assert "too many commands wait" in served.messages("PSM1/warning")[0]["data"]
+    assert "too many pending commands" in served.messages("PSM1/warning")[0]["data"]
     assert served.core.receive("PSM1/move_jp", joints(*NEAR))
 
 

@@ -34,7 +34,7 @@ def test_nobody_presses_anything_when_the_simulator_starts(psm):
         ("footpedals/emulate_camera", ["console/camera", "footpedals/camera"]),
         *(
             (f"footpedals/emulate_{pedal}", [f"footpedals/{pedal}"])
-            for pedal in ("coag", "bicoag", "cam_plus", "cam_minus")
+            for pedal in ("coag", "bicoag", "mono", "cam_plus", "cam_minus")
         ),
     ],
 )

@@ -45,7 +45,7 @@ def test_what_the_simulator_does_not_listen_to_is_refused_and_told(name: str) ->
     served.run(0.01)
     warnings = served.messages("PSM1/warning") + served.messages("system/warning")
     assert len(warnings) == 1
-    assert "does not listen" in warnings[0]["data"]
+    assert "does not subscribe" in warnings[0]["data"]
 
 
 def test_a_flood_of_refusals_is_counted_but_told_once() -> None:

@@ -31,7 +31,7 @@ def test_joints_come_in_the_arms_order_or_in_that_of_their_names():
         (joints(1.0, 2.0), "got 2 numbers in position; allowed: 3, for yaw, pitch, insertion"),
         (joints(1.0, np.nan, 2.0), r"position\[1\] nan; allowed: finite"),
         (joints(1.0, 2.0, np.inf), r"position\[2\] inf; allowed: finite"),
-        (joints(1.0, 2.0, 1e9), "at most 1e"),
+        (joints(1.0, 2.0, 1e9), "magnitude up to 1e"),
         (joints(1.0, 2.0, "a"), "allowed: a number"),
         (joints(1.0, 2.0, True), "allowed: a number"),
         (joints(1.0, 2.0, 3.0, name=("a", "b", "c")), "allowed: yaw, pitch, insertion, or none"),
@@ -39,7 +39,7 @@ def test_joints_come_in_the_arms_order_or_in_that_of_their_names():
         (joints(1.0, 2.0, 3.0, name=("yaw", "yaw", "pitch")), "got joints"),
         ({"position": "123"}, "allowed: a list of numbers"),
         ({"position": np.zeros((3, 3))}, "an array of shape"),
-        ({"position": [0.0] * 1000}, "at most 256"),
+        ({"position": [0.0] * 1000}, "up to 256"),
         ({}, "position is missing"),
         (None, "position is missing"),
         ({"position": [10**6000] * 3}, "a huge number"),
@@ -51,9 +51,9 @@ def test_a_joint_vector_that_cannot_be_used_says_what_is_allowed(message, reason
 
 
 def test_a_quaternion_of_another_length_than_one_is_refused():
-    with pytest.raises(RefusedError, match="of length 0; allowed: 1"):
+    with pytest.raises(RefusedError, match="of norm 0; allowed: 1"):
         fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}, "")
-    with pytest.raises(RefusedError, match=r"of length 1\.01"):
+    with pytest.raises(RefusedError, match=r"of norm 1\.01"):
         fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.01}, "")
 
 
@@ -84,7 +84,7 @@ def test_a_pose_is_metres_and_axes():
 @pytest.mark.parametrize("buttons", [[], [3], [-1], [True], ["1"], None, [1.0]])
 def test_a_button_is_released_pressed_or_tapped(buttons):
     assert [fields.button({"buttons": [k]}) for k in (0, 1, 2)] == [0, 1, 2]
-    with pytest.raises(RefusedError, match="a quick tap"):
+    with pytest.raises(RefusedError, match="tapped"):
         fields.button({"buttons": buttons})
 
 

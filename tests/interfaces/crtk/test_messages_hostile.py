@@ -123,9 +123,11 @@ def test_errors_of_bytes_say_which_field() -> None:
     late = data[:8] + (10**9).to_bytes(4, "little") + data[12:]
     with pytest.raises(MessageError, match=r"JointState: header\.stamp: "):
         ros1_decode("sensor_msgs/JointState", late)
-    with pytest.raises(MessageError, match=r"String: data: .*a string of 5 bytes, 2 are left"):
+    with pytest.raises(
+        MessageError, match=r"String: data: .*a string of 5 bytes, but only 2 remain"
+    ):
         ros1_decode("std_msgs/String", b"\5\0\0\0ab")
-    with pytest.raises(MessageError, match=r"String: data: .*without an end"):
+    with pytest.raises(MessageError, match=r"String: data: .*without terminator"):
         cdr_decode("std_msgs/String", b"\0\1\0\0\2\0\0\0ab")
     with pytest.raises(MessageError, match="ends after"):
         ros1_decode("std_msgs/Bool", b"\0\0")

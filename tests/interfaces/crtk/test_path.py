@@ -1,19 +1,38 @@
-"""How far a set-point is from the socket to the inbox."""
+"""How many Python calls a set-point takes from the socket to the inbox."""
 
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, cast
 
 from trocar.interfaces.crtk.messages import from_json
+from trocar.interfaces.crtk.transports.websocket.server import Client, Conversation
 
 from .asking import HOME, joints, stamped
 from .served import Served
+from .websocket.test_conversation import Wire
 
 SENT = stamped(joints(*HOME), (0, 0)) | {"header": {"stamp": {"secs": 0, "nsecs": 0}}}
 
 
+def calls(work: Callable[[], object]) -> list[str]:
+    """Return the functions of Python that are called, in order."""
+    called: list[str] = []
+    before = sys.getprofile()
+    sys.setprofile(
+        lambda frame, event, _: called.append(frame.f_code.co_name) if event == "call" else None
+    )
+    try:
+        work()
+    finally:
+        sys.setprofile(before)
+    return called[1:]
+
+
 def test_a_set_point_takes_few_calls_from_json_to_the_inbox() -> None:
-    """Of at most 25 in all; reading the request and finding its topic takes a transport six."""
     served = Served(wanted=())
 
     def take() -> None:
@@ -21,15 +40,25 @@ def test_a_set_point_takes_few_calls_from_json_to_the_inbox() -> None:
 
     take()
     served.run()
-    called: list[str] = []
-    before = sys.getprofile()
-    sys.setprofile(
-        lambda frame, event, _: called.append(frame.f_code.co_name) if event == "call" else None
-    )
-    try:
-        take()
-    finally:
-        sys.setprofile(before)
-    assert len(called) - 1 <= 16, called
+    called = calls(take)
+    assert len(called) <= 16, called
+    served.run()
+    assert served.world.arm("PSM1").setpoint_js().position.tolist() == HOME
+
+
+def test_a_set_point_takes_few_calls_from_the_text_frame_to_the_inbox() -> None:
+    served = Served(wanted=())
+    client = Client(cast("Any", Wire()))
+    conversation = Conversation(served.core, ThreadPoolExecutor(1))
+    text = json.dumps({"op": "publish", "topic": "/PSM1/servo_jp", "msg": SENT})
+
+    def take() -> None:
+        assert client.may_send(len(text))
+        conversation.handle(client, text)
+
+    take()
+    served.run()
+    called = calls(take)
+    assert "post" in called and len(called) <= 25, called
     served.run()
     assert served.world.arm("PSM1").setpoint_js().position.tolist() == HOME

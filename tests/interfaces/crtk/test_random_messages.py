@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trocar.interfaces.crtk.topics import Topic
+from trocar.interfaces.crtk.topic import Topic
 
 from .rubbish import leaf, message
 from .served import Served
@@ -56,7 +56,7 @@ def flood(served: Served, rng: np.random.Generator, sent: Callable[[Topic, objec
         left += 1
         if left % BURST == 0:
             served.run()
-    assert "could not be read" not in reasons  # what the core says of errors that it did not expect
+    assert "cannot be read" not in reasons  # what the core says of errors that it did not expect
     return accepted
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trocar.interfaces.crtk.topics import topic_table
+from trocar.interfaces.crtk.core import topic_table
 
 from .asking import HOME, joints, pose, quaternion, setpoints, stamped, state, wrench, xyz
 from .served import Served
@@ -41,26 +41,26 @@ BAD = [
     ("servo_jp", joints(*FAR[:5], NAN), "allowed: finite"),
     ("servo_jp", joints(*FAR, name=("a", "b", "c", "d", "e", "f")), "allowed: yaw, pitch"),
     ("servo_jp", joints(*FAR, velocity=(0.0,)), "numbers in velocity"),
-    ("servo_jp", joints(*FAR, velocity=(1e308,) * 6), "allowed: finite, at most"),
+    ("servo_jp", joints(*FAR, velocity=(1e308,) * 6), "allowed: finite, magnitude up to"),
     ("servo_jr", {}, "position is missing"),
     ("servo_jf", joints(*FAR), "got 0 numbers in effort"),
-    ("servo_cp", pose(xyz(0.0, 0.0, -0.1), quaternion(w=0.0)), "of length 0; allowed: 1"),
+    ("servo_cp", pose(xyz(0.0, 0.0, -0.1), quaternion(w=0.0)), "of norm 0; allowed: 1"),
     ("servo_cp", pose(xyz(0.0, NAN, -0.1)), "pose.position.y nan"),
     ("servo_cr", {"pose": None}, "is missing"),
     ("servo_cs", cartesian(True, True), "allowed: one of them"),
     ("servo_cs", cartesian(False, False), "allowed: one of them"),
-    ("servo_ci", IMPEDANCE, "torque_orientation of length 0"),
+    ("servo_ci", IMPEDANCE, "torque_orientation of norm 0"),
     ("body/servo_cf", wrench(xyz(0.0, 0.0, NAN)), "wrench.force.z nan"),
     ("spatial/servo_cf", {}, "is missing"),
     ("move_jp", joints(*FAR, 0.0), "got 7 numbers"),
     ("move_cp", {"pose": pose(xyz(0.0, 0.0, 0.0))}, "pose.orientation is missing"),
     ("state_command", state("fly"), "allowed: enable, disable, home, unhome, pause, resume"),
-    ("state_command", {"string": 3}, "allowed: text"),
+    ("state_command", {"string": 3}, "allowed: a string"),
     ("trajectory_j/set_ratio", {"data": 0.0}, "allowed: 0.002 to 1"),
     ("trajectory_j/set_ratio_v", {"data": 2.0}, "allowed: 0.002 to 1"),
     ("use_gravity_compensation", {"data": 1}, "allowed: true or false"),
-    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), quaternion(x=1.0)), "of length 1.414"),
-    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), frame_id="x" * 300), "at most 256"),
+    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), quaternion(x=1.0)), "of norm 1.414"),
+    ("set_base_frame", pose(xyz(0.0, 0.0, 0.0), frame_id="x" * 300), "up to 256"),
     ("set_tool_type", {"data": "/etc/passwd"}, "LARGE_NEEDLE_DRIVER:400006"),
     ("set_tool_type", {"data": "../../tool.toml"}, "or none"),
     ("jaw/move_jp", joints(0.1, 0.1), "allowed: 1, for jaw"),

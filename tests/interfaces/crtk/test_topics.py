@@ -8,9 +8,10 @@ import pytest
 
 from trocar.descriptions import load_rig
 from trocar.interfaces.crtk.console import PEDALS
-from trocar.interfaces.crtk.topics import Topic, service_table, topic_table
+from trocar.interfaces.crtk.core import service_table, topic_table
+from trocar.interfaces.crtk.topic import Topic
 
-PAGE = Path(__file__).parents[3] / "docs" / "ros.md"
+PAGE = Path(__file__).parents[3] / "docs" / "topics.md"
 #: Written in short on the page, as `trajectory_j/set_ratio`, `_v`, `_a`.
 SHORT = {"trajectory_j/set_ratio_v", "trajectory_j/set_ratio_a"}
 
@@ -87,7 +88,7 @@ ALONE = {
         SENSOR + "Joy": (
             "console/operator_present console/clutch console/camera footpedals/clutch"
             " footpedals/camera footpedals/cam_minus footpedals/cam_plus footpedals/bicoag"
-            " footpedals/coag"
+            " footpedals/coag footpedals/mono"
         ),
     },
     "sub": {

@@ -136,7 +136,7 @@ def test_the_line_says_how_many_come_and_what_went_wrong(
     server: LocalServer, window: CameraWindow
 ) -> None:
     run_there(server, window.show_status)
-    assert "no picture yet" in window.line.content
+    assert "no image yet" in window.line.content
     window._came.extend(np.arange(31) / 25.0)
     window._pictures.dropped = 3
     run_there(server, window.show_status)

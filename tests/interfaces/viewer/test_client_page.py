@@ -212,7 +212,7 @@ def test_two_servers_at_once_have_secrets_of_their_own() -> None:
 
 def test_a_socket_that_no_policy_can_name_is_refused() -> None:
     with (
-        pytest.raises(InputError, match=r"keys of the page cannot be sent to ws://\[::1\]:9090"),
+        pytest.raises(InputError, match=r"cannot send keys to ws://\[::1\]:9090"),
         serving("127.0.0.1", 0, "test", sockets=["ws://[::1]:9090"]),
     ):
         pass

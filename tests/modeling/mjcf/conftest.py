@@ -58,7 +58,7 @@ def lxml() -> None:
 @pytest.fixture
 def complaints() -> Iterator[list[str]]:
     """Return what MuJoCo has warned of since the test began."""
-    said: list[str] = []
-    mujoco.set_mju_user_warning(said.append)
-    yield said
+    warnings: list[str] = []
+    mujoco.set_mju_user_warning(warnings.append)
+    yield warnings
     mujoco.set_mju_user_warning(None)

@@ -84,13 +84,13 @@ def main() -> None:
     parser.add_argument("files", nargs="+")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--twice", action="store_true", help="two of them in a large scene")
-    asked = parser.parse_args()
-    for file in asked.files:
+    options = parser.parse_args()
+    for file in options.files:
         model = mujoco.MjModel.from_xml_path(file)
-        if asked.twice:
+        if options.twice:
             scene = busy_scene(mujoco.MjSpec.from_file(file))
             model = twice(lambda file=file: mujoco.MjSpec.from_file(file), scene)
-        rest, gap = at_rest(model), shake(model, asked.seconds, np.random.default_rng(0))
+        rest, gap = at_rest(model), shake(model, options.seconds, np.random.default_rng(0))
         sys.stdout.write(
             f"{mujoco.__version__} {file}: no warning, home {rest:.1e}, gap {1e6 * gap:.2f} um\n"
         )

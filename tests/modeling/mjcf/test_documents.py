@@ -59,8 +59,8 @@ def test_bodies_hinges_and_loops_are_those_of_the_simulation(name):
     lone = f"{rig.arms[0].name}_" if len(rig.arms) == 1 else ""
     assert file.nbody == ours.nbody and file.nv == ours.nv and file.neq == ours.neq
     for k in range(ours.nbody):
-        wanted = ours.body(k).name.replace("/", "_").removeprefix(lone)
-        assert file.body(k).name == wanted
+        expected = ours.body(k).name.replace("/", "_").removeprefix(lone)
+        assert file.body(k).name == expected
     for field in (
         "body_mass", "body_inertia", "body_ipos", "body_pos", "jnt_type", "jnt_pos", "jnt_axis",
         "jnt_range", "jnt_limited", "jnt_stiffness", "qpos_spring",
@@ -244,7 +244,7 @@ def test_brakes_hold_as_those_of_the_simulation():
     assert BRAKED_DAMPING == HOLDING_DAMPING
 
 
-def test_an_arm_without_gains_or_masses_is_refused():
+def test_an_arm_without_gains_or_masses_is_rejected():
     rig = lone_arm_rig(replace(load_arm("ecm"), control={}))
     with pytest.raises(InputError, match="ecm: has no control gains"):
         mjcf_document(rig)

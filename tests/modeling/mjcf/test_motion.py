@@ -75,8 +75,8 @@ def moved(
         for frame, address in found[place.name]:
             data.qpos[address] = at[frame]
     rows = np.zeros((len(ctrl), model.nq))
-    for row, told in zip(rows, ctrl, strict=True):
-        data.ctrl[:] = told
+    for row, setpoint in zip(rows, ctrl, strict=True):
+        data.ctrl[:] = setpoint
         mujoco.mj_step(model, data, nstep=EVERY)
         row[:] = data.qpos
     assert np.isfinite(rows).all() and np.ptp(rows, axis=0).max() > 0.1

@@ -144,7 +144,7 @@ def measure_axes(
             fits[hinge.name] = _fit(tracks, hinge, sliding and hinge.closure)
     if not fits:
         raise InputError(
-            f"{tracks.file}: no two bodies that share a hinge; found: "
+            f"{tracks.file}: no two bodies are joined by a hinge; found: "
             f"{', '.join(tracks.poses)}; expected: {', '.join(linkage.bodies)}"
         )
     _check_hinges(tracks, linkage, fits)
@@ -167,8 +167,8 @@ def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
     if fit.span < LEAST_SPAN:
         raise InputError(
             f"{tracks.file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
-            f" {fit.span:.4f} rad, condition number {fit.condition:.3g}; needed: {LEAST_SPAN} rad"
-            f" at least, {SMALL_SPAN} rad to trust it, 1.2 rad to reach the stated accuracy"
+            f" {fit.span:.4f} rad, condition number {fit.condition:.3g}; allowed: {LEAST_SPAN} rad"
+            f" or more ({SMALL_SPAN} rad for a reliable result, 1.2 rad for the stated accuracy)"
         )
     return fit
 
@@ -199,11 +199,11 @@ def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]
         cause = f"wrong names, or a loose cluster on one of {', '.join(others)}"
     share = fit.outliers / max(1, fit.outliers + int(fit.used.sum()))
     raise InputError(
-        f"{tracks.file}: {hinge.body_a} and {hinge.body_b} do not turn about one axis"
+        f"{tracks.file}: {hinge.body_a} and {hinge.body_b} do not rotate about a common axis"
         f" ({hinge.label}):"
         f" {1e3 * fit.residual_position:.1f} mm and {fit.residual_rotation:.3f} rad from the"
-        f" nearest hinge, {100 * share:.0f} % of the samples left out; allowed:"
-        f" {1e3 * WRONG_M:.0f} mm and 30 %. Likely: {cause}"
+        f" nearest hinge, {100 * share:.0f} % of the samples excluded; allowed:"
+        f" {1e3 * WRONG_M:.0f} mm and 30 %. Probable cause: {cause}"
     )
 
 

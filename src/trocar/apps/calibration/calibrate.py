@@ -153,12 +153,14 @@ def calibrate(
             of bodies make them
     """
     if arm.overlay is not None:
-        raise InputError(f"{arm.name}: is calibrated already; give its description without overlay")
+        raise InputError(
+            f"{arm.name}: is already calibrated; allowed: the nominal description, without overlay"
+        )
     loops, names = linkage(arm), bodies or {}
     parallel = loops_are_parallelograms(loops.mechanism)
     if closure == "parallelogram" and not parallel:
         raise InputError(
-            f"{arm.name}: its loops are no parallelograms; allowed: the closure 'general'"
+            f"{arm.name}: its loops are not parallelograms; allowed: closure 'general'"
         )
     closure = closure or ("parallelogram" if parallel else "general")
     centre = remote_centre_of(arm, loops)
@@ -244,8 +246,8 @@ def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: boo
     refined = found.refined
     if not found.home.still:
         yield (
-            "no still start of 0.5 s, so joint position 0 is taken where the linkage looks as the"
-            " description has it there" + ("; the betas are absent" if has_betas else "")
+            "no rest of 0.5 s at the start, so joint position 0 is where the linkage matches the"
+            " nominal description" + ("; the betas are absent" if has_betas else "")
         )
     if not refined.settled:
         yield (
@@ -262,8 +264,8 @@ def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: boo
         )
     if found.closure == "general" and found.wander is not None and found.wander > ABSORBED_M:
         yield (
-            f"the remote centre of this linkage wanders by {1e3 * found.wander:.2f} mm (RMS): no"
-            " fixed one exists"
+            f"the remote centre of this linkage moves by {1e3 * found.wander:.2f} mm (RMS): it is"
+            " not a fixed point"
         )
     off = [
         f"{label} by {-1e3 * by:+.2f} mm"
@@ -312,8 +314,8 @@ def chosen_bodies(
     if not missing:
         return chosen, ()
     return chosen, (
-        f"not in the tracks: {', '.join(missing)}; what these links carry stays as the"
-        " description has it, and their distances are absent",
+        f"not in the tracks: {', '.join(missing)}; the geometry of these links is not calibrated,"
+        " and their axis distances are absent",
     )
 
 

@@ -93,15 +93,13 @@ def check_axes(
         return
     parts: list[str] = []
     if far:
-        told = ", ".join(
+        listed = ", ".join(
             f"{k} {1e3 * v:.1f} mm (nominal {1e3 * n:.1f})" for k, (v, n) in far.items()
         )
-        parts.append(f"axis distances {told}; allowed: within {1e3 * bound:.3g} mm of the nominal")
+        parts.append(f"axis distances {listed}; allowed: within {1e3 * bound:.3g} mm of nominal")
     if turned:
-        told = ", ".join(f"{k} {v:.3f} rad (nominal {n:.3f})" for k, (v, n) in turned.items())
-        parts.append(
-            f"angles at the still start {told}; allowed: within {FAR_RAD:g} rad of the nominal"
-        )
+        listed = ", ".join(f"{k} {v:.3f} rad (nominal {n:.3f})" for k, (v, n) in turned.items())
+        parts.append(f"angles at rest {listed}; allowed: within {FAR_RAD:g} rad of the nominal")
     cause = names if far else "The arm may not have stood at joint positions 0 at the start"
     raise FarFromNominalError(
         file, f"too far from the description: {'; '.join(parts)}. {cause}", {**far, **turned}
@@ -167,10 +165,10 @@ def named(bodies: list[str], names: Mapping[str, str]) -> str:
         bodies: those that were used
         names: {body: its name in the file} of those that are called otherwise
     """
-    told = ", ".join(b if names.get(b, b) == b else f"{b} ({names[b]!r})" for b in bodies)
+    listed = ", ".join(b if names.get(b, b) == b else f"{b} ({names[b]!r})" for b in bodies)
     return (
-        f"Bodies may be labelled wrongly: check which cluster is on which link ({told});"
-        " --bodies BODY=NAME,... names them anew"
+        f"Bodies may be labelled wrongly: check which cluster is on which link ({listed});"
+        " --bodies BODY=NAME,... sets their names"
     )
 
 

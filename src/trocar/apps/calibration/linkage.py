@@ -138,13 +138,13 @@ def linkage(arm: ArmDescription) -> Linkage:
     # A loop is what leads to one end of its closure, but not to both.
     ends = [(set(whole.chain(c.frame_a)), set(whole.chain(c.frame_b))) for c in whole.closures]
     if not ends:
-        raise InputError(f"{arm.name}: has no closed loop, so there are no axes to calibrate")
+        raise InputError(f"{arm.name}: has no closed loop; allowed: an arm with closed loops")
     loops = sorted({i for a, b in ends for i in a ^ b if whole.frames[i].motion != "fixed"})
     names = [whole.frames[i].name for i in loops]
     for i in loops:
         if whole.frames[i].motion == "prismatic":
             raise InputError(
-                f"{arm.name}: {whole.frames[i].name} slides inside a loop; allowed: hinges"
+                f"{arm.name}: {whole.frames[i].name} slides; allowed in a loop: revolute joints"
             )
     kept = tuple(whole.frames[i] for i in sorted({i for a, b in ends for i in a | b}))
     core = Mechanism(whole.name, whole.joints, kept, whole.closures, kept[0].name, kept[0].name)

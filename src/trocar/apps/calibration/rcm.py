@@ -162,8 +162,8 @@ def find_rcm(
     noise_rms = _noise_rms(base, body, fit)
     if fit.rms > max(_WANDERS * noise_rms, _ROUNDING):
         warnings.append(
-            f"there is no fixed remote centre: it wanders by {1e3 * fit.rms:.3g} mm (RMS), noise"
-            f" alone would give {1e3 * noise_rms:.3g} mm; its standard deviations hold for the"
+            f"the remote centre is not fixed: it moves by {1e3 * fit.rms:.3g} mm (RMS), noise"
+            f" alone would cause {1e3 * noise_rms:.3g} mm; its standard deviations hold for the"
             " mean over this sweep"
         )
         warnings += _slips(chosen, links)
@@ -215,15 +215,13 @@ def _chosen(
     known = links.all
     for name in bodies:
         if name not in known:
-            raise InputError(
-                f"bodies: got {name!r}; known to the remote centre: {', '.join(known)}"
-            )
+            raise InputError(f"bodies: got {name!r}; known: {', '.join(known)}")
     optional = [name for name in known if name != links.body and name not in bodies]
     chosen = select_bodies(tracks, {name: bodies.get(name, name) for name in known}, optional)
     if links.base in chosen.poses:
         return chosen, []
     rest = np.broadcast_to(np.eye(4), (len(tracks.times), 4, 4))
-    words = f"{links.base} is not tracked: the cameras' frame is taken for the base, as if it rests"
+    words = f"{links.base} is not tracked: assuming a base fixed in the camera frame"
     return replace(chosen, poses={**chosen.poses, links.base: rest}), [words]
 
 

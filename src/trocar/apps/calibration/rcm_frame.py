@@ -131,8 +131,8 @@ def about_hinges(tracks: Tracks, links: CentreLinks) -> HingesAbout:
         if fit is None or fit.span < LEAST_SPAN:
             why = (
                 f"{', '.join(lost)} not tracked" if lost
-                else f"{a} and {b} are not seen together" if fit is None
-                else f"{b} turns by {fit.span:.3f} rad in {a}, {LEAST_SPAN} rad wanted"
+                else f"{a} and {b} are not tracked together" if fit is None
+                else f"{b} rotates by {fit.span:.3f} rad in {a}, required: {LEAST_SPAN} rad"
             )  # fmt: skip
             words = f"no {what} axis ({why}): no cloud over the joints, and no Table 7"
             return HingesAbout(None, None, (1.0, 1.0), nothing, (words,))
@@ -192,7 +192,7 @@ def _senses(
         found = np.cross(first * yaw.direction_b, to_hinge) @ pitch.direction_a
         return (first, float(np.sign(nominal * found))), ()
     words = (
-        f"which way the pitch axis points is not known without {' or '.join(links.beside)}: the"
+        f"the direction of the pitch axis is undetermined without {' or '.join(links.beside)}: the"
         " signs of the pitch angle and of the axes across the yaw axis may be reversed"
     )
     return (first, 1.0), (words,)
@@ -277,7 +277,7 @@ def table7(tracks: Tracks, links: CentreLinks, hinges: HingesAbout, fit: PivotFi
         fit: of the centre in the base body
     """
     if hinges.yaw is None or hinges.pitch is None:
-        raise InputError(f"{links.arm.name}: yaw and pitch axis wanted, one is not known")
+        raise InputError(f"{links.arm.name}: requires the yaw and the pitch axis, one is unknown")
     yaw, up, along = hinges.yaw, hinges.yaw.in_b, hinges.pitch.in_a
     turned = hinges.senses[0] * hinges.q[:, 0]
     centre, effect = _in_yaw_body(tracks, links, yaw, turned, fit)

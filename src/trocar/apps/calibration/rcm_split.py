@@ -86,7 +86,7 @@ def split_centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> Sp
         arm: the description that was calibrated
     """
     if seen.table7 is None:
-        raise InputError(f"{arm.name}: yaw and pitch axis wanted, one is not known")
+        raise InputError(f"{arm.name}: requires the yaw and the pitch axis, one is unknown")
     links = centre_links(arm)
     q, points = (part[:: 1 + len(part) // MOST] for part in centre_samples(seen.hinges, seen.fit))
     drawn, lengths, own = (

@@ -73,9 +73,9 @@ def _set_up(found: Calibration) -> str:
     )
     return (
         "<h2>Set-up</h2>"
-        f"<p>{found.refined.samples} samples. Noise of a cluster's pose, told from the hinges:"
-        f" {MM * noise[0]:.3g} mm and {MM * noise[1]:.3g} mrad per axis. Left after all sweeps are"
-        f" fitted at once: {MM * found.refined.position_rms:.3g} mm and"
+        f"<p>{found.refined.samples} samples. Pose noise of a cluster, estimated from the hinges:"
+        f" {MM * noise[0]:.3g} mm and {MM * noise[1]:.3g} mrad per axis. Residual of the"
+        f" simultaneous fit: {MM * found.refined.position_rms:.3g} mm and"
         f" {MM * found.refined.rotation_rms:.3g} mrad.</p>"
         + pages.picture(draw_set_up(found), caption)
     )
@@ -107,10 +107,10 @@ def _sides(found: Calibration) -> str:
     )
     text = (
         "<h2>Axis distances (Table 6 of the paper)</h2>"
-        "<p>Measured: each by itself, inside one link that carries both axes. Tracks with a"
+        "<p>Measured: each separately, within the link of both axes. Tracks with a"
         f" distance more than {MM * bound:.3g} mm off the description"
-        " are refused.</p>"
-        f"<p>{how} What no such linkage explains: {MM * found.refined.misfit_m:.3g} mm (RMS),"
+        " are rejected.</p>"
+        f"<p>{how} Model misfit: {MM * found.refined.misfit_m:.3g} mm (RMS),"
         f" chi-squared {found.refined.misfit:.3g} per degree of freedom.</p>"
     ) + pages.table(head, rows)
     if found.axis_distances:
@@ -148,7 +148,7 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         f" makes {MM * seen.noise_rms:.4f} mm.</p>"
     )
     if seen.table7 is None or not seen.cloud:
-        return text + '<p class="quiet">Yaw and pitch axis are not both known.</p>'
+        return text + '<p class="quiet">Yaw or pitch axis is unknown.</p>'
     split = split_centre(found, seen, arm)
     text += _frame(seen.table7, split) + _positions(seen.table7, split)
     text += _spreads(seen.table7, split)

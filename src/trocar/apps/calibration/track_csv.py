@@ -47,8 +47,8 @@ class BodyTrack:
 
     Attributes:
         times: (k,) [s], of the samples that have a row
-        positions: (k, 3) [m], NaN where the body is not tracked
-        quaternions: (k, 4) wxyz, unit length, NaN where the body is not tracked
+        positions: (k, 3) [m], NaN if the body is not tracked
+        quaternions: (k, 4) wxyz, unit length, NaN if the body is not tracked
     """
 
     times: Array
@@ -105,10 +105,10 @@ class CsvRows:
                 if cell is not BLANK and not _is_finite(cell):
                     raise self.error(
                         f"{name}: got {self.cells[row][column]!r}; allowed: a finite number, or"
-                        " blank where the body is not tracked",
+                        " blank if the body is not tracked",
                         row,
                     )
-        raise TracksError(self.file, "holds something that is not a number")
+        raise TracksError(self.file, "contains a value that is not a number")
 
     def check_times(self, name: str, times: Array) -> None:
         """Reject times that do not increase, or that are missing.
@@ -118,14 +118,14 @@ class CsvRows:
         """
         if np.isnan(times).any():
             row = int(np.argmax(np.isnan(times)))
-            raise self.error("the time is blank; allowed: seconds", row)
+            raise self.error("time is blank; allowed: seconds", row)
         back = np.flatnonzero(np.diff(times) <= 0.0)
         if not len(back):
             return
         before, after = times[back[0]], times[back[0] + 1]
         what = "a second time" if before == after else f"after {before:.9g} s"
         raise self.error(
-            f"{name}: got the time {after:.9g} s {what}; allowed: times that increase",
+            f"{name}: got the time {after:.9g} s {what}; allowed: increasing times",
             int(back[0]) + 1,
         )
 
@@ -146,7 +146,7 @@ class CsvRows:
             row = int(np.argmax(half))
             raise self.error(
                 f"{body}: {blanks[row]} of 7 values are blank; allowed: seven numbers, or all"
-                " seven blank where the body is not tracked",
+                " seven blank if the body is not tracked",
                 row,
             )
         self.check_times(body, times)
@@ -156,8 +156,8 @@ class CsvRows:
             row = int(np.argmax(wrong))
             got = ", ".join(f"{value:g}" for value in values[row, 3:])
             raise self.error(
-                f"{body}: got a quaternion of length {length[row]:.6g} (w, x, y, z = {got});"
-                f" allowed: length 1 to {UNIT_TOLERANCE:g}",
+                f"{body}: got a quaternion of norm {length[row]:.6g} (w, x, y, z = {got});"
+                f" allowed: norm 1 within {UNIT_TOLERANCE:g}",
                 row,
             )
         return BodyTrack(times, values[:, :3], values[:, 3:] / length[:, None])
@@ -193,7 +193,7 @@ def parse_csv(file: str, text: str) -> CsvTracks:
         every = [(reader.line_num, cells) for cells in reader if any(cells)]
     except csv.Error as problem:
         raise TracksError(
-            file, f"is no comma-separated text: {problem}", reader.line_num
+            file, f"is not comma-separated text: {problem}", reader.line_num
         ) from problem
     rows = CsvRows(file, [line for line, _ in every], [cells for _, cells in every])
     head = [cell.strip() for cell in rows.cells[0]] if every else []
@@ -206,7 +206,7 @@ def parse_csv(file: str, text: str) -> CsvTracks:
         raise TracksError(file, f"is empty; {allowed}")
     if re.fullmatch(r"\s*[-+.\d][-+.\deE]*\s*", rows.cells[0][0]):
         raise rows.error(
-            "has no header, so no names; export it with the header switched on (Motive: Data"
+            "has no header; export it with the header enabled (Motive: Data"
             f" Export, Header Information); {allowed}",
             0,
         )
@@ -234,14 +234,14 @@ def _tidy(rows: CsvRows) -> CsvTracks:
         )
     rows, column = rows.part(1), head.index("body")
     if not rows.cells:
-        raise TracksError(rows.file, "has a header and no rows")
+        raise TracksError(rows.file, "has a header but no rows")
     names = [name for name in TIDY_COLUMNS if name != "body"]
     values = rows.numbers([head.index(name) for name in names], names)
     places: dict[str, list[int]] = {}
     for row, cells in enumerate(rows.cells):
         body = cells[column].strip() if len(cells) > column else ""
         if not body:
-            raise rows.error("body: is blank; allowed: the name of a body", row)
+            raise rows.error("body: is blank; allowed: a body name", row)
         places.setdefault(body, []).append(row)
     found: dict[str, BodyTrack] = {}
     for body, at in places.items():
@@ -263,15 +263,17 @@ def _motive(rows: CsvRows) -> CsvTracks:
         raise rows.error(f"Length Units: got {got}; allowed: {', '.join(UNITS)}", 0)
     for key, allowed in (("Rotation Type", "Quaternion"), ("Coordinate Space", "Global")):
         if (value := header.get(key, allowed)) != allowed:
-            raise rows.error(f"{key}: got {value!r}; allowed: {allowed}; export it again so", 0)
+            raise rows.error(f"{key}: got {value!r}; allowed: {allowed}; export it again", 0)
     start = next((i for i, cells in enumerate(rows.cells) if cells[0].strip() == "Frame"), None)
     if start is None:
-        raise TracksError(rows.file, 'no line begins with "Frame"; export it with the header on')
+        raise TracksError(
+            rows.file, 'no line begins with "Frame"; export it with the header enabled'
+        )
     columns = _motive_columns(rows.part(1, start + 1))
     time = [cell.strip() for cell in rows.cells[start]].index(TIME)
     frames = rows.part(start + 1)
     if not frames.cells:
-        raise TracksError(rows.file, "has a header and no frames")
+        raise TracksError(rows.file, "has a header but no frames")
     bodies = _motive_bodies(frames, time, columns, UNITS[units])
     return CsvTracks(
         bodies, _motive_rate(rows, header), _motive_warnings(header, len(frames.cells))
@@ -307,15 +309,17 @@ def _motive_columns(rows: CsvRows) -> dict[str, list[int]]:
         part = (kinds[column], axes[column])
         if types[column] == "Rigid Body" and part in PARTS:
             if part in bodies.setdefault(names[column], {}):
-                raise rows.error(f"two rigid bodies are called {names[column]!r}", last)
+                raise rows.error(f"two rigid bodies are named {names[column]!r}", last)
             bodies[names[column]][part] = column
     if not bodies:
         got = ", ".join(sorted({types[column] for column in described})) or "nothing"
-        raise rows.error(f"holds no rigid body, but columns of: {got}; allowed: Rigid Body", last)
+        raise rows.error(
+            f"contains no rigid body; found columns of: {got}; allowed: Rigid Body", last
+        )
     for name, parts in bodies.items():
         if missing := [" ".join(part) for part in PARTS if part not in parts]:
             raise rows.error(
-                f"{name}: columns missing: {', '.join(missing)}; is its rotation exported as"
+                f"{name}: columns missing: {', '.join(missing)}; was its rotation exported as"
                 " angles? allowed: Quaternion",
                 last,
             )
@@ -329,13 +333,13 @@ def _motive_bodies(
     head = frames.numbers((0, time), ("Frame", TIME))
     if np.isnan(head).any():
         row = int(np.argmax(np.isnan(head).any(axis=1)))
-        raise frames.error("the frame's number or its time is blank", row)
+        raise frames.error("frame number or time is blank", row)
     back = np.flatnonzero(np.diff(head[:, 0]) <= 0.0)
     if len(back):
         row = int(back[0]) + 1
         raise frames.error(
-            f"frame {head[row, 0]:g} comes after frame {head[row - 1, 0]:g}; allowed: numbers that"
-            " increase",
+            f"frame {head[row, 0]:g} comes after frame {head[row - 1, 0]:g}; allowed: increasing"
+            " numbers",
             row,
         )
     frames.check_times(TIME, head[:, 1])
@@ -365,9 +369,9 @@ def _motive_warnings(header: Mapping[str, str], count: int) -> tuple[str, ...]:
     found: list[str] = []
     version, announced = header[MOTIVE_FIRST], header.get("Total Exported Frames", "")
     if version not in MOTIVE_VERSIONS:
-        found.append(f"the format {version or 'without a number'} is unknown; read as 1.25 is")
+        found.append(f"unknown format version {version or '(none)'}; read as version 1.25")
     if announced.isdigit() and int(announced) != count:
         found.append(
-            f"the header announces {announced} frames, and {count} were found: is it cut short?"
+            f"the header announces {announced} frames, got {count}; the file may be truncated"
         )
     return tuple(found)

@@ -83,7 +83,9 @@ def read_tracks(path: str | Path) -> Tracks:
     except OSError as problem:
         raise TracksError(file, f"cannot be read: {problem.strerror}") from problem
     except UnicodeDecodeError as problem:
-        raise TracksError(file, "is no UTF-8 text; allowed: CSV of Motive, or tidy") from problem
+        raise TracksError(
+            file, "is not UTF-8 text; allowed: Motive CSV export, or tidy CSV"
+        ) from problem
     found = parse_csv(file, text)
     times = np.unique(np.concatenate([track.times for track in found.bodies.values()]))
     poses: dict[str, Array] = {}
@@ -100,7 +102,7 @@ def read_tracks(path: str | Path) -> Tracks:
     tracks = Tracks(file, hashlib.sha256(content).hexdigest(), times, poses, np.nan)
     check_size(tracks)
     if len(times) < 2:
-        raise TracksError(file, f"got {len(times)} sample; allowed: 2 or more")
+        raise TracksError(file, f"got {len(times)} samples; allowed: 2 or more")
     rate, header, warnings = 1.0 / float(np.median(np.diff(times))), found.rate_hz, found.warnings
     if header is not None and abs(rate / header - 1.0) <= RATE_TOLERANCE:
         rate = header  # the times are rounded
@@ -128,14 +130,14 @@ def check_size(tracks: Tracks) -> None:
         unit = min(LARGER, key=lambda name: abs(math.log(far / LARGER[name] / USUAL_M)))
         raise TracksError(
             tracks.file,
-            f"{a} and {b} are {far:.4g} m apart, and no arm is that large: are the positions in"
+            f"{a} and {b} are {far:.4g} m apart, more than the size of an arm: are the positions in"
             f" {unit} ({LARGER[unit]:g} times too large)? allowed: at most {FARTHEST_M:g} m",
         )
     if far < NEAREST_M:
         raise TracksError(
             tracks.file,
-            f"all bodies lie within {far:.3g} m, and no arm is that small: are the positions in"
-            f" metres where millimetres were announced (1000 times too small)? allowed: at least"
+            f"all bodies lie within {far:.3g} m, less than the size of an arm: are the positions in"
+            f" metres, but the header says millimetres (1000 times too small)? allowed: at least"
             f" {NEAREST_M:g} m",
         )
 
@@ -153,7 +155,7 @@ def parse_bodies(text: str) -> dict[str, str]:
         body, given, name = (word.strip() for word in part.partition("="))
         if not (body and given and name):
             raise InputError(
-                f"bodies: got {part!r}; allowed: BODY=NAME IN THE FILE, separated by commas, as"
+                f"bodies: got {part!r}; allowed: BODY=NAME, separated by commas, e.g."
                 " psm_yaw=Rigid Body 3,psm_base=Base"
             )
         if body in found:
@@ -182,13 +184,13 @@ def select_bodies(
         raise TracksError(
             tracks.file,
             f"bodies missing: {shown}; found: {', '.join(tracks.poses) or 'none'}; expected:"
-            f" {', '.join(wanted)}; --bodies {missing[0]}=NAME says what one is called",
+            f" {', '.join(wanted)}; --bodies {missing[0]}=NAME sets the name in the file",
         )
     picked = {b: tracks.poses[name] for b, name in wanted.items() if name in tracks.poses}
     chosen = replace(tracks, poses=picked)
     lost = [body for body in picked if not chosen.tracked(body).any()]
     if lost:
-        raise TracksError(tracks.file, f"nowhere tracked: {', '.join(lost)}")
+        raise TracksError(tracks.file, f"not tracked in any sample: {', '.join(lost)}")
     return chosen
 
 

@@ -204,7 +204,9 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
     if arm.chain is not None and not _same_chain(arm.chain, base):
         found, base = _other_chain(arm, own, source)
         changed = True
-        files.notes.append(f"{arm.name}: its chain is not {own}'s, so it has no loops")
+        files.notes.append(
+            f"{arm.name}: kinematic chain differs from {own}, simulated without closed loops"
+        )
     changed |= set_limits(found, rows, source)
     if "body" not in found:
         _add_bodies(found, base, arm)
@@ -226,14 +228,14 @@ def _tool_entry(arm: LabArm, tool: str, files: Files) -> str:
     instrument = None if requested else arm.instrument
     found = None if instrument is None else tool_document(tool, instrument)
     if found is not None and tool not in names("tools"):
-        files.notes.append(f"{arm.name}: {tool}: shape and masses are a needle driver's")
+        files.notes.append(f"{arm.name}: {tool}: uses the shape and masses of a needle driver")
     if instrument is None and not requested and tool not in names("tools"):
         raise DescriptionError(
             arm.file,
             "tool",
-            f"got {tool!r}, and its file tool/{tool.replace(':', '_')}.json is not here; allowed:"
-            f" {', '.join(names('tools'))} (--tool {arm.name}=TOOL takes one of these, or a tool's"
-            " own TOML file, in its place)",
+            f"got {tool!r}, file tool/{tool.replace(':', '_')}.json not found; allowed:"
+            f" {', '.join(names('tools'))} (--tool {arm.name}=TOOL sets one of these, or a"
+            " TOML file)",
         )
     changed = found is not None
     found = found or document("tools", tool)
@@ -287,7 +289,7 @@ def _other_chain(arm: LabArm, own: str, source: str) -> tuple[Document, ArmDescr
         raise DescriptionError(
             arm.file,
             "kinematic",
-            f"is a chain that trocar's {own} cannot have (got {', '.join(got)}); allowed: that of"
+            f"unsupported kinematic chain for {own} (got {', '.join(got)}); allowed: that of"
             f" {own}, or for a PSM or ECM one of {', '.join(kinds)} in the modified convention",
         )
     serial = f"{arm.type.lower()}_si"

@@ -394,7 +394,7 @@ class Sources:
             for part in Path(name).parts:
                 found = [p for f in found for p in _listed(f) if p.name.lower() == part.lower()]
             if found and found[0].is_file():
-                self.warnings.append(f"{name}: took {found[0]}, whose name differs in letter case")
+                self.warnings.append(f"{name}: used {found[0]}, whose name differs in case")
                 return found[0]
         return None
 
@@ -403,8 +403,8 @@ class Sources:
         places = ", ".join(str(folder) for folder in self.folders)
         return file.fail(
             key,
-            f"got {name!r}, which is in none of {places}; allowed: a file in one of these, or in a"
-            " folder that --share names (sawIntuitiveResearchKit/share)",
+            f"got {name!r}, not found in {places}; allowed: a file in one of these, or in a"
+            " folder given by --share (sawIntuitiveResearchKit/share)",
         )
 
     def read(self, path: Path, kind: type[T]) -> JsonFile[T]:
@@ -445,7 +445,7 @@ def parse_json(path: Path) -> dict[str, Any]:
             if _plain(key) in seen:
                 before = seen[_plain(key)]
                 raise DescriptionError(
-                    file, key, f"is given twice (before as {before!r}); allowed: once"
+                    file, key, f"is given twice (first as {before!r}); allowed: once"
                 )
             seen[_plain(key)] = key
         return dict(pairs)
@@ -471,7 +471,7 @@ def parse_json(path: Path) -> dict[str, Any]:
     except RecursionError as problem:
         raise DescriptionError(file, "", "is not JSON: nested too deeply") from problem
     if not isinstance(data, dict):
-        raise DescriptionError(file, "", "holds no object; allowed: {...} at the top")
+        raise DescriptionError(file, "", "is not a JSON object; allowed: {...} at the top level")
     return cast(dict[str, Any], data)
 
 

@@ -106,7 +106,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
     _check_target(file, chosen.force)
     if not path.is_file():
-        raise InputError(f"{system}: there is no such file; a dVRK system-*.json is needed")
+        raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json")
     lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
     psms = [arm.name for arm in lab.arms if arm.type == "PSM"]
     for name, _ in chosen.tools:
@@ -127,7 +127,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     if files.stand_ins:
         names = ", ".join(dict.fromkeys(files.stand_ins))
         files.notes.append(
-            f"{names}: masses and shapes are not published; stand-ins, which touch nothing"
+            f"{names}: masses and shapes are not published; placeholders without collision are used"
         )
     notes = tuple(dict.fromkeys((*lab.notes, *files.notes)))
     return Imported(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)
@@ -135,9 +135,9 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
 
 def _check_target(file: Path, force: bool) -> None:
     if file.suffix != ".toml":
-        raise InputError(f"{file}: a rig's file ends in .toml")
+        raise InputError(f"{file}: allowed: a rig file with extension .toml")
     if file.exists() and not force:
-        raise InputError(f"{file}: is there already; --force writes over it")
+        raise InputError(f"{file}: exists; allowed: a new file, or --force to overwrite it")
 
 
 def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
@@ -168,7 +168,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
             }
         )
         if suj.name not in carried:
-            nothing = "carries nothing, for the system has no such arm on it"
+            nothing = "carries no arm of the system"
             files.notes.append(f"SUJ {suj.name}: {nothing}")
     cart = bool(entries)
     frames = _frames_in_world(lab, cart)
@@ -184,7 +184,7 @@ def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
             key = f"{arm.frame} {np.round(arm.pose, 6).tolist()}"
             twin = standing.setdefault(key, arm.name)
             if twin != arm.name:
-                files.notes.append(f"{arm.name}: left out: it would stand where {twin} stands")
+                files.notes.append(f"{arm.name}: omitted: same pose as {twin}")
                 continue
             if arm.frame == DISPLAY:
                 place = {"on": DISPLAY, **place, **pose_entries(arm.pose)}
@@ -284,9 +284,9 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     for teleop in lab.teleops:
         lacking = [name for name in teleop.masters if name not in placed]
         if teleop.slave not in placed:
-            files.notes.append(f"{teleop.place}: left out, for {teleop.slave} was left out")
+            files.notes.append(f"{teleop.place}: omitted, because {teleop.slave} is omitted")
         elif lacking:
-            files.notes.append(f"{teleop.place}: {' and '.join(lacking)} can only be a real master")
+            files.notes.append(f"{teleop.place}: {' and '.join(lacking)} must be real masters")
     return {key: value for key, value in rig.items() if value != []}
 
 
@@ -295,8 +295,8 @@ def _endoscope(arm: LabArm, files: Files) -> Document:
     bent = BENT[arm.endoscope.rpartition("_")[2] or "STRAIGHT"]
     if bent:
         files.notes.append(
-            f"{arm.name}: {arm.endoscope}: its pictures are bent by {abs(bent):g} degrees; the"
-            " ECM's own measured_cp, and the PSMs' in it, are those of a straight scope"
+            f"{arm.name}: {arm.endoscope}: its images are rotated by {abs(bent):g} degrees; the"
+            " ECM's measured_cp, and the PSMs' relative to it, are those of a straight scope"
         )
     camera: Document = {"name": "endoscope", "kind": "endoscope", "arm": arm.name}
     if arm.name != "ECM":

@@ -70,7 +70,7 @@ def setup_entry(arm: SetupArm, files: Files) -> tuple[str, bool]:
         if arm.chain is None or _same_setup(arm, known(own)):
             return own, False
         found = _classic_setup(arm, own)
-        files.notes.append(f"SUJ {arm.name}: numbers of its own; masses and shapes are {own}'s")
+        files.notes.append(f"SUJ {arm.name}: own kinematic parameters; masses and shapes of {own}")
     else:
         found = _serial_setup(arm, files)
         files.stand_ins.append(f"SUJ_{arm.name}")
@@ -136,7 +136,7 @@ def _serial_setup(arm: SetupArm, files: Files) -> Document:
     """Return setup joints of which only the chain is known."""
     chain = arm.chain
     if chain is None:
-        raise DescriptionError(arm.file, "DH", "is missing; the rows of the setup joints")
+        raise DescriptionError(arm.file, "DH", "is missing; allowed: the rows of the setup joints")
     rows = chain.rows
     joints: list[Document] = []
     frames: list[Document] = [

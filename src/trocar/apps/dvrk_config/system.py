@@ -344,7 +344,7 @@ class _Reader:
     def _read_setup(self, place: JsonFile[Any], entry: ArmEntry, kind: str) -> list[SetupArm]:
         file_name = entry.arm_file or entry.arm or entry.kinematic
         if not file_name:
-            raise place.fail("arm_file", "is missing; setup joints need their file")
+            raise place.fail("arm_file", "is missing; required for setup joints")
         path = self._sources.find(file_name)
         if path is None:
             own = published.SETUP_FILES.get(Path(file_name).name)
@@ -441,13 +441,13 @@ class _Reader:
         chain = read_chain(found, "dh", found.entries.dh, self._literal)
         if kind == "PSM" and len(chain.rows) > 3:  # of version 1: the arm with its instrument
             chain = replace(chain, rows=chain.rows[:3])
-            self._notes.append(f"{found.name}: rows of the instrument are not read")
+            self._notes.append(f"{found.name}: instrument rows are ignored")
         return chain, own
 
     def _tool(self, file: JsonFile[ArmFile], entry: ArmEntry) -> tuple[str, Instrument | None]:
         """Return the instrument that the files fix, "" where they leave it open, and its file."""
         arm, name = file.entries, entry.name
-        choose = f"--tool {name}=NAME chooses one"
+        choose = f"--tool {name}=NAME selects one"
         if file.prefix:  # of version 1: psm-large-needle-driver.json
             words = Path(arm.kinematic).stem.lower().split("-")[1:]
             tool = next(
@@ -455,18 +455,15 @@ class _Reader:
                 "",
             )
             if words and not tool:
-                self._notes.append(
-                    f"{name}: {arm.kinematic}: trocar has no such instrument; {choose}"
-                )
+                self._notes.append(f"{name}: {arm.kinematic}: not a built-in instrument; {choose}")
             return (tool if words else ""), None
         if arm.tool_detection != "FIXED":
             self._notes.append(
-                f"{name}: tool_detection is {arm.tool_detection}, so the file leaves the instrument"
-                f" open; {choose}"
+                f"{name}: tool_detection is {arm.tool_detection}, no instrument defined; {choose}"
             )
             return "", None
         if not arm.tool:
-            raise file.fail("tool", "is missing; allowed: a text")
+            raise file.fail("tool", "is missing; allowed: a string")
         tool = re.sub(r"_(\d{6})$", r":\1", re.sub(r"\[.*\]$", "", arm.tool))
         code = re.sub(r"^\d+MM_", "", tool).replace(":", "_")  # 5MM_NEEDLE_DRIVER:400117
         for stem in dict.fromkeys((tool.replace(":", "_"), code)):
@@ -492,7 +489,7 @@ class _Reader:
         if chain.convention != "modified" or not fits:
             raise file.fail(
                 "dh",
-                f"is a chain of {len(got)} rows that no instrument of trocar's has; allowed: roll,"
+                f"unsupported chain of {len(got)} rows; allowed: roll,"
                 " wrist pitch and wrist yaw as of LARGE_NEEDLE_DRIVER",
             )
         lengths = [(row.a, row.d) for row in chain.rows]
@@ -520,7 +517,9 @@ class _Reader:
                 raise self._sources.missing(place, "pid_file", file_name)
             return {}
         if path.suffix != ".json":
-            self._notes.append(f"{path}: only JSON is read; gains stay those of trocar's arm")
+            self._notes.append(
+                f"{path}: only JSON is supported; gains of the built-in arm are used"
+            )
             return {}
         file, joints = self._sources.read(path, PidFile), PID_JOINTS[kind]
         found: dict[str, Gains] = {}
@@ -589,7 +588,7 @@ class _Reader:
                 teleop = self._teleop(self._root.at(place), entry, kind, kinds)
                 pair = (*teleop.masters, teleop.slave)
                 if pair in found:
-                    twice = f"{' and '.join(pair)} are paired twice; the first counts"
+                    twice = f"{' and '.join(pair)} are paired twice; the first is used"
                     self._notes.append(f"{teleop.place}: {twice}")
                 found.setdefault(pair, teleop)
         return tuple(found.values())
@@ -670,7 +669,7 @@ def _setup_arm(at: JsonFile[Any], arm: SetupEntry, kind: str, literal: bool) -> 
     if given and len(given) < 3:
         raise at.fail(
             given[0],
-            "stands without its fellows; allowed: DH, world_origin_to_SUJ and"
+            "is incomplete; allowed: DH, world_origin_to_SUJ and"
             " SUJ_tip_to_tool_origin together, or none of them (then the dVRK's own are taken)",
         )
     published_q = {row["name"]: row.get("simulated_position") for row in published.SETUPS[kind]}

@@ -67,7 +67,7 @@ def _lost(task: Task) -> tuple[str, ...]:
         if integral:
             warnings.append(
                 f"{place.name}: the integral gain of {', '.join(integral)} is in {name}_pid.xml"
-                " alone; a position servo has none"
+                " only; position servos have none"
             )
     return tuple(warnings)
 

@@ -81,12 +81,12 @@ def _write(path: Path, content: bytes) -> None:
 def _warnings(task: Task) -> tuple[str, ...]:
     found = list(left_out(task.rig))
     found += [
-        f"{arm}: its loops are no parallelograms; the passive joints mimic straight lines, and the"
-        f" worst frame stands up to {1e3 * off:.3f} mm from where it belongs"
+        f"{arm}: its loops are not parallelograms; passive joints mimic linearly, and the largest"
+        f" frame error is {1e3 * off:.3f} mm"
         for arm, off in task.model.line_errors.items()
     ]
     found += [
-        f"{follower} mimics {leader}, which sorting by name brings later: pinocchio refuses that"
+        f"{follower} mimics {leader}, later in alphabetical order: pinocchio rejects this"
         for follower, leader in late_leaders(urdf_tree(task.model))
     ]
     return tuple(found)

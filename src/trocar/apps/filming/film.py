@@ -56,9 +56,9 @@ def kind_of(path: Path) -> str:
     ending = path.suffix.lower()
     if ending not in PICTURES + VIDEOS:
         allowed = ", ".join(PICTURES + VIDEOS)
-        raise InputError(f"{path}: got the ending {ending!r}; allowed: {allowed}")
+        raise InputError(f"{path}: got extension {ending!r}; allowed: {allowed}")
     if not path.absolute().parent.is_dir():
-        raise InputError(f"{path}: cannot be written: there is no folder {path.absolute().parent}")
+        raise InputError(f"{path}: cannot be written: no folder {path.absolute().parent}")
     return "video" if ending in VIDEOS else "picture"
 
 
@@ -76,7 +76,7 @@ def take_picture(
         InputError: a path that cannot be written, or what cannot be shown
     """
     if kind_of(path) != "picture":
-        raise InputError(f"{path}: a picture ends in {', '.join(PICTURES)}")
+        raise InputError(f"{path}: allowed for an image: {', '.join(PICTURES)}")
     found = picture(capture(), eye, show)
     try:
         Image.fromarray(found).save(path)
@@ -116,7 +116,7 @@ def film(
         TrocarError: ffmpeg gave up
     """
     if kind_of(path) != "video":
-        raise InputError(f"{path}: a video ends in {', '.join(VIDEOS)}")
+        raise InputError(f"{path}: allowed for a video: {', '.join(VIDEOS)}")
     for name, got in (("duration", duration_s), ("rate", rate_hz)):
         if not 0.0 < got < float("inf"):
             raise InputError(f"--{name}: got {got:g}; allowed: above 0")
@@ -192,7 +192,7 @@ def video(
 
 
 def _incomplete(path: Path, count: int) -> TrocarError:
-    text = f"{path}: ffmpeg did not write all of {count} pictures, see its message above"
+    text = f"{path}: ffmpeg did not write all of {count} frames, see its message above"
     return TrocarError(f"{text}; is the disk full?")
 
 

@@ -71,7 +71,7 @@ def _eyes(frame: Any, show: str) -> list[Picture]:
         return [frame.left] if frame.right is None else [frame.left, frame.right]
     layers = getattr(frame, show)
     if layers is None:
-        raise InputError(f"the frame has no {show}: it was rendered without")
+        raise InputError(f"the frame was rendered without {show}")
     if show == "depth":
         seen = layers[np.isfinite(layers) & (layers > 0.0)]
         ends = (float(seen.min()), float(seen.max())) if seen.size else (0.0, 1.0)

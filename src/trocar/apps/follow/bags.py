@@ -64,7 +64,7 @@ def open_bag(path: str | Path) -> Bag:
     """
     where, file = Path(path).expanduser(), str(path)
     if not where.exists():
-        raise LogError(file, f"there is no such file; allowed: {FORMATS}")
+        raise LogError(file, f"no such file; allowed: {FORMATS}")
     paths = _files(where, file)
     raw: Raw = _mcap_raw if _kind(paths[0]) == "mcap" else _rosbag_raw
     found: dict[str, str] = {}
@@ -105,7 +105,7 @@ def _files(where: Path, file: str) -> list[Path]:
     """Return what to read: a file, a rosbag 2's folder, or the files of one without metadata."""
     if where.is_file():
         if _kind(where) is None:
-            raise LogError(file, f"is no bag; allowed: {FORMATS}")
+            raise LogError(file, f"is not a bag; allowed: {FORMATS}")
         return [where]
     if (where / "metadata.yaml").is_file():
         return [where]
@@ -114,9 +114,9 @@ def _files(where: Path, file: str) -> list[Path]:
         packed = [p.name for p in where.iterdir() if p.suffix == ".zstd"]
         raise LogError(
             file,
-            f"is packed ({packed[0]}): unpack it first (`zstd -d`)"
+            f"is compressed ({packed[0]}): decompress it first (`zstd -d`)"
             if packed
-            else "holds no file of a rosbag 2; allowed: *.db3 or *.mcap",
+            else "contains no rosbag 2 file; allowed: *.db3 or *.mcap",
         )
     return sorted(found, key=lambda p: [int(n) for n in re.findall(r"\d+", p.stem)] or [0])
 
@@ -208,5 +208,5 @@ def _rosbags(file: str) -> Iterator[None]:
         raise
     except (*own, *foreign) as error:
         if "not indexed" in str(error):
-            raise LogError(file, "was not closed by its writer; run `rosbag reindex`") from error
+            raise LogError(file, "was not closed properly; run `rosbag reindex`") from error
         raise LogError(file, f"cannot be read as a bag: {error}") from error

@@ -129,7 +129,7 @@ def actuators_of_recording(arm: ArmDescription) -> tuple[list[int], Coupling]:
     coupled = arm.coupling.joints if arm.coupling else ()
     if arm.coupling is None or not set(sides) <= set(coupled):
         raise InputError(
-            f"{arm.name}: its tool has no coupling of {', '.join(sides)}, which a motor-side"
+            f"{arm.name}: the tool has no coupling of {', '.join(sides)}, required for a motor-side"
             " recording needs; allowed: wrist joint"
         )
     inner = [coupled.index(name) for name in sides]
@@ -201,19 +201,19 @@ def _lines(path: str | Path) -> Iterator[tuple[int, str]]:
             while line := stream.readline(LONGEST_LINE):
                 number += 1
                 if len(line) >= LONGEST_LINE:
-                    raise LogError(file, "is no table of numbers: the row never ends", number)
+                    raise LogError(file, "is not a table of numbers: row too long", number)
                 if not line.strip():
                     blank = blank or number
                     continue
                 if blank:
-                    raise LogError(file, "is blank; allowed: blank rows at the end only", blank)
+                    raise LogError(
+                        file, "row is blank; allowed: at the end of the file only", blank
+                    )
                 yield number, line
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise LogError(
-            file, f"the gzip file is truncated or damaged here ({error})", number + 1
-        ) from error
+        raise LogError(file, f"gzip data is truncated or damaged ({error})", number + 1) from error
     except UnicodeDecodeError as error:
-        raise LogError(file, "is no text; allowed: comma-separated numbers", number + 1) from error
+        raise LogError(file, "is not text; allowed: comma-separated numbers", number + 1) from error
     except OSError as error:
         raise LogError(file, f"cannot be read: {error.strerror or error}") from error
 
@@ -222,7 +222,7 @@ def _open(path: str | Path, stack: ExitStack) -> TextIO:
     """Open a file as text, unpacked when it is gzip whatever its name says."""
     where = Path(path).expanduser()
     if not where.is_file():
-        what = "is a folder" if where.is_dir() else "there is no such file"
+        what = "is a folder" if where.is_dir() else "no such file"
         raise LogError(str(path), f"{what}; allowed: {READABLE}")
     raw = stack.enter_context(where.open("rb"))
     packed = raw.read(2) == b"\x1f\x8b"
@@ -310,10 +310,10 @@ def _topic(bag: Bag, arm: ArmDescription, topic: str | None) -> str:
         return (named or fitting)[0]
     if not found:
         raise LogError(
-            bag.file, f"holds no joint states; allowed: a topic /{arm.type}.../measured_js"
+            bag.file, f"contains no joint states; allowed: a topic /{arm.type}.../measured_js"
         )
     raise LogError(
-        bag.file, f"{len(fitting)} topics fit a {arm.type}; name one (--topic): {known}"
+        bag.file, f"{len(fitting)} topics fit a {arm.type}; select one with --topic: {known}"
     )  # fmt: skip
 
 
@@ -323,7 +323,7 @@ def _samples(bag: Bag, topic: str) -> tuple[Array, tuple[str, ...], Array, bool]
     values: list[tuple[Any, ...]] = []
     names: tuple[str, ...] = ()
 
-    def refuse(problem: str) -> LogError:
+    def reject(problem: str) -> LogError:
         return LogError(bag.file, f"/{topic}: {problem}", len(times) + 1)
 
     for message in bag.messages([topic]):
@@ -331,16 +331,16 @@ def _samples(bag: Bag, topic: str) -> tuple[Array, tuple[str, ...], Array, bool]
         if times and at == times[-1]:
             continue
         if times and at < times[-1]:
-            raise refuse("time goes back")
+            raise reject("time goes back")
         if times and at - times[-1] > LONGEST_GAP_S:
             gap = f"a gap of {at - times[-1]:.3g} s after {times[-1] - times[0]:.3f} s"
-            raise refuse(f"{gap}; allowed: {LONGEST_GAP_S:g} s")
+            raise reject(f"{gap}; allowed: {LONGEST_GAP_S:g} s")
         position = fields["position"]
         names = names or tuple(fields["name"]) or tuple(map(str, range(len(position))))
         if len(position) != len(names):
-            raise refuse(f"got {len(position)} positions; allowed: {len(names)}")
+            raise reject(f"got {len(position)} positions; allowed: {len(names)}")
         if not np.isfinite(position).all():
-            raise refuse("positions must be finite")
+            raise reject("positions must be finite")
         times.append(at)
         values.append((position, fields["velocity"], fields["effort"]))
     if len(times) < 2:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from trocar.apps.follow.bags import JOINT_STATE, Bag, JointMessage
 from trocar.descriptions import ArmDescription, RigDescription
 from trocar.errors import InputError, TrocarError
-from trocar.interfaces.crtk.topics import prefix
+from trocar.interfaces.crtk.topic import prefix
 from trocar.interfaces.inbox import Command
 from trocar.interfaces.state import Elapsed
 
@@ -326,7 +326,7 @@ class Mirror:
             for twin in self.twins.values():
                 if not twin.heard:
                     _log.warning(
-                        "%s: no message yet; it stands where the rig starts", twin.name
+                        "%s: no message received yet; holding the start pose", twin.name
                     )  # fmt: skip
         if not self.over.is_set():
             self._watch_silence(now)
@@ -367,10 +367,10 @@ class Mirror:
 
     def _state(self, twin: Twin) -> str:
         if not twin.heard:
-            return "not heard yet"
+            return "no message yet"
         if self.over.is_set():
-            return "over, holds"
-        return '<b class="bad">silent, holds</b>' if twin.silent else "follows"
+            return "ended, holds"
+        return '<b class="bad">no message, holds</b>' if twin.silent else "follows"
 
     def _play(self, simulated_s: float) -> None:
         """Post every message of the bag that is due, the newest of each arm last."""
@@ -386,7 +386,7 @@ class Mirror:
             if self._failure is None:
                 lasted = self._end - self._begin
                 _log.warning(
-                    "%s: over after %.2f s; the arms hold where they are", self._source.name, lasted
+                    "%s: ended after %.2f s; the arms hold position", self._source.name, lasted
                 )  # fmt: skip
 
     def _advance(self) -> None:
@@ -423,7 +423,9 @@ class Mirror:
                 if not twin.heard or twin.silent:  # it may be far from where the twin stands
                     by = "set"
                 if twin.silent and twin.last is not None:
-                    _log.warning("%s: heard again after %.2f s", twin.name, now - twin.last)
+                    _log.warning(
+                        "%s: messages received again after %.2f s", twin.name, now - twin.last
+                    )
                 twin.silent, twin.last, twin.heard = False, now, twin.heard + 1
                 twin.first = now if twin.first is None else twin.first
             command = follow(twin.name, twin.q.copy(), twin.qd.copy(), by)
@@ -438,7 +440,7 @@ class Mirror:
                     continue
                 twin.silent, twin.gaps = True, twin.gaps + 1
                 _log.warning(
-                    "%s: silent for %.0f ms; it holds where it is", twin.name, 1e3 * SILENCE_S
+                    "%s: no message for %.0f ms; holding position", twin.name, 1e3 * SILENCE_S
                 )  # fmt: skip
 
 
@@ -455,7 +457,9 @@ def _found(topics: Mapping[str, str] | None, name: str, where: str) -> str | Non
         if kind == JOINT_STATE and found and not after and before.rpartition("/")[2] != "SUJ":
             fitting.append(topic)
     if len(fitting) > 1:
-        raise InputError(f"{where}: {name} is in several namespaces: {', '.join(sorted(fitting))}")
+        raise InputError(
+            f"{where}: {name} exists in several namespaces: {', '.join(sorted(fitting))}"
+        )
     return fitting[0] if fitting else None
 
 

@@ -133,7 +133,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
     if isinstance(source, str) and not source:
         raise LogError(
             file,
-            f"its rig {about['rig']!r} was built in Python and lies in no file; hand it over:"
+            f"its rig {about['rig']!r} was built in Python, not read from a file; pass it:"
             " repeat(file, rig=...)",
         )
     arguments: dict[str, Any] = {
@@ -143,7 +143,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
     if strange:
         raise LogError(
             file,
-            f"trocar {about['trocar']} built its world with {', '.join(sorted(strange))}, which"
+            f"trocar {about['trocar']} recorded world options {', '.join(sorted(strange))} that"
             f" trocar {__version__} lacks",
         )
     texts: dict[str, list[str]] = json.loads(about.get("calibration", "{}"))
@@ -170,7 +170,7 @@ def _repeat(world: World, entry: Entry, file: str) -> None:
         raise LogError(
             file,
             f"cannot be repeated: the command {entry.source} {entry.name} at {entry.time:g} s"
-            f" was given {', '.join(unknown)}, which no file can hold",
+            f" has arguments that cannot be recorded: {', '.join(unknown)}",
         )
     _step_to(world, entry.period)
     try:

@@ -122,8 +122,7 @@ def replay(
     described = load_arm(arm, how.tool, how.calibration)
     if described.type not in ("PSM", "ECM", "MTM"):
         raise InputError(
-            f"{described.name}: is a {described.type}; allowed for a replay: a PSM, an ECM or an"
-            " MTM"
+            f"{described.name}: got arm type {described.type}; allowed: PSM, ECM or MTM"
         )
     rig = lone_arm_rig(described)
     world = World(rig, control=how.control, friction=how.friction)
@@ -152,7 +151,7 @@ def _bag_rows(log: str | Path, arm: ArmDescription, how: ReplaySettings) -> Arra
     """
     rows, has_efforts = read_bag(log, arm, how.rate_hz, how.topic)
     if how.mode == "effort" and not has_efforts:
-        raise LogError(str(log), "holds no efforts; allowed: mode position")
+        raise LogError(str(log), "contains no efforts; allowed: mode position")
     if len(rows) < 2:
         lasted = f"lasts less than {1.0 / how.rate_hz:g} s"
         raise LogError(str(log), f"{lasted}; allowed: 2 rows or more")
@@ -267,7 +266,7 @@ def _periods(settings: ReplaySettings, timestep_s: float) -> int:
     if not 1 <= whole <= MOST_PERIODS or abs(periods - whole) > 1e-9 * whole:
         raise InputError(
             f"rate: got {settings.rate_hz!r} Hz; allowed: {1.0 / timestep_s:g} Hz divided by a"
-            f" whole number up to {MOST_PERIODS}, as 200"
+            f" whole number up to {MOST_PERIODS}, e.g. 200"
         )
     return whole
 

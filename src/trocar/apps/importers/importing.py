@@ -133,13 +133,13 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
         moving = {frame.name for frame in layout.mechanism.frames if frame.motion != "fixed"}
     else:
         if model.moves:
-            warnings.append(f"{model.file}: a prop does not move: joints are held at 0")
+            warnings.append(f"{model.file}: imported as prop: joints are fixed at 0")
         carrier, moving = {link: ("prop", T) for link, T in at.items()}, set[str]()
     found = (_body(model, link, *carrier[link.name], moving, warnings) for link in model.links)
     bodies = [body for body in found if body is not None]
     shapes = [shape for body in bodies for shape in body.shapes]
     if layout is None and not shapes:
-        raise ImportFileError(model.file, "has no shapes, so there is nothing to place")
+        raise ImportFileError(model.file, "has no shapes; allowed: a file with at least one shape")
     with whole_folder(target, chosen.force) as built:
         _write(built, head, layout, bodies)
     return Imported(
@@ -157,7 +157,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
 
 def _read(path: Path, options: Options) -> Model:
     if not path.is_file():
-        raise ImportFileError(str(path), "there is no such file")
+        raise ImportFileError(str(path), "no such file")
     suffix = path.suffix.lower()
     if suffix in FORMATS:
         return _object(path, options)
@@ -171,7 +171,7 @@ def _read(path: Path, options: Options) -> Model:
             return read_sdf(path, options.packages)
         if root.tag == "mujoco":
             return read_mjcf(path)
-        raise root.fail("is no robot; allowed: <robot>, <sdf>, <mujoco>")
+        raise root.fail("is not a robot; allowed: <robot>, <sdf>, <mujoco>")
     allowed = ", ".join((".urdf", ".sdf", ".xml", ".mjcf", *FORMATS))
     raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
 
@@ -271,12 +271,12 @@ def _body(
         inertia = 0.4 * mass * NO_MASS_RADIUS_M**2 * np.eye(3)
         source = "placeholder: the file gives no mass"
         if moves:
-            warnings.append(f"link {link.name}: moves and has no mass; got {mass:g} kg")
+            warnings.append(f"link {link.name}: movable link without mass; set to {mass:g} kg")
     problem = impossible(inertia)
     if problem:
         inertia = mass * _gyration(link)
         source = f"mass: the file; its inertia is {problem}; that of a box about the shapes"
-        warnings.append(f"link {link.name}: inertia is {problem}; replaced by that of a box")
+        warnings.append(f"link {link.name}: inertia is {problem}; replaced by the inertia of a box")
     turn = at[:3, :3]
     return Body(
         frame,

@@ -65,7 +65,7 @@ def lay_out(model: Model, passive: Sequence[str] = ()) -> Layout:
     moving = [j for j in joints if j.kind != "fixed"]
     free = [j for j in moving if j.name not in held and j.follows is None]
     if not free:
-        raise ImportFileError(model.file, "no joint moves on its own; import it as a prop")
+        raise ImportFileError(model.file, "no independent joint; import it as a prop (--as prop)")
     by_name = {joint.name: joint for joint in moving}
     frames: list[Frame] = [Frame(model.links[0].name, None, "fixed", np.eye(4), np.eye(4))]
     carrier = {model.links[0].name: (model.links[0].name, np.eye(4))}
@@ -101,7 +101,9 @@ def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
     upper = joint.upper if np.isfinite(joint.upper) else end
     if lower < upper:
         return replace(joint, lower=lower, upper=upper)
-    warnings.append(f"joint {joint.name}: limits {lower:g} to {upper:g} leave no room: held at it")
+    warnings.append(
+        f"joint {joint.name}: limits {lower:g} to {upper:g} leave no range; joint fixed"
+    )
     still = joint.pose @ joint.motion(lower)
     return replace(joint, kind="fixed", pose=still, follows=None)
 
@@ -164,7 +166,7 @@ def _passive(
         if len(chosen) < 2:
             raise ImportFileError(
                 model.file,
-                f"loop {loop.name!r} has {len(chosen)} joints to determine; allowed: two"
+                f"loop {loop.name!r} has {len(chosen)} passive joints; allowed: two"
                 " (--passive names them)",
             )
         found[loop.name] = (chosen[0].name, chosen[1].name)
@@ -205,7 +207,7 @@ def _with_loop_ratios(file: str, mechanism: Mechanism) -> Mechanism:
         if open_by > GAP_M:
             raise ImportFileError(
                 file,
-                f"loop {closure.name!r} is open by {open_by:.3g} m where all coordinates are 0;"
+                f"loop {closure.name!r} has a loop error of {open_by:.3g} m at zero coordinates;"
                 f" allowed: {GAP_M:g} m",
             )
     slope = residual_jacobian(mechanism, still).reshape(-1, len(mechanism.frames))
@@ -225,7 +227,8 @@ def _with_loop_ratios(file: str, mechanism: Mechanism) -> Mechanism:
     for frame in frames:
         if frame.motion != "fixed" and not frame.couplings:
             raise ImportFileError(
-                file, f"{frame.name!r} follows no joint where all coordinates are 0 (a dead point)"
+                file,
+                f"{frame.name!r} follows no joint at zero coordinates (dead point)",
             )
     return replace(mechanism, frames=frames)
 

@@ -62,7 +62,7 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
     if path.suffix.lower() not in FORMATS:
         raise ImportFileError(str(path), f"unknown format; allowed: {', '.join(FORMATS)}")
     if not path.is_file():
-        raise ImportFileError(str(path), "there is no such file")
+        raise ImportFileError(str(path), "no such file")
     try:
         found = trimesh.load(path, force="mesh", process=False)
     except Exception as problem:  # trimesh's readers raise whatever they meet
@@ -138,7 +138,7 @@ def check_size(extent: float, file: str) -> None:
     ]
     hint = f"; in {fits[0]} it would be plausible: --unit {fits[0].split()[0]}" if fits else ""
     raise InputError(
-        f"{file}: it is {extent:.3g} m long; allowed: {SMALLEST_M:g} to {LARGEST_M:g} m{hint}"
+        f"{file}: got a size of {extent:.3g} m; allowed: {SMALLEST_M:g} to {LARGEST_M:g} m{hint}"
     )
 
 
@@ -146,9 +146,9 @@ def _hull(body: Any, file: str) -> Any:
     try:
         found = body.convex_hull
     except Exception as problem:  # Qhull's errors are its own
-        raise InputError(f"{file}: is flat or a line, so not even its hull has volume") from problem
+        raise InputError(f"{file}: is planar or linear: the convex hull has no volume") from problem
     if not found.volume > 0.0:
-        raise InputError(f"{file}: is flat or a line, so not even its hull has volume")
+        raise InputError(f"{file}: is planar or linear: the convex hull has no volume")
     return found
 
 
@@ -156,7 +156,7 @@ def _decomposed(body: Any) -> tuple[Mesh, ...]:
     try:
         import coacd
     except ImportError as problem:
-        raise MissingExtraError("coacd", "convex", "taking a mesh apart") from problem
+        raise MissingExtraError("coacd", "convex", "mesh decomposition") from problem
     coacd.set_log_level("error")
     parts = coacd.run_coacd(
         coacd.Mesh(np.asarray(body.vertices), np.asarray(body.faces)),

@@ -51,7 +51,7 @@ def read_mjcf(path: Path) -> Model:
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
-        raise ImportFileError(str(path), f"MuJoCo refuses it: {problem}") from problem
+        raise ImportFileError(str(path), f"rejected by MuJoCo: {problem}") from problem
     return _Reader(model, str(path)).read(path.stem)
 
 
@@ -69,7 +69,7 @@ class _Reader:
         m = self._m
         for count, what in ((m.ntendon, "tendons"), (m.nflex, "flexes"), (m.nskin, "skins")):
             if count:
-                raise ImportFileError(self._file, f"has {count} {what}, which have no counterpart")
+                raise ImportFileError(self._file, f"has {count} {what}, which are not supported")
         for body in range(m.nbody):
             self._body(body)
         links, joints = as_tree(self._file, self._links, self._joints)
@@ -111,7 +111,7 @@ class _Reader:
             if not last:
                 self._links.append(Link(child))
             if int(m.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_FREE):
-                self._warnings.append(f"{self._file}: {joint}: a free joint is taken for fixed")
+                self._warnings.append(f"{self._file}: {joint}: free joint imported as fixed")
                 self._joints.append(ModelJoint(joint, "fixed", parent, child, pose))
             else:
                 self._joints.append(self._joint(k, joint, (parent, child), pose))
@@ -121,7 +121,9 @@ class _Reader:
         m = self._m
         kind = KINDS.get(int(m.jnt_type[k]))
         if kind is None:
-            raise ImportFileError(self._file, f"joint {name!r} is a ball; allowed: hinge, slide")
+            raise ImportFileError(
+                self._file, f"joint {name!r} is a ball joint; allowed: hinge, slide"
+            )
         axis, point = np.array(m.jnt_axis[k]), np.array(m.jnt_pos[k])
         lower, upper = m.jnt_range[k] if m.jnt_limited[k] else (-np.inf, np.inf)
         dof = int(m.jnt_dofadr[k])
@@ -180,7 +182,7 @@ class _Reader:
             return solid(name, pose, [float(edge) for edge in edges], material)
         name = self._name(mujoco.mjtObj.mjOBJ_GEOM, g, f"geom {g}")
         self._warnings.append(
-            f"{self._file}: {name}: planes, ellipsoids and fields are passed over"
+            f"{self._file}: {name}: planes, ellipsoids and height fields are ignored"
         )
         return None
 
@@ -210,7 +212,7 @@ class _Reader:
                 self._couple(e, name, by_name)
             else:
                 raise ImportFileError(
-                    self._file, f"equality {name!r} is no connect or joint, which are allowed"
+                    self._file, f"equality {name!r} is not supported; allowed: connect, joint"
                 )
         return tuple(loops.values()), tuple(by_name.values())
 
@@ -236,7 +238,7 @@ class _Reader:
         offset, ratio, *more = (float(v) for v in m.eq_data[e, :5])
         if any(more) or not leader:
             raise ImportFileError(
-                self._file, f"equality {name!r} is no straight line between two joints"
+                self._file, f"equality {name!r} is not linear in two joints; allowed: linear"
             )
         joint = by_name[follower]
         if joint.follows is None:

@@ -152,21 +152,21 @@ def as_tree(
     by_name = {link.name: link for link in links}
     for what, names in (("link", [k.name for k in links]), ("joint", [j.name for j in joints])):
         for again in sorted({n for n in names if names.count(n) > 1}):
-            raise ImportFileError(file, f"{what} {again!r} stands there twice")
+            raise ImportFileError(file, f"{what} {again!r} is defined twice")
     above: dict[str, ModelJoint] = {}
     for joint in joints:
         for side in (joint.parent, joint.child):
             if side not in by_name:
                 raise ImportFileError(
                     file,
-                    f"joint {joint.name!r} names the link {side!r}; there are {', '.join(by_name)}",
+                    f"joint {joint.name!r} names link {side!r}; known: {', '.join(by_name)}",
                 )
         if joint.child in above:
             raise ImportFileError(
                 file,
-                f"link {joint.child!r} hangs on two joints, {above[joint.child].name!r} and"
-                f" {joint.name!r}: a loop, which this format has no word for; allowed: one parent"
-                " (SDF and MJCF can close loops)",
+                f"link {joint.child!r} has two parent joints, {above[joint.child].name!r} and"
+                f" {joint.name!r}: this format has no closed loops; allowed: one parent"
+                " (SDF and MJCF support closed loops)",
             )
         above[joint.child] = joint
     roots = [name for name in by_name if name not in above]
@@ -181,7 +181,7 @@ def as_tree(
         waiting += children
     if len(order) != len(by_name):
         lost = ", ".join(sorted(set(by_name) - set(order)))
-        raise ImportFileError(file, f"links {lost} go round in a ring; allowed: a tree")
+        raise ImportFileError(file, f"links {lost} form a cycle; allowed: a tree")
     return tuple(by_name[n] for n in order), tuple(above[n] for n in order[1:])
 
 

@@ -27,7 +27,7 @@ from trocar.apps.importers.model import (
 from trocar.apps.importers.xml_tree import (
     UNLIMITED,
     MeshFinder,
-    Node,
+    XmlNode,
     inertia_of,
     moving_joint,
     read_xml,
@@ -54,13 +54,13 @@ def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     """
     root = read_xml(path)
     if root.tag != "sdf":
-        raise root.fail("is no SDF; allowed: <sdf>")
+        raise root.fail("is not SDF; allowed: <sdf>")
     root.check(("model", "world"))
     models = root.children("model") + [
         m for w in root.children("world") for m in w.children("model")
     ]
     if len(models) != 1:
-        raise root.fail(f"holds {len(models)} models; allowed: one")
+        raise root.fail(f"contains {len(models)} models; allowed: one")
     return _Model(models[0], str(path), root.attribute("version", "1.6"), packages).read(path)
 
 
@@ -73,7 +73,7 @@ class _Place:
 
 
 class _Model:
-    def __init__(self, node: Node, file: str, version: str, packages: tuple[Path, ...]) -> None:
+    def __init__(self, node: XmlNode, file: str, version: str, packages: tuple[Path, ...]) -> None:
         self._node, self._file = node, file
         self._version = tuple(int(part) for part in version.split(".")[:2])
         node.check((*MODEL, *PASSED_OVER))
@@ -92,23 +92,23 @@ class _Model:
         for frame in node.children("frame"):
             self._place(frame, frame.attribute("attached_to", "") or "__model__")
 
-    def _place(self, node: Node, default: str) -> None:
+    def _place(self, node: XmlNode, default: str) -> None:
         pose = node.child("pose")
         at = np.eye(4) if pose is None else _pose(pose)
         to = default if pose is None else (pose.attribute("relative_to", "") or default)
         name = node.attribute("name")
         if name in self._places:
-            raise node.fail(f"has the name {name!r}, which stands there already")
+            raise node.fail(f"has the duplicate name {name!r}")
         self._places[name] = _Place(at, to)
 
-    def at(self, name: str, node: Node, seen: tuple[str, ...] = ()) -> Array:
+    def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
         """Return T_model_frame of anything that has a name, (4, 4)."""
         if name == "__model__":
             return np.eye(4)
         if name == WORLD:
             return self._from_world
         if name in seen:
-            raise node.fail(f"poses of {', '.join(seen)} refer to each other in a ring")
+            raise node.fail(f"poses of {', '.join(seen)} form a cycle")
         if name not in self._places:
             raise node.fail(f"names {name!r}; known: {', '.join(self._places)}")
         place = self._places[name]
@@ -146,7 +146,7 @@ class _Model:
         name = self._node.attribute("name")
         return Model(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
 
-    def _link(self, node: Node) -> Link:
+    def _link(self, node: XmlNode) -> Link:
         node.check((*LINK, *LINK_PASSED_OVER, "sensor", "light"))
         shapes: list[LinkShape] = []
         for visual in node.children("visual"):
@@ -176,7 +176,7 @@ class _Model:
         inertia = inertia_of(values, at[:3, :3], diagonal=1.0)
         return replace(link, mass=inertial.number("mass", 1.0), com=at[:3, 3], inertia=inertia)
 
-    def _joint(self, node: Node) -> ModelJoint:
+    def _joint(self, node: XmlNode) -> ModelJoint:
         node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
         kind, name = node.attribute("type"), node.attribute("name")
         if kind not in KINDS:
@@ -196,7 +196,7 @@ class _Model:
         joint = replace(joint, point=(inverse(at_child) @ here)[:3, 3])
         return moving_joint(joint, axis, along, limits)
 
-    def _axis(self, axis: Node, here: Array) -> Array:
+    def _axis(self, axis: XmlNode, here: Array) -> Array:
         """Return a joint's axis in the model's frame, (3,)."""
         xyz = axis.child("xyz")
         along = np.array([0.0, 0.0, 1.0]) if xyz is None else xyz.numbers(3)
@@ -210,19 +210,19 @@ class _Model:
         return along if in_model or self._version < (1, 5) else here[:3, :3] @ along
 
 
-def _pose(node: Node) -> Array:
+def _pose(node: XmlNode) -> Array:
     values = node.numbers(6)
     if node.attribute("degrees", "false") in ("1", "true"):
         values[3:] = np.radians(values[3:])
     return transform(matrix_from_rpy(*values[3:]), values[:3])
 
 
-def _own_pose(node: Node) -> Array:
+def _own_pose(node: XmlNode) -> Array:
     pose = node.child("pose")
     return np.eye(4) if pose is None else _pose(pose)
 
 
-def _material(visual: Node) -> str:
+def _material(visual: XmlNode) -> str:
     material = visual.child("material")
     colour = None if material is None else (material.child("diffuse") or material.child("ambient"))
     if colour is None:

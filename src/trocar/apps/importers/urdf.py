@@ -21,7 +21,7 @@ from trocar.apps.importers.model import (
     as_tree,
     nearest_material,
 )
-from trocar.apps.importers.xml_tree import MeshFinder, Node, inertia_of, moving_joint, read_xml
+from trocar.apps.importers.xml_tree import MeshFinder, XmlNode, inertia_of, moving_joint, read_xml
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 
@@ -43,7 +43,7 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     """
     root = read_xml(path)
     if root.tag != "robot":
-        raise root.fail("is no robot; allowed: <robot> (URDF after xacro)")
+        raise root.fail("is not a robot; allowed: <robot> (URDF after xacro)")
     root.check(("link", "joint", "material", *PASSED_OVER))
     colours = {m.attribute("name"): _colour(m) for m in root.children("material")}
     finder = MeshFinder(path, packages)
@@ -56,13 +56,13 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     return Model(root.attribute("name"), str(path), tree, order, (), warnings)
 
 
-def _colour(node: Node) -> Array | None:
+def _colour(node: XmlNode) -> Array | None:
     node.check(("color", "texture"))
     colour = node.child("color")
     return None if colour is None else colour.numbers(4, colour.attribute("rgba"))
 
 
-def _link(node: Node, colours: dict[str, Array | None], finder: MeshFinder) -> Link:
+def _link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -> Link:
     node.check(("inertial", "visual", "collision", *PASSED_OVER))
     shapes: list[LinkShape] = []
     for visual in node.children("visual"):
@@ -98,7 +98,7 @@ def _link(node: Node, colours: dict[str, Array | None], finder: MeshFinder) -> L
     return replace(link, mass=mass, com=at[:3, 3], inertia=inertia)
 
 
-def _origin(node: Node) -> Array:
+def _origin(node: XmlNode) -> Array:
     origin = node.child("origin")
     if origin is None:
         return np.eye(4)
@@ -106,7 +106,7 @@ def _origin(node: Node) -> Array:
     return transform(turn, origin.figures("xyz", 3, (0, 0, 0)))
 
 
-def _joint(node: Node) -> ModelJoint:
+def _joint(node: XmlNode) -> ModelJoint:
     known = ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic")
     node.check((*known, "calibration", "safety_controller"))
     kind = node.attribute("type")
@@ -129,7 +129,7 @@ def _joint(node: Node) -> ModelJoint:
     if limit is not None and kind != "continuous":
         limits = limit.number("lower", 0.0), limit.number("upper", 0.0)
     elif kind != "continuous":
-        raise node.fail("lacks <limit>, which a revolute or prismatic joint needs")
+        raise node.fail("lacks <limit>, required for a revolute or prismatic joint")
     return moving_joint(joint, node, along, limits)
 
 
@@ -138,7 +138,7 @@ def _check_mimics(file: str, joints: tuple[ModelJoint, ...]) -> None:
     for joint in joints:
         if joint.follows and joint.follows[0] not in by_name:
             raise ImportFileError(
-                file, f"joint {joint.name!r} mimics {joint.follows[0]!r}, which is not there"
+                file, f"joint {joint.name!r} mimics {joint.follows[0]!r}, which does not exist"
             )
         seen, lead = {joint.name}, joint.follows
         while lead is not None:

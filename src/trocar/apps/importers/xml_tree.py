@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 UNLIMITED = 1e15
 
 
-class Node:
+class XmlNode:
     """An element that knows its file and line."""
 
     def __init__(self, element: Any, file: str) -> None:
@@ -37,15 +37,15 @@ class Node:
         """Return an error that says where this element stands."""
         return ImportFileError(self._file, f"<{self.tag}> {problem}", self._element.sourceline)
 
-    def children(self, tag: str | None = None) -> list[Node]:
+    def children(self, tag: str | None = None) -> list[XmlNode]:
         """Return the elements inside, all or those called `tag`.
 
         Those of other namespaces (drake:..., gz:...) speak to other programs.
         """
         inside = [e for e in self._element if isinstance(e.tag, str) and "{" not in e.tag]
-        return [Node(e, self._file) for e in inside if tag is None or e.tag == tag]
+        return [XmlNode(e, self._file) for e in inside if tag is None or e.tag == tag]
 
-    def child(self, tag: str) -> Node | None:
+    def child(self, tag: str) -> XmlNode | None:
         """Return the element called `tag`, None without one.
 
         Raises:
@@ -56,7 +56,7 @@ class Node:
             raise self.fail(f"has {len(found)} <{tag}>; allowed: one")
         return found[0] if found else None
 
-    def need(self, tag: str) -> Node:
+    def need(self, tag: str) -> XmlNode:
         """Return the element called `tag`."""
         found = self.child(tag)
         if found is None:
@@ -108,7 +108,7 @@ class Node:
         return float(self.figures(key, 1, None if default is None else (default,))[0])
 
 
-def read_xml(path: Path) -> Node:
+def read_xml(path: Path) -> XmlNode:
     """Return the root of an XML file; entities and networks are not followed.
 
     Raises:
@@ -118,14 +118,14 @@ def read_xml(path: Path) -> Node:
     etree = lxml_etree("reading robot files")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     try:
-        return Node(etree.fromstring(path.read_bytes(), parser), str(path))
+        return XmlNode(etree.fromstring(path.read_bytes(), parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:
-        raise ImportFileError(str(path), f"is no XML: {problem.msg}", problem.lineno) from None
+        raise ImportFileError(str(path), f"is not XML: {problem.msg}", problem.lineno) from None
 
 
-def inertia_of(node: Node | None, turn: Array, diagonal: float = 0.0) -> Array:
+def inertia_of(node: XmlNode | None, turn: Array, diagonal: float = 0.0) -> Array:
     """Return an inertia in the link's axes, (3, 3).
 
     Args:
@@ -141,7 +141,7 @@ def inertia_of(node: Node | None, turn: Array, diagonal: float = 0.0) -> Array:
 
 
 def moving_joint(
-    joint: ModelJoint, node: Node, along: Array, limits: tuple[float, float]
+    joint: ModelJoint, node: XmlNode, along: Array, limits: tuple[float, float]
 ) -> ModelJoint:
     """Return a joint with its axis, limits, friction and what it follows.
 
@@ -175,7 +175,7 @@ class MeshFinder:
         self._folder = path.resolve().parent
         self._packages = packages
 
-    def find(self, node: Node, uri: str) -> Path:
+    def find(self, node: XmlNode, uri: str) -> Path:
         """Return the file that a URI or relative path names.
 
         Raises:
@@ -196,10 +196,12 @@ class MeshFinder:
         found = next((place for place in places if place.is_file()), None)
         if found is None:
             near = ", ".join(str(place) for place in places[:3])
-            raise node.fail(f"{uri!r} is not there (looked for {near}); --package-path DIR helps")
+            raise node.fail(
+                f"{uri!r} not found (searched {near}); add its folder with --package-path DIR"
+            )
         return found
 
-    def shape(self, node: Node, pose: Array, material: str) -> Shape:
+    def shape(self, node: XmlNode, pose: Array, material: str) -> Shape:
         """Return the one shape of a <geometry>."""
         node.check(("box", "cylinder", "sphere", "capsule", "mesh"))
         inside = node.children()

@@ -295,4 +295,4 @@ def _check(settings: MocapSettings) -> None:
         low, high = RATES_HZ
         raise InputError(f"rate: got {settings.rate_hz:g}; allowed: {low:g} to {high:g} Hz")
     if settings.seed < 0:
-        raise InputError(f"seed: got {settings.seed}; allowed: a whole number from 0 on")
+        raise InputError(f"seed: got {settings.seed}; allowed: an integer of 0 or more")

@@ -66,8 +66,8 @@ def sweep(
     """
     if not SHORTEST_S <= duration_s < math.inf:
         raise InputError(
-            f"duration: got {duration_s:g} s; allowed: at least {SHORTEST_S:g} s, of which the arm"
-            f" stands still for {STILL_S:g} s"
+            f"duration: got {duration_s:g} s; allowed: at least {SHORTEST_S:g} s, including"
+            f" {STILL_S:g} s at rest"
         )
     if not 0.0 < amplitude <= math.pi:
         raise InputError(f"amplitude: got {amplitude:g} rad; allowed: above 0 to pi")
@@ -118,9 +118,7 @@ def _turns(
         length = (end - begin) / len(folding)
         return [(j, begin + n * length, length, 1.0) for n, j in enumerate(folding)]
     if not has_remote_centre(arm):
-        raise InputError(
-            f'{arm.name}: has no remote centre to swing about; allowed: the part "axes" alone'
-        )
+        raise InputError(f'{arm.name}: has no remote centre; allowed: part "axes" only')
     joints = (folding[0] - 1, folding[0])
     return [
         (j, begin, end - begin, s) for j, s in zip(joints, SWINGS_ABOUT_CENTRE, strict=True)
@@ -145,7 +143,7 @@ def folding_joints(arm: ArmDescription) -> list[int]:
     """
     mechanism = arm.mechanism
     if not mechanism.closures:
-        raise InputError(f"{arm.name}: has no closed loop; nothing of it is measured by its axes")
+        raise InputError(f"{arm.name}: has no closed loop; allowed: an arm with closed loops")
     ends = [(mechanism.chain(c.frame_a), mechanism.chain(c.frame_b)) for c in mechanism.closures]
     hinges = sorted({i for a, b in ends for i in set(a) ^ set(b)})
     return [int(i) for i in np.flatnonzero(np.any(mechanism.ratios[hinges] != 0.0, axis=0))]
@@ -198,7 +196,7 @@ def _check(arm: ArmDescription, goal: Array, speed: Array) -> None:
         if fastest > joint.velocity_max:
             raise InputError(
                 f"{arm.name}: {joint.name} would be swept at {fastest:.3g} rad/s; allowed:"
-                f" {joint.velocity_max:.3g} rad/s; give the sweep a longer duration"
+                f" {joint.velocity_max:.3g} rad/s; increase the duration"
             )
         low, high = float(goal[:, index].min()), float(goal[:, index].max())
         if low < joint.lower or high > joint.upper:

@@ -147,7 +147,7 @@ def plot(
     if out is None:
         target = target.with_suffix(".png")
     if target.suffix.lower() not in KINDS:
-        raise InputError(f"{target}: got the ending {target.suffix!r}; allowed: {', '.join(KINDS)}")
+        raise InputError(f"{target}: got extension {target.suffix!r}; allowed: {', '.join(KINDS)}")
     recorded = open_recording(file)
     if arm is not None and arm not in recorded.arms:
         raise UnknownNameError("arm", arm, recorded.arms, recorded.file)

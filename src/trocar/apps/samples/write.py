@@ -92,7 +92,7 @@ def _write_bag(path: Path, moved: Recording) -> None:
         from rosbags.rosbag1 import Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
-        raise MissingExtraError("rosbags", "bags", "A sample bag") from None
+        raise MissingExtraError("rosbags", "bags", "writing a sample bag") from None
     store = get_typestore(Stores.ROS1_NOETIC)
     kinds: Any = store.types
     names = World("psm").rig.arm(ARM).arm.mechanism.joint_names

@@ -46,7 +46,7 @@ def publish_nothing(key: str, value: object) -> None:
     """Drop it: nothing is connected."""
 
 
-class Component:
+class TeleopComponent:
     """One slave that follows one master or two; everything is called in the loop's thread.
 
     Args:

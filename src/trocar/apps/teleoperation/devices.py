@@ -126,37 +126,37 @@ class Line:
 KEYBOARD = (
     Line("A  D", "left, right"),
     Line("W  S", "up, down"),
-    Line("R  F", "away, nearer"),
+    Line("R  F", "away, closer"),
     Line("arrows", "turn up, down, left, right"),
     Line("Q  E", "roll left, right"),
     Line("C  O", "close, open the jaw"),
     Line("X (held)", f"fine: {FINE:g} of the speed"),
     Line("Shift (held)", f"fast: {FAST:g} times the speed"),
-    Line("1  2 ...", "use the first, second ... instrument"),
-    Line("V (held)", "camera pedal: drag the endoscope's picture instead"),
-    Line("K (held)", "clutch: the tool stays"),
+    Line("1  2 ...", "select the first, second ... instrument"),
+    Line("V (held)", "camera pedal: move the endoscope instead"),
+    Line("K (held)", "clutch: hold the tool"),
     Line("G  B  M (held)", "pedals coag, bicoag, mono"),
     Line("Y  U (held)", "pedals cam -, cam +"),
 )
 GAMEPAD = (
     Line("left stick", "left, right, up, down"),
-    Line("right trigger, left trigger", "away, nearer"),
+    Line("right, left trigger", "away, closer"),
     Line("right stick", "turn left, right, up, down"),
     Line("left, right shoulder", "roll left, right"),
     Line("A  B", "close, open the jaw"),
     Line("X (held)", f"fine: {FINE:g} of the speed"),
-    Line("Y (held)", "drag the endoscope's picture instead"),
-    Line("left, right on the cross", "use the instrument before, the next one"),
+    Line("Y (held)", "move the endoscope instead"),
+    Line("left, right on the D-pad", "select the previous, next instrument"),
 )
 SPACEMOUSE = (
-    Line("push the cap", "left, right, up, down, away, nearer"),
+    Line("push the cap", "left, right, up, down, away, closer"),
     Line("turn the cap", "turn about the same axes"),
     Line("left, right button", "close, open the jaw"),
 )
 MASTERS = (
-    Line("rings and arrows at the handles", "carry the simulated masters (drag them in the page)"),
-    Line("gripper sliders", "pinch to begin; the jaw follows"),
-    Line("K  V  G  B  M  Y  U  P", "press and release pedals: the letters at their boxes"),
+    Line("rings and arrows", "drag the simulated masters in the web viewer"),
+    Line("gripper sliders", "pinch to start teleoperation; the jaw follows"),
+    Line("K  V  G  B  M  Y  U  P", "press and release pedals, as labelled"),
 )
 TABLES = {
     "keyboard": KEYBOARD,
@@ -174,7 +174,7 @@ def table(device: str, instruments: Sequence[str]) -> list[Line]:
             lines.append(line)
         elif len(instruments) > 1 and device == "keyboard":
             keys = "  ".join(str(k + 1) for k in range(len(instruments)))
-            lines.append(Line(keys, f"use {', '.join(instruments)}"))
+            lines.append(Line(keys, f"select {', '.join(instruments)}"))
         elif len(instruments) > 1:
             lines.append(line)
     return lines
@@ -304,13 +304,13 @@ class Gamepad:
             self.open()
         except OSError as problem:
             raise InputError(
-                f"--device gamepad: SDL cannot use it ({problem}); plug it in again, or let a "
-                "browser read it: --device keyboard takes gamepads of the page"
+                f"--device gamepad: SDL cannot open it ({problem}); reconnect it, or use "
+                "--device keyboard, which reads gamepads in the browser"
             ) from problem
         if self._one is None:
             raise InputError(
-                "--device gamepad: no gamepad is plugged in; a browser may know one: "
-                "--device keyboard takes those of the page"
+                "--device gamepad: no gamepad found; try "
+                "--device keyboard, which reads gamepads in the browser"
             )
         self.close()
 
@@ -392,13 +392,12 @@ class SpaceMouse:
             self.open()
         except OSError as problem:
             raise InputError(
-                f"--device spacemouse: it is plugged in and cannot be opened ({problem}); let this "
-                "user read it (Linux: a udev rule for hidraw), and end what else uses it"
+                f"--device spacemouse: cannot be opened ({problem}); grant this "
+                "user access (Linux: a udev rule for hidraw), and close other programs that use it"
             ) from problem
         if self._device is None:
             raise InputError(
-                "--device spacemouse: none is plugged in, or this user may not read it "
-                "(Linux: a udev rule for hidraw)"
+                "--device spacemouse: none found, or no read access (Linux: a udev rule for hidraw)"
             )
         self.close()  # the polling thread opens it again
 
@@ -538,7 +537,7 @@ class Poll:
             drive = self._source.poll()
         except OSError as problem:
             if not self._warned:
-                _log.warning("the device cannot be used: %s; it is tried again", problem)
+                _log.warning("input device failed: %s; retrying", problem)
             self._warned, self._opened = True, False
             self._source.close()
             return None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.teleoperation.component import Component
+from trocar.apps.teleoperation.component import TeleopComponent
 from trocar.apps.teleoperation.masters import Reading
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b))
 
 
-class EcmTeleoperation(Component):
+class EcmTeleoperation(TeleopComponent):
     """An endoscope that both hands drag; there is nothing to align."""
 
     def goal(self, arm: Arm, hands: Hands) -> Array:

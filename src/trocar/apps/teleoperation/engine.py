@@ -14,15 +14,15 @@ from trocar.apps.teleoperation.component import (
     ALIGNING,
     DISABLED,
     ENABLED,
-    Component,
     Publish,
+    TeleopComponent,
     publish_nothing,
 )
 from trocar.apps.teleoperation.devices import PEDAL_KEYS
 from trocar.apps.teleoperation.ecm import EcmTeleoperation
 from trocar.apps.teleoperation.masters import ArmMaster, Master
 from trocar.apps.teleoperation.psm import PsmTeleoperation
-from trocar.apps.teleoperation.slave import Carrier
+from trocar.apps.teleoperation.slave import HandleMover
 from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.crtk import build
@@ -55,7 +55,7 @@ class Console:
         publish: called with what changes
     """
 
-    def __init__(self, components: Mapping[str, Component]) -> None:
+    def __init__(self, components: Mapping[str, TeleopComponent]) -> None:
         self._components = components
         self.enabled = self.present = self.camera = False
         self.selected: list[str] = []
@@ -138,7 +138,7 @@ class Console:
             else:
                 self._request(component, ENABLED if is_ecm == self.camera else DISABLED)
 
-    def _request(self, component: Component, state: str) -> None:
+    def _request(self, component: TeleopComponent, state: str) -> None:
         if component.desired != state:
             component.request(state)
 
@@ -257,7 +257,7 @@ class Teleoperation:
     ) -> None:
         self._loop, self.world = loop, loop.world
         self.masters: dict[str, Master] = {}
-        self.components: dict[str, Component] = {}
+        self.components: dict[str, TeleopComponent] = {}
         for description in self.world.rig.teleops if teleops is None else teleops:
             for name in description.masters:
                 if name not in self.masters:
@@ -266,7 +266,7 @@ class Teleoperation:
             kind = KINDS[description.kind]
             self.components[description.name] = kind(self.world, description, own)
         self.carriers = {
-            name: Carrier(self.world, name)
+            name: HandleMover(self.world, name)
             for name, master in self.masters.items()
             if isinstance(master, ArmMaster)
         }
@@ -331,5 +331,5 @@ class Teleoperation:
             return ArmMaster(name)
         raise InputError(
             f"teleoperation: got the master {name!r}; allowed: an arm of the rig, or one "
-            "that is read from elsewhere"
+            "that is read from a client"
         )

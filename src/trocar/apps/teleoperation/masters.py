@@ -277,7 +277,7 @@ class VirtualMaster(Master):
         """
         if self._received is not None and not self.alive:
             self.put_aside()
-            raise MasterLostError(self.name, f"sent nothing for {SILENCE_S:g} s")
+            raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
         period = self.scale * (world.time - self._read_at)
         self._read_at = world.time
         if period > 0.0:

@@ -56,7 +56,7 @@ class Motion:
             times, found[name] = states.time - states.time[0], states.position
         if not found:
             arms = ", ".join(recorded.arms)
-            raise InputError(f"{path}: no master is recorded; got arms {arms}; allowed: an MTM")
+            raise InputError(f"{path}: contains no master; got arms {arms}; allowed: an MTM")
         return Motion(times, found)
 
     def at(self, name: str, time: float) -> Array:

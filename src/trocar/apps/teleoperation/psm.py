@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.teleoperation.component import ALIGNING, ENABLED, SETTING, Component
+from trocar.apps.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent
 from trocar.apps.teleoperation.masters import Master, Reading
 from trocar.apps.teleoperation.slave import Slave, base_in_view
 from trocar.descriptions.teleop_records import TeleopDescription
@@ -113,7 +113,7 @@ class HandDetector:
         return self.present
 
 
-class PsmTeleoperation(Component):
+class PsmTeleoperation(TeleopComponent):
     """An instrument that does what a hand does, smaller.
 
     Attributes:

@@ -119,7 +119,7 @@ class RemoteMaster(Master):
             return Reading(np.eye(4))
         if self._now() - self._received > SILENCE_S:
             self._T = self._received = None
-            raise MasterLostError(self.name, f"published nothing for {SILENCE_S:g} s")
+            raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
         return Reading(self._T, self._gripper)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002

@@ -153,7 +153,7 @@ def _teleops(
         if arm.arm.type == "PSM"
     ]
     if not found:
-        raise InputError(f"rig {rig.name}: has no instrument to move; allowed: a rig with a PSM")
+        raise InputError(f"rig {rig.name}: has no instrument; allowed: a rig with a PSM")
     scopes = [
         TeleopDescription(f"{name}_{arm.name}", "ecm", tuple(hands), arm.name, scale=1.0)
         for arm in rig.arms
@@ -193,7 +193,7 @@ class Session:
         if scale is not None and not 0.0 < scale <= 1.0:
             raise InputError(f"--scale: got {scale:g}; allowed: above 0 to 1")
         if motion is not None and kind != "masters":
-            raise InputError("--motion: carries masters; allowed: with --device masters")
+            raise InputError("--motion: allowed with --device masters only")
         self._kind, self._arm, self._scale = kind, arm, scale
         self._source = SOURCES[kind]() if kind in SOURCES else None
         self._motion = None if motion is None else Motion.read(motion)
@@ -224,7 +224,7 @@ class Session:
     def driving(self, websocket: str | None) -> Driving:
         """Return the tab of the page; `websocket` is the address to which a page sends keys."""
         if self.engine is None:
-            raise InputError("teleoperation: nothing is driven yet")
+            raise InputError("teleoperation: not started")
         pedals = [_pedal(self.engine, name) for name in self.engine.pedals.names]
         if self._kind is None:
             return Driving("Pedals", {}, partial(status, self.engine), pedals=pedals)
@@ -267,8 +267,8 @@ class Session:
                 self.engine = Teleoperation(loop)
                 return (pedal_component(self.engine),)
             raise InputError(
-                f"rig {loop.world.rig.name}: has no masters that move anything; allowed: a rig "
-                "with [[teleop]], as full_cart_mtm"
+                f"rig {loop.world.rig.name}: has no teleoperated masters; allowed: a rig "
+                "with [[teleop]], e.g. full_cart_mtm"
             )
         engine, parts = engine_and_components(loop)
         self.engine = engine

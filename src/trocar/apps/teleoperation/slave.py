@@ -140,7 +140,7 @@ SPEED, TURN = 0.5, radians(180.0)
 SOFT_S = 0.06
 
 
-class Carrier:
+class HandleMover:
     """Carry a master's handle towards a goal; in the loop's thread.
 
     Args:

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trocar.apps.teleoperation.component import COMMANDS
-from trocar.apps.teleoperation.component import Component as Teleop
+from trocar.apps.teleoperation.component import COMMANDS, TeleopComponent
 from trocar.apps.teleoperation.devices import Drive, from_keys, from_pad
 from trocar.apps.teleoperation.engine import Teleoperation
 from trocar.apps.teleoperation.psm import PsmTeleoperation
@@ -78,7 +77,7 @@ def pedal_component(engine: Teleoperation) -> Component:
         engine.pedals.note(name, on)
         engine.pedals.act(name, on)
 
-    heard = {
+    reads = {
         f"{place}/emulate_{name}": reading(engine, _read_pressed, partial(press, name))
         for name in engine.pedals.ACTIVE
         for place in ("console", "footpedals")
@@ -89,7 +88,7 @@ def pedal_component(engine: Teleoperation) -> Component:
         engine.pedals.connect(core.topics, core.emit)
         return lambda: None
 
-    return Component({}, begin, heard)
+    return Component({}, begin, reads)
 
 
 def component(engine: Teleoperation) -> Component:
@@ -142,7 +141,7 @@ def component(engine: Teleoperation) -> Component:
             reads[f"{name}/set_align_MTM"] = request(_read_flag, one.set_align)
             makes[f"{name}/alignment_offset"] = partial(_offset, one)
     rows = teleop_topics([one.description for one in engine.components.values()])
-    return Component(served(rows, reads, makes), begin, pedals.hears)
+    return Component(served(rows, reads, makes), begin, pedals.reads)
 
 
 def input_component(
@@ -198,7 +197,7 @@ def _read_scale(message: Message) -> float:
     return scale
 
 
-def _state(one: Teleop) -> Mapping[str, object]:
+def _state(one: TeleopComponent) -> Mapping[str, object]:
     """Return what a component publishes before anything happens."""
     found: dict[str, object] = {
         "current_state": one.current,

@@ -134,7 +134,7 @@ class TuneSettings:
 
 
 @dataclass(frozen=True)
-class Tried:
+class GainTrial:
     """Gains and the response that they give."""
 
     gains: Gains
@@ -155,8 +155,8 @@ class JointTuning:
     joint: str
     kind: str
     step: float
-    present: Tried
-    tuned: Tried
+    present: GainTrial
+    tuned: GainTrial
     tried: int
 
 
@@ -224,8 +224,8 @@ def tune_joint(bench: StepBench, joint: str) -> JointTuning:
     """Tune one joint on the bench."""
     step, present = bench.step_size(joint), bench.present(joint)
     best, tried = search(lambda gains: bench.step(joint, gains).response, present, step)
-    before = Tried(present, bench.step(joint, present).response)
-    after = before if best == present else Tried(best, bench.step(joint, best).response)
+    before = GainTrial(present, bench.step(joint, present).response)
+    after = before if best == present else GainTrial(best, bench.step(joint, best).response)
     return JointTuning(joint, bench.arm.joint(joint).kind, step, before, after, tried)
 
 

@@ -73,7 +73,7 @@ def closure(subject: Subject) -> Part:
         figures += _simulated(subject, 0.0)
         figures += _simulated(subject, LOAD_N) if arm.type in LOADED else []
     else:
-        notes.append(f"{arm.name}: no masses or gains are known, so nothing was simulated")
+        notes.append(f"{arm.name}: unknown masses or gains, nothing simulated")
     command = subject.command("closure")
     return Part(
         "closure", subject.name, title, tuple(figures), command, tuple(notes), fold(subject)
@@ -202,7 +202,7 @@ def axes(subject: Subject, motion: Sweep | None) -> Part:
     title, command = "Axis distances: Table 6 of the paper", subject.command("axes")
     plan = arm.calibration or default_plan(arm.mechanism)
     if not plan.distances:
-        note = (f"{arm.name}: no link carries two axes of a loop",)
+        note = (f"{arm.name}: no link has two axes of a loop",)
         return Part("axes", subject.name, title, (), command, note)
     paper = {} if subject.calibrated else TABLE6.get(arm.type, {})
     moved = () if motion is None else (motion, exact(subject, motion))

@@ -95,7 +95,7 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None =
     """
     title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
     if not sweeps:
-        note = (f"{subject.arm.name}: has no remote centre, or nothing that could simulate it",)
+        note = (f"{subject.arm.name}: no remote centre, or no simulation model",)
         return Part("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
     figures = [figure for each in clouds for figure in _figures(subject, each)]
@@ -107,11 +107,11 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None =
         " insertion.",
         "The paper's equation 5 lacks the 1/n that its Table 7 needs; it is in ours.",
     ]
-    notes.append(f"Swept: {_swept(subject, sweeps[0])}, 95 % of what the joints may.")
+    notes.append(f"Swept: {_swept(subject, sweeps[0])}, 95 % of the joint range.")
     if subject.calibrated:
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
     if _general(subject):
-        notes.append("General four-bars have no fixed remote centre: how far it wanders is stated.")
+        notes.append("General four-bar loops have no fixed remote centre: its motion is stated.")
     return Part("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
 
 

@@ -34,7 +34,7 @@ def formats(subject: Subject) -> Part:
     arm, command = subject.arm, subject.command("formats")
     title = "Formats: one description, the same frames"
     if not subject.simulated:
-        note = f"{arm.name}: no masses or gains are known, so it has no model"
+        note = f"{arm.name}: unknown masses or gains, no model"
         return Part("formats", subject.name, title, (), command, (note,))
     q = random_positions(arm, SEED, POSES)
     analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)

@@ -55,6 +55,7 @@ from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 from trocar.simulation.moves import RATIO_MIN
 from trocar.simulation.readout import ArmReadout
+from trocar.simulation.records import ArmSample
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -83,7 +84,7 @@ NO_TOOL = ("", "none", "NONE")
 
 
 def _joints(prefix: str, part: str = "own") -> Callable[[ArmReadout, Stamp], Any]:
-    """Return what makes a JointState: prefix "" for measured, "told_" for set-points."""
+    """Return what makes a JointState: prefix "" for measured, "setpoint_" for set-points."""
     q, qd, effort = f"{prefix}q", f"{prefix}qd", f"{prefix}effort"
 
     def make(arm: ArmReadout, stamp: Stamp) -> Any:
@@ -132,6 +133,10 @@ def _wrench(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:
 
 def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001  as every make
     return build.matrix(arm.jacobian(frame))
+
+
+def _up(arm: ArmSample) -> dict[str, Any]:  # noqa: ARG001  as every content
+    return build.joy(0)
 
 
 # ---------------------------------------------------------------------- verbs from messages
@@ -298,7 +303,12 @@ def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 
 EVERY = (
     latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
-    latched("desired_state", STRING, "the state that was commanded last"),
+    latched(
+        "desired_state",
+        STRING,
+        "the state that was commanded last",
+        first=lambda arm: {"data": arm.state},
+    ),
     event("goal_reached", BOOL, "whether a move that ended came to its goal"),
     event("error", STRING, "why the arm is in FAULT"),
     event("warning", STRING, "what was rejected or clipped, and why"),
@@ -327,7 +337,7 @@ EVERY = (
 
 #: Of arms with motors of their own: PSM, ECM, MTM.
 MOVERS = (
-    state("setpoint_js", JOINTS, SI, "set-points of the joints' servos", _joints("told_")),
+    state("setpoint_js", JOINTS, SI, "set-points of the joints' servos", _joints("setpoint_")),
     state(
         "gravity_compensation/setpoint_js",
         JOINTS,
@@ -373,9 +383,24 @@ MOVERS = (
         "6 x n, about the base frame's origin",
         partial(_jacobian, frame="spatial"),
     ),
-    latched("trajectory_j/ratio", FLOAT, "ratio of both limits that moves keep to"),
-    latched("trajectory_j/ratio_v", FLOAT, "ratio of the velocity limits"),
-    latched("trajectory_j/ratio_a", FLOAT, "ratio of the acceleration limits"),
+    latched(
+        "trajectory_j/ratio",
+        FLOAT,
+        "ratio of both limits that moves keep to",
+        content=lambda arm: {"data": min(arm.ratios)},
+    ),
+    latched(
+        "trajectory_j/ratio_v",
+        FLOAT,
+        "ratio of the velocity limits",
+        content=lambda arm: {"data": arm.ratios[0]},
+    ),
+    latched(
+        "trajectory_j/ratio_a",
+        FLOAT,
+        "ratio of the acceleration limits",
+        content=lambda arm: {"data": arm.ratios[1]},
+    ),
     command("servo_jr", JOINTS, "rad, m", "add to the set-points now", _joint_verb("servo_jr")),
     command("move_jr", JOINTS, "rad, m", "move on from the goal", _joint_verb("move_jr")),
     command(
@@ -472,15 +497,19 @@ MOVERS = (
 )
 
 CLUTCHES = (
-    latched("arm_clutch", JOY, "the button on the arm"),
-    latched("IO/arm_clutch", JOY, "the button on the arm"),
-    latched("IO/SUJ_clutch", JOY, "the button of its setup joints"),
+    latched("arm_clutch", JOY, "the button on the arm", first=_up),
+    latched("IO/arm_clutch", JOY, "the button on the arm", first=_up),
+    latched("IO/SUJ_clutch", JOY, "the button of its setup joints", first=_up),
 )
 
 PSM = (
     state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
     state(
-        "jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening", _joints("told_", "end")
+        "jaw/setpoint_js",
+        JOINTS,
+        "rad, N m",
+        "set-point of the opening",
+        _joints("setpoint_", "end"),
     ),
     command("jaw/servo_jp", JOINTS, "rad", "an opening now", _jaw_verb("servo_jp"), True),
     command(
@@ -488,7 +517,7 @@ PSM = (
     ),
     command("jaw/servo_jf", JOINTS, "N m", "the jaw's effort", _jaw_verb("servo_jf"), True),
     command("set_tool_type", STRING, "", "mount a tool, NAME:CODE[VERSION]", _tool),
-    latched("tool_type", STRING, "the mounted tool"),
+    latched("tool_type", STRING, "the mounted tool", content=lambda arm: {"data": arm.tool}),
     event("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
     command(
         "emulate_adapter_present",
@@ -506,12 +535,17 @@ PSM = (
     ),
     *CLUTCHES,
     latched("IO/adapter", JOY, "whether a sterile adapter is mounted"),
-    latched("IO/tool", JOY, "whether a tool is mounted"),
+    latched(
+        "IO/tool",
+        JOY,
+        "whether a tool is mounted",
+        content=lambda arm: build.joy(int(bool(arm.tool))),
+    ),
 )
 
 ECM = (
     command("set_endoscope_type", STRING, "", "which endoscope is mounted", _endoscope),
-    latched("endoscope_type", STRING, "which endoscope is mounted"),
+    latched("endoscope_type", STRING, "which endoscope is mounted", first=lambda _: {"data": ""}),
     *CLUTCHES,
 )
 
@@ -526,12 +560,17 @@ MTM = (
         True,
     ),
     event("gripper/pinch", EMPTY, "the gripper was shut"),
-    latched("gripper/closed", BOOL, "whether it is shut"),
+    latched("gripper/closed", BOOL, "whether it is shut", content=lambda arm: {"data": arm.closed}),
     command(
         "lock_orientation", "geometry_msgs/Quaternion", "xyzw", "let the gimbal hold one", _lock
     ),
     command("unlock_orientation", EMPTY, "", "let the gimbal go", _plain("unlock_orientation")),
-    latched("orientation_locked", BOOL, "whether the gimbal holds one"),
+    latched(
+        "orientation_locked",
+        BOOL,
+        "whether the gimbal holds one",
+        content=lambda arm: {"data": arm.orientation_locked},
+    ),
 )
 
 #: Setup joints; potentiometers and brakes are this simulator's own.
@@ -544,7 +583,12 @@ SUJ = (
         _joints(""),
     ),
     command("lock_brakes", BOOL, "", "lock or release all brakes", _brakes),
-    latched("brakes_locked", BOOL, "whether every brake is locked"),
+    latched(
+        "brakes_locked",
+        BOOL,
+        "whether every brake is locked",
+        content=lambda arm: {"data": arm.brakes_locked},
+    ),
 )
 
 EXTRA = {"PSM": PSM, "ECM": ECM, "MTM": MTM, "SUJ": SUJ}

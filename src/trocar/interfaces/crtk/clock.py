@@ -142,8 +142,8 @@ class StampCheck:
         if sent < newest and now_s - when_s < SILENCE_S:
             raise RefusedError(
                 "stamp",
-                f"got the stamp {shown(sent)}, older than {shown(newest)} before; allowed: "
-                "stamps that do not go back, or none",
+                f"got the stamp {shown(sent)}, older than the previous {shown(newest)}; allowed: "
+                "non-decreasing stamps, or zero",
             )
 
     def remember(self, stream: tuple[str, str], sent: Stamp, now_s: float) -> None:

@@ -156,7 +156,7 @@ def _joint_read(arm: str, joint: Joint, verb: str, post: Post) -> Read:
             raise InputError(f"got {value}; allowed: a finite number")
         if verb == "SetPosition" and joint.looped:
             raise InputError(
-                f"{joint.name} lies in a closed loop; allowed: SetPositionTarget, SetEffort"
+                f"{joint.name} is part of a closed loop; allowed: SetPositionTarget, SetEffort"
             )
         if joint.own == "jaw":
             if verb == "SetEffort":

@@ -51,7 +51,7 @@ PATIENT = 1000
 #: [rad or m, per s, s]
 NEAR, SLOW, PATIENCE_S = 1e-3, 1e-3, 1.0
 
-PEDALS = ("clutch", "camera", "cam_minus", "cam_plus", "bicoag", "coag")
+PEDALS = ("clutch", "camera", "cam_minus", "cam_plus", "bicoag", "coag", "mono")
 #: {topic that emulates a button: topics of the button}. Source: dvrk_python, console.py, for those
 #: of the console; a pedal is published under both names. The pedals' own are ours.
 BUTTONS = {
@@ -138,7 +138,7 @@ class Bedside:
     def _check_adapter(self, name: str) -> None:
         if name in self._without_adapter:
             raise InputError(
-                f"{name}: no sterile adapter is on; put one on first (emulate_adapter_present)"
+                f"{name}: no sterile adapter is mounted; mount one first (emulate_adapter_present)"
             )
 
     # ------------------------------------------------------------------ setup joints
@@ -227,7 +227,7 @@ def _beep(message: Message) -> list[tuple[str, Message]]:
 
 def _speech(message: Message) -> list[tuple[str, Message]]:
     words = text(message, "data")
-    _log.info("said: %r", words)
+    _log.info("text to speech: %r", words)
     return [("system/status", {"data": f"said: {words}"})]
 
 

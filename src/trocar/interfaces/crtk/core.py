@@ -14,12 +14,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, Protocol
 
 from trocar.descriptions import RigDescription
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.interfaces.crtk import console, images, tf
+from trocar.interfaces.crtk.arm_topics import arm_topics
 from trocar.interfaces.crtk.clock import FIRST_NS, Mode, StampCheck, Stamper
 from trocar.interfaces.crtk.compat import compatible
 from trocar.interfaces.crtk.fields import RefusedError, stamp
@@ -27,9 +29,9 @@ from trocar.interfaces.crtk.publishing import Publishing
 from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.sampler import Sampler
-from trocar.interfaces.crtk.services import Services
-from trocar.interfaces.crtk.topic import Message, Read, Topic, by_name, prefix
-from trocar.interfaces.crtk.topics import service_table, topic_table
+from trocar.interfaces.crtk.scene import scene_topics
+from trocar.interfaces.crtk.services import Services, service_rows
+from trocar.interfaces.crtk.topic import Emit, Message, Read, Service, Topic, by_name, prefix
 from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
@@ -84,12 +86,12 @@ class Component:
         topics: rows by name, with what makes or reads their messages; rows of the same name that
             come `later` are then there
         begin: called when the core begins; returns what ends it
-        hears: {topic of the core: further commands that its messages are}
+        reads: {topic of the core: reads its messages into further commands}
     """
 
     topics: Mapping[str, Topic]
     begin: Callable[[Core], Callable[[], None]]
-    hears: Mapping[str, Read] = field(default_factory=dict[str, Read])
+    reads: Mapping[str, Read] = field(default_factory=dict[str, Read])
 
 
 class Core:
@@ -138,7 +140,7 @@ class Core:
         for part in self._components:
             topics |= part.topics
         for part in self._components:
-            for name, read in part.hears.items():
+            for name, read in part.reads.items():
                 topics[name] = replace(topics[name], read=_both(topics[name].read, read))
         if clock == "sim":
             topics["clock"] = replace(topics["clock"], make=tf.clock)
@@ -236,22 +238,22 @@ class Core:
         topic = self.topics.get(name)
         try:
             if topic is None or topic.read is None or topic.later:
-                raise InputError("the simulator does not listen to this topic")
+                raise InputError("the simulator does not subscribe to this topic")
             sent = stamp(message) if topic.stamped else None
             if sent is not None:
                 self._stamps.check((topic.name, peer), sent, self.loop.now)
             found = topic.read(message, self._arms[topic.arm].description if topic.arm else None)
             for command in (found,) if isinstance(found, Command) else found:
                 if not self.loop.post(command):
-                    raise RefusedError("full", "too many commands wait already")
+                    raise RefusedError("full", "too many pending commands")
             if sent is not None:
                 self._stamps.remember((topic.name, peer), sent, self.loop.now)
         except InputError as problem:
             self.refuse(topic, name, str(problem), peer, getattr(problem, "kind", ""))
             return False
         except Exception:  # noqa: BLE001  a hostile message must not stop the others
-            _log.exception("%s: a message could not be read", name[:80])
-            self.refuse(topic, name, "could not be read", peer)
+            _log.exception("%s: cannot read a message", name[:80])
+            self.refuse(topic, name, "cannot be read", peer)
             return False
         return True
 
@@ -286,12 +288,12 @@ class Core:
         if unsaid is None:
             return
         text = f"{topic.key if topic else name[:80]}: {reason}{suffix(unsaid)}"
-        _log.warning("refused%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
+        _log.warning("rejected%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
         before = self.prefixes.get(topic.arm, "system") if topic else "system"
         self.emit(f"{before}/warning", {"data": text})
 
-    def tell_refusals_anew(self) -> None:
-        """Report rejections again that were reported a moment ago."""
+    def forget_refusals(self) -> None:
+        """Forget which rejections were reported: the next ones are reported at once."""
         self._rate_limit.forget()
 
     # ------------------------------------------------------------------ out
@@ -382,18 +384,48 @@ class Core:
         """Log what was raised just now, once for each transport."""
         if transport.name not in self._broken:
             self._broken.add(transport.name)
-            _log.exception("%s: messages are lost", transport.name)
+            _log.exception("%s: messages lost", transport.name)
 
     def _describe(self, rig: RigDescription) -> None:
         """Publish a rig as URDF, unless a tool was exchanged meanwhile."""
         try:
             text = robot_model(rig).urdf
         except TrocarError as problem:
-            _log.warning("%s cannot be published: %s", DESCRIPTION, problem)
+            _log.warning("cannot publish %s: %s", DESCRIPTION, problem)
             self.emit("system/warning", {"data": f"{DESCRIPTION}: {problem}"})
         else:
             if rig is self._described:
                 self.emit(DESCRIPTION, {"data": text})
+
+
+def topic_table(
+    rig: RigDescription,
+    emit: Emit = lambda *_: None,
+    bedside: console.Bedside | None = None,
+) -> tuple[Topic, ...]:
+    """Return every topic of a rig, those that come later included.
+
+    Args:
+        rig: the rig
+        emit: publishes an event
+        bedside: does what is no verb of an arm; its own when omitted
+    """
+    beside = bedside or console.Bedside(emit)
+    arms = (arm_topics(arm, beside.acts(arm.arm.type)) for arm in rig.arms)
+    later = (replace(row, later=True) for row in console.teleop_topics(rig.teleops))
+    rows = chain(
+        *arms, tf.viewer_topics(), console.console_topics(rig, emit), scene_topics(rig), later
+    )
+    return tuple(by_name(rows).values())  # each name once: arms of a kind share some
+
+
+def service_table(rig: RigDescription) -> tuple[Service, ...]:
+    """Return every service of a rig."""
+    return tuple(
+        replace(row, name=f"{prefix(arm.name, arm.arm)}/{row.key}", arm=arm.name)
+        for arm in rig.arms
+        for row in service_rows(arm.arm)
+    )
 
 
 def _both(first: Read | None, then: Read) -> Read:

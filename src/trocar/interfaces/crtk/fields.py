@@ -91,11 +91,11 @@ def text(message: object, path: str) -> str:
     """
     value = field(message, path)
     if not isinstance(value, str):
-        raise RefusedError("type", f"got {path} {shown(value)}; allowed: text")
+        raise RefusedError("type", f"got {path} {shown(value)}; allowed: a string")
     if len(value) > LONGEST_TEXT:
         raise RefusedError(
             "length",
-            f"got {path} of {len(value)} characters; allowed: at most {LONGEST_TEXT}",
+            f"got {path} of {len(value)} characters; allowed: up to {LONGEST_TEXT}",
         )
     return value
 
@@ -115,9 +115,7 @@ def vector(message: Any, name: str) -> Array:
     if not isinstance(items, (list, tuple)):
         raise RefusedError("type", f"got {name} {shown(value)}; allowed: a list of numbers")
     if len(items) > LONGEST:
-        raise RefusedError(
-            "shape", f"got {len(items)} numbers in {name}; allowed: at most {LONGEST}"
-        )
+        raise RefusedError("shape", f"got {len(items)} numbers in {name}; allowed: up to {LONGEST}")
     for item in items:
         if type(item) is not float or not -LARGEST <= item <= LARGEST:  # the usual case, quickly
             break
@@ -222,7 +220,7 @@ def button(message: object) -> int:
         return first
     raise RefusedError(
         "button",
-        f"got buttons {shown(value)}; allowed: [0] released, [1] pressed, [2] a quick tap",
+        f"got buttons {shown(value)}; allowed: [0] released, [1] pressed, [2] tapped",
     )
 
 
@@ -268,7 +266,7 @@ def _finite(value: object, path: str) -> float:
         raise RefusedError("type", f"got {path} {shown(value)}; allowed: a number")
     if not abs(value) <= LARGEST:  # NaN is not either
         raise RefusedError(
-            "number", f"got {path} {shown(value)}; allowed: finite, at most {LARGEST:g} from 0"
+            "number", f"got {path} {shown(value)}; allowed: finite, magnitude up to {LARGEST:g}"
         )
     return float(value)
 
@@ -278,7 +276,7 @@ def _names(given: Any) -> list[str]:
         names = list(given)
         if all(isinstance(name, str) for name in names):
             return names
-    raise RefusedError("names", f"got name {shown(given)}; allowed: names of joints")
+    raise RefusedError("names", f"got name {shown(given)}; allowed: joint names")
 
 
 def _rows(turn: object, path: str) -> list[list[float]]:
@@ -290,7 +288,7 @@ def _rows(turn: object, path: str) -> list[list[float]]:
     length = sqrt(x * x + y * y + z * z + w * w)
     if abs(length - 1.0) > UNIT_TOLERANCE:
         raise RefusedError(
-            "quaternion", f"got {path or 'a quaternion'} of length {length:.4g}; allowed: 1"
+            "quaternion", f"got {path or 'a quaternion'} of norm {length:.4g}; allowed: 1"
         )
     x, y, z, w = x / length, y / length, z / length, w / length
     return [

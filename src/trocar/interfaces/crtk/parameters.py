@@ -54,7 +54,7 @@ class Parameters:
         try:
             return robot_model(self._core.loop.world.rig).urdf
         except TrocarError as error:
-            _log.warning("no parameter %s: %s", MODEL, error)
+            _log.warning("cannot set parameter %s: %s", MODEL, error)
             return None
 
     def gains(self, controller: str) -> dict[str, float]:

@@ -12,8 +12,7 @@ import numpy as np
 from trocar.errors import TrocarError
 from trocar.interfaces.crtk.clock import Beat, Stamp
 from trocar.interfaces.crtk.sample import Event, Figures, Sample
-from trocar.interfaces.crtk.sampler import FIRST, STANDING, standing_of
-from trocar.interfaces.crtk.topic import Message, Topic
+from trocar.interfaces.crtk.topic import Content, Message, Topic
 from trocar.simulation.readout import Reader
 
 _log = logging.getLogger("trocar")
@@ -45,7 +44,14 @@ class Publishing:
         self._newest: Sample | None = None
         self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
         self._before: frozenset[str] = frozenset()
-        self._standing: dict[str, tuple[object, ...]] = {}
+        self._contents: dict[str, list[tuple[Topic, Content]]] = {}
+        self._first: dict[str, list[tuple[Topic, Content]]] = {}
+        for topic in topics.values():
+            if topic.content:
+                self._contents.setdefault(topic.arm, []).append((topic, topic.content))
+            if topic.first:
+                self._first.setdefault(topic.arm, []).append((topic, topic.first))
+        self._content: dict[str, Message] = {}
         self._states: dict[str, tuple[str, bool, bool]] = {}
         self._complained: set[str] = set()
         self.latched: dict[str, Message] = {}
@@ -99,17 +105,14 @@ class Publishing:
             if again or self._states.get(before) != now:
                 fields: Message = {"state": arm.state, "is_homed": arm.homed, "is_busy": arm.busy}
                 self._add(out, Event(f"{before}/operating_state", fields), sample.stamp)
-            standing = standing_of(arm)
-            if standing == self._standing.get(name):
-                continue
-            self._standing[name] = standing
-            for key, fields in ((key, make(arm)) for key, make in STANDING.items()):
-                last = self.latched.get(f"{before}/{key}")
-                if last is None or any(last[k] != v for k, v in fields.items()):
-                    self._add(out, Event(f"{before}/{key}", fields), sample.stamp)
-            for key, first in FIRST.items():
-                if f"{before}/{key}" not in self.latched:
-                    self._add(out, Event(f"{before}/{key}", first(arm)), sample.stamp)
+            for topic, content in self._contents.get(name, ()):
+                fields = content(arm)
+                if fields != self._content.get(topic.name):
+                    self._content[topic.name] = fields
+                    self._add(out, Event(topic.name, fields), sample.stamp)
+            for topic, first in self._first.pop(name, ()):
+                if topic.name not in self.latched:
+                    self._add(out, Event(topic.name, first(arm)), sample.stamp)
         return out
 
     def _figures(self, sample: Sample) -> Figures:
@@ -139,5 +142,5 @@ class Publishing:
         except (TrocarError, np.linalg.LinAlgError) as problem:
             if topic.name not in self._complained:
                 self._complained.add(topic.name)
-                _log.warning("%s cannot be published: %s", topic.name, problem)
+                _log.warning("cannot publish %s: %s", topic.name, problem)
             return None

@@ -140,7 +140,7 @@ class ReorderBuffer:
         state = topic.key == "state_command"
         sent = Sent(peer, stamp, state, lambda: core.receive(topic.name, message, peer))
         if not self.put(sent):
-            core.refuse(topic, topic.name, f"{WAITING} commands wait already", peer)
+            core.refuse(topic, topic.name, f"{WAITING} commands are already pending", peer)
 
     def put(self, command: Sent) -> bool:
         """Let a command be obeyed soon; return False when too many wait."""

@@ -9,14 +9,12 @@ from dataclasses import replace
 from math import ceil
 from typing import Any
 
-from trocar.interfaces.crtk import build
 from trocar.interfaces.crtk.clock import Beat, Stamper
 from trocar.interfaces.crtk.sample import Event, Sample, look
 from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
-from trocar.simulation.records import ArmSample
 
 #: Samples that may wait to be published span this much time. Source: our own choice, longer than a
 #: hiccup of a busy machine. [s]
@@ -42,29 +40,6 @@ PLAIN = {"goal_reached": "reached", "error": "text", "warning": "text", "status"
 #: Verbs whose end clients wait for.
 MOVES = {"move_jp", "move_jr", "move_cp", "move_to", "jaw.move_jp", "jaw.move_jr", "home"}
 MOVES |= {"jaw.open", "jaw.close"}
-
-#: Latched topics that follow from the state of an arm: {topic: its message}.
-STANDING: dict[str, Callable[[ArmSample], dict[str, Any]]] = {
-    "tool_type": lambda a: {"data": a.tool},
-    "trajectory_j/ratio": lambda a: {"data": min(a.ratios)},
-    "trajectory_j/ratio_v": lambda a: {"data": a.ratios[0]},
-    "trajectory_j/ratio_a": lambda a: {"data": a.ratios[1]},
-    "gripper/closed": lambda a: {"data": a.closed},
-    "orientation_locked": lambda a: {"data": a.orientation_locked},
-    "brakes_locked": lambda a: {"data": a.brakes_locked},
-    "IO/tool": lambda a: build.joy(int(bool(a.tool))),
-}
-#: Content of latched topics before anything happens: {topic: its message}.
-FIRST: dict[str, Callable[[ArmSample], dict[str, Any]]] = {
-    "desired_state": lambda a: {"data": a.state},
-    "endoscope_type": lambda a: {"data": ""},  # noqa: ARG005  none was set yet
-    **dict.fromkeys(("arm_clutch", "IO/arm_clutch", "IO/SUJ_clutch"), lambda a: build.joy(0)),  # noqa: ARG005
-}
-
-
-def standing_of(arm: ArmSample) -> tuple[object, ...]:
-    """Return what the messages of `STANDING` follow from; compared from sample to sample."""
-    return arm.tool, arm.ratios, arm.closed, arm.orientation_locked, arm.brakes_locked
 
 
 def desired_state(entry: Entry) -> str | None:

@@ -125,7 +125,7 @@ def _flow(verb: str) -> Read:
 def _step(message: Mapping[str, Any], _: object) -> Command:
     periods = field(message, "data")
     if isinstance(periods, bool) or not isinstance(periods, int | np.integer):
-        raise RefusedError("type", f"got data {shown(periods)}; allowed: a whole number")
+        raise RefusedError("type", f"got data {shown(periods)}; allowed: an integer")
     return Command(JOURNAL, "step", {"periods": int(periods)}, "scene/step")
 
 

@@ -58,7 +58,7 @@ class Services:
         """
         reply = service.answer
         if reply is None:
-            raise InputError(f"{service.name}: is not answered")
+            raise InputError(f"{service.name}: service is not available")
 
         def ask(world: World) -> Answer:
             found = reply(world.arm(service.arm), request)

@@ -14,6 +14,7 @@ from trocar.descriptions.records import ArmDescription
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.sample import Figures
 from trocar.interfaces.inbox import Command
+from trocar.simulation.records import ArmSample
 
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
 Message = dict[str, Any]
@@ -25,6 +26,8 @@ Make = Callable[[Figures, Stamp], "Message | None"]
 Read = Callable[[Mapping[str, Any], Any], "Command | Sequence[Command]"]
 #: Publishes an event: a topic and the fields of its message, the header left out.
 Emit = Callable[[str, Mapping[str, Any]], None]
+#: Returns the fields of an event from the state of an arm, the header left out.
+Content = Callable[[ArmSample], Message]
 
 #: How many commands that all count may wait at a subscriber. Source: as the loop's inbox.
 ORDERED = 64
@@ -67,6 +70,8 @@ class Topic:
         later: the row stands for a component that is not there yet: it is not advertised
         make: makes the message of every period; None for events
         read: reads a message into commands; None for what is published
+        content: of a latched event that follows from the state of its arm: published on change
+        first: of a latched event: published before anything happens
     """
 
     name: str
@@ -82,6 +87,8 @@ class Topic:
     later: bool = False
     make: Make | None = field(default=None, repr=False, compare=False)
     read: Read | None = field(default=None, repr=False, compare=False)
+    content: Content | None = field(default=None, repr=False, compare=False)
+    first: Content | None = field(default=None, repr=False, compare=False)
     stamped: bool = field(default=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -122,9 +129,16 @@ def event(name: str, kind: str, text: str, unit: str = "", latched: bool = False
     return Topic(name, kind, "pub", latched=latched, unit=unit, help=text)
 
 
-def latched(name: str, kind: str, text: str, unit: str = "") -> Topic:
+def latched(
+    name: str,
+    kind: str,
+    text: str,
+    unit: str = "",
+    content: Content | None = None,
+    first: Content | None = None,
+) -> Topic:
     """Return the row of an event whose last message late subscribers get."""
-    return event(name, kind, text, unit, latched=True)
+    return replace(event(name, kind, text, unit, latched=True), content=content, first=first)
 
 
 def command(

@@ -88,7 +88,7 @@ class CameraWindow:
         if self._view == OFF:
             return "off"
         if len(self._came) < 2:
-            return "no picture yet"
+            return "no image yet"
         rate = (len(self._came) - 1) / max(self._came[-1] - self._came[0], 1e-9)
         dropped = self._pictures.dropped
         return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
@@ -117,7 +117,7 @@ class CameraWindow:
         return (self._camera,)
 
     def take(self, shot: Shot) -> None:
-        """Keep a picture that the page requested; others belong to other takers."""
+        """Keep a picture that the page requested; others belong to other clients."""
         if shot.camera != self._camera or self._view == OFF or not self._awaited:
             return
         self._awaited = False

@@ -89,7 +89,7 @@ def primitive(kind: str, size: tuple[float, ...], rounding: float = 0.0) -> trim
         return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
     if kind == "sphere":
         return trimesh.creation.icosphere(subdivisions=3, radius=size[0])
-    raise InputError(f"no picture of a shape of kind {kind!r}: box, capsule, cylinder, sphere")
+    raise InputError(f"got shape kind {kind!r}; allowed: box, capsule, cylinder, sphere")
 
 
 def half_extents(kind: str, size: Sequence[float] | Floats) -> Floats:

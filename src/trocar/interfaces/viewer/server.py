@@ -116,7 +116,7 @@ class ClientPage:
 
     def _with_our_script(self, html: str) -> str:
         if any(html.count(part) != 1 for part in (UNPACKER, UNPACKED, TITLE)):
-            raise TrocarError(f"viser {viser.__version__}: its page is not that of 1.1; use 1.1")
+            raise TrocarError(f"viser {viser.__version__}: unsupported web client; allowed: 1.1")
         html = html.replace(TITLE, "<title>trocar</title>")
         ours = files("trocar.interfaces.viewer").joinpath("client.js").read_text(encoding="utf-8")
         ours = ours.replace("{{QUERY}}", self._access.query)
@@ -134,8 +134,8 @@ def _policy(nonce: str, sockets: Sequence[str]) -> str:
     for url in sockets:
         if "[" in url:
             raise InputError(
-                f"keys of the page cannot be sent to {url}: browsers allow a page no IPv6 "
-                "address; leave out --host, or drive by another --device"
+                f"cannot send keys to {url}: browsers block IPv6 "
+                "addresses; leave out --host, or use another --device"
             )
     directives = {
         "default-src": "'none'",
@@ -210,7 +210,7 @@ def _answered_by(
         finally:
             setattr(viser_infra, "websockets", websockets)  # noqa: B010
     if not opened:
-        raise TrocarError(f"viser {viser.__version__} serves in another way than 1.1; use 1.1")
+        raise TrocarError(f"viser {viser.__version__}: unsupported server; allowed: 1.1")
 
 
 @contextlib.contextmanager
@@ -260,8 +260,8 @@ def address(server: LocalServer) -> str:
 def _checked_host(host: str) -> str:
     if host not in LOOPBACK:
         raise InputError(
-            f"the page has no password and is served to this machine only: got host {host!r}, "
-            f"allowed are {', '.join(LOOPBACK)}; to look from elsewhere, forward the port with ssh"
+            f"the web viewer has no password, so it is local only: got host {host!r}; "
+            f"allowed: {', '.join(LOOPBACK)}; from another machine, forward the port with ssh"
         )
     return LOOPBACK[0] if host == "localhost" else host
 
@@ -282,7 +282,7 @@ def _quiet() -> Iterator[None]:
 
 def _check_free(host: str, port: int) -> None:
     if not 0 <= port <= 65535:
-        raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
+        raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     with socket.socket(family, socket.SOCK_STREAM) as probe:
         if sys.platform != "win32":  # a port that was just closed is free; Windows would share it
@@ -290,14 +290,14 @@ def _check_free(host: str, port: int) -> None:
         try:
             probe.bind((host, port))
         except PermissionError as error:
-            raise InputError(f"port {port} on {host} needs an administrator") from error
+            raise InputError(f"port {port} on {host} requires administrator rights") from error
         except OSError as error:
             raise _taken(host, port) from error
 
 
 def _taken(host: str, port: int) -> InputError:
     return InputError(
-        f"port {port} on {host} is taken: choose another (--port), or 0 for any free one"
+        f"port {port} on {host} is in use; choose another --port, or 0 for any free port"
     )
 
 

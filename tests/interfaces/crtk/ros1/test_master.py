@@ -74,7 +74,7 @@ def test_a_master_is_asked_by_name() -> None:
     [
         ("http://localhost:11311", "", "127.0.0.1 only", "127.0.0.1"),
         ("http://10.0.0.7:11311", "", "all interfaces", None),
-        ("http://localhost:11311", "10.0.0.7", "others find it as 10.0.0.7", "10.0.0.7"),
+        ("http://localhost:11311", "10.0.0.7", "advertised as 10.0.0.7", "10.0.0.7"),
         ("http://10.0.0.7:11311", "127.0.0.1", "127.0.0.1 only", "127.0.0.1"),
     ],
 )

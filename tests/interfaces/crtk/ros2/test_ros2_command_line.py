@@ -70,5 +70,5 @@ def test_a_network_that_is_none_is_told_in_one_line() -> None:
     simulator = start("--ros2", "dds", CYCLONEDDS_URI=str(where.config))
     _, said = simulator.communicate(timeout=60)
     assert simulator.returncode == 1
-    assert "ROS 2: a participant of domain 0: Cyclone DDS says" in said
+    assert "ROS 2: a participant of domain 0: Cyclone DDS" in said
     assert "Traceback" not in said

@@ -15,9 +15,9 @@ pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
-from trocar.interfaces.crtk.topics import Topic
+from trocar.interfaces.crtk.topic import Topic
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
-from trocar.interfaces.crtk.transports.ros2.dds import Taken
+from trocar.interfaces.crtk.transports.ros2.dds import DdsSample
 from trocar.interfaces.crtk.transports.ros2.transport import (
     CALLER,
     Service,
@@ -105,11 +105,11 @@ def test_a_subscriber_that_stands_still_holds_up_nobody(transport: Ros2Transport
 class Box:
     """A reader in which messages wait."""
 
-    def __init__(self, entity: int, *taken: Taken) -> None:
+    def __init__(self, entity: int, *taken: DdsSample) -> None:
         self.entity = entity
         self._taken = list(taken)
 
-    def take(self) -> list[Taken]:
+    def take(self) -> list[DdsSample]:
         return self._taken
 
 
@@ -121,8 +121,8 @@ def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
     transport._core = SimpleNamespace(receive=lambda name, *_: seen.append(name))  # type: ignore[assignment]
     transport._topics = {1: moves, 2: orders}
     order = cdr_encode(orders.type, {"header": joints(1)["header"], "string": "home"})
-    boxes = [Box(1, Taken(cdr_encode(moves.type, joints(1)), 7, 30))]
-    boxes.append(Box(2, Taken(order, 8, 10), Taken(order, 8, 20)))
+    boxes = [Box(1, DdsSample(cdr_encode(moves.type, joints(1)), 7, 30))]
+    boxes.append(Box(2, DdsSample(order, 8, 10), DdsSample(order, 8, 20)))
     for readers in (boxes, boxes[::-1]):
         seen.clear()
         transport.take(readers)  # type: ignore[arg-type]
@@ -159,7 +159,7 @@ def answered(call, *requests: bytes) -> list[bytes]:
     answer = answering(call, name, kind)
     service = Service(ends, name, service_kinds(kind), 1, answer)  # type: ignore[arg-type]
     for request in requests:
-        service.answer(Taken(request, 1, 0))
+        service.answer(DdsSample(request, 1, 0))
     return ends.written
 
 
@@ -199,4 +199,4 @@ def test_a_call_that_breaks_the_simulator_is_told_and_not_answered(caplog) -> No
 
     kind = service_type("crtk_msgs/QueryForwardKinematics").request
     assert answered(break_it, asked(kind.name, bytes(16))) == []
-    assert "no answer" in caplog.text
+    assert "service call failed" in caplog.text

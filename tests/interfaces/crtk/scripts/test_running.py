@@ -162,18 +162,20 @@ def test_the_exit_status_is_what_the_script_asks_for(
             "import time\ntry:\n    time.sleep(1e6)\nexcept Exception:\n    pass\n",
             "line 3: time.sle",
         ),
-        ("import threading as t\nx = t.Thread(target=t.Event().wait)\nx.start()\n", "not over"),
+        ("import threading as t\nx = t.Thread(target=t.Event().wait)\nx.start()\n", "not finished"),
     ],
 )
 def test_a_script_that_waits_for_ever_is_ended(tmp_path: Path, text: str, where: str):
-    with pytest.raises(ScriptError, match=r"script\.py: not over after 5 s") as told:
+    with pytest.raises(ScriptError, match=r"script\.py: not finished after 5 s") as told:
         play(tmp_path, text, timeout_s=5.0)
     assert where in str(told.value)
 
 
 @pytest.mark.skipif(not hasattr(__import__("signal"), "pthread_kill"), reason="no such signals")
 def test_a_script_that_does_nothing_for_ever_is_ended(tmp_path: Path):
-    with pytest.raises(ScriptError, match=r"not over after 0\.3 s; it was at line 1: while True"):
+    with pytest.raises(
+        ScriptError, match=r"not finished after 0\.3 s; it was at line 1: while True"
+    ):
         play(tmp_path, "while True: pass", timeout_s=0.3)
 
 
@@ -429,7 +431,7 @@ def test_what_is_sent_after_the_end_is_refused(tmp_path: Path, capsys: pytest.Ca
     arm.hold()
     """
     assert play(tmp_path, text).status == 1
-    assert "RuntimeError: ROS was shut down" in capsys.readouterr().err
+    assert "RuntimeError: cannot send: this script has shut ROS down" in capsys.readouterr().err
 
 
 def test_beside_the_wall_clock_the_same_script_runs(

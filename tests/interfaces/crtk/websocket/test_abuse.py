@@ -108,7 +108,7 @@ def test_a_flood_is_cut_and_told_and_the_newest_set_point_counts(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(server, "MESSAGES_PER_S", 200.0)  # the machine may be too busy for more
-    served.core.tell_refusals_anew()
+    served.core.forget_refusals()
     talk = meet()
     talk.send(op="subscribe", topic="/PSM1/warning")
     talk.wait_for_server()
@@ -129,7 +129,7 @@ def yaw(served: Served) -> float:
 def test_a_trajectory_ratio_too_small_for_any_move_is_refused_and_the_simulator_goes_on(
     served: Served, meet: Callable[..., Talk], ratio: float
 ) -> None:
-    served.core.tell_refusals_anew()
+    served.core.forget_refusals()
     talk = meet()
     talk.send(op="subscribe", topic="/PSM1/warning")
     talk.wait_for_server()

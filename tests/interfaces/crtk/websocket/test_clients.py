@@ -65,7 +65,7 @@ def check_what_was_told(told: dict[str, Any], served: Served, details: dict[str,
     tip = [position["x"], position["y"], position["z"]]
     # Frame 6 of a PSM that points down, 0.12 m in: as `trocar fk psm 0 0 0.12 0 0 0` has it.
     assert tip == pytest.approx([0.0, 0.0, -0.1135], abs=1e-6)
-    assert "no service" in told["refused"]
+    assert "unknown service" in told["refused"]
 
 
 def test_roslibpy_lists_calls_moves_and_follows(fresh: Served) -> None:

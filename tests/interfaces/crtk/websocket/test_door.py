@@ -28,7 +28,9 @@ def test_on_this_machine_none_is(host: str) -> None:
 
 @pytest.mark.parametrize("token", ["", "short", "x" * 15])
 def test_a_short_token_is_refused(token: str) -> None:
-    with pytest.raises(InputError, match=rf"--token: got {len(token)} characters; allowed: 16"):
+    with pytest.raises(
+        InputError, match=rf"--token: got {len(token)} characters; allowed: at least 16"
+    ):
         Access("127.0.0.1", token)
 
 

@@ -68,11 +68,11 @@ def test_a_request_is_read(document: dict[str, Any], request_: AnyRequest) -> No
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "no JSON"),
-        ("{", "no JSON"),
-        ("[" * 100_000, "no JSON"),
-        ("9" * 10_000, "no JSON"),
-        (b"{}", "binary messages are not understood"),
+        ("", "invalid JSON"),
+        ("{", "invalid JSON"),
+        ("[" * 100_000, "invalid JSON"),
+        ("9" * 10_000, "invalid JSON"),
+        (b"{}", "got a binary message"),
         ("3", "got 3; allowed: an object with an 'op'"),
         ("{}", "op: got None; allowed: advertise, unadvertise, publish"),
         ('{"op": "shutdown"}', "op: got 'shutdown'; allowed"),
@@ -93,9 +93,9 @@ def test_a_request_is_read(document: dict[str, Any], request_: AnyRequest) -> No
         ('{"op": "publish", "id": 3}', "id: got 3; allowed: up to 256 printable"),
         ('{"op": "subscribe", "topic": "\\ud800"}', r"topic: got '\\ud800'"),
         ('{"op": "subscribe", "id": "a\\nb"}', r"id: got 'a\\nb'"),
-        ('{"op": "advertise_service"}', "clients cannot offer services"),
+        ('{"op": "advertise_service"}', "offered by clients are not supported"),
         ('{"op": "fragment"}', "send the message in one piece"),
-        ('{"op": "send_action_goal"}', "there are no actions here"),
+        ('{"op": "send_action_goal"}', "actions are not supported"),
     ],
 )
 def test_what_cannot_be_read_is_one_clear_error(text: str, words: str) -> None:

@@ -128,7 +128,7 @@ def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
         try:
             return run(data)
         except WRONG as error:
-            problem = f"{shown(data)} that are no such message: {error}"
+            problem = f"{shown(data)}, which are not this message: {error}"
             raise MessageError(kind.name, script.path_at(error, label), problem) from None
 
     return decode
@@ -198,7 +198,7 @@ def write_numbers(value: Any, code: str, count: int = 0) -> bytes | bytearray | 
     else:
         data = np.ascontiguousarray(value, dtype=DTYPES[code]).reshape(-1).view("u1").data
     if count and len(data) != count * calcsize(code):
-        raise WireError(f"got {len(data) // calcsize(code)} values, {count} belong there")
+        raise WireError(f"got {len(data) // calcsize(code)} values; allowed: {count}")
     return data
 
 
@@ -222,14 +222,14 @@ def read_string(data: bytes, at: int, length: int, end: bytes) -> str:
     """One string of so many bytes, its end included."""
     stop = at + length
     if stop > len(data):
-        raise WireError(f"a string of {length} bytes, {len(data) - at} are left")
+        raise WireError(f"got a string of {length} bytes, but only {len(data) - at} remain")
     if end and length:
         stop -= 1
         if data[stop]:
-            raise WireError("a string without an end")
+            raise WireError("got a string without terminator")
     raw = data[at:stop]
     if 0 in raw:
-        raise WireError("a string with a zero byte in it")
+        raise WireError("got a string with an embedded zero byte")
     return raw.decode()
 
 
@@ -252,7 +252,9 @@ def read_strings(data: bytes, at: int, wire: Wire) -> tuple[list[str], int]:
 def room(data: bytes, at: int, count: int, least: int) -> None:
     """Refuse a count of things that cannot lie in the bytes that are left."""
     if count * least > len(data) - at:
-        raise WireError(f"{count} entries of {least} bytes or more, {len(data) - at} are left")
+        raise WireError(
+            f"{count} entries of {least} bytes or more, but only {len(data) - at} remain"
+        )
 
 
 def read_numbers(data: bytes, at: int, count: int, code: str) -> Any:
@@ -464,7 +466,7 @@ def wrong_count(count: int) -> None:
 
 def check_clock(seconds: int, rest: int) -> None:
     """Say what a time may be."""
-    raise WireError(f"got {seconds} s and {rest} ns, a time in 1970 to 2038 is allowed")
+    raise WireError(f"got {seconds} s and {rest} ns; allowed: a time in 1970 to 2038")
 
 
 def write_encoder(kind: MessageType, wire: Wire) -> tuple[Callable[[Any], bytes], Script]:

@@ -76,13 +76,13 @@ def fields_by_name(kind: MessageType) -> dict[str, Field]:
 
 def _message(top: MessageType, kind: MessageType, message: object, path: str) -> None:
     if not isinstance(message, dict):
-        raise MessageError(top.name, path, f"got {shown(message)}, a dict of fields is allowed")
+        raise MessageError(top.name, path, f"got {shown(message)}; allowed: a dict of fields")
     fields = fields_by_name(kind)
     check_names(top, path, message, fields)
     dot = f"{path}." if path else ""
     for name, field in fields.items():
         if name not in message:
-            raise MessageError(top.name, f"{dot}{name}", "is not there")
+            raise MessageError(top.name, f"{dot}{name}", "is missing")
         _field(top, field, message[name], f"{dot}{name}")
 
 
@@ -105,13 +105,13 @@ def _field(top: MessageType, field: Field, value: Any, path: str) -> None:
         wrong = wrong or (value.dtype.kind == "f" and field.type not in REALS)
         if wrong and not picture:
             got = f"got {value.dtype} of shape {value.shape}"
-            raise MessageError(top.name, path, f"{got}, one row of {field.type} is allowed")
+            raise MessageError(top.name, path, f"{got}; allowed: one row of {field.type}")
     elif not isinstance(value, list | tuple) and not (
         field.type == "uint8" and isinstance(value, bytes | bytearray)
     ):
-        raise MessageError(top.name, path, f"got {shown(value)}, a list is allowed")
+        raise MessageError(top.name, path, f"got {shown(value)}; allowed: a list")
     if field.length and len(value) != field.length:
-        raise MessageError(top.name, path, f"got {len(value)} values, {field.length} belong there")
+        raise MessageError(top.name, path, f"got {len(value)} values; allowed: {field.length}")
     kind = value.dtype.name if isinstance(value, np.ndarray) else "uint8"
     if isinstance(value, np.ndarray | bytes | bytearray) and kind == field.type:
         return  # in range whatever it holds
@@ -125,7 +125,7 @@ def _single(top: MessageType, field: Field, value: Any, path: str) -> None:
         return
     problem = scalar_problem(field.type, value)
     if problem:
-        raise MessageError(top.name, path, f"got {shown(value)}, {problem} is allowed")
+        raise MessageError(top.name, path, f"got {shown(value)}; allowed: {problem}")
 
 
 def scalar_problem(kind: str, value: Any) -> str:

@@ -149,13 +149,15 @@ def read_field(line: str, where: str) -> Field:
     text, _, remark = line.removeprefix(ROS1_MARK).partition("#")
     found = LINE.fullmatch(text.strip())
     if found is None:
-        raise InputError(f"{where}: got {line!r}, a field reads like 'float64[] position'")
+        raise InputError(f"{where}: got {line!r}; allowed: a field, e.g. 'float64[] position'")
     kind = TIMES.get(found["type"], found["type"])
     if "/" not in kind and kind not in {*SCALARS, "string", "time", "duration"}:
-        raise InputError(f"{where}: {found['name']}: no type {kind!r}; messages need their package")
+        raise InputError(
+            f"{where}: {found['name']}: no type {kind!r}; allowed: message types with their package"
+        )
     length = int(found["length"] or 0) if found["array"] else None
     if length and not (kind in SCALARS or "/" in kind):
-        raise InputError(f"{where}: {found['name']}: got {length} of {kind}, [] is allowed")
+        raise InputError(f"{where}: {found['name']}: got {length} of {kind}; allowed: []")
     mark = ROS1_MARK.removeprefix("#")
     ros1_name = remark.removeprefix(mark).strip() if remark.startswith(mark) else found["name"]
     return Field(found["name"], kind, length, ros1_name, only_ros1)

@@ -110,7 +110,7 @@ class Node:
     def check(self) -> None:
         """Raise an error once the node has been shut down."""
         if self.ended:
-            raise RuntimeError("ROS was shut down by this script before: nothing can be sent")
+            raise RuntimeError("cannot send: this script has shut ROS down")
 
     def wait(self, ready: Callable[[], bool], timeout_s: float | None = None) -> bool:
         """Wait until something holds or the node ends; return whether it holds."""

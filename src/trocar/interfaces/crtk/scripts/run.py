@@ -83,14 +83,14 @@ def run_script(
     modules: dict[str, ModuleType] = {}
     if isinstance(flow, Stepped):
         flow.over = OverdueError
-        modules = virtual_modules(flow.turns)
+        modules = virtual_modules(flow.scheduler)
     node = Node(flow, modules.get("threading", threading).Thread)
     modules |= script_modules(node, script.parent)
     watchdog = Watchdog(script, flow, timeout_s)
     try:
         flow.start()
         gc.freeze()  # what is there by now stays
-        answers = answering(flow.turns) if isinstance(flow, Stepped) else nullcontext()
+        answers = answering(flow.scheduler) if isinstance(flow, Stepped) else nullcontext()
         with watchdog, answers, on_import(modules, script.parent):
             status = _outcome(watchdog, lambda: _execute(script, code, arguments, flow, node))
         flow.look()  # raises the error of a simulation that broke down beside the script
@@ -224,7 +224,7 @@ class Watchdog:
         number = script_line(self.script, tb)
         line = linecache.getline(str(self.script), number).strip() if number else ""
         where = f"; it was at line {number}: {line}" if number else ""
-        return ScriptError(self.script, f"not over after {self._timeout:g} s{where}")
+        return ScriptError(self.script, f"not finished after {self._timeout:g} s{where}")
 
     def _watch(self) -> None:
         limit = self._timeout or 0.0
@@ -285,7 +285,7 @@ def _tree(source: bytes) -> ast.AST:
     try:
         return ast.parse(source)
     except (SyntaxError, ValueError) as problem:
-        raise InputError(f"the script cannot be read: {problem}") from problem
+        raise InputError(f"cannot read the script: {problem}") from problem
 
 
 def _texts(tree: ast.AST) -> Iterator[str]:

@@ -20,8 +20,8 @@ from trocar.interfaces.crtk.clock import SECOND, Beat
 from trocar.interfaces.crtk.core import Batch, Component, Core
 from trocar.interfaces.crtk.sample import Figures, Sample
 from trocar.interfaces.crtk.scripts.messages import Message, fields_of, message_of
-from trocar.interfaces.crtk.scripts.virtual_time import Turns
-from trocar.interfaces.crtk.topics import Topic
+from trocar.interfaces.crtk.scripts.virtual_time import Scheduler
+from trocar.interfaces.crtk.topic import Topic
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pace import nearest_tick
 from trocar.simulation import World
@@ -175,7 +175,7 @@ class Bus:
         topic = self._core.topics.get(name)
         if topic is None or topic.later or topic.direction != direction or topic.type == kind._type:
             return
-        _log.warning("/%s is %s here; the script has %s", name, topic.type, kind._type)
+        _log.warning("/%s has type %s, but the script uses %s", name, topic.type, kind._type)
 
 
 #: A script's time begins here: a client that asks how old a message is that never came, with its
@@ -209,7 +209,7 @@ class Stepped:
 
     Attributes:
         world, core, bus: its parts
-        turns: threads of the script; its `wait`, `sleep` and `look` are the simulation's
+        scheduler: threads of the script; its `wait`, `sleep` and `look` are the simulation's
         steps: ticks so far; a watchdog sees by them that something goes on
     """
 
@@ -233,8 +233,12 @@ class Stepped:
         self._seen: Figures | None = None
         self._limit_s, self.steps = limit_s, 0
         self._tick_ns = round(tick_s * SECOND)
-        self.turns = Turns(self._clock_ns, self._step, self._tick_ns)
-        self.wait, self.sleep, self.look = self.turns.wait, self.turns.sleep, self.turns.look
+        self.scheduler = Scheduler(self._clock_ns, self._step, self._tick_ns)
+        self.wait, self.sleep, self.look = (
+            self.scheduler.wait,
+            self.scheduler.sleep,
+            self.scheduler.look,
+        )
         self.over: Callable[[], BaseException] = TimeoutError
 
     def start(self) -> None:
@@ -275,7 +279,7 @@ class Stepped:
 
     def fail(self, failure: BaseException) -> None:
         """End the run from another thread: the script meets this error when it waits next."""
-        self.turns.failure = failure
+        self.scheduler.failure = failure
 
     def _step(self, most_ns: int | None) -> None:
         """Let time pass until messages were sent, and call their subscribers."""
@@ -293,7 +297,7 @@ class Stepped:
             try:
                 call()
             except Exception as problem:
-                if problem is self.turns.failure:
+                if problem is self.scheduler.failure:
                     raise
                 complain()
 

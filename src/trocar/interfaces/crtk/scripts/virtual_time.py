@@ -45,7 +45,7 @@ class Waiter:
     go: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(0))
 
 
-class Turns:
+class Scheduler:
     """Hand the turn from thread to thread, and let time pass when nobody else can go on.
 
     Args:
@@ -75,7 +75,7 @@ class Turns:
             timeout_s: how long at most [s]; None: for ever
         """
         if threading.get_ident() not in self._known:
-            raise RuntimeError("only threads that `threading.Thread` started can wait here")
+            raise RuntimeError("only threads started by threading.Thread can wait in virtual time")
         end = None if timeout_s is None else self.now_ns() + max(0, round(timeout_s * SECOND))
         me = Waiter(ready, end)
         while True:
@@ -180,7 +180,7 @@ def _patience(blocking: bool, timeout: float | None) -> float | None:
 class Lock:
     """A lock that one thread holds at a time; an `RLock` is reentrant."""
 
-    turns: Turns
+    scheduler: Scheduler
     again = False
 
     def __init__(self) -> None:
@@ -191,7 +191,7 @@ class Lock:
         """Take the lock; return whether it was to be had in time [s]."""
         me = threading.get_ident()
         if not (self.again and self._owner == me):
-            free = self.turns.wait(lambda: self._owner is None, _patience(blocking, timeout))
+            free = self.scheduler.wait(lambda: self._owner is None, _patience(blocking, timeout))
             if not free:
                 return False
         self._owner, self._count = me, self._count + 1
@@ -224,7 +224,7 @@ class Lock:
         return state
 
     def _acquire_restore(self, state: tuple[int | None, int]) -> None:
-        self.turns.wait(lambda: self._owner is None, None)
+        self.scheduler.wait(lambda: self._owner is None, None)
         self._owner, self._count = state
 
 
@@ -237,7 +237,7 @@ class RLock(Lock):
 class Condition:
     """A condition variable on a lock."""
 
-    turns: Turns
+    scheduler: Scheduler
     lock_class: type[Lock]
 
     def __init__(self, lock: Any = None) -> None:
@@ -259,7 +259,7 @@ class Condition:
         self._tickets.append(ticket)
         state = self._lock._release_save()
         try:
-            return self.turns.wait(lambda: ticket[0], timeout)
+            return self.scheduler.wait(lambda: ticket[0], timeout)
         finally:
             self._lock._acquire_restore(state)
             if ticket in self._tickets:
@@ -267,9 +267,9 @@ class Condition:
 
     def wait_for(self, predicate: Callable[[], Any], timeout: float | None = None) -> Any:
         """Wait until a predicate holds; return its value [s]."""
-        end = None if timeout is None else self.turns.now_ns() + timeout * SECOND
+        end = None if timeout is None else self.scheduler.now_ns() + timeout * SECOND
         while not (found := predicate()):
-            left = None if end is None else (end - self.turns.now_ns()) / SECOND
+            left = None if end is None else (end - self.scheduler.now_ns()) / SECOND
             if left is not None and left <= 0.0:
                 break
             self.wait(left)
@@ -322,14 +322,14 @@ class Semaphore:
 class Event:
     """A flag that can be waited for."""
 
-    turns: Turns
+    scheduler: Scheduler
 
     def __init__(self) -> None:
         self._flag = False
 
     def is_set(self) -> bool:
         """Return whether it is set."""
-        self.turns.look()
+        self.scheduler.look()
         return self._flag
 
     def set(self) -> None:
@@ -342,13 +342,13 @@ class Event:
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until it is set; return whether it is within some time [s]."""
-        return self.turns.wait(lambda: self._flag, timeout)
+        return self.scheduler.wait(lambda: self._flag, timeout)
 
 
 class Thread:
     """A thread that runs while the others wait."""
 
-    turns: Turns
+    scheduler: Scheduler
     started: list[Thread]
     numbers: Iterable[int]
 
@@ -374,7 +374,7 @@ class Thread:
             raise RuntimeError("threads can only be started once")
         self._begun = self._alive = True
         self.started.append(self)
-        self.turns.begin(self._work)
+        self.scheduler.begin(self._work)
 
     def run(self) -> None:
         """Call the target."""
@@ -383,11 +383,11 @@ class Thread:
 
     def join(self, timeout: float | None = None) -> None:
         """Wait until it has ended [s]."""
-        self.turns.wait(lambda: not self._alive, timeout)
+        self.scheduler.wait(lambda: not self._alive, timeout)
 
     def is_alive(self) -> bool:
         """Return whether it runs."""
-        self.turns.look()
+        self.scheduler.look()
         return self._alive
 
     def _work(self) -> None:
@@ -432,9 +432,9 @@ class Timer(Thread):
             super().run()
 
 
-def thread_classes(turns: Turns) -> dict[str, Any]:
+def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     """Return the stand-ins for the classes of `threading`, over one simulation."""
-    shared: dict[str, Any] = {"turns": turns}
+    shared: dict[str, Any] = {"scheduler": scheduler}
     lock, rlock = (type(kind.__name__, (kind,), shared) for kind in (Lock, RLock))
     event = type("Event", (Event,), shared)
     condition = type("Condition", (Condition,), {**shared, "lock_class": rlock})
@@ -477,12 +477,12 @@ class Standing(ModuleType):
         return sorted({*dir(self.__dict__["_real"]), *self.__dict__})
 
 
-def virtual_modules(turns: Turns) -> dict[str, ModuleType]:
+def virtual_modules(scheduler: Scheduler) -> dict[str, ModuleType]:
     """Return stand-ins for `time` and `threading`, whose time is that of stamps."""
 
     def now_ns() -> int:
-        turns.look()
-        return turns.now_ns()
+        scheduler.look()
+        return scheduler.now_ns()
 
     def now() -> float:
         return now_ns() / SECOND
@@ -490,23 +490,23 @@ def virtual_modules(turns: Turns) -> dict[str, ModuleType]:
     def sleep(seconds: float) -> None:
         if seconds < 0:
             raise ValueError("sleep length must be non-negative")
-        turns.sleep(seconds)
+        scheduler.sleep(seconds)
 
     names = ("time", "monotonic", "perf_counter")
     clock: dict[str, Any] = {"sleep": sleep, **dict.fromkeys(names, now)}
     clock |= dict.fromkeys((f"{name}_ns" for name in names), now_ns)
-    threads = {**thread_classes(turns), "monotonic": now}
+    threads = {**thread_classes(scheduler), "monotonic": now}
     return {"time": Standing(time, clock), "threading": Standing(threading, threads)}
 
 
 @contextmanager
-def answering(turns: Turns) -> Iterator[None]:
+def answering(scheduler: Scheduler) -> Iterator[None]:
     """Let time pass whenever the script waits for a line, until the block ends."""
     read = builtins.input
 
     def answer(prompt: object = "", /) -> str:
         line = read(prompt)
-        turns.sleep(ANSWER_S)
+        scheduler.sleep(ANSWER_S)
         return line
 
     builtins.input = answer

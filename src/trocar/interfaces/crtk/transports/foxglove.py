@@ -8,16 +8,34 @@ core's publishing thread --send--> CDR --> SDK --bounded queue, oldest lost--> e
 from __future__ import annotations
 
 import threading
+from collections.abc import Mapping
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
+from trocar.interfaces.origins import PageAccess
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
-    from trocar.interfaces.crtk.topic import Message
-    from trocar.interfaces.crtk.topics import Topic
+    from trocar.interfaces.crtk.topic import Message, Topic
+
+ORDER = 40
+OPTIONS = {
+    "--foxglove": {
+        "action": "store_true",
+        "help": "serve a live view for Foxglove (extra foxglove)",
+    },
+    "--foxglove-port": {
+        "default": 8765,
+        "metavar": "N",
+        "help": "Foxglove port (default: 8765, 0 = any free port)",
+    },
+    "--foxglove-record": {
+        "metavar": "FILE",
+        "help": "serve Foxglove and write all topics to a new MCAP file",
+    },
+}
 
 #: Where Foxglove looks by itself. Source: its SDK's default.
 PORT = 8765
@@ -33,7 +51,20 @@ IMAGE = "sensor_msgs/Image"
 SECOND = 1_000_000_000
 
 
-class Listener:
+def open_transport(options: Mapping[str, Any], pages: PageAccess) -> FoxgloveTransport | None:  # noqa: ARG001
+    """Return the transport for --foxglove or --foxglove-record.
+
+    Raises:
+        MissingExtraError: the extra `foxglove` is not installed
+        InputError: no such port
+    """
+    port, record = options["foxglove_port"], options["foxglove_record"]
+    if not options["foxglove"] and record is None:
+        return None
+    return FoxgloveTransport(port, record, images=options["record_images"])
+
+
+class Subscriptions:
     """Keep which client subscribes to what; called by the SDK's threads.
 
     Attributes:
@@ -103,10 +134,10 @@ class FoxgloveTransport:
         self, port: int = PORT, record: str | None = None, *, images: bool = False
     ) -> None:
         if not 0 <= port <= 65535:
-            raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
+            raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
         self._sdk = load()
         self.port, self._record, self._images = port, record, images
-        self._listener = Listener()
+        self._subscriptions = Subscriptions()
         self._channels: dict[str, Any] = {}
         self._always: frozenset[str] = frozenset()
         self._simulated = False
@@ -169,14 +200,14 @@ class FoxgloveTransport:
                 host=HOST,
                 port=self.port,
                 capabilities=[capability.Time] if self._simulated else [],
-                server_listener=self._listener,
+                server_listener=self._subscriptions,
                 context=context,
                 message_backlog_size=BACKLOG,
             )
         except RuntimeError as error:
             raise InputError(
-                f"Foxglove's server cannot listen on {HOST} port {self.port}: {error}: choose "
-                "another (--foxglove-port, 0 for any free one)"
+                f"Foxglove: cannot listen on {HOST} port {self.port}: {error}; choose "
+                "another --foxglove-port, or 0 for any free port"
             ) from error
         self.port = self._server.port
 
@@ -187,7 +218,7 @@ class FoxgloveTransport:
             self._writer = self._sdk.open_mcap(self._record, context=context)
         except (OSError, RuntimeError) as error:
             raise InputError(
-                f"--foxglove-record {self._record}: {error}; allowed: a new file in a folder that "
+                f"--foxglove-record {self._record}: {error}; allowed: a new file in an existing "
                 "exists"
             ) from error
         topics = [self._core.topics[name] for name in self._channels]
@@ -209,16 +240,16 @@ class FoxgloveTransport:
 
         Who came since the last period gets what is latched; every other subscriber gets it again.
         """
-        for name in self._listener.newly():
+        for name in self._subscriptions.newly():
             message = self._core.latched(name)
             if message is not None:
                 self._log(self._core.topics[name], message)
-        wanted = self._listener.wanted | self._always
+        wanted = self._subscriptions.wanted | self._always
         return wanted | {"clock"} if wanted and self._simulated else wanted
 
     def send(self, batch: Batch) -> None:
         """Hand messages to the SDK, which never waits."""
-        wanted = self._listener.wanted | self._always
+        wanted = self._subscriptions.wanted | self._always
         for topic, message in batch:
             if topic.name in wanted:
                 self._log(topic, message)

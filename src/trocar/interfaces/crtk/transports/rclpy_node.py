@@ -59,7 +59,7 @@ NS = 1_000_000_000
 
 
 @dataclass(frozen=True)
-class Library:
+class Rclpy:
     """The modules of rclpy that are used here."""
 
     rclpy: ModuleType
@@ -90,7 +90,7 @@ class MissingRclpyError(InputError):
         )
 
 
-def load() -> Library:
+def load() -> Rclpy:
     """Import rclpy.
 
     Raises:
@@ -99,7 +99,7 @@ def load() -> Library:
     names = ("context", "exceptions", "executors", "parameter", "qos", "serialization")
     modules = ["rclpy", *(f"rclpy.{name}" for name in names), "rcl_interfaces.msg"]
     try:
-        return Library(*map(import_module, modules))
+        return Rclpy(*map(import_module, modules))
     except ImportError as error:
         try:
             there = find_spec("rclpy") is not None
@@ -166,7 +166,7 @@ SOURCES = {
 }
 
 
-class LackingError(TrocarError):
+class MissingTypeError(TrocarError):
     """The workspace has no such type as ours, in the package where it should be."""
 
     def __init__(self, package: str, problem: str = "") -> None:
@@ -179,7 +179,7 @@ def message_class(kind: MessageType) -> Any:
     """Return the class of a message.
 
     Raises:
-        LackingError: there is none, or with other fields
+        MissingTypeError: there is none, or with other fields
     """
     found = _class(kind.ros2_name)
     _check(kind, found)
@@ -190,7 +190,7 @@ def service_class(kind: ServiceType) -> Any:
     """Return the class of a service, with `Request` and `Response`.
 
     Raises:
-        LackingError: there is none, or with other fields
+        MissingTypeError: there is none, or with other fields
     """
     found = _class(kind.ros2_name)
     for half, name in ((kind.request, "Request"), (kind.response, "Response")):
@@ -203,10 +203,10 @@ def _class(name: str) -> Any:
     try:
         module = import_module(f"{package}.{folder}")
     except ImportError as error:
-        raise LackingError(package) from error
+        raise MissingTypeError(package) from error
     found = getattr(module, own, None)
     if found is None:
-        raise LackingError(package, f"which has no {own}")
+        raise MissingTypeError(package, f"which has no {own}")
     return found
 
 
@@ -215,9 +215,9 @@ def _check(kind: MessageType, found: Any) -> None:
     package = kind.ros2_name.split("/")[0]
     fields = getattr(found, "get_fields_and_field_types", None)
     if fields is None:
-        raise LackingError(package, "which is none of ROS 2")
+        raise MissingTypeError(package, "which is not a ROS 2 package")
     if list(fields()) != [field.name for field in kind.fields if not field.only_ros1]:
-        raise LackingError(package, f"in which {kind.name} has other fields")
+        raise MissingTypeError(package, f"in which {kind.name} has other fields")
 
 
 # ---------------------------------------------------------------------- node
@@ -241,7 +241,7 @@ class Node:
     """
 
     def __init__(
-        self, library: Library, context: Any, name: str, *, parameters: bool = False
+        self, library: Rclpy, context: Any, name: str, *, parameters: bool = False
     ) -> None:
         self._context = context
         self.own = library.rclpy.create_node(
@@ -277,10 +277,10 @@ class Node:
             except Exception:  # noqa: BLE001  rclpy passes on whatever went wrong within
                 if self._over.is_set() or not self._context.ok():
                     break
-                _log.exception("ROS 2: rclpy has failed, and goes on")
+                _log.exception("ROS 2: error in rclpy, continuing")
                 self._over.wait(PAUSE_S)
         if not self._over.is_set():
-            _log.warning("ROS 2 has ended: something has shut rclpy down; the simulation goes on")
+            _log.warning("ROS 2 stopped: rclpy was shut down; the simulation continues")
 
 
 class RclpyTransport:
@@ -394,11 +394,11 @@ class RclpyTransport:
                 register(row, own)
             except wrong.NoTypeSupportImportedException:
                 package = row.type.split("/")[0]
-                raise LackingError(package, "whose libraries cannot be loaded") from None
-        except LackingError as problem:
+                raise MissingTypeError(package, "whose libraries cannot be loaded") from None
+        except MissingTypeError as problem:
             self._lacking[str(problem)] = self._lacking.get(str(problem), 0) + 1
         except wrong.NameValidationException as problem:
-            _log.warning("ROS 2: %s is left out: %s", row.name, problem)
+            _log.warning("ROS 2: topic %s is not available: %s", row.name, problem)
 
     def _quality(self, depth: int, *, latched: bool = False) -> Any:
         """Return a profile: reliable, which every subscriber's request is compatible with."""
@@ -457,7 +457,7 @@ class RclpyTransport:
                 )
             except RuntimeError as error:
                 if not self._over.is_set():
-                    _log.warning("ROS 2: subscribers are not known any more: %s", error)
+                    _log.warning("ROS 2: cannot query subscribers: %s", error)
                 return
 
     # ------------------------------------------------------------------ in
@@ -470,7 +470,7 @@ class RclpyTransport:
             core, peer = self._core, "ROS 2"
             try:
                 if len(data) > LARGEST:
-                    raise InputError(f"got {len(data)} bytes; allowed: {LARGEST}")
+                    raise InputError(f"got {len(data)} bytes; allowed: up to {LARGEST}")
                 fields = cdr_decode(topic.type, data)
             except InputError as problem:
                 core.refuse(topic, topic.name, str(problem), peer)
@@ -488,7 +488,9 @@ class RclpyTransport:
             try:
                 data = codec.serialize_message(request)
                 if len(data) > LARGEST:
-                    raise InputError(f"got a call of {len(data)} bytes; allowed: {LARGEST}")
+                    raise InputError(
+                        f"got a request of {len(data)} bytes; allowed: up to {LARGEST}"
+                    )
                 found = self._core.call(service.name, cdr_decode(kind.request, data), SERVICE_S)
             except InputError as problem:
                 _log.warning("ROS 2: %s: %s", service.name, problem)
@@ -497,7 +499,7 @@ class RclpyTransport:
                     raise NoAnswerError from problem
                 found["message"] = str(problem)
             except Exception as problem:
-                _log.exception("ROS 2: %s: no answer", service.name)
+                _log.exception("ROS 2: %s: service call failed", service.name)
                 raise NoAnswerError from problem
             return codec.deserialize_message(cdr_encode(kind.response, found), made.Response)
 

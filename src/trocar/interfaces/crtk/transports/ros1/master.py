@@ -91,15 +91,15 @@ def settle_address(master: Master) -> str:
     if not host and is_loopback(urlparse(master.uri).hostname or ""):
         os.environ["ROS_HOSTNAME"] = "127.0.0.1"
         return (
-            "listens on 127.0.0.1 only; to be found by other machines set ROS_IP to this"
-            " machine's address (ROS 1 asks nobody for a password)"
+            "listening on 127.0.0.1 only; for other machines set ROS_IP to this"
+            " machine's address (ROS 1 has no authentication)"
         )
     if is_loopback(host):
-        return f"listens on {host} only, as ROS_HOSTNAME or ROS_IP says"
-    named = f"others find it as {host}" if host else "others find it by this machine's name"
+        return f"listening on {host} only, set by ROS_HOSTNAME or ROS_IP"
+    named = f"advertised as {host}" if host else "advertised as this machine's name"
     return (
-        f"listens on all interfaces ({named}), and whoever reaches it may move the arms:"
-        " ROS 1 asks nobody for a password. ROS_HOSTNAME=127.0.0.1 keeps it on this machine"
+        f"listening on all interfaces ({named}); other machines can move the arms:"
+        " ROS 1 has no authentication. Set ROS_HOSTNAME=127.0.0.1 to stay local"
     )
 
 

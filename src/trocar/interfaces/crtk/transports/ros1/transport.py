@@ -53,10 +53,7 @@ SERVICE_S = 5.0
 WATCH_S = 2.0
 #: How long unregistering may take. Source: our own choice; it takes tenths of a second. [s]
 FAREWELL_S = 10.0
-GONE = (
-    "ROS 1: the master at %s does not answer any more; the simulation goes on, and so do those who"
-    " are connected"
-)
+GONE = "ROS 1: the master at %s is unreachable; the simulation and existing connections continue"
 
 
 class MissingRospyError(TrocarError):
@@ -72,7 +69,7 @@ class MissingRospyError(TrocarError):
 
 
 @dataclass(frozen=True)
-class Library:
+class Rospy:
     """The modules of ROS 1 that are used here."""
 
     rospy: Any
@@ -132,7 +129,9 @@ class Library:
             TrocarError: rospy refuses
         """
         if self.rospy.core.is_initialized():
-            raise InputError("--ros1: this process is a ROS 1 node already, and can be only once")
+            raise InputError(
+                "--ros1: this process is already a ROS 1 node; allowed: one node per process"
+            )
         logging.getLogger("rospy").setLevel(logging.CRITICAL)
         self.rospy.core.configure_logging = lambda *_, **__: None
         options = {"disable_signals": True, "disable_rosout": True, "disable_rostime": True}
@@ -142,7 +141,7 @@ class Library:
             raise TrocarError(f"--ros1: rospy cannot start its node: {error}") from error
 
 
-def load() -> Library:
+def load() -> Rospy:
     """Import rospy.
 
     Raises:
@@ -150,7 +149,7 @@ def load() -> Library:
     """
     modules = ("rospy", "genpy", "rospy.impl.paramserver", "rospy.impl.registration")
     try:
-        return Library(*map(import_module, modules))
+        return Rospy(*map(import_module, modules))
     except ImportError as error:
         raise MissingRospyError(sys.executable, str(error)) from error
 
@@ -296,7 +295,7 @@ class Ros1Transport:
         except (MessageError, self._ros.rospy.ROSException) as error:
             if topic.name not in self._complained:
                 self._complained.add(topic.name)
-                _log.warning("ROS 1: %s cannot be published: %s", topic.name, error)
+                _log.warning("ROS 1: cannot publish %s: %s", topic.name, error)
 
     # ------------------------------------------------------------------ in
 
@@ -349,7 +348,7 @@ class Ros1Transport:
             if self._over.wait(WATCH_S):
                 return
             if self._ros.rospy.is_shutdown():
-                _log.warning("ROS 1 has ended: another node is called /%s now", self.node)
+                _log.warning("ROS 1 stopped: another node has taken the name /%s", self.node)
                 self._over.set()
                 return
             try:
@@ -362,9 +361,9 @@ class Ros1Transport:
             if not known:
                 self._register_again()
                 announced = False
-                _log.warning("ROS 1: all is registered with the new master at %s", self._master.uri)
+                _log.warning("ROS 1: registered with the new master at %s", self._master.uri)
             elif not answers:
-                _log.warning("ROS 1: the master at %s answers again", self._master.uri)
+                _log.warning("ROS 1: the master at %s is reachable again", self._master.uri)
             answers = True
 
     def _announce(self, announced: bool) -> bool:
@@ -377,7 +376,7 @@ class Ros1Transport:
         except MasterError:
             return False
         except TrocarError as error:
-            _log.warning("ROS 1: parameters are not set: %s", error)
+            _log.warning("ROS 1: cannot set parameters: %s", error)
         return True
 
     def _register_again(self) -> None:
@@ -400,7 +399,7 @@ class Ros1Listener:
 
     def __init__(self, node: str = "trocar_mirror") -> None:
         self._node = node
-        self._ros: Library | None = None
+        self._ros: Rospy | None = None
 
     def start(self, topics: Sequence[str], take: Callable[[str, Mapping[str, Any]], None]) -> None:
         """Join the master, subscribe and hand over what arrives.
@@ -419,7 +418,7 @@ class Ros1Listener:
             try:
                 take(topic, ros1_decode(self.KIND, message.data))
             except MessageError as problem:
-                _log.debug("/%s: a message that cannot be read: %s", topic, problem)
+                _log.debug("/%s: cannot read a message: %s", topic, problem)
 
         for topic in topics:
             ros.rospy.Subscriber(f"/{topic}", made, taken, topic, queue_size=1, tcp_nodelay=True)

@@ -150,10 +150,10 @@ class DdsError(TrocarError):
 
     def __init__(self, doing: str, code: int, reason: str) -> None:
         self.code = code
-        super().__init__(f"ROS 2: {doing}: Cyclone DDS says: {reason}")
+        super().__init__(f"ROS 2: {doing}: Cyclone DDS: {reason}")
 
 
-class Library:
+class Cyclone:
     """The functions above: `wait` those that may wait, `quick` those that never do."""
 
     def __init__(self, path: str) -> None:
@@ -201,7 +201,7 @@ def _declare(library: Any, functions: dict[str, tuple[Any, list[Any]]]) -> Any:
 
 
 @cache
-def load() -> Library:
+def load() -> Cyclone:
     """Load the library.
 
     Raises:
@@ -209,12 +209,12 @@ def load() -> Library:
         InputError: on Windows, whose C structures are others
     """
     if sys.platform == "win32":
-        raise InputError("ROS 2: not on Windows yet; allowed: Linux, macOS")
+        raise InputError("ROS 2: Windows is not supported; allowed: Linux, macOS")
     try:
         from cyclonedds.internal import DDS
     except ImportError:
         raise MissingExtraError("cyclonedds", "ros2", "ROS 2") from None
-    return Library(DDS._dll_handle._name)
+    return Cyclone(DDS._dll_handle._name)
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class Quality:
     user_data: bytes = b""
     best_effort: bool = False
 
-    def qos(self, lib: Library) -> int:
+    def qos(self, lib: Cyclone) -> int:
         """Return a new dds_qos_t."""
         quick = lib.quick
         found = quick.dds_create_qos()
@@ -259,7 +259,7 @@ NOTHING = Metadata(None, 0)
 
 
 @dataclass(frozen=True)
-class Taken:
+class DdsSample:
     """What arrived: CDR bytes with their header, the handle of who wrote them, and when [ns]."""
 
     payload: bytes
@@ -270,7 +270,7 @@ class Taken:
 class Writer:
     """Writes on one topic; made by `Bus.writer`."""
 
-    def __init__(self, lib: Library, entity: int) -> None:
+    def __init__(self, lib: Cyclone, entity: int) -> None:
         self._lib = lib
         self.entity = entity
         self.guid = lib.guid(entity)
@@ -310,23 +310,23 @@ class Writer:
 class Reader:
     """Reads one topic; made by `Bus.reader`."""
 
-    def __init__(self, lib: Library, entity: int) -> None:
+    def __init__(self, lib: Cyclone, entity: int) -> None:
         self._lib = lib
         self.entity = entity
         self.guid = lib.guid(entity)
         self._samples = (ct.c_void_p * TAKEN)()
         self._infos = (SampleInfo * TAKEN)()
 
-    def take(self) -> list[Taken]:
+    def take(self) -> list[DdsSample]:
         """Take what arrived, up to TAKEN messages, oldest first."""
         quick = self._lib.quick
         count = quick.dds_takecdr(self.entity, self._samples, TAKEN, self._infos, ANY_STATE)
-        found: list[Taken] = []
+        found: list[DdsSample] = []
         for sample, info in zip(self._samples[: max(count, 0)], self._infos, strict=False):
             if info.valid_data:
                 payload = ct.create_string_buffer(quick.ddsi_serdata_size(sample))
                 quick.ddsi_serdata_to_ser(sample, 0, len(payload), payload)
-                found.append(Taken(payload.raw, info.publication_handle, info.source_timestamp))
+                found.append(DdsSample(payload.raw, info.publication_handle, info.source_timestamp))
             quick.ddsi_serdata_unref(sample)
         return found
 

@@ -27,10 +27,10 @@ from trocar.interfaces.crtk.queues import ImageQueue
 from trocar.interfaces.crtk.transports.ros2 import dds, naming, parameters
 from trocar.interfaces.crtk.transports.ros2.dds import (
     Bus,
+    DdsSample,
     Network,
     Quality,
     Reader,
-    Taken,
     Writer,
     network,
 )
@@ -86,23 +86,23 @@ class Service:
         self.requests = bus.reader(naming.request_name(name), request, quality(asked))
         self.replies = bus.writer(naming.reply_name(name), reply, quality(told))
 
-    def answer(self, taken: Taken) -> None:
+    def answer(self, taken: DdsSample) -> None:
         """Answer a call, or log why not."""
         request, caller = taken.payload, taken.payload[CALLER]
         if not CALLER.stop < len(request) <= LARGEST:
-            _log.warning("ROS 2: %s: got a call of %d bytes", self.name, len(request))
+            _log.warning("ROS 2: %s: rejected a request of %d bytes", self.name, len(request))
             return
         try:
             response = self._answer(request[: CALLER.start] + request[CALLER.stop :])
         except Exception:  # noqa: BLE001  a pool would swallow it
-            _log.exception("ROS 2: %s: no answer", self.name)
+            _log.exception("ROS 2: %s: service call failed", self.name)
             return
         if response is None:
             return
         if self._listens(taken.writer):
             self.replies.write(response[: CALLER.start] + caller + response[CALLER.start :])
         else:
-            _log.warning("ROS 2: %s: the caller does not listen any more", self.name)
+            _log.warning("ROS 2: %s: the client has disconnected", self.name)
 
     def _listens(self, caller: int) -> bool:
         """Wait until the caller's own reader is known, or any when the caller has no name."""
@@ -306,8 +306,8 @@ class Ros2Transport:
                 )
             elif older != self._older:
                 _log.warning(
-                    "ROS 2: programs of Humble and of later distributions are in domain %d; only "
-                    "the first read the name of the node",
+                    "ROS 2: nodes of Humble and of later distributions share domain %d; only "
+                    "those of Humble see this node's name",
                     self.where.domain,
                 )
 
@@ -325,7 +325,7 @@ class Ros2Transport:
 
     def take(self, readers: Iterable[Reader]) -> set[Reader]:
         """Hand what waits to the core in the order of writing; return who may have more."""
-        arrived: list[tuple[int, Topic, Taken]] = []
+        arrived: list[tuple[int, Topic, DdsSample]] = []
         more: set[Reader] = set()
         for reader in readers:
             found = reader.take()
@@ -345,7 +345,7 @@ class Ros2Transport:
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
         try:
             if len(payload) > LARGEST:
-                raise InputError(f"got {len(payload)} bytes; allowed: {LARGEST}")
+                raise InputError(f"got {len(payload)} bytes; allowed: up to {LARGEST}")
             message = cdr_decode(topic.type, payload)
         except InputError as problem:
             self._core.refuse(topic, topic.name, str(problem), peer)
@@ -394,7 +394,7 @@ class Ros2Listener:
                             message = cdr_decode(self.KIND, taken.payload)
                         except MessageError as problem:
                             name = names[end.entity]
-                            _log.debug("/%s: a message that cannot be read: %s", name, problem)
+                            _log.debug("/%s: cannot read a message: %s", name, problem)
                         else:
                             take(names[end.entity], message)
 

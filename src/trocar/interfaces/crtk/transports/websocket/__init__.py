@@ -1,5 +1,44 @@
 """The rosbridge protocol (version 2) over WebSockets: roslibpy, roslib, or any other client."""
 
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
 from trocar.interfaces.crtk.transports.websocket.server import PORT, WebSocketTransport
 
-__all__ = ["PORT", "WebSocketTransport"]
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from trocar.interfaces.origins import PageAccess
+
+__all__ = ["OPTIONS", "ORDER", "PORT", "WebSocketTransport", "open_transport"]
+
+ORDER = 10
+OPTIONS = {
+    "--no-websocket": {
+        "action": "store_true",
+        "help": "do not serve the rosbridge WebSocket",
+    },
+    "--websocket-port": {
+        "default": 9090,
+        "metavar": "N",
+        "help": "WebSocket port (default: 9090, 0 = any free port)",
+    },
+    "--host": {
+        "default": "127.0.0.1",
+        "help": "WebSocket address (default: 127.0.0.1); other addresses require --token",
+    },
+    "--token": {"help": "token required from WebSocket clients (default: $TROCAR_TOKEN)"},
+}
+
+
+def open_transport(options: Mapping[str, Any], pages: PageAccess) -> WebSocketTransport | None:
+    """Return the transport, unless --no-websocket."""
+    if options["no_websocket"]:
+        return None
+    token = options["token"]
+    if token is None:
+        token = os.environ.get("TROCAR_TOKEN") or None
+    return WebSocketTransport(options["host"], options["websocket_port"], token, pages)

@@ -52,7 +52,7 @@ class WebSocketListener:
             self._line = self._connect()
         except (OSError, WebSocketException) as error:
             why = str(error) or f"no answer within {CONNECT_S:g} s"
-            raise TrocarError(f"--websocket: nobody answers at {self._url}: {why}") from error
+            raise TrocarError(f"--websocket: no connection to {self._url}: {why}") from error
         self._thread = threading.Thread(
             target=self._run, args=(topics, take), name="trocar-listen", daemon=True
         )
@@ -76,12 +76,12 @@ class WebSocketListener:
             try:
                 if self._line is None:
                     self._line = self._connect()
-                    _log.warning("%s: connected again", self._url)
+                    _log.warning("%s: reconnected", self._url)
                 self._listen(self._line, topics, take)
             except (OSError, WebSocketException) as error:
                 reason = str(error) or type(error).__name__
             if self._line is not None and not self._over.is_set():
-                _log.warning("%s: the connection is lost (%s); trying again", self._url, reason)
+                _log.warning("%s: connection lost (%s); reconnecting", self._url, reason)
             self._line = None
             self._over.wait(RETRY_S)
 
@@ -97,4 +97,4 @@ class WebSocketListener:
                 if topic is not None and document.get("op") == "publish":
                     take(topic, from_json(JOINT_STATE, document["msg"]))
             except (ValueError, KeyError, AttributeError, MessageError) as problem:
-                _log.debug("%s: a message that cannot be read: %s", self._url, problem)
+                _log.debug("%s: cannot read a message: %s", self._url, problem)

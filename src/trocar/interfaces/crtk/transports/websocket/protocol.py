@@ -120,8 +120,8 @@ AnyRequest = (
     | Status
     | Auth
 )
-_NO_SERVERS = "clients cannot offer services or actions here: only trocar's own can be called"
-_NO_ACTIONS = "there are no actions here: use topics and services"
+_NO_SERVERS = "services and actions offered by clients are not supported"
+_NO_ACTIONS = "actions are not supported; use topics and services"
 #: Operations of the protocol that are not supported, and why.
 UNSUPPORTED: Mapping[str, str] = {
     "fragment": "fragments are not understood: send the message in one piece",
@@ -152,7 +152,7 @@ def read_request(text: str | bytes) -> AnyRequest:
         RequestError: what is wrong with it, in words for the client's author
     """
     if not isinstance(text, str):
-        raise RequestError("binary messages are not understood: send JSON as text")
+        raise RequestError("got a binary message; allowed: JSON text")
     try:
         return _decoder.decode(text)
     except (msgspec.DecodeError, UnicodeEncodeError, RecursionError):
@@ -160,7 +160,7 @@ def read_request(text: str | bytes) -> AnyRequest:
     try:  # the standard library reads more: NaN, and halves of characters
         document = standard_json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise RequestError(f"no JSON: {error}") from error
+        raise RequestError(f"invalid JSON: {error}") from error
     try:
         return msgspec.convert(document, AnyRequest)
     except (msgspec.ValidationError, UnicodeEncodeError, RecursionError) as error:
@@ -299,7 +299,7 @@ class Rosapi:
         found = ROSAPI.get(service.removeprefix(PREFIX))
         if found is None:
             known = ", ".join(PREFIX + name for name in ROSAPI)
-            raise InputError(f"no service {service!r}; of rosapi there are {known}")
+            raise InputError(f"unknown service {service!r}; known in rosapi: {known}")
         key, reply = found
         value = args.get(key, "") if isinstance(args, Mapping) else next(iter(args), "")
         if not isinstance(value, str):

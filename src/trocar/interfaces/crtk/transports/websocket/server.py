@@ -20,6 +20,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlencode
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -125,14 +126,14 @@ class Access:
     def __post_init__(self) -> None:
         if self.token is None and not is_loopback(self.host):
             raise InputError(
-                f"--host {self.host}: whoever reaches this address could drive the arms: give a "
-                "--token (or TROCAR_TOKEN) that clients have to show, or leave --host out and "
+                f"--host {self.host}: other machines could move the arms; set a "
+                "--token (or TROCAR_TOKEN), or leave out --host and "
                 "forward the port with ssh"
             )
         if self.token is not None and len(self.token) < SHORTEST_TOKEN:
             raise InputError(
-                f"--token: got {len(self.token)} characters; allowed: {SHORTEST_TOKEN} or more, as "
-                "python -c 'import secrets; print(secrets.token_urlsafe())' gives"
+                f"--token: got {len(self.token)} characters; allowed: at least {SHORTEST_TOKEN}, "
+                "e.g. python -c 'import secrets; print(secrets.token_urlsafe())'"
             )
 
     def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
@@ -400,7 +401,7 @@ class Client:
         while self.outbox and self._open and self._room > 0:
             self._connection.transport.write(b"".join(self.outbox.take(self._room)))
         lost = self.outbox.lost
-        if lost and self.warn("slow", f"you read too slowly: {lost} messages were left out"):
+        if lost and self.warn("slow", f"client reads too slowly: {lost} messages dropped"):
             self.outbox.lost = 0
 
     @property
@@ -448,10 +449,12 @@ class Conversation:
             self._act(client, read_request(text))
         except RequestError as error:
             client.report("error", str(error), error.id)
+        except TrocarError as error:
+            _log.error("websocket: %s", error)
 
     def reject(self, client: Client, text: str | bytes) -> None:
         """Report now and then that messages beyond the client's rate are left out."""
-        words = f"{client.peer} sends too fast: {client.refused} messages were not read"
+        words = f"{client.peer} sends too fast: {client.refused} messages dropped"
         if client.warn("flood", words):
             with contextlib.suppress(RequestError):
                 request = read_request(text)
@@ -502,7 +505,7 @@ class Conversation:
         """Return the topic that a request names, if it has this direction and type."""
         topic = self._core.topics.get(plain(request.topic))
         if topic is None:
-            problem = "there is no such topic; /rosapi/topics lists all"
+            problem = "unknown topic; list all with /rosapi/topics"
         elif topic.later:
             problem = "is not there yet"
         elif topic.direction != direction:
@@ -523,7 +526,7 @@ class Conversation:
                 client.send(protocol.response(request.service, request.id, values, result=True))
                 return
             if client.calls >= MOST_CALLS:
-                raise InputError(f"{MOST_CALLS} calls wait for an answer already")
+                raise InputError(f"{MOST_CALLS} calls are already pending")
             kind = service_type(service.type).request
             arguments = from_json(kind, _by_name(kind, args))
         except InputError as error:
@@ -598,7 +601,7 @@ class WebSocketTransport:
         pages: PageAccess | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
-            raise InputError(f"port {port} does not exist; allowed: 0 (any free one) to 65535")
+            raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
         self._access = Access(host, token, pages or PageAccess())
         self.port = port
         self.clients: set[Client] = set()
@@ -612,6 +615,13 @@ class WebSocketTransport:
         """Where clients find it, without the token."""
         host = self._access.host
         return f"ws://{f'[{host}]' if ':' in host else host}:{self.port}"
+
+    @property
+    def viewer_address(self) -> str:
+        """The address with the credentials that the web viewer shows."""
+        query = self._access.pages.query
+        token = self._access.token
+        return f"{self.address}/?{query}" + (f"&{urlencode({'token': token})}" if token else "")
 
     @property
     def greeting(self) -> str:
@@ -634,9 +644,9 @@ class WebSocketTransport:
         except OSError as error:
             why = str(error.strerror).rpartition(": ")[2]
             raise InputError(
-                f"the WebSocket cannot listen on {self._access.host} port {self.port}: {why}: "
-                "choose another (--websocket-port, 0 for any free one), or do without "
-                "(--no-websocket)"
+                f"WebSocket: cannot listen on {self._access.host} port {self.port}: {why}; "
+                "choose another --websocket-port, 0 for any free port, or "
+                "--no-websocket"
             ) from error
 
     def wanted(self) -> frozenset[str]:
@@ -668,7 +678,7 @@ class WebSocketTransport:
             asyncio.run(self._serve(core, bound))
         except Exception as error:  # noqa: BLE001  handed over whole to whoever waits for the port
             if bound.done():
-                _log.exception("websocket: ended")
+                _log.exception("websocket: stopped")
             else:
                 bound.set_exception(error)
 
@@ -710,8 +720,7 @@ class WebSocketTransport:
         try:
             async for text in connection:
                 if client.may_send(len(text)):
-                    with _logged():
-                        self._conversation.handle(client, text)
+                    self._conversation.handle(client, text)
                 else:
                     self._conversation.reject(client, text)
                     if client.refused % PAUSE_EVERY == 0:

@@ -1,6 +1,6 @@
 """Somebody who looks at the page as a browser does, and draws nothing: for measurements.
 
-python -m trocar.interfaces.viewer.spectator http://127.0.0.1:8080
+python benchmarks/spectator.py http://127.0.0.1:8080
 """
 
 from __future__ import annotations

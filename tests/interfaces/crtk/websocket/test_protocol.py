@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+import time
 
 import pytest
 
@@ -56,9 +57,12 @@ def test_a_late_subscriber_gets_the_last_of_a_latched_topic(talk: Talk) -> None:
 
 
 def test_a_throttled_topic_comes_less_often(talk: Talk) -> None:
+    """In wall-clock time, which goes on where a busy machine slows the simulation down."""
     talk.send(op="subscribe", topic=JS, throttle_rate=200)
-    stamps = [talk.hear_on(JS)["header"]["stamp"] for _ in range(4)]
-    times = [stamp["secs"] + 1e-9 * stamp["nsecs"] for stamp in stamps]
+    times: list[float] = []
+    for _ in range(4):
+        talk.hear_on(JS)
+        times.append(time.monotonic())
     assert times[-1] - times[0] > 0.4
 
 

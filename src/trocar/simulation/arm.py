@@ -668,7 +668,8 @@ class Arm:
     def report_state(self) -> None:
         """Enter the operating state into the journal, when it changed."""
         states = self._states
-        now = states.state, states.homed, self.busy or self._homing is not None
+        busy = bool(self.control.moves.legs) or self._homing is not None
+        now = states.state, states.homed, busy
         if now != self._reported:
             self._reported = now
             self.control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
@@ -1055,7 +1056,8 @@ class Arm:
     def _ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted."""
         if accepted:
-            self._end_controllers()
+            if self._controllers or self._lock is not None:
+                self._end_controllers()
             self.report_state()
         return accepted
 

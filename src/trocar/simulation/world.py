@@ -59,6 +59,8 @@ SETPOINT_STEPS = 1
 APART = ("self", "rig", "calibration")
 #: Everything that a physics step depends on, what sleeps apart.
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+#: The part of it that a physics step changes.
+STEPPED = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART)
 #: Arguments with few values.
 CHOICES = {
     "control": ("dvrk", "paper"),
@@ -630,7 +632,7 @@ class World:
         self.joints = model.joints
         self.servos = Servos(self.joints, self._model, self._data)
         self.frames = Frames(self.rig, self.joints, self._model, self._data)
-        self._before = np.zeros(mujoco.mj_stateSize(self._model, INTEGRATION))
+        self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         self._build += 1
 
     def _motors(self, name: str) -> Motors:
@@ -668,7 +670,7 @@ class World:
                     self._supervise()
             run = min(left, self._renewal - since)
             left -= run
-            mujoco.mj_getState(model, data, self._before, INTEGRATION)
+            mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
                 count = run if run < stride else stride
                 mujoco.mj_step(model, data, count)
@@ -724,7 +726,7 @@ class World:
 
     def _diverged(self) -> None:
         """Repeat the last steps, one by one, to name what left the numbers first."""
-        mujoco.mj_setState(self._model, self._data, self._before, INTEGRATION)
+        mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
         self._bad[:] = 0
         for _ in range(self._renewal):
             mujoco.mj_step(self._model, self._data)

@@ -34,6 +34,7 @@ from trocar.cameras.records import (
 from trocar.cameras.rectification import CameraInfo, camera_infos, rectified
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import inverse, transform
+from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
 
@@ -81,22 +82,28 @@ def read_calibration(paths: Sequence[Path]) -> Calibration:
 
 
 def write_camera(
-    calibration: Calibration, paths: Iterable[str | Path], kind: Literal["ros", "opencv"] = "ros"
+    calibration: Calibration,
+    paths: Iterable[str | Path],
+    kind: Literal["ros", "opencv"] = "ros",
+    *,
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write a camera for ROS, one file for each eye, or for OpenCV, one file.
 
     Raises:
-        InputError: another number of files than the kind needs, or one that cannot be written
+        InputError: another number of files than the kind needs, or one that exists (without
+            `overwrite`) or cannot be written
+        TrocarError: the disk is full
     """
     texts = _ros_texts(calibration) if kind == "ros" else (_opencv_text(calibration),)
     files = [Path(path) for path in paths]
     if len(files) != len(texts):
         raise InputError(f"calibration: got {len(files)} files; {kind} needs {len(texts)} here")
+    for path in files:
+        check_file(path, overwrite)
     for path, text in zip(files, texts, strict=True):
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as problem:
-            raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
+        with whole_file(path, overwrite) as part:
+            part.write_text(text, encoding="utf-8")
     return tuple(files)
 
 

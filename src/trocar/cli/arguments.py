@@ -147,6 +147,11 @@ def add_origin(parser: _ActionsContainer) -> None:
     )
 
 
+def add_overwrite(parser: _ActionsContainer, what: str = "an existing output file") -> None:
+    """Add the permission to replace output files."""
+    parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
+
+
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add JSON output."""
     parser.add_argument("--json", action="store_true", help="print the result as one JSON document")

@@ -70,6 +70,25 @@ class LogError(InputError):
         super().__init__(f"{place}: {problem}")
 
 
+class RecordingError(TrocarError):
+    """A recording that could not be written to its end.
+
+    Args:
+        file: the recording
+        until: simulation time of the last state in the file [s]
+        reason: what went wrong
+    """
+
+    def __init__(self, file: str, until: float, reason: str) -> None:
+        self.file = file
+        self.until = until
+        self.reason = reason
+        super().__init__(
+            f"{file}: nothing is recorded after t = {until:.3f} s: {reason}; the file can be read"
+            " up to there"
+        )
+
+
 class TracksError(InputError):
     """A file of motion capture that cannot be used; `line` counts from 1."""
 

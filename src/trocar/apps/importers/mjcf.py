@@ -30,6 +30,7 @@ from trocar.descriptions.records import Shape
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.kinematics.mechanism import Motion
+from trocar.modeling.mujoco_log import log_mujoco_warnings
 
 Array = NDArray[np.float64]
 
@@ -48,6 +49,7 @@ def read_mjcf(path: Path) -> Model:
     Raises:
         ImportFileError: MuJoCo refuses it, or it has a ball joint, a weld, a tendon or a flex
     """
+    log_mujoco_warnings()
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:

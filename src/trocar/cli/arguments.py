@@ -11,6 +11,8 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
+    from _typeshed import SupportsWrite
+
 #: Port of the web viewer.
 PORT = 8080
 
@@ -21,6 +23,9 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: object) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**options)  # type: ignore[arg-type]
+
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+        print(message, end="", file=file)  # argparse's own ignores a full disk
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError with argparse's message."""

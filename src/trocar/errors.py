@@ -35,7 +35,7 @@ class UnknownNameError(InputError):
         self.kind = kind
         self.name = name
         self.known = tuple(known)
-        near = get_close_matches(str(name), self.known, n=1)
+        near = get_close_matches(str(name)[:200], self.known, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         place = f"{where}: " if where else ""
         tail = f"; {more}" if more else ""

@@ -45,6 +45,8 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 #: Source: shells report a program that a closed pipe ended as 128 + SIGPIPE, and so they report
 #: `yes | head`.
 CLOSED_PIPE = 128 + 13
+#: Characters of an error. Source: our own choice; our longest have some 600.
+LONGEST = 4000
 #: What a print raises on a full disk; other errors of the system keep their traceback.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
@@ -67,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             leaving = end
         problem = _output_problem()
     except TrocarError as error:
-        _complain(f"error: {' '.join(str(error).split())}")
+        _complain(f"error: {_line(str(error))}")
         return BAD_INPUT if isinstance(error, InputError) else FAILED
     except BrokenPipeError:  # nobody reads on, as in `trocar show psm | head`
         _discard_output()
@@ -139,6 +141,12 @@ def _output_problem() -> str:
     except OSError as error:
         return error.strerror or str(error)
     return ""
+
+
+def _line(text: str) -> str:
+    """Return an error on one line; one that quotes a long input is cut in its middle."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
 
 
 def _complain(text: str) -> None:

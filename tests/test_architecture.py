@@ -18,6 +18,8 @@ SRC = ROOT / "src" / "trocar"
 # Lowest first. A package may import itself and any package before it.
 PACKAGES = [
     "errors",
+    "inputs",
+    "outputs",
     "geometry",
     "kinematics",
     "fitting",

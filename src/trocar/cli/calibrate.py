@@ -10,7 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, add_overwrite
 from trocar.cli.output import print_json, progress_steps, table, warn
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--report", metavar="DIR", help="write an HTML report with tables and figures to DIR"
     )
+    add_overwrite(parser, "existing output files")
     add_json(parser)
 
 
@@ -58,9 +59,12 @@ def run(args: Namespace) -> int:
     from trocar.apps.calibration.report import check_report, write_report
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file
 
     if args.report:
-        check_report(args.report)
+        check_report(args.report, args.overwrite)
+    if args.output:
+        check_file(args.output, args.overwrite)
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
     with progress_steps() as watch:
@@ -69,8 +73,8 @@ def run(args: Namespace) -> int:
         sweep = read_tracks(args.rcm) if args.rcm else None
         found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=watch)
     if args.output:
-        write_overlay(args.output, found.overlay)
-    page = write_report(args.report, found, arm) if args.report else None
+        write_overlay(args.output, found.overlay, overwrite=args.overwrite)
+    page = write_report(args.report, found, arm, overwrite=args.overwrite) if args.report else None
     for text in found.warnings:
         warn(text)
     if args.json:

@@ -145,7 +145,7 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
         while not mirror.over.wait(0.05):
             if loop.wait(0.0):
                 break
-        loop.stop()
+    loop.stop()
 
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
@@ -197,6 +197,7 @@ def _show(
         note=mirror.page,
         access=access,
     )
+    loop.wait()
 
 
 def _text(report: MirrorReport) -> str:

@@ -151,6 +151,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
                 loop.start(args.duration)
                 greet()
                 loop.wait()
+            loop.wait()  # raises what went wrong after Ctrl-C, as with the recording's last chunk
             return
         from trocar.interfaces.viewer import serve as serve_page
 
@@ -166,6 +167,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             driving=session and session.driving(socket),
             access=access,
         )
+        loop.wait()
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.table import Table
 from trocar.errors import DescriptionError
+from trocar.inputs import read_input
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,6 +23,8 @@ Ints = NDArray[np.int64]
 FORMATS = (".stl", ".obj")
 #: More would make the page slow to open. Source: our own choice; the whole cart has 90,000.
 MOST_TRIANGLES = 200_000
+#: Source: our own choice; so many triangles take some 40 MB as text.
+MOST_BYTES = 100_000_000
 HEADER_BYTES, TRIANGLE_BYTES = 84, 50
 
 
@@ -57,7 +60,7 @@ def read_mesh(table: Table) -> Mesh:
     if path.suffix.lower() not in FORMATS:
         raise table.fail("file", f"got {name!r}; allowed: a file that ends in {', '.join(FORMATS)}")
     try:
-        data = path.read_bytes()
+        data = read_input(path, MOST_BYTES)
     except OSError as problem:
         raise table.fail("file", f"{path} cannot be read: {problem.strerror}") from problem
     try:

@@ -259,7 +259,7 @@ def test_a_bent_endoscope_is_bent_and_that_its_pose_is_not_is_said(tmp_path: Pat
     assert 'preset = "dvrk_sd_640x480"' in (tmp_path / "rig.toml").read_text(encoding="utf-8")
     lab.write(tmp_path, {"ecm.json": {**ecm, "endoscope": "WIDE"}})
     with pytest.raises(DescriptionError, match="got 'WIDE'; allowed: STRAIGHT, UP"):
-        import_dvrk(path, tmp_path / "rig.toml", Options(force=True))
+        import_dvrk(path, tmp_path / "rig.toml", Options(overwrite=True))
 
 
 def test_fixed_mounts_stand_where_they_are_given(tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +22,7 @@ from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import transform
+from trocar.outputs import check_file, whole_folder
 
 Array = NDArray[np.float64]
 
@@ -59,13 +58,13 @@ class Options:
         share: folders where files are looked for, too
         tools: {PSM: instrument} in place of the file's
         literal: take angles as they are printed: 1.5708, 0.7853
-        force: write over what is there
+        overwrite: replace existing files
     """
 
     share: tuple[Path, ...] = ()
     tools: tuple[tuple[str, str], ...] = ()
     literal: bool = False
-    force: bool = False
+    overwrite: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
         InputError: a target that is there already, or cannot be written
     """
     chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
-    _check_target(file, chosen.force)
+    _check_target(file, chosen.overwrite)
     if not path.is_file():
         raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json")
     lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
@@ -112,17 +111,14 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     for name, _ in chosen.tools:
         if name not in psms:
             raise UnknownNameError("PSM", name, psms, str(path))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".import.", dir=file.parent) as place:
-        files = Files(Path(place), re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
+    with whole_folder(file.parent, overwrite=True) as place:
+        files = Files(place, re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
         document = rig_document(lab, dict(chosen.tools), files)
         (files.folder / file.name).write_text(toml_text(document), encoding="utf-8")
         gap = agreement(lab, load_rig(files.folder / file.name))
         names = [file.name, *files.names]
         for name in names[1:]:
-            _check_target(file.parent / name, chosen.force)
-        for name in reversed(names):
-            os.replace(files.folder / name, file.parent / name)
+            _check_target(file.parent / name, chosen.overwrite)
     written = tuple(str(file.parent / name) for name in names)
     if files.stand_ins:
         names = ", ".join(dict.fromkeys(files.stand_ins))
@@ -133,11 +129,11 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     return Imported(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)
 
 
-def _check_target(file: Path, force: bool) -> None:
+def _check_target(file: Path, overwrite: bool) -> None:
     if file.suffix != ".toml":
         raise InputError(f"{file}: allowed: a rig file with extension .toml")
-    if file.exists() and not force:
-        raise InputError(f"{file}: exists; allowed: a new file, or --force to overwrite it")
+    if file.parent.is_dir():
+        check_file(file, overwrite)
 
 
 def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:

@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.folders import check_folder, whole_folder
 from trocar.apps.importers.mechanism import Layout, lay_out
 from trocar.apps.importers.meshes import FORMATS, check_size, hull_of, load_surface, solid_of
 from trocar.apps.importers.mjcf import read_mjcf
@@ -34,6 +33,7 @@ from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.mechanism import Frame
+from trocar.outputs import check_folder, whole_folder
 
 Array = NDArray[np.float64]
 Kind = Literal["arm", "prop"]
@@ -58,7 +58,7 @@ class Options:
         hull: take the convex hull of a mesh
         packages: folders that hold what package:// names
         passive: joints that loops determine
-        force: write over what is there
+        overwrite: replace existing files
     """
 
     name: str = ""
@@ -68,7 +68,7 @@ class Options:
     hull: bool = False
     packages: tuple[Path, ...] = ()
     passive: tuple[str, ...] = ()
-    force: bool = False
+    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
         MissingExtraError: a library of the extras export or convex is not installed
     """
     chosen, source, target = options or Options(), Path(path), Path(folder)
-    check_folder(target.expanduser(), chosen.force)
+    check_folder(target, chosen.overwrite)
     model = _read(source, chosen)
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", chosen.name or model.name).strip("_")
     if not name:
@@ -140,7 +140,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
     shapes = [shape for body in bodies for shape in body.shapes]
     if layout is None and not shapes:
         raise ImportFileError(model.file, "has no shapes; allowed: a file with at least one shape")
-    with whole_folder(target, chosen.force) as built:
+    with whole_folder(target, chosen.overwrite) as built:
         _write(built, head, layout, bodies)
     return Imported(
         name,

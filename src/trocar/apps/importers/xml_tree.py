@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from trocar.apps.importers.meshes import load_surface
 from trocar.apps.importers.model import ImportFileError, ModelJoint, mesh_shape, solid
 from trocar.descriptions.records import Shape
+from trocar.inputs import read_input
 from trocar.modeling.markup import lxml_etree
 
 Array = NDArray[np.float64]
 
+#: Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
+MOST_BYTES = 16_000_000
 #: Infinite in SDF is any larger number than this. Source: sdformat, joint axis limits (1e16).
 UNLIMITED = 1e15
 
@@ -81,6 +84,10 @@ class XmlNode:
             raise self.fail(f"lacks the attribute {key!r}")
         return str(value)
 
+    def attributes(self) -> dict[str, str]:
+        """Return all attributes."""
+        return {str(key): str(value) for key, value in self._element.attrib.items()}
+
     def numbers(self, count: int, text: str | None = None) -> Array:
         """Return numbers from a text, by default the one inside, (count,)."""
         words = (self.text() if text is None else text).split()
@@ -118,7 +125,7 @@ def read_xml(path: Path) -> XmlNode:
     etree = lxml_etree("reading robot files")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     try:
-        return XmlNode(etree.fromstring(path.read_bytes(), parser), str(path))
+        return XmlNode(etree.fromstring(read_input(path, MOST_BYTES), parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:

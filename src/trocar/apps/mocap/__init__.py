@@ -2,12 +2,13 @@
 
 from trocar.apps.mocap.robots import perturbed, worn
 from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
-from trocar.apps.mocap.writers import write_tracks
+from trocar.apps.mocap.writers import check_tracks, write_tracks
 
 __all__ = [
     "MocapSettings",
     "Noise",
     "SimulatedTracks",
+    "check_tracks",
     "perturbed",
     "simulate_tracks",
     "worn",

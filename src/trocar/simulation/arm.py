@@ -86,6 +86,21 @@ def least_squares(A: Array, b: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=RCOND)[0], dtype=np.float64)
 
 
+@dataclass(frozen=True)
+class Expiry:
+    """When an effort or velocity set-point ends, unless another command comes before.
+
+    Attributes:
+        verb: that set it
+        timeout: given with it [s]
+        time: simulation time of the end [s]
+    """
+
+    verb: str
+    timeout: float
+    time: float
+
+
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """What an arm keeps beside the physics and the servos, as `Arm.save` returns it.
@@ -104,6 +119,7 @@ class ArmState:
     base: tuple[Array, str] | None
     homing: tuple[Array, Array, bool, bool] | None
     gripper: tuple[bool, int, float | None] | None
+    expiry: Expiry | None = None
 
 
 class Arm:
@@ -132,6 +148,7 @@ class Arm:
         self._homing: Homing | None = None
         #: Active controllers by name; the efforts that were commanded, which theirs are added to.
         self._controllers: dict[str, Controller] = {}
+        self._expiry: Expiry | None = None
         self._lock: Array | None = None
         self._absolute = False
         self._reported: tuple[State, bool, bool] | None = None
@@ -198,30 +215,39 @@ class Arm:
         return self._ended(self.control.servo_relative(dq, self._own, "servo_jr"))
 
     @command
-    def servo_jv(self, v: ArrayLike) -> bool:
+    def servo_jv(self, v: ArrayLike, timeout_s: float | None = None) -> bool:
         """Let the set-points go on at velocities until the next command, each up to its limit.
 
         Args:
             v: (n,) [rad/s or m/s], the jaw not included; beyond a joint's velocity limit it is
                 clipped with a warning; zeros stop
+            timeout_s: as for `servo_jf`
 
         Returns:
             whether the command was accepted
         """
-        return self._ended(self.control.servo_velocity(v, self._own, "servo_jv"))
+        if not self._may_expire("servo_jv", timeout_s):
+            return False
+        accepted = self._ended(self.control.servo_velocity(v, self._own, "servo_jv"))
+        return self._expiring(accepted, "servo_jv", timeout_s)
 
     @command
-    def servo_jf(self, effort: ArrayLike) -> bool:
-        """Set the joints' efforts; they persist until the next command.
+    def servo_jf(self, effort: ArrayLike, timeout_s: float | None = None) -> bool:
+        """Set the joints' efforts; they persist until the next command or the time-out.
 
         Args:
             effort: (n,) [N m or N], the jaw not included. Joints in mode "effort" take theirs;
                 where none is, all joints are under effort control until the next position command
+            timeout_s: simulated time after which the arm holds where it is, with a warning, unless
+                another command of its motion was accepted before [s]; None: never, as on the dVRK
 
         Returns:
             whether the command was accepted
         """
-        return self._accept_effort(self.control.servo_effort(effort, self._own, "servo_jf"))
+        if not self._may_expire("servo_jf", timeout_s):
+            return False
+        accepted = self.control.servo_effort(effort, self._own, "servo_jf")
+        return self._expiring(self._accept_effort(accepted), "servo_jf", timeout_s)
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
@@ -293,12 +319,15 @@ class Arm:
         return self._begun(self.control.move(q, [self._own], "move_cp"))
 
     @command
-    def servo_cf(self, wrench: ArrayLike, frame: WrenchFrame = "body") -> bool:
-        """Exert a wrench (force; torque), (6,) [N, N m], that persists until the next command.
+    def servo_cf(
+        self, wrench: ArrayLike, frame: WrenchFrame = "body", timeout_s: float | None = None
+    ) -> bool:
+        """Exert a wrench (force; torque), (6,) [N, N m], until the next command or the time-out.
 
         Args:
             wrench: what the arm exerts on its surroundings
             frame: "body": at the tip in its axes; "spatial": about the reference frame's origin
+            timeout_s: as for `servo_jf`
         """
         names = ("fx", "fy", "fz", "tx", "ty", "tz")
         components = self.control.rejections.vector(wrench, names, "servo_cf", "forces")
@@ -309,7 +338,10 @@ class Arm:
                 "servo_cf frame", f"servo_cf: got frame {frame!r}; allowed: {', '.join(FRAMES)}"
             )
             return False
-        return self._run_controller(CartesianForce(components, frame, self._absolute), "servo_cf")
+        if not self._may_expire("servo_cf", timeout_s):
+            return False
+        force = CartesianForce(components, frame, self._absolute)
+        return self._expiring(self._run_controller(force, "servo_cf"), "servo_cf", timeout_s)
 
     @command
     def set_cf_orientation_absolute(self, on: bool) -> None:
@@ -927,10 +959,17 @@ class Arm:
     @property
     def active(self) -> bool:
         """Whether set-points or efforts change from step to step."""
-        return self.control.moves.active or self._homing is not None or bool(self._controllers)
+        return (
+            self.control.moves.active
+            or self._homing is not None
+            or bool(self._controllers)
+            or self._expiry is not None
+        )
 
     def follow(self, time: float) -> None:
         """Advance the set-points of moves to a time, and renew the efforts of controllers."""
+        if self._expiry is not None and self._clock.time >= self._expiry.time - 1e-9:
+            self._expire(self._expiry)
         self.control.moves.follow(time)
         self.motors.follow()
         if self._controllers:
@@ -978,6 +1017,7 @@ class Arm:
             None if self._base is None else (self._base[0].copy(), self._base[1]),
             homing,
             None if gripper is None else (gripper.closed, gripper.pinches, gripper.since),
+            self._expiry,
         )
 
     def load(self, saved: ArmState) -> None:
@@ -997,7 +1037,7 @@ class Arm:
             self._homing = Homing(motion, way, np.array(kinds))
         if self.gripper is not None and saved.gripper is not None:
             self.gripper.closed, self.gripper.pinches, self.gripper.since = saved.gripper
-        self._reported = saved.told
+        self._reported, self._expiry = saved.told, saved.expiry
 
     def come_off(self) -> None:
         """End every move, controller and effort, before another tool is mounted."""
@@ -1071,7 +1111,35 @@ class Arm:
         self._ended(not motion.done)
         return motion
 
+    def _may_expire(self, verb: str, timeout_s: float | None) -> bool:
+        """Return whether a time-out is usable, with a warning when not."""
+        number = isinstance(timeout_s, (int, float, np.number)) and not isinstance(timeout_s, bool)
+        usable = timeout_s is None or (number and 0.0 < timeout_s < np.inf)
+        if not usable:
+            self.control.rejections.warn(
+                f"{verb} timeout", f"{verb}: got timeout_s {timeout_s!r}; allowed: above 0, or None"
+            )
+        return usable
+
+    def _expiring(self, accepted: bool, verb: str, timeout_s: float | None) -> bool:
+        """Note when a set-point that was accepted ends."""
+        if accepted:
+            self._expiry = None
+            if timeout_s is not None:
+                timeout = float(timeout_s)
+                self._expiry = Expiry(verb, timeout, self._clock.time + timeout)
+        return accepted
+
+    def _expire(self, expiry: Expiry) -> None:
+        """End an effort or velocity set-point that nobody renewed; the jaw goes on."""
+        self._stop(self._own)
+        self.control.rejections.warn(
+            f"{expiry.verb} timeout",
+            f"{expiry.verb}: no set-point for {expiry.timeout:g} s; the arm holds where it is",
+        )
+
     def _end_controllers(self) -> None:
+        self._expiry = None
         if self._controllers:
             self._controllers.clear()
         if self._lock is not None:
@@ -1089,15 +1157,19 @@ class Arm:
         motion.finish(reached)
         return motion
 
-    def _stop(self) -> None:
-        """End everything under way; stay at the set-points, or where joints were free."""
+    def _stop(self, part: slice | None = None) -> None:
+        """End what some joints (all when omitted) do; stay at the set-points, or where they were.
+
+        Joints that were under effort control stay where they are measured.
+        """
+        part = self._all if part is None else part
         self._abandon_homing()
         self._end_controllers()
-        self.control.under_position(self._all)
-        self.control.moves.end(self._all)
-        self.motors.velocity[:] = 0.0
+        self.control.under_position(part)
+        self.control.moves.end(part)
+        self.motors.velocity[part] = 0.0
         self.motors.follow()
-        self.control.exert(np.zeros(len(self.joint_names)), self._all, "hold")
+        self.control.exert(np.zeros(part.stop - part.start), part, "hold")
         self.report_state()
 
     def _settle(self) -> None:
@@ -1253,6 +1325,7 @@ class Arm:
         self._effort = np.zeros_like(self._effort)
         if not locked and not self.control.servo_effort(self._effort, self._own, verb):
             return False
+        self._expiry = None
         self._controllers["wrench"] = controller
         self._begin_master_controllers(controller)
         self._apply_controllers()

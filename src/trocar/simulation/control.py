@@ -279,6 +279,8 @@ class JointControl:
         self.under_position(part)
         self.moves.end(part)
         self.motors.position[part] = inside
+        if v is not None:
+            speed = self._slowed(speed, part, verb)
         self.motors.velocity[part] = np.where(moves, speed, 0.0)
         self.motors.follow()
         return True
@@ -288,13 +290,11 @@ class JointControl:
         requested = self.rejections.vector(v, self.joint_names[part], verb, "velocities")
         if requested is None or self._immobile(part, verb):
             return False
-        most = self.moves.velocity_max[part]
-        if (np.abs(requested) > most).any():
-            self.rejections.warn(f"{verb} limit", f"{verb}: velocity clipped to the limits")
+        inside = self._slowed(requested, part, verb)
         self.under_position(part)
         self.moves.end(part)
         self.motors.velocity[part] = 0.0
-        speed = np.where(self.motors.locked[part], 0.0, np.clip(requested, -most, most))
+        speed = np.where(self.motors.locked[part], 0.0, inside)
         if speed.any():
             limits = self.lower[part], self.upper[part]
             self.moves.drift = Drift(part, self.setpoints(part), speed, *limits, self._clock.time)
@@ -495,6 +495,18 @@ class JointControl:
             return False
         self.rejections.warn(f"{verb} stuck", f"{verb}: {why}")
         return True
+
+    def _slowed(self, speed: Array, part: slice, verb: str) -> Array:
+        """Return velocities inside the joints' limits; warn where they were beyond."""
+        most = self.moves.velocity_max[part]
+        inside = np.clip(speed, -most, most)
+        if (inside != speed).any():
+            names = zip(self.joint_names[part], inside != speed, strict=True)
+            beyond = ", ".join(name for name, clipped in names if clipped)
+            self.rejections.warn(
+                f"{verb} {beyond} speed", f"{verb}: {beyond}: velocity clipped to the limit"
+            )
+        return inside
 
     def _allowed(
         self, target: Array, part: slice, verb: str

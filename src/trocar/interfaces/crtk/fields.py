@@ -155,7 +155,8 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
-    value = message.get(field) if isinstance(message, Mapping) else None
+    mapping = type(message) is dict or isinstance(message, Mapping)
+    value = message.get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
-from trocar.geometry.se3 import adjoint, check_transform, inverse, transform
+from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
@@ -21,7 +21,7 @@ from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
-from trocar.simulation.control import Clock, ControlState, JointControl
+from trocar.simulation.control import LARGEST, Clock, ControlState, JointControl
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
@@ -42,6 +42,7 @@ from trocar.simulation.masters import (
 )
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
+from trocar.simulation.objects import checked_pose
 from trocar.simulation.records import (
     ArmHealth,
     ArmSample,
@@ -301,12 +302,13 @@ class Arm:
 
         Both in axes of the frame of `measured_cp`: p + dp, dR @ R.
         """
-        change = np.asarray(T, dtype=np.float64)
+        try:
+            change = checked_pose(self.name, T)
+        except InputError as problem:
+            self.control.rejections.warn("servo_cr pose", f"servo_cr: {problem}")
+            return False
         goal = self.setpoint_cp().T
-        if change.shape == (4, 4):
-            goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
-        else:
-            goal = change
+        goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
         q = self._solved(goal, "servo_cr")
         return q is not None and self._ended(self.control.servo(q, None, self._own, "servo_cr"))
 
@@ -351,6 +353,13 @@ class Arm:
     @command
     def servo_ci(self, impedance: CartesianImpedance) -> bool:
         """Be a spring and damper about a pose, until the next command."""
+        try:
+            if not isinstance(impedance, CartesianImpedance):
+                raise InputError(f"got {impedance!r}; allowed: a CartesianImpedance")
+            impedance.check(LARGEST)
+        except InputError as problem:
+            self.control.rejections.warn("servo_ci values", f"servo_ci: {problem}")
+            return False
         return self._run_controller(impedance, "servo_ci")
 
     # ------------------------------------------------------------------ states
@@ -506,15 +515,17 @@ class Arm:
         """Change gains of a joint; those omitted stay.
 
         Raises:
-            InputError: a gain that is negative or not finite
+            InputError: a gain that is negative, not finite or larger than 1e6
             UnknownNameError: no such joint
         """
         row = self.motors.gains[self._index(joint)].copy()
         for column, value in enumerate((p, i, d)):
             if value is None:
                 continue
-            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
-                raise InputError(f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more")
+            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value <= LARGEST:
+                raise InputError(
+                    f"{self.name}: {joint}: got gain {value!r}; allowed: 0 to {LARGEST:g}"
+                )
             row[column] = value
         self.motors.set_gains(self._index(joint), row)
 
@@ -526,7 +537,7 @@ class Arm:
     @command
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
-        self.motors.compensate_gravity(on)
+        self.motors.compensate_gravity(bool(on))
 
     # ------------------------------------------------------------------ moves
 
@@ -581,10 +592,7 @@ class Arm:
         if T is None:
             self._base = None
             return
-        base = check_transform(T)
-        if base.shape != (4, 4):
-            raise InputError(f"{self.name}: got a pose of shape {base.shape}; allowed: (4, 4)")
-        self._base = base.copy(), frame_id or f"{self.name}_base"
+        self._base = checked_pose(self.name, T).copy(), frame_id or f"{self.name}_base"
 
     # ------------------------------------------------------------------ brakes of setup joints
 
@@ -906,9 +914,7 @@ class Arm:
         structure = self.description.inverse_kinematics
         if not structure:
             raise InputError(f"{self.name}: has no inverse kinematics")
-        pose = check_transform(T)
-        if pose.shape != (4, 4):
-            raise InputError(f"{self.name}: got a pose of shape {pose.shape}; allowed: (4, 4)")
+        pose = checked_pose(self.name, T)
         start = self.control.setpoints(self._own) if seed is None else self._whole(seed)[self._own]
         mechanism, local = self.description.mechanism, self._in_own_frame(pose)
         if self._clock.frames.follows(self.name):
@@ -1114,7 +1120,7 @@ class Arm:
     def _may_expire(self, verb: str, timeout_s: float | None) -> bool:
         """Return whether a time-out is usable, with a warning when not."""
         number = isinstance(timeout_s, (int, float, np.number)) and not isinstance(timeout_s, bool)
-        usable = timeout_s is None or (number and 0.0 < timeout_s < np.inf)
+        usable = timeout_s is None or (number and 0.0 < timeout_s <= LARGEST)
         if not usable:
             self.control.rejections.warn(
                 f"{verb} timeout", f"{verb}: got timeout_s {timeout_s!r}; allowed: above 0, or None"

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 #: A command moves a joint whose brake is locked when its target is farther than this from the
 #: set-point. Source: our own choice; below it a reading that is sent back. [rad or m]
 BRAKE_SLACK = 1e-4
+#: A number farther from zero is a mistake. Source: our own choice, far beyond every joint, effort
+#: and gain of the robots, and far below what arithmetic cannot hold.
+LARGEST = 1e6
 #: The same warning comes once in this much simulated time. Source: our own choice. [s]
 WARNING_PERIOD_S = 2.0
 
@@ -115,7 +118,7 @@ class Rejections:
         allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)
-        except (TypeError, ValueError):  # rows of unequal length
+        except (TypeError, ValueError, OverflowError):  # rows of unequal length
             array = np.asarray(None)
         if array.shape != (len(names),):
             got = f"of shape {array.shape}" if array.dtype.kind in "iuf" else "that are no numbers"
@@ -127,10 +130,11 @@ class Rejections:
                 f"{verb}: got {what} {array.tolist()!r}; allowed: {allowed}",
             )
             return None
-        if not np.isfinite(array).all():
+        if not (np.abs(array) <= LARGEST).all():  # NaN is not either
             self.warn(
                 f"{verb} {what} finite",
-                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers",
+                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers, magnitude up to"
+                f" {LARGEST:g}",
             )
             return None
         return array.astype(np.float64)

@@ -53,7 +53,7 @@ class Player:
             UnknownNameError: no such arm
             InputError: wrong shape, NaN or infinity; an arm that cannot follow
         """
-        rows = {len(np.atleast_1d(p)) for p in positions.values()}
+        rows = {1 if np.isscalar(p) else len(p) for p in positions.values()}
         if len(rows) != 1 or rows == {0}:
             raise InputError(
                 f"play: got tables of {sorted(rows)} rows; allowed: one length, above 0"
@@ -159,7 +159,7 @@ class Player:
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"play: {name}: got {what} that are no numbers") from None
     if array.shape != shape:
         raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")

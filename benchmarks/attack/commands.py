@@ -39,6 +39,8 @@ EXTREME = (
 RUBBISH: tuple[Any, ...] = ("", "yaw", True, [], {}, float("nan"), float("-inf"), 10**400, 1j)
 #: Commands that put an arm elsewhere by other means than motion.
 ELSEWHERE = {"reset", "set_state", "exchange_tool", "set_tool_type", "play", "set_mode"}
+#: Commands that switch the power on; a fault may switch it off within the case.
+ELSEWHERE |= {"enable", "home", "state_command"}
 #: Calls that take as long as a hundred others, and how often they are left out.
 SLOW = {"exchange_tool": 0.97, "set_tool_type": 0.97, "play": 0.7}
 

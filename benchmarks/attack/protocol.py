@@ -222,18 +222,24 @@ class Target(logging.Handler):
     # ------------------------------------------------------------------ what comes of it
 
     def _ticked(self, sent: Sequence[str], ticks: int) -> str:
+        """Run ticks and publish; return what went wrong, "" where nothing did."""
+        elsewhere = any(word in text for text in sent for word in ELSEWHERE)
+        for _ in range(ticks):
+            problem = self._tick()
+            if problem and not (elsewhere and "no power" in problem):
+                return problem
+        self.core.publish_waiting()
+        return ""
+
+    def _tick(self) -> str:
         arms = self.world.arms.values()
         before = {arm.name: (arm.motors.powered, arm.positions()) for arm in arms}
-        for _ in range(ticks):
-            self.loop.tick()
-        self.core.publish_waiting()
+        self.loop.tick()
         data = self.world.mj_data
         if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             return "the state is not finite"
         if self.world.engine_warnings():
             return f"MuJoCo warns: {self.world.engine_warnings()}"
-        if any(word in text for text in sent for word in ELSEWHERE):
-            return ""
         for arm in arms:
             powered, was = before[arm.name]
             own = arm.description.own_joints

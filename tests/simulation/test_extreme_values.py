@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks.attack import Tally
 from benchmarks.attack.commands import EXTREME, arguments, attack, outcome, quiet, verbs
+from trocar.errors import InputError
 from trocar.interfaces import Command, Loop
 from trocar.simulation import World
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
@@ -80,6 +81,22 @@ def test_a_number_beyond_a_million_is_rejected(arm, verb, value):
     assert not getattr(arm, verb)([value, 0.0, 0.1, 0.0, 0.0, 0.0])
     assert "magnitude up to 1e+06" in arm.last_warning
     WORLD.step(20)
+
+
+def test_tables_and_states_that_are_far_too_fast_are_rejected():
+    WORLD.reset()
+    here = WORLD.arm("PSM1").setpoints()
+    fast = np.array([joint.velocity_max for joint in WORLD.arm("PSM1").description.joints])
+    fast[1] *= 1e3
+    with pytest.raises(InputError, match="play: PSM1: got velocities .* in row 1; allowed: up to"):
+        WORLD.play({"PSM1": np.tile(here, (2, 1))}, {"PSM1": np.array([0.0 * fast, fast])})
+    with pytest.raises(InputError, match="PSM1: got velocities .*; allowed: "):
+        WORLD.set_state("PSM1", here, fast)
+    with pytest.raises(InputError, match="PSM1: got positions .*; allowed: "):
+        WORLD.set_state("PSM1", here + [0.0, 9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="efforts must be finite, .* up to 1e"):
+        WORLD.play({"PSM1": [here]}, efforts={"PSM1": [[0.0, 1e12, 0.0, 0.0, 0.0, 0.0, 0.0]]})
+    assert WORLD.time == 0.0
 
 
 @pytest.mark.parametrize("verb", ["servo_cp", "servo_cr", "move_cp"])

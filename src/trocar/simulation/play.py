@@ -11,10 +11,17 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
+from trocar.simulation.control import LARGEST
 from trocar.simulation.records import Recording
 from trocar.simulation.servos import EFFORT, READ_STATE, SET, Servos
 
 Array = NDArray[np.float64]
+
+
+#: Velocities of a table, and of `set_state`, are at most so many times the limits that moves keep
+#: to: recordings of fast motion are faster than moves. Source: our own choice; joints that are put
+#: to much faster motion diverge.
+FASTER = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +89,13 @@ class Player:
             setpoints[:, used, 0] = inside
             if name in velocities:
                 speed = _checked(name, velocities[name], target.shape, "velocities")
+                most = FASTER * np.array([joint.velocity_max for joint in d.arm.joints])
+                if (np.abs(speed) > most).any():
+                    row = int(np.argmax((np.abs(speed) > most).any(axis=1)))
+                    raise InputError(
+                        f"play: {name}: got velocities {speed[row].tolist()} in row {row}; allowed:"
+                        f" up to {most.tolist()}"
+                    )
                 setpoints[:, used, 1] = speed
             if name in efforts:
                 effort = _checked(name, efforts[name], target.shape, "efforts")
@@ -163,9 +177,11 @@ def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Arr
         raise InputError(f"play: {name}: got {what} that are no numbers") from None
     if array.shape != shape:
         raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")
-    if not np.isfinite(array).all():
-        row = int(np.argmin(np.isfinite(array).all(axis=1)))
+    inside = (np.abs(array) <= LARGEST).all(axis=1)  # NaN is not
+    if not inside.all():
+        row = int(np.argmin(inside))
         raise InputError(
-            f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}"
+            f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}; allowed:"
+            f" magnitude up to {LARGEST:g}"
         )
     return array

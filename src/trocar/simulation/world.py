@@ -29,7 +29,7 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.play import Player
+from trocar.simulation.play import FASTER, Player
 from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSample,
@@ -60,9 +60,8 @@ APART = ("self", "rig", "calibration")
 #: Everything that a physics step depends on, what sleeps apart.
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 #: `set_state` puts joints beyond their limits by this part of their range at most, as stops give
-#: way, and to so many times their largest velocity. Source: our own choice; loops that are put
-#: much farther away, and joints that are much faster, diverge.
-BEYOND, FASTER = 0.1, 10.0
+#: way. Source: our own choice; loops that are put much farther away diverge.
+BEYOND = 0.1
 #: Arguments with few values.
 CHOICES = {
     "control": ("dvrk", "paper"),

@@ -32,6 +32,9 @@ CALLS = 200
 #: An arm without power moves less than this. Source: its loops relax by 4e-11 (measured) from
 #: wherever they were when it was switched off. [rad or m]
 STILL = 1e-6
+#: Bodies that overlap by more were put into each other; they push arms apart that brakes hold.
+#: Source: our own choice. [m]
+OVERLAP = -1e-3
 EXTREME = (
     0.0, -0.0, 5e-324, -5e-324, 1e-300, 1e-150, -1e-12, 1e-6, 1e-3, -0.1, 1.0, -1.0, 3.2, 100.0,
     1e3, 1e6, -1e6, 1e9, 1e12, -1e100, 1e154, 1e200, 1e300, 1.7e308, -1.7e308,
@@ -101,9 +104,10 @@ def outcome(world: World, verb: Callable[..., Any], given: Mapping[str, Any], st
         return "the state is not finite"
     if world.engine_warnings():
         return f"MuJoCo warns: {world.engine_warnings()}"
+    overlap = bool((data.contact.dist < OVERLAP).any())
     for arm in world.arms.values():
         powered, was = before[arm.name]
-        if powered or arm.motors.powered or verb.__name__ in ELSEWHERE:
+        if overlap or powered or arm.motors.powered or verb.__name__ in ELSEWHERE:
             continue
         inside = (arm.lower < was) & (was < arm.upper)  # a stop pushes back what was beyond it
         moved = float(np.abs(arm.positions() - was)[: arm.description.own_joints].max())

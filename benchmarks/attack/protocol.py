@@ -19,7 +19,7 @@ import numpy as np
 from websockets.protocol import State
 
 from benchmarks.attack import Tally
-from benchmarks.attack.commands import EXTREME, STILL
+from benchmarks.attack.commands import EXTREME, OVERLAP, STILL
 from trocar.errors import InputError
 from trocar.interfaces import Command, Loop
 from trocar.interfaces.crtk import Core
@@ -240,6 +240,8 @@ class Target(logging.Handler):
             return "the state is not finite"
         if self.world.engine_warnings():
             return f"MuJoCo warns: {self.world.engine_warnings()}"
+        if (data.contact.dist < OVERLAP).any():
+            return ""
         for arm in arms:
             powered, was = before[arm.name]
             own = arm.description.own_joints

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
 from trocar.simulation.control import LARGEST
@@ -19,9 +20,16 @@ Array = NDArray[np.float64]
 
 
 #: Velocities of a table, and of `set_state`, are at most so many times the limits that moves keep
-#: to: recordings of fast motion are faster than moves. Source: our own choice; joints that are put
-#: to much faster motion diverge.
+#: to, and FASTEST where these have none: recordings of fast motion are faster than moves. Source:
+#: our own choice; joints that are put to much faster motion diverge.
 FASTER = 10.0
+FASTEST = 100.0
+
+
+def fastest(arm: ArmDescription) -> Array:
+    """Return the largest velocities that tables and states of an arm may have, (n,)."""
+    most = np.array([joint.velocity_max for joint in arm.joints])
+    return np.where(np.isfinite(most), FASTER * most, FASTEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +97,7 @@ class Player:
             setpoints[:, used, 0] = inside
             if name in velocities:
                 speed = _checked(name, velocities[name], target.shape, "velocities")
-                most = FASTER * np.array([joint.velocity_max for joint in d.arm.joints])
+                most = fastest(d.arm)
                 if (np.abs(speed) > most).any():
                     row = int(np.argmax((np.abs(speed) > most).any(axis=1)))
                     raise InputError(

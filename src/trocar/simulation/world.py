@@ -29,7 +29,7 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.play import FASTER, Player
+from trocar.simulation.play import Player, fastest
 from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSample,
@@ -435,7 +435,7 @@ class World:
         place = _checked_state(name, q, (arm.lower - slack, arm.upper + slack), "positions")
         speed = np.zeros(len(place))
         if v is not None:
-            most = FASTER * np.array([joint.velocity_max for joint in arm.description.joints])
+            most = fastest(arm.description)
             speed = _checked_state(name, v, (-most, most), "velocities")
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)

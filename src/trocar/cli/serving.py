@@ -75,6 +75,19 @@ def add_serving(parser: ArgumentParser) -> None:
         choices=("dvrk_env", "dvrk_vrep"),
         help="also serve the topics of an older simulator (repeatable)",
     )
+    clients.add_argument(
+        "--exclusive",
+        action="store_true",
+        help="one client per arm: reject commands of others until it disconnects or is silent for"
+        " 5 s",
+    )
+    clients.add_argument(
+        "--setpoint-timeout",
+        type=number,
+        metavar="S",
+        help="simulated time after which an arm holds when a client sends no further effort, wrench"
+        " or velocity (default: 0.1; 0 = never, as on the dVRK)",
+    )
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)
@@ -128,14 +141,16 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             from trocar.interfaces.crtk import Core
 
             sys.setswitchinterval(SWITCH_S)
-            rates = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
+            given = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
+            given["setpoint_timeout_s"] = args.setpoint_timeout
             core = Core(
                 loop,
                 clock=args.clock,
                 compat=args.compat,
                 pictures=pictures,
                 components=components(loop) if session is None else session.components(loop),
-                **{name: rate for name, rate in rates.items() if rate is not None},
+                exclusive=args.exclusive,
+                **{name: value for name, value in given.items() if value is not None},
             )
             stack.enter_context(closing(core))
             for transport in transports:

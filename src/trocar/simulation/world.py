@@ -29,7 +29,7 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.play import Player
+from trocar.simulation.play import Player, fastest
 from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSample,
@@ -61,6 +61,9 @@ APART = ("self", "rig", "calibration")
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 #: The part of it that a physics step changes.
 STEPPED = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART)
+#: `set_state` puts joints beyond their limits by this part of their range at most, as stops give
+#: way. Source: our own choice; loops that are put much farther away diverge.
+BEYOND = 0.1
 #: Arguments with few values.
 CHOICES = {
     "control": ("dvrk", "paper"),
@@ -423,15 +426,19 @@ class World:
 
         Raises:
             UnknownNameError: no such arm
-            InputError: no (n,) finite numbers, or an arm that is welded into the model
+            InputError: no (n,) finite numbers, one farther beyond a limit than a tenth of the
+                joint's range or faster than ten times its limit, or an arm that is welded into the
+                model
         """
         arm = self.arm(name)
         if arm.motors.welded:
             raise InputError(f"{name}: is welded into the model")
-        place = _checked_state(name, q, len(arm.joint_names), "positions")
+        slack = BEYOND * (arm.upper - arm.lower)
+        place = _checked_state(name, q, (arm.lower - slack, arm.upper + slack), "positions")
         speed = np.zeros(len(place))
         if v is not None:
-            speed = _checked_state(name, v, len(place), "velocities")
+            most = fastest(arm.description)
+            speed = _checked_state(name, v, (-most, most), "velocities")
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
@@ -811,13 +818,18 @@ def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) 
         raise InputError(f"World: got a model and {what}; allowed: options of build")
 
 
-def _checked_state(name: str, values: Array, count: int, what: str) -> Array:
+def _checked_state(name: str, values: Array, ends: tuple[Array, Array], what: str) -> Array:
+    low, high = ends
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise InputError(f"{name}: got {what} {values!r}; allowed: {count} finite numbers")
+    if array.shape != low.shape or not np.isfinite(array).all():
+        raise InputError(f"{name}: got {what} {values!r}; allowed: {len(low)} finite numbers")
+    if not ((low <= array) & (array <= high)).all():
+        raise InputError(
+            f"{name}: got {what} {array.tolist()}; allowed: {low.tolist()} to {high.tolist()}"
+        )
     return array
 
 

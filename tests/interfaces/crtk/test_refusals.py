@@ -109,8 +109,8 @@ def test_a_stamp_that_goes_back_is_refused_until_the_stream_was_silent():
     assert send("PSM1/move_jp", stamped(joints(*HOME), (5, 0)), "a")  # another topic
     served.run(0.02)
     np.testing.assert_allclose(setpoints(served), HOME)
-    (warning,) = served.messages("PSM1/warning")
-    assert "older than" in warning["data"]
+    older, shared = (warning["data"] for warning in served.messages("PSM1/warning"))
+    assert "older than" in older and shared.startswith("b commands PSM1 beside a")
     served.clock.time += 10.0
     assert send("PSM1/servo_jp", stamped(joints(*FAR), (1, 0)), "a")
 

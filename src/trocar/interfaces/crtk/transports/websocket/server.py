@@ -462,6 +462,10 @@ class Conversation:
                 if topic is not None and isinstance(request, Publish):
                     self._core.refuse(topic, topic.name, words, client.peer)
 
+    def disconnected(self, client: Client) -> None:
+        """Note that a client has left."""
+        self._core.disconnected(client.peer)
+
     def _act(self, client: Client, request: AnyRequest) -> None:
         match request:
             case Publish():
@@ -729,6 +733,7 @@ class WebSocketTransport:
             pass
         finally:
             self.clients.discard(client)
+            self._conversation.disconnected(client)
             self._look()
 
     def _look(self) -> None:

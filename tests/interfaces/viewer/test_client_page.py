@@ -12,15 +12,22 @@ from contextlib import closing
 import pytest
 import viser
 from viser.infra import Message
-from websockets.exceptions import InvalidStatus
+from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Origin, Subprotocol
 
 from trocar.errors import InputError
+from trocar.interfaces import connections
 from trocar.interfaces.origins import PageAccess
-from trocar.interfaces.viewer.server import LocalServer, address, serving
+from trocar.interfaces.viewer.server import LocalServer, address, run_there, serving
 
 OWN_PAGE = "http://localhost:3000"
+VISER_HANDSHAKE = (
+    "GET / HTTP/1.1\r\nHost: localhost\r\n"
+    "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
+    f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n"
+).encode()
 
 
 @pytest.fixture(scope="module")
@@ -189,18 +196,59 @@ def test_what_a_stranger_says_with_its_first_breath_is_not_heard(
 ) -> None:
     heard: list[bytes] = []
     monkeypatch.setattr(Message, "deserialize", heard.append)
-    greeting = (
-        "GET / HTTP/1.1\r\nHost: localhost\r\nOrigin: https://example.org\r\n"
-        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-        "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\n\r\n"
-    ).encode()
+    greeting = VISER_HANDSHAKE.replace(b"\r\n\r\n", b"\r\nOrigin: https://example.org\r\n\r\n")
     where = ("127.0.0.1", server.get_port())
     with socket.create_connection(where, timeout=30) as stranger:
         stranger.sendall(greeting + b"\x82\x83\0\0\0\0any" + b"\x88\x80\0\0\0\0")
         while stranger.recv(4096):
             pass
     assert not heard
+
+
+def test_a_browser_that_never_reads_is_let_go_and_one_that_reads_stays(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(connections, "MOST_BUFFERED", 4096)
+    monkeypatch.setattr(connections, "SEND_BUFFER", 4096)
+    monkeypatch.setattr(connections, "LOOK_S", 0.05)
+    monkeypatch.setattr(connections, "GONE_S", 1.0)
+    with (
+        serving("127.0.0.1", 0, "test") as server,
+        open_socket(server, None) as reader,
+        socket.socket() as silent,
+    ):
+        silent.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        silent.connect((server.get_host(), server.get_port()))
+        silent.sendall(VISER_HANDSHAKE)
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end and "web viewer: disconnected" not in caplog.text:
+            run_there(server, lambda: server.gui.add_html("x" * 10_000))
+            reader.recv(timeout=20)
+        assert f"disconnected 127.0.0.1:{silent.getsockname()[1]}," in caplog.text
+        run_there(server, lambda: server.gui.add_html("more"))
+        assert reader.recv(timeout=20)
+
+
+def test_no_more_browsers_come_in_than_fit_unless_one_does_not_read(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(connections, "MOST_CLIENTS", 1)
+    monkeypatch.setattr(connections, "STALE_S", 1000.0)
+    with serving("127.0.0.1", 0, "test") as server, open_socket(server, None) as first:
+        with pytest.raises(InvalidStatus) as caught:
+            open_socket(server, None)
+        assert caught.value.response.status_code == 503
+        assert get(server).status == 200
+        monkeypatch.setattr(connections, "STALE_S", 0.0)
+        with open_socket(server, None) as second:
+            assert second.recv(timeout=20)
+            with pytest.raises(ConnectionClosed):
+                read_all(first)
+
+
+def read_all(page: ClientConnection) -> None:
+    while True:
+        page.recv(timeout=20)
 
 
 def test_two_servers_at_once_have_secrets_of_their_own() -> None:

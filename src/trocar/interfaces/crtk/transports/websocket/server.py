@@ -11,15 +11,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import socket
 import threading
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import urlencode
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -29,6 +28,7 @@ from websockets.http11 import Response
 from websockets.protocol import State
 
 from trocar.errors import InputError, TrocarError
+from trocar.interfaces.connections import Connection, Connections
 from trocar.interfaces.crtk.messages import (
     MessageError,
     MessageType,
@@ -57,6 +57,7 @@ from trocar.interfaces.crtk.transports.websocket.protocol import (
     same_type,
 )
 from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback, queried, same
+from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
@@ -70,14 +71,8 @@ PORT = 9090
 SHORTEST_TOKEN = 16
 
 # Of all clients. Source: our own choice.
-MOST_CLIENTS = 64
-#: Connections, beyond the clients', that have sent nothing yet.
-MOST_STRANGERS = 64
-#: Larger messages end the connection. [bytes]
-LARGEST_MESSAGE = 1_000_000
-#: Intervals of pings, and patience for pongs, closing and opening handshakes: a half-open
-#: connection is gone after 15 s. [s]
-PING_S, PONG_S, CLOSE_S, OPEN_S = 5.0, 10.0, 1.0, 5.0
+#: Patience for opening and closing handshakes. [s]
+OPEN_S, CLOSE_S = 5.0, 1.0
 #: Time between two looks at what clients have not taken yet. [s]
 TEND_S = 0.01
 #: Threads that wait for services, and how long a service may take. [s]
@@ -86,11 +81,8 @@ WORKERS, SERVICE_S = 4, 10.0
 FAREWELL_S = 5.0
 
 # Of one client. Source: our own choice.
-#: What the system has not taken yet before messages wait in the outbox, and what it keeps for a
-#: slow client: about 0.1 s of the full cart at 220 Hz; Linux's 4 MB are two seconds of it. [bytes]
-MOST_BUFFERED = SEND_BUFFER = 256 * 1024
-#: Events and answers that wait for a slow client.
-MOST_WAITING = 256
+#: Events and answers that wait for a slow client. [bytes]
+MOST_WAITING = 4_000_000
 #: Topics of a client, and subscriptions to a topic: three times those of the full cart.
 MOST_SUBSCRIPTIONS = 1024
 #: Messages a second and in a burst, five arms driven at 1 kHz; one counts for each 1600 bytes.
@@ -159,7 +151,7 @@ class Access:
         return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
 
 
-# ---------------------------------------------------------------------- rates and queues
+# ---------------------------------------------------------------------- rates
 
 
 class Bucket:
@@ -200,49 +192,33 @@ class Throttle:
 
 
 class Outbox:
-    """Keep what a slow client has not taken yet, in order, without growing.
+    """Keep events and answers for a slow client in order; beyond a size the oldest go.
 
-    States of one topic replace each other; events and answers all count until `capacity` of them
-    wait, then the oldest goes. `lost` counts what goes.
+    Args:
+        capacity: size beyond which the oldest go, and are counted in `lost` [bytes]
     """
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._waiting: OrderedDict[Hashable, bytes] = OrderedDict()
-        self._ordered: OrderedDict[int, None] = OrderedDict()
-        self._posted = 0
-        self.lost = 0
+        self._waiting: deque[bytes] = deque()
+        self._size = self.lost = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put_state(self, topic: str, frame: bytes) -> None:
-        """Let the newest state of a topic wait in place of an older one."""
-        if self._waiting.pop(topic, None) is not None:
-            self.lost += 1
-        self._waiting[topic] = frame
-
     def put(self, frame: bytes) -> None:
         """Let an event or an answer wait."""
-        if len(self._ordered) >= self._capacity:
-            oldest, _ = self._ordered.popitem(last=False)
-            del self._waiting[oldest]
+        self._waiting.append(frame)
+        self._size += len(frame)
+        while self._size > self._capacity:
+            self.take()
             self.lost += 1
-        self._posted += 1
-        self._ordered[self._posted] = None
-        self._waiting[self._posted] = frame
 
-    def take(self, most: int) -> list[bytes]:
-        """Take the oldest up to about so many bytes, and at least one."""
-        taken: list[bytes] = []
-        size = 0
-        while self._waiting and size < most:
-            key, frame = self._waiting.popitem(last=False)
-            if isinstance(key, int):
-                del self._ordered[key]
-            taken.append(frame)
-            size += len(frame)
-        return taken
+    def take(self) -> bytes:
+        """Take the oldest."""
+        frame = self._waiting.popleft()
+        self._size -= len(frame)
+        return frame
 
 
 # ---------------------------------------------------------------------- messages
@@ -262,10 +238,12 @@ class Frame:
 
     Attributes:
         replaceable: whether a newer message of the topic makes this one worthless
+        number: of its batch
     """
 
     def __init__(self, topic: Topic, message: Message | bytes) -> None:
         self.topic, self.replaceable = topic, topic.rate != "event"
+        self.number = 0
         self._message = message
         self._frames: dict[str, bytes] = {}
 
@@ -310,15 +288,19 @@ class Subscription:
 class Client:
     """One connection, touched in the server's own thread only.
 
+    States wait for no client: one that reads on gets the newest.
+
+    Args:
+        connection: to the client
+        newest: the newest state of each topic; it belongs to the server
+
     Attributes:
         subscriptions: by the topic's name without a slash
         refused: messages beyond the rate
     """
 
-    def __init__(self, connection: ServerConnection) -> None:
-        self._connection = connection
-        wire: socket.socket = connection.transport.get_extra_info("socket")
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    def __init__(self, connection: Connection, newest: Mapping[str, Frame]) -> None:
+        self._connection, self._newest = connection, newest
         self.peer = "{}:{}".format(*connection.remote_address[:2])
         self.subscriptions: dict[str, Subscription] = {}
         self.outbox = Outbox(MOST_WAITING)
@@ -326,6 +308,8 @@ class Client:
         self.level: Level = "warning"
         self._rate = Bucket(MESSAGES_PER_S)
         self._warned: dict[str, float] = {}
+        self._missed: int | None = None
+        self._periods = 0
 
     def may_send(self, size: int) -> bool:
         """Whether a message of so many bytes is within the client's rate; count it if not."""
@@ -356,24 +340,27 @@ class Client:
         else:
             found.settle()
 
-    def deliver(self, frames: Sequence[Frame], now: float) -> None:
-        """Send the subscribed messages of a batch, in one write."""
-        ready: list[tuple[Frame, str]] = []
+    def deliver(self, frames: Sequence[Frame], events: Sequence[Frame], now: float) -> None:
+        """Send the subscribed messages of a batch, in one write; to a slow client events alone."""
+        if not self._ready:
+            self._missed = frames[0].number if self._missed is None else self._missed
+            frames = events
+        due: list[tuple[Frame, str]] = []
         for frame in frames:
             found = self.subscriptions.get(frame.topic.name)
             if found is None:
                 continue
             if found.throttle.passes(now):
                 found.held = None
-                ready.append((frame, found.name))
+                due.append((frame, found.name))
             else:
                 found.held = frame
-        if ready:
-            self._send(ready)
+        if due:
+            self.send(b"".join([frame.named(name) for frame, name in due]))
 
     def send(self, data: bytes) -> None:
-        """Send one answer, or let it wait its turn."""
-        if self._open and not self.outbox and self._room > 0:
+        """Send messages, or let them wait their turn."""
+        if self._ready:
             self._connection.transport.write(data)
         else:
             self.outbox.put(data)
@@ -393,34 +380,33 @@ class Client:
         return True
 
     def tend(self, now: float) -> None:
-        """Send what waited long enough, and report what did not fit."""
-        for found in [s for s in self.subscriptions.values() if s.held]:
-            if found.held and found.throttle.passes(now):
-                frame, found.held = found.held, None
-                self._send([(frame, found.name)])
-        while self.outbox and self._open and self._room > 0:
-            self._connection.transport.write(b"".join(self.outbox.take(self._room)))
-        lost = self.outbox.lost
-        if lost and self.warn("slow", f"client reads too slowly: {lost} messages dropped"):
-            self.outbox.lost = 0
-
-    @property
-    def _open(self) -> bool:
-        return self._connection.state is State.OPEN
-
-    @property
-    def _room(self) -> int:
-        return MOST_BUFFERED - self._connection.transport.get_write_buffer_size()
-
-    def _send(self, frames: list[tuple[Frame, str]]) -> None:
-        if self._open and not self.outbox and self._room > 0:
-            self._connection.transport.write(b"".join([f.named(name) for f, name in frames]))
+        """Send what waited long enough, and report what a slow client has missed."""
+        while self.outbox and self._reads:
+            self._connection.transport.write(self.outbox.take())
+        if self.outbox or not self._reads:
             return
-        for frame, name in frames:
-            if frame.replaceable:
-                self.outbox.put_state(frame.topic.name, frame.named(name))
-            else:
-                self.outbox.put(frame.named(name))
+        if self._missed is not None:
+            since, self._missed = self._missed, None
+            found = [self._newest[name] for name in self.subscriptions if name in self._newest]
+            if missed := [frame for frame in found if frame.number >= since]:
+                self._periods += max(frame.number for frame in missed) - since
+                self.deliver(missed, [], now)
+        for held in [s for s in self.subscriptions.values() if s.held]:
+            if held.held and held.throttle.passes(now):
+                frame, held.held = held.held, None
+                self.send(frame.named(held.name))
+        if self._periods or self.outbox.lost:
+            what = f"the states of {self._periods} periods and {self.outbox.lost} other messages"
+            if self.warn("slow", f"client reads too slowly: {what} dropped"):
+                self._periods = self.outbox.lost = 0
+
+    @property
+    def _reads(self) -> bool:
+        return self._connection.state is State.OPEN and not self._connection.paused
+
+    @property
+    def _ready(self) -> bool:
+        return self._reads and not self.outbox and self._missed is None
 
 
 # ---------------------------------------------------------------------- requests
@@ -565,15 +551,6 @@ def _by_name(kind: MessageType, args: Mapping[str, Any] | list[Any]) -> Mapping[
 # ---------------------------------------------------------------------- server
 
 
-class _Connection(ServerConnection):
-    """A connection that ends at once when too many others have sent nothing yet."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(transport)
-        if len(self.server.handlers) > MOST_CLIENTS + MOST_STRANGERS:
-            self.transport.abort()
-
-
 class WebSocketTransport:
     """Serve the rosbridge protocol in a thread of its own.
 
@@ -605,6 +582,10 @@ class WebSocketTransport:
         self._access = Access(host, token, pages or PageAccess())
         self.port = port
         self.clients: set[Client] = set()
+        self._connections = Connections("websocket")
+        self._newest: dict[str, Frame] = {}
+        self._batches = 0
+        self._rate_limit = RateLimit(LOG_PERIOD_S)
         self._wanted: frozenset[str] = frozenset()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
@@ -689,15 +670,11 @@ class WebSocketTransport:
             self._listen,
             self._access.host,
             self.port,
-            create_connection=_Connection,
             process_request=self._admit,
-            compression=None,
-            max_size=LARGEST_MESSAGE,
-            ping_interval=PING_S,
-            ping_timeout=PONG_S,
-            close_timeout=CLOSE_S,
             open_timeout=OPEN_S,
+            close_timeout=CLOSE_S,
             server_header="trocar",
+            **self._connections.options,
             # keeps the library's remarks about strangers off the terminal
             logger=logging.Logger("trocar.websocket", logging.CRITICAL),
         ) as listening:
@@ -710,12 +687,10 @@ class WebSocketTransport:
         objection = self._access.objection(request.path, request.headers)
         if objection is not None:
             return connection.respond(*objection)
-        if len(self.clients) >= MOST_CLIENTS:
-            return connection.respond(503, f"{MOST_CLIENTS} clients are connected already\n")
-        return None
+        return self._connections.admit(connection)
 
     async def _listen(self, connection: ServerConnection) -> None:
-        client = Client(connection)
+        client = Client(cast(Connection, connection), self._newest)
         self.clients.add(client)
         try:
             async for text in connection:
@@ -737,23 +712,30 @@ class WebSocketTransport:
 
     def _deliver(self, frames: Sequence[Frame]) -> None:
         now = time.monotonic()
+        self._batches += 1
+        for frame in frames:
+            frame.number = self._batches
+            if frame.replaceable:
+                self._newest[frame.topic.name] = frame
+        events = [frame for frame in frames if not frame.replaceable]
         for client in self.clients:
-            with _logged():
-                client.deliver(frames, now)
+            with self._logged():
+                client.deliver(frames, events, now)
 
     async def _tend(self) -> None:
         while True:
             await asyncio.sleep(TEND_S)
             now = time.monotonic()
             for client in self.clients:
-                with _logged():
+                with self._logged():
                     client.tend(now)
 
-
-@contextlib.contextmanager
-def _logged() -> Iterator[None]:
-    """Log a message that cannot be sent, and go on with the others."""
-    try:
-        yield
-    except TrocarError as error:
-        _log.error("websocket: %s", error)
+    @contextlib.contextmanager
+    def _logged(self) -> Iterator[None]:
+        """Log a message that cannot be sent, and go on with the others."""
+        try:
+            yield
+        except TrocarError as error:
+            unsaid = self._rate_limit.due(str(error), time.monotonic())
+            if unsaid is not None:
+                _log.error("websocket: %s%s", error, suffix(unsaid))

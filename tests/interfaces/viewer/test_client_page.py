@@ -19,8 +19,9 @@ from websockets.typing import Origin, Subprotocol
 from trocar.errors import InputError
 from trocar.interfaces import connections
 from trocar.interfaces.origins import PageAccess
-from trocar.interfaces.viewer.server import LocalServer, address, run_there, serving
+from trocar.interfaces.viewer.server import LocalServer, address, entrance, run_there, serving
 
+TOKEN = "0123456789abcdef"
 OWN_PAGE = "http://localhost:3000"
 VISER_HANDSHAKE = (
     "GET / HTTP/1.1\r\nHost: localhost\r\n"
@@ -51,7 +52,7 @@ def get(server: LocalServer, path: str = "/", host: str | None = None) -> http.c
 
 def secret_of(server: LocalServer) -> str:
     """Return what the page shows to sockets, as the page itself gets it: from its HTML."""
-    found = re.findall(r"page=[\w-]{40,}", get(server).text)  # type: ignore[attr-defined]
+    found = re.findall(r"token=[\w-]{40,}", get(server).text)  # type: ignore[attr-defined]
     assert len(set(found)) == 1
     return found[0]
 
@@ -99,14 +100,14 @@ def test_a_name_that_another_site_lets_lead_here_gets_nothing(
         answer = get(server, path, f"{host}:{server.get_port()}")
         assert answer.status == 403
         assert "allowed: localhost" in answer.text  # type: ignore[attr-defined]
-        assert "page=" not in answer.text  # type: ignore[attr-defined]
+        assert "token=" not in answer.text  # type: ignore[attr-defined]
     with pytest.raises(InvalidStatus) as caught:
         open_socket(server, None, host="example.org")
     assert caught.value.response.status_code == 403
 
 
 @pytest.mark.parametrize(
-    "query", ["websocket=ws://127.0.0.1:1", "playbackPath=data:,x", "showStats", "&", "page=x"]
+    "query", ["websocket=ws://127.0.0.1:1", "playbackPath=data:,x", "showStats", "&", "token=x"]
 )
 @pytest.mark.parametrize("path", ["/", "/index.html"])
 def test_parameters_lead_back_to_the_clean_address(
@@ -181,7 +182,7 @@ def test_a_page_of_another_origin_is_refused_even_with_the_secret(
     assert b"--origin URL" in (caught.value.response.body or b"")
 
 
-@pytest.mark.parametrize("query", ["", "page=", "page=x", "token=x"])
+@pytest.mark.parametrize("query", ["", "token=", "page=x", "token=x"])
 def test_without_the_secret_not_even_the_right_origin_helps(
     server: LocalServer, query: str
 ) -> None:
@@ -256,6 +257,47 @@ def test_two_servers_at_once_have_secrets_of_their_own() -> None:
         open_socket(one, address(one), secret_of(one)).close()
         with pytest.raises(InvalidStatus):
             open_socket(two, address(two), secret_of(one))
+
+
+@pytest.fixture(scope="module")
+def guarded() -> Iterator[LocalServer]:
+    with serving("127.0.0.1", 0, "test", PageAccess([OWN_PAGE], TOKEN)) as found:
+        yield found
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/?token=", "/?token=wrong", f"/{TOKEN}"])
+def test_with_a_token_nobody_gets_the_page_without_it(guarded: LocalServer, path: str) -> None:
+    answer = get(guarded, path)
+    assert answer.status in (401, 404)
+    assert TOKEN not in answer.text  # type: ignore[attr-defined]
+    assert "</html>" not in answer.text  # type: ignore[attr-defined]
+
+
+def test_the_token_and_the_address_that_is_printed_open_the_page(guarded: LocalServer) -> None:
+    printed = entrance(guarded).removeprefix(address(guarded))
+    assert TOKEN not in printed
+    for path in (f"/?token={TOKEN}", printed):
+        answer = get(guarded, path)
+        assert answer.status == 200
+        assert TOKEN not in answer.text  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    "more", ["websocket=ws://127.0.0.1:1", "playbackPath=data:,x", "", "token"]
+)
+def test_parameters_beside_the_token_are_dropped(guarded: LocalServer, more: str) -> None:
+    for query in (f"token={TOKEN}&{more}", f"{more}&token={TOKEN}"):
+        answer = get(guarded, f"/?{query}")
+        assert (answer.status, answer.getheader("Location")) == (302, f"/?token={TOKEN}")
+
+
+def test_with_a_token_programs_and_named_pages_need_it_too(guarded: LocalServer) -> None:
+    for origin in (None, OWN_PAGE):
+        with pytest.raises(InvalidStatus) as caught:
+            open_socket(guarded, origin)
+        assert caught.value.response.status_code == 401
+        with closing(open_socket(guarded, origin, f"token={TOKEN}")) as page:
+            assert page.recv(timeout=20)
 
 
 def test_a_socket_that_no_policy_can_name_is_refused() -> None:

@@ -26,6 +26,7 @@ from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
+from urllib.parse import urlencode
 
 import viser
 import viser.infra._infra as viser_infra
@@ -36,7 +37,7 @@ from websockets.http11 import Request, Response
 
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.connections import Connections
-from trocar.interfaces.origins import PageAccess, names_loopback
+from trocar.interfaces.origins import PageAccess, names_loopback, queried
 from trocar.interfaces.rate_limit import without_repeats
 
 T = TypeVar("T")
@@ -99,17 +100,23 @@ class ClientPage:
                 "the port with ssh\n",
             )
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            origin = request.headers.get("Origin")
-            refusal = self._access.objection(origin, request.path, {f"http://{host}"})
+            refusal = self._access.objection(request.path, request.headers, {f"http://{host}"})
             if refusal is None:
                 return self._connections.admit(connection)
-            return self._text(connection, HTTPStatus.FORBIDDEN, refusal)
+            return self._text(connection, *refusal)
         path, _, query = request.path.partition("?")
         if path not in ("/", "/index.html"):
             return self._text(connection, HTTPStatus.NOT_FOUND, "there is only /\n")
-        if query:
-            response = self._text(connection, HTTPStatus.FOUND, "the page takes no parameters\n")
-            response.headers["Location"] = "/"
+        ours = ""
+        if self._access.token is not None:
+            if not self._access.knows(request.path, request.headers):
+                told = "open the address that trocar printed, with its ?token=...\n"
+                return self._text(connection, HTTPStatus.UNAUTHORIZED, told)
+            ours = urlencode({"token": shown}) if (shown := queried(request.path, "token")) else ""
+        if query != ours:
+            text = "the page takes no parameters but the token\n"
+            response = self._text(connection, HTTPStatus.FOUND, text)
+            response.headers["Location"] = f"/?{ours}" if ours else "/"
             return response
         response = self._text(connection, HTTPStatus.OK, self._html)
         del response.headers["Content-Type"]
@@ -121,6 +128,11 @@ class ClientPage:
         """Keyword arguments of websockets' `serve`: answers, and bounds."""
         patience = {"open_timeout": PAGE_S, "close_timeout": PAGE_S}
         return {**self._connections.options, **patience, "process_request": self.respond}
+
+    @property
+    def entrance(self) -> str:
+        """What follows the server's address in the address of the page."""
+        return "" if self._access.token is None else f"/?{self._access.query}"
 
     def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
         response = connection.respond(status, text)
@@ -267,6 +279,11 @@ def address(server: LocalServer) -> str:
     """Return the page's address."""
     host = server.get_host()
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
+
+
+def entrance(server: LocalServer) -> str:
+    """Return the address to open, with the secret of the run where there is a token."""
+    return address(server) + server.page.entrance
 
 
 def _checked_host(host: str) -> str:

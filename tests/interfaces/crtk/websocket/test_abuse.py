@@ -74,7 +74,7 @@ def test_a_page_that_is_named_can(served: Served) -> None:
 
 
 def test_the_token_is_asked_for_on_the_wire() -> None:
-    with closing(Served(token=TOKEN)) as guarded:
+    with closing(Served(pages=PageAccess(token=TOKEN))) as guarded:
         for url, headers in (
             (guarded.url, {}),
             (f"{guarded.url}/?token=wrong", {}),

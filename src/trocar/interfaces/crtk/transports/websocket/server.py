@@ -19,7 +19,6 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Any, cast
-from urllib.parse import urlencode
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -56,7 +55,7 @@ from trocar.interfaces.crtk.transports.websocket.protocol import (
     read_request,
     same_type,
 )
-from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback, queried, same
+from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback
 from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
 
 if TYPE_CHECKING:
@@ -67,8 +66,6 @@ _log = logging.getLogger("trocar")
 
 #: Where clients of rosbridge look by themselves.
 PORT = 9090
-#: Fewest characters of a token. Source: our own choice; 16 of base64 are 96 bits.
-SHORTEST_TOKEN = 16
 
 # Of all clients. Source: our own choice.
 #: Patience for opening and closing handshakes. [s]
@@ -100,32 +97,25 @@ WARN_EVERY_S = 1.0
 
 @dataclass(frozen=True)
 class Access:
-    """Decide which clients may connect: programs on this machine, pages of this run, a token.
+    """Decide which clients may connect.
 
     Args:
         host: address that is listened on
-        token: what a client has to show, or None on the loopback address
-        pages: which web pages may connect
+        pages: which pages and programs may connect
 
     Raises:
-        InputError: the host can be reached from elsewhere and there is no token, or a short one
+        InputError: the host can be reached from elsewhere and there is no token
     """
 
     host: str = "127.0.0.1"
-    token: str | None = None
     pages: PageAccess = field(default_factory=PageAccess)
 
     def __post_init__(self) -> None:
-        if self.token is None and not is_loopback(self.host):
+        if self.pages.token is None and not is_loopback(self.host):
             raise InputError(
                 f"--host {self.host}: other machines could move the arms; set a "
                 "--token (or TROCAR_TOKEN), or leave out --host and "
                 "forward the port with ssh"
-            )
-        if self.token is not None and len(self.token) < SHORTEST_TOKEN:
-            raise InputError(
-                f"--token: got {len(self.token)} characters; allowed: at least {SHORTEST_TOKEN}, "
-                "e.g. python -c 'import secrets; print(secrets.token_urlsafe())'"
             )
 
     def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
@@ -134,21 +124,12 @@ class Access:
         Beyond the loopback address any name may lead here, and the token is required.
 
         Args:
-            path: requested, with its query; `?token=...` shows the token
-            headers: of the request; `Authorization: Bearer ...` shows the token, too
+            path: requested, with its query
+            headers: of the request
         """
         if is_loopback(self.host) and not names_loopback(headers.get("Host", "")):
             return HTTPStatus.FORBIDDEN, "Host: allowed: localhost or a loopback address\n"
-        refusal = self.pages.objection(headers.get("Origin"), path, self.pages.viewer)
-        if refusal is not None:
-            return HTTPStatus.FORBIDDEN, refusal
-        if self.token is None:
-            return None
-        kind, _, bearer = headers.get("Authorization", "").partition("Bearer ")
-        shown = bearer.strip() if bearer and not kind else queried(path, "token")
-        if same(self.token, shown):
-            return None
-        return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
+        return self.pages.objection(path, headers, self.pages.viewer)
 
 
 # ---------------------------------------------------------------------- rates
@@ -557,15 +538,15 @@ class WebSocketTransport:
     Args:
         host: address to listen on
         port: port to listen on; 0 takes any free one
-        token: what clients have to show; required beyond the loopback address
-        pages: which web pages may connect; when omitted, none
+        pages: which pages and programs may connect; when omitted, programs; beyond the loopback
+            address it has a token
 
     Attributes:
         port: the one that is listened on, once started
         clients: who is connected; touched in the server's own thread only
 
     Raises:
-        InputError: no token beyond the loopback address, or a short one, or no such port
+        InputError: no token beyond the loopback address, or no such port
     """
 
     name = "websocket"
@@ -574,12 +555,11 @@ class WebSocketTransport:
         self,
         host: str = "127.0.0.1",
         port: int = PORT,
-        token: str | None = None,
         pages: PageAccess | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
-        self._access = Access(host, token, pages or PageAccess())
+        self._access = Access(host, pages or PageAccess())
         self.port = port
         self.clients: set[Client] = set()
         self._connections = Connections("websocket")
@@ -599,15 +579,15 @@ class WebSocketTransport:
 
     @property
     def viewer_address(self) -> str:
-        """The address with the credentials that the web viewer shows."""
-        query = self._access.pages.query
-        token = self._access.token
-        return f"{self.address}/?{query}" + (f"&{urlencode({'token': token})}" if token else "")
+        """The address with the secret that the web viewer shows."""
+        return f"{self.address}/?{self._access.pages.query}"
 
     @property
     def greeting(self) -> str:
         """The line that is printed at the start."""
-        return f"{self.address}  (rosbridge{', with the token' if self._access.token else ''})"
+        return (
+            f"{self.address}  (rosbridge{', with the token' if self._access.pages.token else ''})"
+        )
 
     def start(self, core: Core) -> None:
         """Listen.

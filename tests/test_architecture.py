@@ -57,7 +57,11 @@ HOMES = {
     "gymnasium": ("interfaces/gym",),
     "viser": ("interfaces/viewer",),
     "msgspec": ("apps/dvrk_config", "interfaces/inbox", "interfaces/crtk", "interfaces/viewer"),
-    "websockets": ("interfaces/viewer", "interfaces/crtk/transports/websocket"),
+    "websockets": (
+        "interfaces/connections",
+        "interfaces/viewer",
+        "interfaces/crtk/transports/websocket",
+    ),
     "rich": ("cli",),
     "rospy": ("interfaces/crtk/transports/ros1",),
     "PyKDL": ("interfaces/crtk/scripts",),

@@ -170,7 +170,7 @@ def _served(
     pictures, access = shared
     rate = {} if args.camera_rate is None else {"camera_rate_hz": args.camera_rate}
     core = stack.enter_context(closing(Core(loop, pictures=pictures, **rate)))
-    transport = WebSocketTransport("127.0.0.1", args.serve, None, access)
+    transport = WebSocketTransport("127.0.0.1", args.serve, access)
     core.attach(transport)
     core.start()
     return str(transport.greeting)

@@ -7,6 +7,7 @@ Transports are the modules of `trocar.interfaces.crtk.transports` with `OPTIONS`
 from __future__ import annotations
 
 import gc
+import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
@@ -107,9 +108,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
     """
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
-    from trocar.interfaces.origins import PageAccess
+    from trocar.interfaces.origins import PageAccess, announced
 
-    access = PageAccess(args.origin)
+    token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
+    access = PageAccess(args.origin, token)
     transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
@@ -128,6 +130,11 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
 
     def greet(*addresses: str) -> None:
         first, *others = (*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports))
+        if access.token is not None:
+            found = dict(zip(("web_viewer",), addresses, strict=False))
+            found |= {t.name: url for t in transports if (url := getattr(t, "viewer_address", ""))}
+            path = stack.enter_context(announced(found))
+            others.append(f"{path}  (addresses with the secret of this run)")
         print(f"{first}  (Ctrl-C stops)", *others, sep="\n", flush=True)
 
     with ExitStack() as stack:

@@ -1,0 +1,736 @@
+"""Faults during a run with everything on: what is lost, and after what time service is back.
+
+One round: the full cart serves the web viewer, a WebSocket, ROS 1 and DDS as far as they are
+installed, and records. It suffers each fault in a seeded order, then kill -9, starts again on the
+same ports and records onto a disk that fills up.
+
+A client sends a numbered set-point every 50 ms and notes when it comes back as a state. So the
+newest number in the recording says what the recording lost.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from http.client import HTTPConnection, HTTPException
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import IO, Any, cast
+from xmlrpc.client import ServerProxy
+
+import numpy as np
+import viser
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+from websockets.typing import Subprotocol
+
+from benchmarks.attack import Tally
+from benchmarks.attack._simulator import HOUR_NS, ROSPY
+from trocar.errors import TrocarError
+from trocar.recording.mcap_file import mcap_library
+from trocar.recording.reader import open_recording
+
+ALONE = True
+
+ROOT = Path(__file__).parents[2]
+RIG = "full_cart"
+#: Time within which service is back, and the end of a recording that may be lost. Source: the
+#: project's own goals. [s]
+BACK_S, LOST_S = 5.0, 1.0
+#: Time that a process is stopped for, and that no master runs. Source: the project's own goal; our
+#: own choice, more than one look at the master. [s]
+STOP_S, MASTERLESS_S = 30.0, 3.0
+#: Size of the disk that fills up. Source: our own choice, ten seconds of the cart. [bytes]
+DISK = 4_000_000
+#: Numbered set-points: their time apart, and the yaw of PSM1 that each adds. Source: our own
+#: choice; ten minutes of them are 0.24 rad. [s, rad]
+EVERY_S, STEP_RAD = 0.05, 2e-5
+#: Time limits of a start, of an end, and of one attempt to connect. [s]
+START_S, END_S, ATTEMPT_S = 60.0, 30.0, 2.0
+#: DDS of these runs keeps apart from every other on this machine.
+DDS_RANGE = {
+    "ROS_DOMAIN_ID": "113",
+    "CYCLONEDDS_URI": "<General><Interfaces><NetworkInterface address='127.0.0.1'"
+    " multicast='true'/></Interfaces></General>",
+}
+SERVO, STATE = "/PSM1/servo_jp", "/PSM1/setpoint_js"
+HEARD = "/PSM1/measured_js"
+LOOPBACK = "127.0.0.1"
+#: What a service that is not there raises.
+ABSENT = (OSError, HTTPException, WebSocketException, TimeoutError, EOFError, KeyError)
+
+
+class FaultError(TrocarError):
+    """A fault had an effect that it must not have."""
+
+
+def attack(seed: int, seconds: float) -> Tally:
+    """Let runs suffer every fault, in an order by the seed; one round takes about 90 s."""
+    rng, began = np.random.default_rng(seed), time.monotonic()
+    os.environ |= DDS_RANGE
+    outcomes: list[Outcome] = []
+    rounds, rospy = 0, has_rospy()
+    while not rounds or (time.monotonic() - began) * (rounds + 1) / rounds <= seconds:
+        with TemporaryDirectory() as folder, started(Path(folder), rospy) as run:
+            faults = list(run.faults().items())
+            for k in rng.permutation(len(faults)).tolist():
+                outcomes.append(run.suffer(*faults[k]))
+                if run.simulator.ended:
+                    break
+            else:
+                outcomes += run.kill_simulator()
+        rounds += 1
+    failed = [f"{each.fault}: {each.problem}" for each in outcomes if each.problem]
+    return Tally("faults", len(outcomes), failed, rows(outcomes))
+
+
+def rows(outcomes: list[Outcome]) -> list[list[str]]:
+    """Return a table of faults, of each its worst outcome, the head first."""
+    worst: dict[str, Outcome] = {}
+    for each in outcomes:
+        known = worst.get(each.fault)
+        if known is None or (bool(each.problem), each.back_s or 0.0, each.lost_s or 0.0) > (
+            bool(known.problem), known.back_s or 0.0, known.lost_s or 0.0
+        ):  # fmt: skip
+            worst[each.fault] = each
+
+    def text(value: float | None) -> str:
+        return "-" if value is None else f"{value:.2f}"
+
+    head = [
+        "fault",
+        "what is lost",
+        "without states [s]",
+        "back after [s]",
+        "recording lost [s]",
+        "",
+    ]
+    return [
+        head,
+        *(
+            [
+                *(each.fault, each.lost or "-"),
+                *(text(each.gap_s), text(each.back_s), text(each.lost_s)),
+                "FAILED" if each.problem else "met",
+            ]
+            for each in sorted(worst.values(), key=lambda each: each.fault)
+        ),
+    ]
+
+
+# ------------------------------------------------------------------ the simulator and its master
+
+
+def free_port() -> int:
+    """Return a port of the loopback that nobody listens on."""
+    with socket.socket() as free:
+        free.bind((LOOPBACK, 0))
+        return free.getsockname()[1]
+
+
+def has_rospy() -> bool:
+    """Return whether a simulator can join ROS 1 here."""
+    code = f"import sys; sys.path.append({ROSPY!r}); import genpy, rosgraph, rospy"
+    probe = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    return probe.returncode == 0 and shutil.which("rosmaster") is not None
+
+
+class RosMaster:
+    """A rosmaster on a port of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.port = free_port()
+        self.environment = {
+            "ROS_MASTER_URI": f"http://{LOOPBACK}:{self.port}",
+            "ROS_HOSTNAME": LOOPBACK,
+            "ROS_HOME": str(folder),
+            "ROS_LOG_DIR": str(folder),
+        }
+        self.start()
+
+    def start(self) -> None:
+        """Start it and wait for its first answer."""
+        self._process = subprocess.Popen(
+            ["rosmaster", "--core", "-p", str(self.port)],
+            env={**os.environ, **self.environment},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        seconds_until(lambda: self.ask("getPid"), "the ROS master", START_S)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.wait()
+
+    def ask(self, verb: str, *arguments: Any) -> Any:
+        """Return an answer's value."""
+        with ServerProxy(self.environment["ROS_MASTER_URI"]) as proxy:
+            answer: Any = getattr(proxy, verb)("/faults", *arguments)
+        if answer[0] != 1:
+            raise KeyError(answer[1])
+        return answer[2]
+
+
+class Simulator:
+    """`trocar sim` in a process, its lines with the times at which they came.
+
+    Args:
+        words: options of `trocar sim`
+        environment: variables added to this process's
+        before: command that runs it; none for itself
+    """
+
+    def __init__(
+        self, words: list[str], environment: Mapping[str, str], before: list[str] | None = None
+    ) -> None:
+        self._process = subprocess.Popen(
+            [*(before or []), sys.executable, "-m", "benchmarks.attack._simulator", "sim", *words],
+            cwd=ROOT,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **environment},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,  # signals reach what `before` started, too
+        )
+        self.lines: list[tuple[float, str]] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        for line in cast(IO[str], self._process.stdout):
+            self.lines.append((time.monotonic(), line))
+
+    @property
+    def text(self) -> str:
+        """Everything that it printed."""
+        return "".join(line for _, line in self.lines)
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has ended."""
+        return self._process.poll() is not None
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal, and what runs it."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, number)
+
+    def end(self, timeout_s: float = END_S) -> int:
+        """Return its exit code, or kill it.
+
+        Raises:
+            FaultError: it did not end in time
+        """
+        try:
+            return self._process.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise FaultError(f"did not end within {timeout_s:g} s") from None
+        finally:
+            self.send(signal.SIGKILL)
+            self._process.wait()
+            self._reader.join()
+
+
+# ------------------------------------------------------------------ its clients
+
+
+def seconds_until(try_it: Callable[[], object], what: str, limit_s: float) -> float:
+    """Repeat an attempt until it succeeds; return the time that it took [s].
+
+    Raises:
+        FaultError: it did not succeed in time
+    """
+    began = time.monotonic()
+    while True:
+        try:
+            try_it()
+        except ABSENT as error:
+            if time.monotonic() - began > limit_s:
+                reason = f"{type(error).__name__}: {error}"
+                raise FaultError(f"no {what} after {limit_s:g} s ({reason})") from error
+            time.sleep(0.02)
+        else:
+            return time.monotonic() - began
+
+
+def subscribe(link: Connection, topic: str) -> None:
+    """Subscribe to a topic over rosbridge."""
+    link.send(json.dumps({"op": "subscribe", "topic": topic}))
+
+
+def try_websocket(port: int) -> None:
+    """Receive a state as a new client of the WebSocket."""
+    with connect(f"ws://{LOOPBACK}:{port}", open_timeout=ATTEMPT_S, close_timeout=0.1) as link:
+        subscribe(link, HEARD)
+        link.recv(ATTEMPT_S)
+
+
+def try_page(port: int) -> None:
+    """Load the web viewer, and receive what it shows."""
+    page = HTTPConnection(LOOPBACK, port, timeout=ATTEMPT_S)
+    page.request("GET", "/")
+    answer = page.getresponse()
+    if answer.status != 200 or b"trocar" not in answer.read():
+        raise KeyError(f"the web viewer answered {answer.status}")
+    page.close()
+    spoken = [Subprotocol(f"viser-v{viser.__version__}")]
+    url = f"ws://{LOOPBACK}:{port}"
+    with connect(
+        url, subprotocols=spoken, max_size=None, open_timeout=ATTEMPT_S, close_timeout=0.1
+    ) as link:
+        link.recv(ATTEMPT_S)
+
+
+def ros1_link(master_uri: str, topic: str = HEARD) -> socket.socket:
+    """Return a subscriber's connection to the simulator, after its header.
+
+    Source: the ROS wiki, Slave API (requestTopic) and TCPROS (the header).
+    """
+    with ServerProxy(master_uri) as proxy:
+        code, status, uri = cast(Any, proxy.lookupNode("/faults", "/trocar"))
+        if code != 1:
+            raise KeyError(status)
+        published = cast(Any, proxy.getPublishedTopics("/faults", ""))[2]
+    if topic not in dict(published):
+        raise KeyError(f"{topic} is not registered")
+    with ServerProxy(uri) as node:
+        answer = cast(Any, node.requestTopic("/faults", topic, [["TCPROS"]]))
+    _, host, port = answer[2]
+    link = socket.create_connection((host, port), ATTEMPT_S)
+    fields = {"callerid": "/faults", "topic": topic, "type": "*", "md5sum": "*"}
+    parts = [f"{name}={value}".encode() for name, value in fields.items()]
+    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+    link.sendall(struct.pack("<I", len(header)) + header)
+    return link
+
+
+def try_ros1(master_uri: str) -> None:
+    """Receive a state as a new subscriber of ROS 1: the header's bytes, then a message's."""
+    with ros1_link(master_uri) as link:
+        for _ in range(2):
+            (size,) = struct.unpack("<I", _exactly(link, 4))
+            _exactly(link, size)
+
+
+def _exactly(link: socket.socket, count: int) -> bytes:
+    found = b""
+    while len(found) < count:
+        part = link.recv(count - len(found))
+        if not part:
+            raise EOFError("hung up")
+        found += part
+    return found
+
+
+def hold_ros1(master_uri: str) -> None:
+    """Read a topic of ROS 1 for ever: a subscriber to be killed."""
+    with ros1_link(master_uri) as link:
+        while link.recv(65536):
+            pass
+
+
+def try_dds() -> None:
+    """Receive a state as a new participant of DDS."""
+    from benchmarks.ros2 import Program
+
+    heard = threading.Event()
+    Program("").subscribe([HEARD], lambda *_: heard.set())
+    if not heard.wait(ATTEMPT_S):
+        raise TimeoutError("no message over DDS")
+
+
+@dataclass
+class Commander:
+    """A client that sends numbered set-points and notes when they come back.
+
+    Attributes:
+        port: of the WebSocket
+        came: (arrival by the monotonic clock [s], header stamp [ns], newest number in force)
+        drops: how often the connection was lost
+        back_ns: how much the client's clock was set back [ns]
+    """
+
+    port: int
+    came: list[tuple[float, int, int]] = field(default_factory=list[tuple[float, int, int]])
+    drops: int = 0
+    back_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self._over = threading.Event()
+        self._number = 0
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End."""
+        self._over.set()
+        self._thread.join()
+
+    def gap_s(self, since_s: float) -> float:
+        """Return the longest time without a state since a moment of the monotonic clock [s]."""
+        times = [since_s, *(at for at, _, _ in list(self.came) if at > since_s), time.monotonic()]
+        return float(np.diff(times).max())
+
+    def obeyed(self, since_s: float) -> bool:
+        """Return whether a set-point that was sent after a moment has come into force."""
+        found = list(self.came)
+        before = max((number for at, _, number in found if at <= since_s), default=-1)
+        return any(number > before for at, _, number in found if at > since_s + EVERY_S)
+
+    def backward_ns(self) -> int:
+        """Return how far header stamps ever went back [ns]."""
+        stamps = np.array([stamp for _, stamp, _ in list(self.came)], dtype=np.int64)
+        return int(max(0, -np.diff(stamps).min(initial=0)))
+
+    def _run(self) -> None:
+        while not self._over.is_set():
+            with suppress(*ABSENT):
+                self._converse()
+            if not self._over.wait(0.1):
+                self.drops += bool(self.came)
+
+    def _converse(self) -> None:
+        url = f"ws://{LOOPBACK}:{self.port}"
+        with connect(url, open_timeout=ATTEMPT_S, close_timeout=0.1, compression=None) as link:
+            subscribe(link, STATE)
+            due = 0.0
+            while not self._over.is_set():
+                if time.monotonic() >= due:
+                    due = time.monotonic() + EVERY_S
+                    self._send(link)
+                with suppress(TimeoutError):
+                    message = json.loads(link.recv(EVERY_S))["msg"]
+                    stamp = message["header"]["stamp"]
+                    nanoseconds = stamp["secs"] * 1_000_000_000 + stamp["nsecs"]
+                    number = round(message["position"][0] / STEP_RAD)
+                    self.came.append((time.monotonic(), nanoseconds, number))
+
+    def _send(self, link: Connection) -> None:
+        self._number += 1
+        seconds, nanoseconds = divmod(time.time_ns() - self.back_ns, 1_000_000_000)
+        message = {
+            "header": {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""},
+            "position": [self._number * STEP_RAD, 0.0, 0.12, 0.0, 0.0, 0.0],
+        }
+        kind = "sensor_msgs/JointState"
+        document = {"op": "publish", "topic": SERVO, "type": kind, "msg": message}
+        link.send(json.dumps(document))
+
+
+# ------------------------------------------------------------------ a run and its faults
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a fault did.
+
+    Attributes:
+        fault: its name
+        lost: what was lost, in words
+        gap_s: longest time in which a client that stays got no state [s]; None: not measured
+        back_s: time until every service answered new clients [s]; None: not measured
+        lost_s: end of the recording that is missing [s]; None: not measured
+        problem: what must not be, "" where nothing
+    """
+
+    fault: str
+    lost: str
+    gap_s: float | None = None
+    back_s: float | None = None
+    lost_s: float | None = None
+    problem: str = ""
+
+
+class Round:
+    """A simulator with everything on, its clients, and what can happen to them."""
+
+    def __init__(self, folder: Path, master: RosMaster | None) -> None:
+        self._folder, self.master = folder, master
+        self._environment: dict[str, str] = {} if master is None else dict(master.environment)
+        self._page, self._socket = free_port(), free_port()
+        self._words = ["--rig", RIG, "--no-cameras", "--port", str(self._page)]
+        self._words += ["--websocket-port", str(self._socket)]
+        self._services: dict[str, Callable[[], None]] = {
+            "WebSocket": lambda: try_websocket(self._socket),
+            "web viewer": lambda: try_page(self._page),
+        }
+        if master is not None:
+            self._words.append("--ros1")
+            uri = master.environment["ROS_MASTER_URI"]
+            self._services["ROS 1"] = lambda: try_ros1(uri)
+        if importlib.util.find_spec("cyclonedds") is not None:
+            self._words += ["--ros2", "dds"]
+            self._services["DDS"] = try_dds
+        self._file = folder / "run.mcap"
+        self.simulator = Simulator([*self._words, "--record", str(self._file)], self._environment)
+        self._commander: Commander | None = None
+        self._victims: dict[str, subprocess.Popen[bytes]] = {}
+
+    @property
+    def services(self) -> str:
+        """Names of the services."""
+        return ", ".join(self._services)
+
+    @property
+    def commander(self) -> Commander:
+        """The client that stays; made as the simulator serves."""
+        if self._commander is None:
+            self._commander = Commander(self._socket)
+        return self._commander
+
+    def begin(self) -> None:
+        """Wait until everything is served, and start the clients that will be killed."""
+        for name, try_it in self._services.items():
+            seconds_until(try_it, name, START_S)
+        here = [sys.executable, "-c"]
+        url = f"{LOOPBACK}:{self._socket}"
+        programs = {
+            "WebSocket client": [
+                *(sys.executable, "-m", "benchmarks.client", "listen", "websocket"),
+                *(f"ws://{url}", "600", "PSM1/measured_js", "PSM2/measured_js"),
+            ],
+            "web viewer": [
+                *(sys.executable, "benchmarks/spectator.py", f"http://{LOOPBACK}:{self._page}")
+            ],
+        }
+        if self.master is not None:
+            uri = self.master.environment["ROS_MASTER_URI"]
+            hold = f"from benchmarks.attack.faults import hold_ros1; hold_ros1({uri!r})"
+            programs["ROS 1 subscriber"] = [*here, hold]
+        self._victims = {
+            name: subprocess.Popen(
+                words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+            for name, words in programs.items()
+        }
+        commander = self.commander
+        seconds_until(lambda: commander.came[100], "states for the client", START_S)
+
+    def close(self) -> None:
+        """End everything."""
+        if self._commander is not None:
+            self._commander.close()
+        for victim in self._victims.values():
+            victim.kill()
+            victim.wait()
+        if not self.simulator.ended:
+            self.simulator.send(signal.SIGKILL)
+            self.simulator.end()
+
+    def faults(self) -> dict[str, Callable[[], str]]:
+        """Return {name: inflicts it, returns what is lost} of the faults that a run survives."""
+        found: dict[str, Callable[[], str]] = {
+            f"kill -9 of a {name}": lambda name=name: self._kill(name) for name in self._victims
+        }
+        found |= {
+            "port stolen": self._steal_ports,
+            "the same command again": self._start_again,
+            f"SIGSTOP for {STOP_S:g} s": self._stop,
+            "clock set back an hour": self._set_clock_back,
+        }
+        master = self.master
+        if master is not None:
+            found["kill -9 and restart of rosmaster"] = lambda: restart(master)
+        return found
+
+    def suffer(self, name: str, inflict: Callable[[], str]) -> Outcome:
+        """Inflict a fault, and measure what it does to the services."""
+        began = time.monotonic()
+        lost, back = "", None
+        drops = self.commander.drops
+        try:
+            lost = inflict()
+            ended = time.monotonic()
+            took = [seconds_until(try_it, what, BACK_S) for what, try_it in self._services.items()]
+            commander = self.commander
+            while not commander.obeyed(ended):
+                if time.monotonic() - ended > BACK_S + sum(took):
+                    raise FaultError(f"no set-point in force after {BACK_S:g} s")
+                time.sleep(0.02)
+            back = time.monotonic() - ended
+            if commander.backward_ns() > 0:
+                raise FaultError(f"header stamps went back by {1e-9 * commander.backward_ns():g} s")
+            if self.simulator.ended:
+                raise FaultError("the simulator ended")
+        except FaultError as error:
+            said = self.simulator.text[-300:] if self.simulator.ended else ""
+            return Outcome(
+                name, lost, self.commander.gap_s(began), back, None, f"{error} {said}".strip()
+            )
+        if self.commander.drops > drops:
+            lost = f"{lost}; connections of the WebSocket".removeprefix("; ")
+        return Outcome(name, lost or "nothing", self.commander.gap_s(began), back)
+
+    # faults that a run survives
+
+    def _kill(self, name: str) -> str:
+        victim = self._victims[name]
+        if victim.poll() is not None:
+            raise FaultError(f"the {name} had ended before, with code {victim.returncode}")
+        victim.kill()
+        victim.wait()
+        return f"the {name}"
+
+    def _steal_ports(self) -> str:
+        taken: list[str] = []
+        for port in (self._page, self._socket):
+            for family, host in ((socket.AF_INET, LOOPBACK), (socket.AF_INET, "0.0.0.0")):
+                with socket.socket(family) as thief:
+                    thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                    thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+                    with suppress(OSError):
+                        thief.bind((host, port))
+                        thief.listen()
+                        taken.append(f"{host}:{port}")
+        if taken:
+            raise FaultError(f"another program could listen on {', '.join(taken)}")
+        return ""
+
+    def _start_again(self) -> str:
+        words = [*self._words, "--record", str(self._file), "--overwrite"]
+        second = Simulator(words, self._environment)
+        code = second.end(START_S)
+        if code != 2:
+            raise FaultError(f"the second ended with {code}: {second.text[-300:]}")
+        if "Traceback" in second.text:
+            raise FaultError(f"the second printed a traceback: {second.text[-300:]}")
+        return ""
+
+    def _stop(self) -> str:
+        self.simulator.send(signal.SIGSTOP)
+        time.sleep(STOP_S)
+        self.simulator.send(signal.SIGCONT)
+        return f"{STOP_S:g} s of simulated time, which are skipped"
+
+    def _set_clock_back(self) -> str:
+        self.simulator.send(signal.SIGUSR1)
+        self.commander.back_ns += HOUR_NS
+        return ""
+
+    # faults that end it
+
+    def kill_simulator(self) -> list[Outcome]:
+        """Kill the simulator; start it again on the same ports, onto a disk that fills up."""
+        self.simulator.send(signal.SIGKILL)
+        killed = time.monotonic()
+        self.simulator.end()
+        outcomes = [self._judged("kill -9 of the simulator", self._file, killed)]
+        folder = self._folder / "small"
+        folder.mkdir()
+        file = folder / "full.mcap"
+        self.simulator = Simulator(
+            [*self._words, "--record", str(file)], self._environment, small_disk(folder)
+        )
+        name = "start on the same ports"
+        try:
+            took = sum(seconds_until(t, what, START_S) for what, t in self._services.items())
+            outcomes.append(Outcome(name, "nothing", None, took))
+        except FaultError as error:
+            problem = f"{error} {self.simulator.text[-300:]}"
+            return [*outcomes, Outcome(name, "", problem=problem)]
+        return [*outcomes, self._disk_full(self._folder / file.name, file)]
+
+    def _disk_full(self, copy: Path, file: Path) -> Outcome:
+        """Wait until the disk is full, which ends the run; the shell then copies the file."""
+        name = "disk full"
+        try:
+            code = self.simulator.end(START_S)
+        except FaultError as error:
+            return Outcome(name, "", problem=f"the run goes on unrecorded: {error}")
+        text = self.simulator.text
+        if code != 1 or file.name not in text or "Traceback" in text:
+            return Outcome(name, "", problem=f"ended with {code}: {text[-300:]}")
+        said = next(at for at, line in self.simulator.lines[1:] if file.name in line)
+        found = self._judged(name, copy, said)
+        if not found.problem and not can_seek(copy):
+            return Outcome(name, found.lost, problem="the file has no summary to seek by")
+        return found
+
+    def _judged(self, name: str, file: Path, at_s: float) -> Outcome:
+        """Compare a recording with what had come back to the client until a moment."""
+        try:
+            recorded = open_recording(file)
+            arm = recorded.columns("PSM1")
+            newest = -1
+            if arm is not None:
+                newest = round(recorded.states(arm).setpoint[:, 0].max() / STEP_RAD)
+        except TrocarError as error:
+            return Outcome(name, "", problem=str(error))
+        late = [at for at, _, number in self.commander.came if number > newest and at <= at_s]
+        lost_s = at_s - min(late) if late else 0.0
+        problem = f"more than {LOST_S:g} s" if lost_s > LOST_S else ""
+        return Outcome(name, "the recording's end", lost_s=lost_s, problem=problem)
+
+
+def restart(master: RosMaster) -> str:
+    """Kill a master, and start it again after a while without one."""
+    master.kill()
+    time.sleep(MASTERLESS_S)
+    master.start()
+    return "new connections while no master runs"
+
+
+@contextmanager
+def started(folder: Path, rospy: bool) -> Iterator[Round]:
+    """Start a round with everything on, and end what it started."""
+    master = RosMaster(folder) if rospy else None
+    run = Round(folder, master)
+    try:
+        run.begin()
+        yield run
+    except FaultError as error:
+        raise FaultError(f"{error}\n{run.simulator.text}") from error
+    finally:
+        run.close()
+        if master is not None:
+            master.kill()
+
+
+def can_seek(file: Path) -> bool:
+    """Return whether the MCAP library's seeking reader reads a file."""
+    mcap_library("reading a recording")
+    from mcap.exceptions import McapError
+    from mcap.reader import SeekingReader
+
+    with file.open("rb") as stream:
+        try:
+            reader = SeekingReader(stream)
+            return reader.get_summary() is not None and any(True for _ in reader.iter_messages())
+        except McapError:
+            return False
+
+
+def small_disk(folder: Path) -> list[str]:
+    """Return the words before a command that let it see a small disk in a folder.
+
+    The disk is a tmpfs in a mount namespace of its own. As the command ends, its file full.mcap
+    is copied to the folder above. Where namespaces are not allowed, a limit of the size of files
+    stands in for the disk: writing fails in the same call, with another reason.
+    """
+    inside, outside = folder, folder.parent
+    mount = f"mount -t tmpfs -o size={DISK} tmpfs {inside}"
+    save = f"cp {inside}/full.mcap {outside}/full.mcap"
+    test = subprocess.run(
+        ["unshare", "--mount", "--map-root-user", "sh", "-c", mount],
+        capture_output=True,
+        check=False,
+    )
+    if test.returncode == 0:
+        script = f'{mount} && "$@"; code=$?; {save}; exit $code'
+        return ["unshare", "--mount", "--map-root-user", "sh", "-c", script, "sh"]
+    script = f'ulimit -f {DISK // 512}; "$@"; code=$?; {save}; exit $code'
+    return ["sh", "-c", script, "sh"]

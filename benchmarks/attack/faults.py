@@ -13,6 +13,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import queue
 import shutil
 import signal
 import socket
@@ -24,6 +25,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,7 +35,7 @@ from xmlrpc.client import ServerProxy
 import numpy as np
 import viser
 from websockets.exceptions import WebSocketException
-from websockets.sync.client import connect
+from websockets.sync.client import ClientConnection, connect
 from websockets.sync.connection import Connection
 from websockets.typing import Subprotocol
 
@@ -69,8 +71,9 @@ DDS_RANGE = {
 SERVO, STATE = "/PSM1/servo_jp", "/PSM1/setpoint_js"
 HEARD = "/PSM1/measured_js"
 LOOPBACK = "127.0.0.1"
+SERVED = "served"
 #: What a service that is not there raises.
-ABSENT = (OSError, HTTPException, WebSocketException, TimeoutError, EOFError, KeyError)
+ABSENT = (OSError, HTTPException, WebSocketException, EOFError, LookupError, ValueError)
 
 
 class FaultError(TrocarError):
@@ -267,90 +270,111 @@ def seconds_until(try_it: Callable[[], object], what: str, limit_s: float) -> fl
             return time.monotonic() - began
 
 
+def client(port: int, *protocols: Subprotocol) -> ClientConnection:
+    """Connect to a WebSocket as most clients do: without pings of their own.
+
+    A server that stands still for longer than a client waits for its pings loses that client.
+    """
+    return connect(
+        f"ws://{LOOPBACK}:{port}",
+        subprotocols=protocols or None,
+        ping_interval=None,
+        compression=None,
+        max_size=None,
+        open_timeout=ATTEMPT_S,
+        close_timeout=0.1,
+    )
+
+
 def subscribe(link: Connection, topic: str) -> None:
     """Subscribe to a topic over rosbridge."""
     link.send(json.dumps({"op": "subscribe", "topic": topic}))
 
 
-def try_websocket(port: int) -> None:
-    """Receive a state as a new client of the WebSocket."""
-    with connect(f"ws://{LOOPBACK}:{port}", open_timeout=ATTEMPT_S, close_timeout=0.1) as link:
+def websocket_messages(port: str, patience_s: float | None) -> Iterator[object]:
+    """Yield states as a new client of the WebSocket."""
+    with client(int(port)) as link:
         subscribe(link, HEARD)
-        link.recv(ATTEMPT_S)
+        while True:
+            yield link.recv(patience_s)
 
 
-def try_page(port: int) -> None:
-    """Load the web viewer, and receive what it shows."""
-    page = HTTPConnection(LOOPBACK, port, timeout=ATTEMPT_S)
+def page_messages(port: str, patience_s: float | None) -> Iterator[object]:
+    """Load the web viewer, and yield what it shows."""
+    page = HTTPConnection(LOOPBACK, int(port), timeout=ATTEMPT_S)
     page.request("GET", "/")
     answer = page.getresponse()
     if answer.status != 200 or b"trocar" not in answer.read():
-        raise KeyError(f"the web viewer answered {answer.status}")
+        raise LookupError(f"the web viewer answered {answer.status}")
     page.close()
-    spoken = [Subprotocol(f"viser-v{viser.__version__}")]
-    url = f"ws://{LOOPBACK}:{port}"
-    with connect(
-        url, subprotocols=spoken, max_size=None, open_timeout=ATTEMPT_S, close_timeout=0.1
-    ) as link:
-        link.recv(ATTEMPT_S)
+    with client(int(port), Subprotocol(f"viser-v{viser.__version__}")) as link:
+        while True:
+            yield link.recv(patience_s)
 
 
-def ros1_link(master_uri: str, topic: str = HEARD) -> socket.socket:
-    """Return a subscriber's connection to the simulator, after its header.
+def ros1_messages(master_uri: str, patience_s: float | None) -> Iterator[object]:
+    """Yield the header and states as a new subscriber of ROS 1.
 
     Source: the ROS wiki, Slave API (requestTopic) and TCPROS (the header).
     """
     with ServerProxy(master_uri) as proxy:
         code, status, uri = cast(Any, proxy.lookupNode("/faults", "/trocar"))
         if code != 1:
-            raise KeyError(status)
+            raise LookupError(status)
         published = cast(Any, proxy.getPublishedTopics("/faults", ""))[2]
-    if topic not in dict(published):
-        raise KeyError(f"{topic} is not registered")
+    if HEARD not in dict(published):
+        raise LookupError(f"{HEARD} is not registered")
     with ServerProxy(uri) as node:
-        answer = cast(Any, node.requestTopic("/faults", topic, [["TCPROS"]]))
+        answer = cast(Any, node.requestTopic("/faults", HEARD, [["TCPROS"]]))
     _, host, port = answer[2]
-    link = socket.create_connection((host, port), ATTEMPT_S)
-    fields = {"callerid": "/faults", "topic": topic, "type": "*", "md5sum": "*"}
-    parts = [f"{name}={value}".encode() for name, value in fields.items()]
-    header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
-    link.sendall(struct.pack("<I", len(header)) + header)
-    return link
+    with socket.create_connection((host, port), ATTEMPT_S) as link:
+        # rospy closes the connection of a subscriber when another of the same name comes
+        caller = f"/faults_{link.getsockname()[1]}"
+        fields = {"callerid": caller, "topic": HEARD, "type": "*", "md5sum": "*"}
+        parts = [f"{name}={value}".encode() for name, value in fields.items()]
+        header = b"".join(struct.pack("<I", len(part)) + part for part in parts)
+        link.sendall(struct.pack("<I", len(header)) + header)
+        link.settimeout(patience_s)
+        packets = link.makefile("rb")
+        while size := packets.read(4):
+            yield packets.read(*struct.unpack("<I", size))
+    raise EOFError("the node hung up")
 
 
-def try_ros1(master_uri: str) -> None:
-    """Receive a state as a new subscriber of ROS 1: the header's bytes, then a message's."""
-    with ros1_link(master_uri) as link:
-        for _ in range(2):
-            (size,) = struct.unpack("<I", _exactly(link, 4))
-            _exactly(link, size)
-
-
-def _exactly(link: socket.socket, count: int) -> bytes:
-    found = b""
-    while len(found) < count:
-        part = link.recv(count - len(found))
-        if not part:
-            raise EOFError("hung up")
-        found += part
-    return found
-
-
-def hold_ros1(master_uri: str) -> None:
-    """Read a topic of ROS 1 for ever: a subscriber to be killed."""
-    with ros1_link(master_uri) as link:
-        while link.recv(65536):
-            pass
-
-
-def try_dds() -> None:
-    """Receive a state as a new participant of DDS."""
+def dds_messages(_: str, patience_s: float | None) -> Iterator[object]:
+    """Yield states as a new participant of DDS."""
     from benchmarks.ros2 import Program
 
-    heard = threading.Event()
-    Program("").subscribe([HEARD], lambda *_: heard.set())
-    if not heard.wait(ATTEMPT_S):
-        raise TimeoutError("no message over DDS")
+    heard: queue.SimpleQueue[object] = queue.SimpleQueue()
+    Program("").subscribe([HEARD], lambda _, message, __: heard.put(message))
+    while True:
+        try:
+            yield heard.get(timeout=patience_s)
+        except queue.Empty:
+            raise TimeoutError("no message over DDS") from None
+
+
+#: What a client of each service receives, by (its address, time to wait for a message [s]).
+STREAMS: dict[str, Callable[[str, float | None], Iterator[object]]] = {
+    "WebSocket": websocket_messages,
+    "web viewer": page_messages,
+    "ROS 1": ros1_messages,
+    "DDS": dds_messages,
+}
+
+
+def attempt(service: str, address: str) -> None:
+    """Receive a state as a new client; ROS 1 sends its header first."""
+    messages = STREAMS[service](address, ATTEMPT_S)
+    for _ in range(2):
+        next(messages)
+
+
+def hold(service: str, address: str) -> None:
+    """Receive for ever, as a client that will be killed; print a line as soon as it is served."""
+    for k, _ in enumerate(STREAMS[service](address, None)):
+        if k == 1:
+            print(SERVED, flush=True)
 
 
 @dataclass
@@ -404,8 +428,7 @@ class Commander:
                 self.drops += bool(self.came)
 
     def _converse(self) -> None:
-        url = f"ws://{LOOPBACK}:{self.port}"
-        with connect(url, open_timeout=ATTEMPT_S, close_timeout=0.1, compression=None) as link:
+        with client(self.port) as link:
             subscribe(link, STATE)
             due = 0.0
             while not self._over.is_set():
@@ -464,26 +487,17 @@ class Round:
         self._page, self._socket = free_port(), free_port()
         self._words = ["--rig", RIG, "--no-cameras", "--port", str(self._page)]
         self._words += ["--websocket-port", str(self._socket)]
-        self._services: dict[str, Callable[[], None]] = {
-            "WebSocket": lambda: try_websocket(self._socket),
-            "web viewer": lambda: try_page(self._page),
-        }
+        self.services = {"WebSocket": str(self._socket), "web viewer": str(self._page)}
         if master is not None:
             self._words.append("--ros1")
-            uri = master.environment["ROS_MASTER_URI"]
-            self._services["ROS 1"] = lambda: try_ros1(uri)
+            self.services["ROS 1"] = master.environment["ROS_MASTER_URI"]
         if importlib.util.find_spec("cyclonedds") is not None:
             self._words += ["--ros2", "dds"]
-            self._services["DDS"] = try_dds
+            self.services["DDS"] = ""
         self._file = folder / "run.mcap"
         self.simulator = Simulator([*self._words, "--record", str(self._file)], self._environment)
         self._commander: Commander | None = None
-        self._victims: dict[str, subprocess.Popen[bytes]] = {}
-
-    @property
-    def services(self) -> str:
-        """Names of the services."""
-        return ", ".join(self._services)
+        self._clients: dict[str, subprocess.Popen[bytes]] = {}
 
     @property
     def commander(self) -> Commander:
@@ -494,29 +508,15 @@ class Round:
 
     def begin(self) -> None:
         """Wait until everything is served, and start the clients that will be killed."""
-        for name, try_it in self._services.items():
-            seconds_until(try_it, name, START_S)
-        here = [sys.executable, "-c"]
-        url = f"{LOOPBACK}:{self._socket}"
-        programs = {
-            "WebSocket client": [
-                *(sys.executable, "-m", "benchmarks.client", "listen", "websocket"),
-                *(f"ws://{url}", "600", "PSM1/measured_js", "PSM2/measured_js"),
-            ],
-            "web viewer": [
-                *(sys.executable, "benchmarks/spectator.py", f"http://{LOOPBACK}:{self._page}")
-            ],
-        }
-        if self.master is not None:
-            uri = self.master.environment["ROS_MASTER_URI"]
-            hold = f"from benchmarks.attack.faults import hold_ros1; hold_ros1({uri!r})"
-            programs["ROS 1 subscriber"] = [*here, hold]
-        self._victims = {
-            name: subprocess.Popen(
-                words, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-            for name, words in programs.items()
-        }
+        self._served(START_S)
+        for name, address in self.services.items():
+            code = f"from benchmarks.attack.faults import hold; hold({name!r}, {address!r})"
+            with (self._folder / name).open("wb") as said:
+                self._clients[name] = subprocess.Popen(
+                    [sys.executable, "-c", code], cwd=ROOT, stdout=said, stderr=said
+                )
+        for name in self._clients:
+            seconds_until(lambda name=name: self._said(name).index(SERVED), name, START_S)
         commander = self.commander
         seconds_until(lambda: commander.came[100], "states for the client", START_S)
 
@@ -524,9 +524,9 @@ class Round:
         """End everything."""
         if self._commander is not None:
             self._commander.close()
-        for victim in self._victims.values():
-            victim.kill()
-            victim.wait()
+        for one in self._clients.values():
+            one.kill()
+            one.wait()
         if not self.simulator.ended:
             self.simulator.send(signal.SIGKILL)
             self.simulator.end()
@@ -534,7 +534,8 @@ class Round:
     def faults(self) -> dict[str, Callable[[], str]]:
         """Return {name: inflicts it, returns what is lost} of the faults that a run survives."""
         found: dict[str, Callable[[], str]] = {
-            f"kill -9 of a {name}": lambda name=name: self._kill(name) for name in self._victims
+            f"kill -9 of a client ({name})": lambda name=name: self._kill(name)
+            for name in self._clients
         }
         found |= {
             "port stolen": self._steal_ports,
@@ -555,13 +556,15 @@ class Round:
         try:
             lost = inflict()
             ended = time.monotonic()
-            took = [seconds_until(try_it, what, BACK_S) for what, try_it in self._services.items()]
+            self._served(BACK_S)
             commander = self.commander
             while not commander.obeyed(ended):
-                if time.monotonic() - ended > BACK_S + sum(took):
-                    raise FaultError(f"no set-point in force after {BACK_S:g} s")
                 time.sleep(0.02)
+                if time.monotonic() - ended > 2.0 * BACK_S:
+                    raise FaultError("a client's set-points are not in force")
             back = time.monotonic() - ended
+            if back > BACK_S:
+                raise FaultError(f"service was back after {back:.2f} s; goal: {BACK_S:g} s")
             if commander.backward_ns() > 0:
                 raise FaultError(f"header stamps went back by {1e-9 * commander.backward_ns():g} s")
             if self.simulator.ended:
@@ -577,13 +580,24 @@ class Round:
 
     # faults that a run survives
 
+    def _served(self, limit_s: float) -> float:
+        """Wait until every service has served a new client; return the time that it took [s]."""
+        return sum(
+            seconds_until(partial(attempt, name, address), name, limit_s)
+            for name, address in self.services.items()
+        )
+
+    def _said(self, name: str) -> str:
+        return (self._folder / name).read_text(encoding="utf-8")
+
     def _kill(self, name: str) -> str:
-        victim = self._victims[name]
-        if victim.poll() is not None:
-            raise FaultError(f"the {name} had ended before, with code {victim.returncode}")
-        victim.kill()
-        victim.wait()
-        return f"the {name}"
+        if self._clients[name].poll() is not None:
+            raise FaultError(
+                f"the client had lost its connection before: {self._said(name)[-300:]}"
+            )
+        self._clients[name].kill()
+        self._clients[name].wait()
+        return "that client"
 
     def _steal_ports(self) -> str:
         taken: list[str] = []
@@ -637,8 +651,7 @@ class Round:
         )
         name = "start on the same ports"
         try:
-            took = sum(seconds_until(t, what, START_S) for what, t in self._services.items())
-            outcomes.append(Outcome(name, "nothing", None, took))
+            outcomes.append(Outcome(name, "nothing", None, self._served(START_S)))
         except FaultError as error:
             problem = f"{error} {self.simulator.text[-300:]}"
             return [*outcomes, Outcome(name, "", problem=problem)]

@@ -56,7 +56,7 @@ BACK_S, LOST_S = 5.0, 1.0
 #: own choice, more than one look at the master. [s]
 STOP_S, MASTERLESS_S = 30.0, 3.0
 #: Size of the disk that fills up. Source: our own choice, ten seconds of the cart. [bytes]
-DISK = 4_000_000
+DISK = 4 * 1024 * 1024
 #: Numbered set-points: their time apart, and the yaw of PSM1 that each adds. Source: our own
 #: choice; ten minutes of them are 0.24 rad. [s, rad]
 EVERY_S, STEP_RAD = 0.05, 2e-5
@@ -384,18 +384,19 @@ class Commander:
     Attributes:
         port: of the WebSocket
         came: (arrival by the monotonic clock [s], header stamp [ns], newest number in force)
+        sent: newest number that was sent
         drops: how often the connection was lost
         back_ns: how much the client's clock was set back [ns]
     """
 
     port: int
     came: list[tuple[float, int, int]] = field(default_factory=list[tuple[float, int, int]])
+    sent: int = 0
     drops: int = 0
     back_ns: int = 0
 
     def __post_init__(self) -> None:
         self._over = threading.Event()
-        self._number = 0
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -409,11 +410,9 @@ class Commander:
         times = [since_s, *(at for at, _, _ in list(self.came) if at > since_s), time.monotonic()]
         return float(np.diff(times).max())
 
-    def obeyed(self, since_s: float) -> bool:
-        """Return whether a set-point that was sent after a moment has come into force."""
-        found = list(self.came)
-        before = max((number for at, _, number in found if at <= since_s), default=-1)
-        return any(number > before for at, _, number in found if at > since_s + EVERY_S)
+    def in_force(self, number: int) -> bool:
+        """Return whether a set-point with this number or a later one has come back."""
+        return bool(self.came) and self.came[-1][2] >= number
 
     def backward_ns(self) -> int:
         """Return how far header stamps ever went back [ns]."""
@@ -443,11 +442,11 @@ class Commander:
                     self.came.append((time.monotonic(), nanoseconds, number))
 
     def _send(self, link: Connection) -> None:
-        self._number += 1
+        self.sent += 1
         seconds, nanoseconds = divmod(time.time_ns() - self.back_ns, 1_000_000_000)
         message = {
             "header": {"stamp": {"secs": seconds, "nsecs": nanoseconds}, "frame_id": ""},
-            "position": [self._number * STEP_RAD, 0.0, 0.12, 0.0, 0.0, 0.0],
+            "position": [self.sent * STEP_RAD, 0.0, 0.12, 0.0, 0.0, 0.0],
         }
         kind = "sensor_msgs/JointState"
         document = {"op": "publish", "topic": SERVO, "type": kind, "msg": message}
@@ -555,10 +554,10 @@ class Round:
         drops = self.commander.drops
         try:
             lost = inflict()
-            ended = time.monotonic()
+            ended, commander = time.monotonic(), self.commander
+            number = commander.sent + 2  # the next may have its stamp already
             self._served(BACK_S)
-            commander = self.commander
-            while not commander.obeyed(ended):
+            while not commander.in_force(number):
                 time.sleep(0.02)
                 if time.monotonic() - ended > 2.0 * BACK_S:
                     raise FaultError("a client's set-points are not in force")
@@ -658,7 +657,10 @@ class Round:
         return [*outcomes, self._disk_full(self._folder / file.name, file)]
 
     def _disk_full(self, copy: Path, file: Path) -> Outcome:
-        """Wait until the disk is full, which ends the run; the shell then copies the file."""
+        """Wait until the disk is full, which ends the run; the shell then copies the file.
+
+        The recording is compared with the last state that the client received.
+        """
         name = "disk full"
         try:
             code = self.simulator.end(START_S)
@@ -667,10 +669,9 @@ class Round:
         text = self.simulator.text
         if code != 1 or file.name not in text or "Traceback" in text:
             return Outcome(name, "", problem=f"ended with {code}: {text[-300:]}")
-        said = next(at for at, line in self.simulator.lines[1:] if file.name in line)
-        found = self._judged(name, copy, said)
+        found = self._judged(name, copy, self.commander.came[-1][0])
         if not found.problem and not can_seek(copy):
-            return Outcome(name, found.lost, problem="the file has no summary to seek by")
+            return Outcome(name, found.lost, problem="MCAP's seeking reader cannot read the file")
         return found
 
     def _judged(self, name: str, file: Path, at_s: float) -> Outcome:
@@ -721,8 +722,7 @@ def can_seek(file: Path) -> bool:
 
     with file.open("rb") as stream:
         try:
-            reader = SeekingReader(stream)
-            return reader.get_summary() is not None and any(True for _ in reader.iter_messages())
+            return sum(1 for _ in SeekingReader(stream).iter_messages()) > 0
         except McapError:
             return False
 

@@ -51,7 +51,7 @@ define install
 	esac; done
 endef
 
-.PHONY: help venv run quick test slow check skipped lint bench cad docs ros1-venv clean
+.PHONY: help venv run quick test slow check skipped lint bench attack cad docs ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -93,6 +93,9 @@ lint: .venv/.ready-dev ## format, lint and types alone
 
 bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 	$(BIN)/trocar bench $(ARGS)
+
+attack: .venv/.ready-test ## attack a simulator for ten minutes in each way (ARGS="--only faults")
+	$(BIN)/python -m benchmarks attack --seconds 600 --jobs 2 $(ARGS)
 
 cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)

@@ -115,6 +115,18 @@ def test_a_stamp_that_goes_back_is_refused_until_the_stream_was_silent():
     assert send("PSM1/servo_jp", stamped(joints(*FAR), (1, 0)), "a")
 
 
+def test_a_client_whose_clock_is_set_back_an_hour_commands_again_within_three_seconds():
+    served = Served(wanted=())
+    send = served.core.receive
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (7200, 0)), "a")
+    accepted = []
+    for k in range(60):  # it goes on at 20 Hz
+        served.clock.time += 0.05
+        accepted.append(send("PSM1/servo_jp", stamped(joints(*FAR), (3600 + k, 0)), "a"))
+    assert not accepted[0] and not accepted[19]  # a second is no silence
+    assert accepted[-1]
+
+
 @pytest.mark.parametrize("stamp", [(-1, 0), (1.5, 0), "now", (1,), (10**30, True)])
 def test_a_stamp_that_is_no_time_is_refused(stamp):
     served = Served(wanted=())

@@ -56,7 +56,7 @@ define install
 $(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
 endef
 
-.PHONY: help venv run quick test slow check skipped lint bench cad docs hashes ros1-venv clean
+.PHONY: help venv run quick test slow check skipped lint bench cad docs hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -109,10 +109,13 @@ docs: .venv/.ready-docs ## build the documentation into site/, an API reference 
 
 hashes: .venv/.ready-run ## write requirements.txt again, after a change of constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt uv
-	printf '%s\n' pip hatchling editables | $(BIN)/uv pip compile --quiet --universal \
+	@printf '%s\n' pip hatchling editables | $(BIN)/uv pip compile --quiet --upgrade --universal \
 		--python-version 3.11 --generate-hashes --only-binary :all: --no-annotate \
 		--custom-compile-command "make hashes" --constraint constraints.txt \
 		--extra all pyproject.toml - --output-file requirements.txt
+
+licences: .venv/.ready-judges ## write docs/licences.md again, after a change of constraints.txt
+	$(BIN)/python tools/docs/licences.py
 
 ros1-venv: .venv-ros1/.ready ## build .venv-ros1 on the Python that has rospy, for trocar sim --ros1
 

@@ -20,6 +20,9 @@ from tools.docs import licences
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
+# "" is what is always installed.
+EXTRAS = ["", *PROJECT["optional-dependencies"]]
+
 # Written so that no pattern matches its own line.
 HOSTS = (
     r"py[p]i\.org|python[h]osted\.org|npm[j]s\.(org|com)|deb[.]debian\.org|ana[c]onda\.(org|com)"
@@ -93,41 +96,15 @@ def pins() -> dict[str, str]:
     return {canonicalize_name(r.name): str(r.specifier)[2:] for r in found}
 
 
-def requirements() -> list[Requirement]:
-    """Each direct requirement of trocar, those of its extras included."""
-    extras = PROJECT["optional-dependencies"].values()
-    lines = PROJECT["dependencies"] + [line for lines in extras for line in lines]
-    return [r for r in map(Requirement, lines) if r.name != PROJECT["name"]]
-
-
-def installed_requirements(requirement: Requirement, seen: set[str]) -> None:
-    """Add the names of a requirement and of all that it needs here, as far as installed."""
-    name = canonicalize_name(requirement.name)
-    try:
-        needed = metadata.requires(name) or []
-    except metadata.PackageNotFoundError:
-        return
-    seen.add(name)
-    for line in needed:
-        below = Requirement(line)
-        wanted = below.marker is None or any(
-            below.marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}
-        )
-        if wanted and canonicalize_name(below.name) not in seen:
-            installed_requirements(below, seen)
-
-
 def test_each_pin_is_a_version_that_is_asked_for() -> None:
     pinned = pins()
-    for requirement in requirements():
+    for requirement in (r for extra in EXTRAS for r in licences.requirements(extra)):
         version = pinned[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), str(requirement)
 
 
 def test_whatever_an_installation_pulls_in_is_pinned() -> None:
-    seen: set[str] = set()
-    for requirement in requirements():
-        installed_requirements(requirement, seen)
+    seen = {name for extra in EXTRAS for name in licences.installs(extra)}
     assert {"numpy", "mujoco", "websockets", "pluggy"} <= seen
     assert seen <= set(pins())
 
@@ -161,7 +138,7 @@ def test_everything_that_make_run_installs_has_hashes_at_its_pinned_version() ->
 
 def test_make_run_installs_nothing_but_wheels_with_known_hashes() -> None:
     said = subprocess.run(
-        ["make", "--dry-run", "--always-make", "run"],
+        ["make", "--dry-run", "--always-make", "PYTHON=python3", "run"],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -176,14 +153,14 @@ def test_make_run_installs_nothing_but_wheels_with_known_hashes() -> None:
 def test_the_page_on_licences_has_every_pinned_package_as_it_declares_itself() -> None:
     written = licences.written()
     assert set(written) == set(pins())
-    installed = [name for name in pins() if (version := version_here(name)) == pins()[name]]
+    installed = [name for name in pins() if version_here(name) == pins()[name]]
     assert len(installed) > 20
     wrong = {
         name: (written[name][0], said)
         for name in installed
         if (said := licences.licence(name)) != written[name][0]
     }
-    assert not wrong, "python tools/docs/licences.py"
+    assert not wrong, "make licences"
     assert not [name for name, (said, _) in written.items() if said in ("", "UNKNOWN")]
 
 

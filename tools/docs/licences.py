@@ -1,6 +1,6 @@
 """Write docs/licences.md: the licence of every distribution of constraints.txt, and its extras.
 
-Run it after a change of constraints.txt, where all extras are installed (make skipped).
+`make licences` runs it, where all extras are installed.
 """
 
 from __future__ import annotations
@@ -54,14 +54,16 @@ SPDX = {
 TEXT = """\
 # Licences
 
-trocar is BSD-3-Clause. The licence of every package that an environment of trocar may hold, at the version of `constraints.txt`,
-as its metadata declares it (or its licence file, where the metadata does not), and the [extras](install.md#extras) that install it.
-A wheel may contain libraries with further licences; its own licence files name them.
+trocar is BSD-3-Clause. The licence of every package that an environment of trocar may hold, at the
+version of `constraints.txt`, as its metadata declares it (or its licence file, where the metadata
+does not), and the [extras](install.md#extras) that install it. A wheel may contain libraries with
+further licences; its own licence files name them.
 
-Two are proprietary, both by the extra `judges`, which no other extra contains and only `make skipped` installs: Drake
-requires Mosek, which needs a licence of its own to solve anything (trocar does not call it), and Drake's wheel contains SNOPT.
+Two are proprietary, both by the extra `judges`, which no other extra contains and only
+`make skipped` installs: Drake requires Mosek, which solves nothing without a licence of its own
+(trocar does not call it), and Drake's wheel contains SNOPT.
 
-<!-- Written by tools/docs/licences.py. -->
+<!-- Written by make licences. -->
 
 | package | licence | installed by |
 |---|---|---|
@@ -84,11 +86,12 @@ def licence(name: str) -> str:
     if name in READ:
         return READ[name]
     about = metadata.metadata(name)
-    said = about.get("License-Expression") or about.get("License") or ""
-    if "\n" in said.strip() or said in ("", "BSD", "LGPL"):
-        rows = [row.split(" :: ") for row in about.get_all("Classifier", [])]
+    declared = [about.get_all(field, []) for field in ("License-Expression", "License")]
+    said: str = next((texts[0] for texts in declared if texts), "")
+    if "\n" in said.strip() or not said:
+        rows = [str(row).split(" :: ") for row in about.get_all("Classifier", [])]
         found = [row[-1] for row in rows if row[0] == "License" and row[-1] != "OSI Approved"]
-        said = " OR ".join(SPDX.get(one, one) for one in found) or said
+        said = " OR ".join(SPDX.get(one, one) for one in found) or said.splitlines()[0]
     return SPDX.get(said, said)
 
 
@@ -133,13 +136,14 @@ def _of(requirement: Requirement) -> set[str]:
 
 def page() -> str:
     """Return the page as Markdown."""
-    # Those left out only combine others.
     extras = PROJECT["project"]["optional-dependencies"].keys() - {"all", "dev"}
     by = {extra: installs(extra) for extra in ["", *sorted(extras), "build"]}
+    development = installs("dev")  # which contains most of the others
     rows: list[str] = []
     for name, pinned in sorted(pins().items()):
         users = [extra for extra, needed in by.items() if name in needed]
-        where = "always" if "" in users else ", ".join(users) or "on some systems"
+        users = users or ["dev" if name in development else "make hashes"]
+        where = "always" if "" in users else ", ".join(users)
         rows.append(f"| {pinned} | {licence(name)} | {where} |")
     return TEXT + "\n".join(rows) + "\n"
 
@@ -147,8 +151,8 @@ def page() -> str:
 def written() -> dict[str, tuple[str, str]]:
     """Return what the page says: {canonical name: (licence, extras)}."""
     lines = PAGE.read_text(encoding="utf-8").partition("|---|---|---|\n")[2].splitlines()
-    cells = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
-    return {canonicalize_name(name): (said, where) for name, said, where in cells}
+    rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+    return {canonicalize_name(row[0]): (row[1], row[2]) for row in rows}
 
 
 if __name__ == "__main__":

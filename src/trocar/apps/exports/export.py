@@ -23,7 +23,9 @@ from trocar.modeling.mesh_files import mesh_names
 #: {name after --format: the format}
 FORMATS: dict[str, Format] = {
     "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
-    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package",)),
+    "urdf": Format(
+        "URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package", "fit_tip")
+    ),
     "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
 }
 

@@ -46,6 +46,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--package", default="", metavar="NAME", help="urdf: write a ROS package NAME"
     )
     parser.add_argument(
+        "--fit-tip",
+        action="store_true",
+        help="urdf of a calibrated arm: add helper joints that fit the chain to its tip",
+    )
+    parser.add_argument(
         "--sdf-version",
         default="1.9",
         metavar="V",
@@ -60,7 +65,7 @@ def run(args: Namespace) -> int:
     from trocar.apps.exports import Options, export, find_rig
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
-    options = Options(args.package, args.sdf_version)
+    options = Options(args.package, args.fit_tip, args.sdf_version)
     done = export(rig, args.format, args.out, options, overwrite=args.overwrite)
     for text in done.warnings:
         warn(text)

@@ -84,13 +84,13 @@ def run(args: Namespace) -> int:
         print(f"  {text}")
     if found.idle:
         print("not simulated:", *found.idle, sep="\n  ")
-    gap = found.agreement
-    print(
-        f"difference from the files: {gap.bases} base frames {gap.base_m:.1e} m,"
-        f" {gap.base_rad:.1e} rad;"
-        f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad;"
-        f" {gap.setups} setup joints {gap.setup_m:.1e} m, {gap.setup_rad:.1e} rad"
-    )
+    print("largest difference from the files:")
+    rows = [
+        (kind.replace("_", " "), str(gap.count), f"{gap.metres:.1e}", f"{gap.radians:.1e}")
+        for kind, gap in found.agreement.items()
+        if gap.count
+    ]
+    print(table(("compared", "arms", "position [m]", "angle [rad]"), rows))
     print("written:", *found.files, sep="\n  ")
     return 0
 
@@ -115,5 +115,5 @@ def _document(found: Imported) -> dict[str, object]:
         "warnings": found.warnings,
         "not_simulated": found.idle,
         "unknown": found.unknown,
-        "agreement": asdict(found.agreement),
+        "agreement": {kind: asdict(gap) for kind, gap in found.agreement.items()},
     }

@@ -6,6 +6,7 @@ triangle); the OBJ format (Wavefront, 1992: lines v and f, indices from 1, negat
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -26,6 +27,8 @@ MOST_TRIANGLES = 200_000
 #: Source: our own choice; so many triangles take some 40 MB as text.
 MOST_BYTES = 100_000_000
 HEADER_BYTES, TRIANGLE_BYTES = 84, 50
+#: The beginning of a file whose content Git LFS keeps elsewhere. Source: git-lfs docs/spec.md.
+LFS_POINTER = re.compile(rb"version https://git-lfs.github.com/spec/.*?^size (\d+)", re.M | re.S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,8 @@ def read_mesh(table: Table) -> Mesh:
         data = read_input(path, MOST_BYTES)
     except OSError as problem:
         raise table.fail("file", f"{path} cannot be read: {problem.strerror}") from problem
+    if problem := lfs_problem(data):
+        raise table.fail("file", f"{path} {problem}")
     try:
         corners = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
     except (ValueError, IndexError, UnicodeDecodeError) as problem:
@@ -72,6 +77,15 @@ def read_mesh(table: Table) -> Mesh:
     _check(table, path, corners)
     vertices, inverse = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
     return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64), path.stem)
+
+
+def lfs_problem(data: bytes) -> str:
+    """Return what is wrong with a file that Git LFS has not fetched, "" of any other."""
+    pointer = LFS_POINTER.match(data)
+    return "" if pointer is None else (
+        f"is a Git LFS pointer to a file of {int(pointer[1])} bytes; allowed: the file itself"
+        " (run `git lfs pull` in its repository)"
+    )  # fmt: skip
 
 
 def _check(table: Table, path: Path, corners: Array) -> None:

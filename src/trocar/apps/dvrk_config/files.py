@@ -162,14 +162,7 @@ class ArmFile(Entries):
     generation: Literal["Classic", "Si"] | None = None
     tool_detection: Literal["AUTOMATIC", "MANUAL", "FIXED"] = "AUTOMATIC"
     tool: str = ""
-    # Source: schema dvrk-ecm; the first are those of older files.
-    endoscope: Literal[
-        "STRAIGHT", "UP", "DOWN", "SD_STRAIGHT", "SD_UP", "SD_DOWN", "HD_STRAIGHT", "HD_UP",
-        "HD_DOWN", "NONE", "Classic_SD_STRAIGHT",
-        "Classic_SD_UP", "Classic_SD_DOWN", "Classic_HD_STRAIGHT", "Classic_HD_UP",
-        "Classic_HD_DOWN", "Si_HD_STRAIGHT", "Si_HD_UP", "Si_HD_DOWN", "Custom_STRAIGHT",
-        "Custom_UP", "Custom_DOWN",
-    ] | None = None  # fmt: skip
+    endoscope: str = ""
 
 
 class BaseFrame(Entries):

@@ -23,7 +23,9 @@ from trocar.outputs import check_folder, whole_folder
 #: {name after --format: the format}
 FORMATS: dict[str, Format] = {
     "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
-    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package",)),
+    "urdf": Format(
+        "URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package", "fit_tip")
+    ),
     "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
 }
 

@@ -211,24 +211,25 @@ def _write(
         (folder / name).write_text(obj_text(mesh), encoding="utf-8")
     file = folder / f"{head['name']}.toml"
     document = {"schema": 1, **head} | ({} if layout is None else _arm_rows(layout))
+    if layout is not None:
+        # The same speed for each joint, from what its motor feels at home.
+        bare = [{**row, "shape": None} for row in rows]  # without meshes to read
+        file.write_text(toml_text(document | {"body": bare}), encoding="utf-8")
+        arm = load_arm(file)
+        felt = apparent_inertias(arm, arm.pose("home"))
+        control = {
+            "source": "our own choice: what closes each joint's loop in a tenth of a second;"
+            " trocar tune makes better ones",
+            "gravity_compensation": True,
+            "pid": {
+                joint.name: [float(inertia * SERVO_RATE**2), 0.0, float(2.0 * inertia * SERVO_RATE)]
+                for joint, inertia in zip(arm.joints, felt, strict=True)
+            },
+        }
+        document["control"] = {"dvrk": control}
     file.write_text(toml_text(document | {"body": rows}), encoding="utf-8")
-    if layout is None:
-        return
-    arm = load_arm(file)
-    # The same speed for each joint, from what its motor feels at home.
-    felt = apparent_inertias(arm, arm.pose("home"))
-    control = {
-        "source": "our own choice: what closes each joint's loop in a tenth of a second;"
-        " trocar tune makes better ones",
-        "gravity_compensation": True,
-        "pid": {
-            joint.name: [float(inertia * SERVO_RATE**2), 0.0, float(2.0 * inertia * SERVO_RATE)]
-            for joint, inertia in zip(arm.joints, felt, strict=True)
-        },
-    }
-    document |= {"body": rows, "control": {"dvrk": control}}
-    file.write_text(toml_text(document), encoding="utf-8")
-    load_arm(file)
+    if layout is not None:
+        load_arm(file)
 
 
 #: What a moving link weighs that the file gives no mass, and the radius of the ball that it is

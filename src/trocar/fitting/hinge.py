@@ -335,7 +335,7 @@ def fit_hinge(
         InputError: wrong shape, or fewer than `LEAST_POSES` poses
     """
     T, tracked = check_poses(T_ab)
-    model, used = _start(T[tracked])
+    model, used = rough_hinge(T[tracked])
     given = (position_sigma, rotation_sigma)
     model, used, sigmas, linear = _maximum_likelihood(model, T[tracked], used, given, slides)
     return _result(model, T[tracked], linear, used, tracked, sigmas[1], slides)
@@ -388,8 +388,14 @@ def check_poses(T_ab: ArrayLike) -> tuple[Array, Mask]:
     return T, tracked
 
 
-def _start(T: Array) -> tuple[HingeModel, Mask]:
-    """Find a hinge to start from, and the samples that are near it."""
+def rough_hinge(T: Array) -> tuple[HingeModel, Mask]:
+    """Find a hinge by least absolute deviations, and the samples that are near it.
+
+    Any poses have one: whether they turn about it, its residuals show.
+
+    Args:
+        T: poses of b in a, (n, 4, 4), all finite
+    """
     R, p = T[:, :3, :3], T[:, :3, 3]
     h_a, h_b, missed = shared_direction(R)
     sign = np.copysign(1.0, h_a[np.argmax(np.abs(h_a))])

@@ -164,13 +164,22 @@ def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
     check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
     fit = fit_hinge(poses, slides=slides)
-    if fit.span < LEAST_SPAN:
-        raise InputError(
-            f"{tracks.file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
-            f" {fit.span:.4f} rad, condition number {fit.condition:.3g}; allowed: {LEAST_SPAN} rad"
-            f" or more ({SMALL_SPAN} rad for a reliable result, 1.2 rad for the stated accuracy)"
-        )
+    check_span(tracks.file, hinge, fit.span)
     return fit
+
+
+def check_span(file: str, hinge: Hinge, span: float) -> None:
+    """Refuse a sweep that is too small to fix an axis.
+
+    Raises:
+        InputError: with what is allowed
+    """
+    if span < LEAST_SPAN:
+        raise InputError(
+            f"{file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
+            f" {span:.4f} rad; allowed: {LEAST_SPAN} rad or more ({SMALL_SPAN} rad for a reliable"
+            " result, 1.2 rad for the stated accuracy)"
+        )
 
 
 def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, HingeFit]:

@@ -1,6 +1,6 @@
 """Tracks of a simulated arm before simulated cameras, with the truth beside them."""
 
-from trocar.apps.mocap.robots import perturbed, worn
+from trocar.apps.mocap.robots import broken, perturbed, worn
 from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
 from trocar.apps.mocap.writers import write_tracks
 
@@ -8,6 +8,7 @@ __all__ = [
     "MocapSettings",
     "Noise",
     "SimulatedTracks",
+    "broken",
     "perturbed",
     "simulate_tracks",
     "worn",

@@ -133,6 +133,13 @@ def _add_cameras(group: _ArgumentGroup) -> None:
         help=f"rotation noise per axis, 1 sigma (default: {NOISE_DEG}, 0 = none)",
     )
     group.add_argument(
+        "--noise-time",
+        type=number,
+        default=0.0,
+        metavar="S",
+        help="time constant of the noise (default: 0, white)",
+    )
+    group.add_argument(
         "--dropout",
         type=number,
         default=0.0,
@@ -166,7 +173,11 @@ def run(args: Namespace) -> int:
         amplitude=args.amplitude,
         rate_hz=args.rate,
         noise=Noise(
-            1e-3 * args.noise_mm, math.radians(args.noise_deg), args.dropout, args.outliers
+            1e-3 * args.noise_mm,
+            math.radians(args.noise_deg),
+            args.dropout,
+            args.outliers,
+            args.noise_time,
         ),
         seed=args.seed,
     )

@@ -41,6 +41,8 @@ WRONG_M = 5e-3
 #: Or whose rotation is this far from any. Source: our own choice, as above. [rad]
 WRONG_RAD = 0.05
 
+#: Noise below this is the rounding of a file with six decimals. [m]
+ROUNDED_M = 2e-6
 
 # Source: our own choice; geometry is smooth on this scale, so it leaves 1e-9 of slopes. [m, rad]
 STEP = 1e-6
@@ -110,6 +112,11 @@ class Axes:
         """Noise of a pose, position [m] and rotation [rad] per axis: the median of the hinges'."""
         return _noise(self.fits)
 
+    @property
+    def widened(self) -> float:
+        """How much noise that is correlated in time widens standard deviations: the median."""
+        return float(np.median([fit.widened for fit in self.fits.values()]))
+
 
 def _noise(fits: Mapping[str, HingeFit]) -> tuple[float, float]:
     return (
@@ -157,6 +164,12 @@ def measure_axes(
         for hinge in linkage.hinges
         if hinge.name in fits and fits[hinge.name].span < SMALL_SPAN
     )
+    widened = max(fit.widened for fit in fits.values())
+    if widened > 1.0 and _noise(fits)[0] > ROUNDED_M:
+        warnings += (
+            "the residuals are correlated in time: noise is not white, and standard deviations are"
+            f" widened, up to {widened:.1f} times",
+        )
     return Axes(linkage, fits, _signs(linkage, fits), warnings)
 
 

@@ -470,7 +470,8 @@ def seen_samples(
     enough = seen.sum(axis=1) >= min(LEAST_BODIES, len(bodies))
     position, rotation = axes.noise
     sigmas = (max(position, LEAST_NOISE[0]), max(rotation, LEAST_NOISE[1]))
-    return Samples(poses[enough], seen[enough], home.samples[enough], sigmas), enough
+    some = Samples(poses[enough], seen[enough], home.samples[enough], sigmas, axes.widened)
+    return some, enough
 
 
 def first_positions(axes: Axes, home: Home) -> Array:

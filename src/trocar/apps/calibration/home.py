@@ -123,7 +123,9 @@ def _home(axes: Axes, samples: Mask, still: bool) -> Home:
         here = axes.angles(name)[samples]
         here = here[np.isfinite(here)]
         if len(here):
-            angles[name] = Value(float(here.mean()), float(here.std() / np.sqrt(len(here))))
+            angles[name] = Value(
+                float(here.mean()), axes.widened * float(here.std() / np.sqrt(len(here)))
+            )
     return Home(samples, still, _chained(axes, angles), angles)
 
 

@@ -104,13 +104,33 @@ class FarFromNominalError(TracksError):
 
     Args:
         file: the tracks
-        problem: what is too far off, with what is allowed and what is the likely cause
+        problem: what is too far off, with what is allowed
         off: {distance, angle or place: (measured, nominal)} of what is too far off [m or rad]
+        cause: the likely one
     """
 
-    def __init__(self, file: str, problem: str, off: Mapping[str, tuple[float, float]]) -> None:
-        self.off = dict(off)
-        super().__init__(file, problem)
+    def __init__(
+        self, file: str, problem: str, off: Mapping[str, tuple[float, float]], cause: str
+    ) -> None:
+        self.problem, self.off, self.cause = problem, dict(off), cause
+        super().__init__(file, f"{problem}. {cause}")
+
+
+class LabelsError(TracksError):
+    """Tracks whose bodies have one another's names.
+
+    Args:
+        file: the tracks
+        problem: what does not fit the description under these names
+        labels: {file: {body: the name that it has there}} of those under which the tracks fit
+        exchanged: the same in words
+    """
+
+    def __init__(
+        self, file: str, problem: str, labels: Mapping[str, Mapping[str, str]], exchanged: str
+    ) -> None:
+        self.labels = {path: dict(names) for path, names in labels.items()}
+        super().__init__(file, f"{problem}. {exchanged}")
 
 
 class UndeterminedError(InputError):

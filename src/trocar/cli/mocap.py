@@ -24,8 +24,12 @@ if TYPE_CHECKING:
 SUMMARY = "simulate motion capture of an arm"
 ORDER = 80
 
-#: Separates the random numbers of wear from those of a perturbed robot with the same seed.
-WEAR = 1
+#: Separate the random numbers of wear and of broken loops from those of a perturbed robot with the
+#: same seed.
+WEAR, LOOPS = 1, 2
+#: Loops broken by more lock up within the joint ranges, or are no robot's. Source: our own choice,
+#: five times the paper's Table 6. [mm]
+LOOPS_MM = 5.0
 #: Noise of a cluster's pose, 1 sigma. Source: OptiTrack PrimeX 22 cameras were within 0.12 mm
 #: across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189); over the 115 mm to a
 #: marker of a cluster 0.1 mm turn it by 0.05 deg.
@@ -65,6 +69,14 @@ def _add_robot(group: _ArgumentGroup) -> None:
         type=int,
         metavar="SEED",
         help="perturb the geometry at random: lengths by up to 3 mm, angles by up to 1 deg",
+    )
+    group.add_argument(
+        "--loops-mm",
+        type=number,
+        default=0.0,
+        metavar="MM",
+        help="displace the hinge that closes each loop by MM, so that no loop is a parallelogram"
+        " (default: 0; the paper's Table 6: 1)",
     )
     group.add_argument(
         "--worn",
@@ -122,6 +134,13 @@ def _add_cameras(group: _ArgumentGroup) -> None:
         help=f"rotation noise per axis, 1 sigma (default: {NOISE_DEG}, 0 = none)",
     )
     group.add_argument(
+        "--noise-time",
+        type=number,
+        default=0.0,
+        metavar="S",
+        help="time constant of the noise (default: 0, white)",
+    )
+    group.add_argument(
         "--dropout",
         type=number,
         default=0.0,
@@ -161,7 +180,11 @@ def run(args: Namespace) -> int:
         amplitude=args.amplitude,
         rate_hz=args.rate,
         noise=Noise(
-            1e-3 * args.noise_mm, math.radians(args.noise_deg), args.dropout, args.outliers
+            1e-3 * args.noise_mm,
+            math.radians(args.noise_deg),
+            args.dropout,
+            args.outliers,
+            args.noise_time,
         ),
         seed=args.seed,
     )
@@ -182,11 +205,19 @@ def _robot(args: Namespace) -> tuple[ArmDescription, str]:
     """Return the arm and its label: as drawn, perturbed, or calibrated."""
     from numpy.random import default_rng
 
-    from trocar.apps.mocap import perturbed, worn
+    from trocar.apps.mocap import broken, perturbed, worn
     from trocar.descriptions import load_arm
 
-    if args.worn and args.calibration is not None:
-        raise InputError("--worn: got --calibration too; allowed: --worn alone or with --perturb")
+    if not 0.0 <= args.loops_mm <= LOOPS_MM:
+        raise InputError(f"--loops-mm: got {args.loops_mm:g}; allowed: 0 to {LOOPS_MM:g} mm")
+    changes = [name for name, given in (("--worn", args.worn), ("--loops-mm", args.loops_mm))
+               if given]  # fmt: skip
+    if changes and args.calibration is not None:
+        raise InputError(
+            f"{changes[0]}: got --calibration too; allowed: {changes[0]} alone or with --perturb"
+        )
+    if len(changes) == 2:
+        raise InputError("--worn: got --loops-mm too; allowed: one of them")
     arm, robot = load_arm(args.arm, calibration=args.calibration), "as drawn"
     if args.calibration is not None:
         robot = f"calibrated by {args.calibration}"
@@ -197,6 +228,10 @@ def _robot(args: Namespace) -> tuple[ArmDescription, str]:
             perturbed(arm, default_rng(args.perturb)),
             f"perturbed with seed {args.perturb}",
         )
+    if args.loops_mm:
+        rng = default_rng([args.perturb or 0, LOOPS])
+        arm = broken(arm, rng, 1e-3 * args.loops_mm)
+        robot = f"{robot}, loops broken by {args.loops_mm:g} mm"
     if args.worn:
         arm, robot = worn(arm, default_rng([args.perturb or 0, WEAR])), f"{robot}, worn"
     return arm, robot

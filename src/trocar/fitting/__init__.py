@@ -10,6 +10,7 @@ from trocar.fitting.hinge import (
     axis_distance,
     fit_hinge,
     fit_hinge_least_squares,
+    rough_hinge,
 )
 from trocar.fitting.linkage import SharedHinge, refine_hinges
 from trocar.fitting.pivot import (
@@ -43,5 +44,6 @@ __all__ = [
     "not_gross",
     "refine_hinges",
     "rest_pose",
+    "rough_hinge",
     "white_noise",
 ]

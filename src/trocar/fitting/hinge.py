@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError
+from trocar.fitting.correlation import widening
 from trocar.fitting.robust import near, shared_direction, shared_point, weighted_point
 from trocar.geometry.rotations import rotation_vector_from_matrix, rotation_z
 from trocar.geometry.se3 import exp_twist, inverse, translation
@@ -273,10 +274,12 @@ class HingeFit:
         influence_a, influence_b: effect of each sample's own residual on (point, direction) in a
             and in b, (n, 6); zero where unused, unless hinges were weighed jointly and another
             one used it. The variance of any function f of hinges that share samples is the sum
-            over the samples of (grad f . influence)^2
+            over the samples of (grad f . influence)^2. Where noise is correlated in time they are
+            scaled so that it still is (`widened`)
         outliers: samples that were tracked but far off, and not used
         before, after: T_ab(angle) = before @ Rz(angle) @ after, (4, 4) each
         slides: whether b shifted along the axis besides, by as much as each sample says
+        widened: factor of the influences for residuals that are correlated in time, 1 where white
     """
 
     point_a: Array
@@ -297,6 +300,7 @@ class HingeFit:
     before: Array
     after: Array
     slides: bool = False
+    widened: float = 1.0
 
     @property
     def in_a(self) -> Axis:
@@ -335,7 +339,7 @@ def fit_hinge(
         InputError: wrong shape, or fewer than `LEAST_POSES` poses
     """
     T, tracked = check_poses(T_ab)
-    model, used = _start(T[tracked])
+    model, used = rough_hinge(T[tracked])
     given = (position_sigma, rotation_sigma)
     model, used, sigmas, linear = _maximum_likelihood(model, T[tracked], used, given, slides)
     return _result(model, T[tracked], linear, used, tracked, sigmas[1], slides)
@@ -388,8 +392,14 @@ def check_poses(T_ab: ArrayLike) -> tuple[Array, Mask]:
     return T, tracked
 
 
-def _start(T: Array) -> tuple[HingeModel, Mask]:
-    """Find a hinge to start from, and the samples that are near it."""
+def rough_hinge(T: Array) -> tuple[HingeModel, Mask]:
+    """Find a hinge by least absolute deviations, and the samples that are near it.
+
+    Any poses have one: whether they turn about it, its residuals show.
+
+    Args:
+        T: poses of b in a, (n, 4, 4), all finite
+    """
     R, p = T[:, :3, :3], T[:, :3, 3]
     h_a, h_b, missed = shared_direction(R)
     sign = np.copysign(1.0, h_a[np.argmax(np.abs(h_a))])
@@ -489,7 +499,8 @@ def _result(
     position, rotation = noise(found, used, slides)
     _, inverse_matrix = linear.step(used)
     effect: Array = -np.einsum("kij,ki->kj", linear.C, linear.r) @ inverse_matrix * used[:, None]
-    influence_a, influence_b = _influences(model, effect)
+    widened = widening(_spread(effect, tracked, 0.0))
+    influence_a, influence_b = _influences(model, widened * effect)
     mean = abs(complex(np.mean(np.exp(1j * model.theta[used]))))
     return HingeFit(
         point_a=model.before[:3, 3].copy(),
@@ -510,6 +521,7 @@ def _result(
         before=model.before,
         after=model.after,
         slides=slides,
+        widened=widened,
     )
 
 
@@ -548,9 +560,11 @@ def moved_fit(
     model = HingeModel(fit.before, fit.after, angles).moved(influence.sum(axis=0), 0.0 * angles)
     found = residuals(model, T_ab[fit.used], sigmas[1])
     turn = normal(model, found, sigmas, fit.slides).turn
-    influence_a, influence_b = _influences(model, influence)
+    widened = widening(influence)
+    influence_a, influence_b = _influences(model, widened * influence)
     return replace(
         fit,
+        widened=widened,
         point_a=model.before[:3, 3].copy(),
         direction_a=model.before[:3, 2].copy(),
         point_b=-model.after[:3, :3].T @ model.after[:3, 3],

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, UndeterminedError
+from trocar.fitting.correlation import widening
 from trocar.fitting.robust import near, not_gross, shared_point
 from trocar.geometry.rotations import (
     matrix_from_rotation_vector,
@@ -75,6 +76,8 @@ class PivotFit:
         influence: effect of each sample's own residual on (tip, post), (n, 6) [m]; zero where
             unused
         outliers: samples that were tracked but grossly off, and not used
+        widened: factor of influence and sigma for residuals that are correlated in time, 1 where
+            white
     """
 
     tip: Array
@@ -88,6 +91,7 @@ class PivotFit:
     used: Mask
     influence: Array
     outliers: int
+    widened: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,6 +360,8 @@ def _result(x: Array, T: Array, linear: tuple[Array, Array], used: Mask, tracked
     effect = -np.einsum("kij,ki->kj", C, r) @ np.linalg.inv(flat.T @ flat) * used[:, None]
     influence = np.zeros((len(R), 6))
     influence[tracked] = effect
+    widened = widening(influence)
+    influence *= widened
     chosen = np.zeros(len(R), dtype=bool)
     chosen[tracked] = used
     points = R @ x[:3] + p
@@ -373,6 +379,7 @@ def _result(x: Array, T: Array, linear: tuple[Array, Array], used: Mask, tracked
         used=chosen,
         influence=influence,
         outliers=int(tracked.sum() - chosen.sum()),
+        widened=widened,
     )
 
 

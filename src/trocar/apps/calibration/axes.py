@@ -41,6 +41,8 @@ WRONG_M = 5e-3
 #: Or whose rotation is this far from any. Source: our own choice, as above. [rad]
 WRONG_RAD = 0.05
 
+#: Noise below this is the rounding of a file with six decimals. [m]
+ROUNDED_M = 2e-6
 
 # Source: our own choice; geometry is smooth on this scale, so it leaves 1e-9 of slopes. [m, rad]
 STEP = 1e-6
@@ -110,6 +112,11 @@ class Axes:
         """Noise of a pose, position [m] and rotation [rad] per axis: the median of the hinges'."""
         return _noise(self.fits)
 
+    @property
+    def widened(self) -> float:
+        """How much noise that is correlated in time widens standard deviations: the median."""
+        return float(np.median([fit.widened for fit in self.fits.values()]))
+
 
 def _noise(fits: Mapping[str, HingeFit]) -> tuple[float, float]:
     return (
@@ -157,6 +164,12 @@ def measure_axes(
         for hinge in linkage.hinges
         if hinge.name in fits and fits[hinge.name].span < SMALL_SPAN
     )
+    widened = max(fit.widened for fit in fits.values())
+    if widened > 1.0 and _noise(fits)[0] > ROUNDED_M:
+        warnings += (
+            "the residuals are correlated in time: noise is not white, and standard deviations are"
+            f" widened, up to {widened:.1f} times",
+        )
     return Axes(linkage, fits, _signs(linkage, fits), warnings)
 
 
@@ -164,13 +177,22 @@ def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
     check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
     fit = fit_hinge(poses, slides=slides)
-    if fit.span < LEAST_SPAN:
-        raise InputError(
-            f"{tracks.file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
-            f" {fit.span:.4f} rad, condition number {fit.condition:.3g}; allowed: {LEAST_SPAN} rad"
-            f" or more ({SMALL_SPAN} rad for a reliable result, 1.2 rad for the stated accuracy)"
-        )
+    check_span(tracks.file, hinge, fit.span)
     return fit
+
+
+def check_span(file: str, hinge: Hinge, span: float) -> None:
+    """Refuse a sweep that is too small to fix an axis.
+
+    Raises:
+        InputError: with what is allowed
+    """
+    if span < LEAST_SPAN:
+        raise InputError(
+            f"{file}: axis {hinge.label} ({hinge.body_a} to {hinge.body_b}) was swept by"
+            f" {span:.4f} rad; allowed: {LEAST_SPAN} rad or more ({SMALL_SPAN} rad for a reliable"
+            " result, 1.2 rad for the stated accuracy)"
+        )
 
 
 def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, HingeFit]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,17 @@ from numpy.typing import NDArray
 from trocar import __version__
 from trocar.apps.calibration.axes import Axes, Value, distances, measure_axes, shared_body
 from trocar.apps.calibration.checks import (
+    LEAST_SCALED,
+    SCALE,
     check_axes,
     check_centre,
     named,
     nominal_betas,
+    scale_of,
 )
 from trocar.apps.calibration.home import Datum, Home, Pair, betas, find_datum, find_home
-from trocar.apps.calibration.linkage import ClosureKind, Linkage, Slot, home_points, linkage
+from trocar.apps.calibration.labels import check_loops, fitting_labels, labels_error, relabelled
+from trocar.apps.calibration.linkage import ClosureKind, Linkage, Slot, home_points, linkage, slots
 from trocar.apps.calibration.placement import (
     Centre,
     calibrated,
@@ -29,12 +34,12 @@ from trocar.apps.calibration.placement import (
 from trocar.apps.calibration.rcm import RcmReport, find_centre
 from trocar.apps.calibration.refine import LEAST_BODIES, Refined, Samples, refine
 from trocar.apps.calibration.robot import Robot, first_guess, level_of, levelled, mechanism_of
-from trocar.apps.calibration.tracks import Tracks, select_bodies
+from trocar.apps.calibration.tracks import Tracks, select_bodies, thinned
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_distance
 from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import Overlay
-from trocar.errors import InputError, TracksError, UndeterminedError
+from trocar.errors import InputError, LabelsError, TracksError, UndeterminedError
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Mechanism
 
@@ -149,8 +154,8 @@ def calibrate(
 
     Raises:
         InputError: tracks that cannot be used, with what was got and what is needed
-        FarFromNominalError: distances or angles that no robot of this kind has, as exchanged names
-            of bodies make them
+        FarFromNominalError: distances or angles that no robot of this kind has
+        LabelsError: the same, by exchanged names of bodies
     """
     if arm.overlay is not None:
         raise InputError(
@@ -163,30 +168,15 @@ def calibrate(
             f"{arm.name}: its loops are not parallelograms; allowed: closure 'general'"
         )
     closure = closure or ("parallelogram" if parallel else "general")
-    centre = remote_centre_of(arm, loops)
-    tracks, missing = chosen_bodies(tracks, loops, centre, names)
-    found_axes = measure_axes(tracks, loops, watch, sliding=closure == "general")
-    axes, home = find_home(tracks.times, found_axes)
-    pairs, lines = _plan(arm)
-    watch("remote centre")
-    seen, sweep_warnings = _find_centre(tracks, rcm_tracks, arm, axes, centre, names)
-    base = None if seen is None else seen.hinges.base_axis
-    datum = find_datum(axes, home, base)
-    # Axes that are taken for parallel are compared where the tracks know them best.
-    measured = distances(axes, pairs, None if closure == "parallelogram" else datum.points)
-    found_betas = betas(axes, home, lines, datum.at_home) if home.still else {}
-    guess = first_guess(axes, home, closure == "parallelogram", datum.at_home)
-    nominal = _flat_distances(replace(guess, moved=0.0 * guess.moved), pairs)
-    likely = named(list(tracks.poses), names)
-    at_start = nominal_betas(arm, loops.first, lines)
-    check_axes(
-        tracks.file,
-        {label: (value.value, nominal[label]) for label, value in measured.items()},
-        {name: (value.value, at_start[name]) for name, value in found_betas.items()},
-        likely,
-    )
-    if seen is not None:
-        check_centre((rcm_tracks or tracks).file, seen, arm, loops, likely)
+    asked = Asked(arm, loops, remote_centre_of(arm, loops), closure, *_plan(arm), names)
+    tracks, missing = chosen_bodies(tracks, loops, asked.centre, names)
+    try:
+        seen_axes = _measure(asked, tracks, rcm_tracks, watch)
+    except InputError as problem:
+        watch("labels")
+        raise _mislabelled(problem, asked, tracks, rcm_tracks) or problem from None
+    axes, home, datum, guess = seen_axes.axes, seen_axes.home, seen_axes.datum, seen_axes.guess
+    seen, centre, pairs, nominal = seen_axes.centre, asked.centre, asked.pairs, asked.nominal
     samples, enough = seen_samples(tracks, axes, home, guess)
     first = first_positions(axes, home)[enough]
     level = level_of(guess, datum.points)
@@ -196,14 +186,14 @@ def calibrate(
     closed = _closed_distances(refined.robot, pairs)
     wander = None if centre is None else still_point(refined.robot, centre.body)[1]
     if centre is not None and closure == "general":
-        centre = replace(centre, axis=base)
+        centre = replace(centre, axis=None if seen is None else seen.hinges.base_axis)
     found = Calibration(
         arm=arm.name,
         closure=closure,
-        axis_distances=measured,
-        closed_distances={label: closed[label] for label in measured},
+        axis_distances=seen_axes.distances,
+        closed_distances={label: closed[label] for label in seen_axes.distances},
         nominal_distances=nominal,
-        betas=found_betas,
+        betas=seen_axes.betas,
         centre=seen,
         wander=wander,
         axes=axes,
@@ -217,8 +207,8 @@ def calibrate(
         *tracks.warnings,
         *missing,
         *axes.warnings,
-        *_cautions(found, datum, bool(lines), centre is not None),
-        *sweep_warnings,
+        *_cautions(found, datum, bool(asked.lines), centre is not None),
+        *seen_axes.warnings,
     )
     frames, closures = patches(arm, refined, centre)
     source = {"file": tracks.file, "sha256": tracks.sha256, "version": f"trocar {__version__}"}
@@ -232,6 +222,147 @@ def calibrate(
     }
     overlay = Overlay(arm.name, closure, frames, closures, measured, source, warnings)
     return replace(found, overlay=overlay, warnings=warnings)
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is measured, of which arm.
+
+    Attributes:
+        arm: the description
+        loops: its loops
+        centre: its remote centre, None without one
+        closure: how the loops are to close
+        pairs: {label: two hinges} of the axis distances
+        lines: {name: (pair, pair)} of the angles at home
+        names: {body: its name in the files} of those that are called otherwise
+    """
+
+    arm: ArmDescription
+    loops: Linkage
+    centre: Centre | None
+    closure: ClosureKind
+    pairs: Mapping[str, Pair]
+    lines: Mapping[str, tuple[Pair, Pair]]
+    names: Mapping[str, str]
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """The bodies of the loops, and the base."""
+        base = () if self.centre is None else (self.centre.base,)
+        return tuple(dict.fromkeys((*self.loops.bodies, *base)))
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """The axis distances in the description, {label: [m]}."""
+        drawn = Robot(self.loops, np.zeros((len(slots(self.loops)), 2)), {}, {})
+        return _flat_distances(drawn, self.pairs)
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What tracks show before the loops are closed, checked against the description.
+
+    Attributes:
+        axes, home, datum: where the axes are
+        distances: {label: [m]}
+        betas: {name: [rad]}, empty without a still start
+        centre: the remote centre, None where no sweep shows it
+        warnings: of its sweep
+        guess: a closed robot to begin with
+    """
+
+    axes: Axes
+    home: Home
+    datum: Datum
+    distances: Mapping[str, Value]
+    betas: Mapping[str, Value]
+    centre: RcmReport | None
+    warnings: tuple[str, ...]
+    guess: Robot
+
+
+def _measure(
+    asked: Asked, tracks: Tracks, sweep: Tracks | None, watch: Callable[[str], None]
+) -> Measured:
+    """Measure axes, angles and remote centre, and compare them with the description.
+
+    Args:
+        asked: what is measured
+        tracks: with the bodies under the description's names
+        sweep: of the remote centre, with the bodies as the file names them; None: in `tracks`
+        watch: called with the name of each step
+
+    Raises:
+        InputError: tracks that cannot be used, or are not those of a robot of this kind
+    """
+    arm, loops, flat = asked.arm, asked.loops, asked.closure == "parallelogram"
+    nominal = asked.nominal
+    likely = named(list(tracks.poses), asked.names)
+    check_loops(tracks, loops, nominal, asked.pairs, likely)
+    axes = measure_axes(tracks, loops, watch, sliding=not flat)
+    axes, home = find_home(tracks, axes)
+    watch("remote centre")
+    seen, warnings = _find_centre(tracks, sweep, arm, axes, asked.centre, asked.names)
+    datum = find_datum(axes, home, None if seen is None else seen.hinges.base_axis)
+    # Axes that are taken for parallel are compared where the tracks know them best.
+    measured = distances(axes, asked.pairs, None if flat else datum.points)
+    found_betas = betas(axes, home, asked.lines, datum.at_home) if home.still else {}
+    guess = first_guess(axes, home, flat, datum.at_home)
+    at_start = nominal_betas(arm, loops.first, asked.lines)
+    check_axes(
+        tracks.file,
+        {label: (value.value, nominal[label]) for label, value in measured.items()},
+        {name: (value.value, at_start[name]) for name, value in found_betas.items()},
+        likely,
+    )
+    if seen is not None:
+        check_centre((sweep or tracks).file, seen, arm, loops, likely)
+    if sweep is not None:
+        check_loops(_renamed(asked, sweep), loops, nominal, asked.pairs, likely)
+    return Measured(axes, home, datum, measured, found_betas, seen, warnings, guess)
+
+
+def _renamed(asked: Asked, sweep: Tracks) -> Tracks:
+    """Return the sweep's bodies under the description's names, those that it has."""
+    called = {body: asked.names.get(body, body) for body in asked.bodies}
+    poses = {body: sweep.poses[name] for body, name in called.items() if name in sweep.poses}
+    return replace(sweep, poses=poses)
+
+
+def _mislabelled(
+    problem: InputError, asked: Asked, tracks: Tracks, sweep: Tracks | None
+) -> LabelsError | None:
+    """Return which labels are exchanged, None if tracks that cannot be used fit under no others.
+
+    Args:
+        problem: what is wrong under these names
+        asked: what is measured
+        tracks: with the bodies under the description's names
+        sweep: of the remote centre, with the bodies as the file names them; None: in `tracks`
+    """
+    base = "" if asked.centre is None else asked.centre.base
+    nominal = asked.nominal
+    options = [fitting_labels(tracks, asked.loops, nominal, asked.pairs, base)]
+    if sweep is not None:
+        swept = _renamed(asked, sweep)
+        options.append(fitting_labels(swept, asked.loops, nominal, asked.pairs, base))
+    tries = [
+        labels
+        for labels in product(*options)
+        if any(body != label for one in labels for body, label in one.items())
+    ]
+    tries.sort(key=lambda every: sum(b != label for one in every for b, label in one.items()))
+    for labels in tries:
+        some = relabelled(thinned(tracks), labels[0], {})
+        swept = None if sweep is None else relabelled(thinned(sweep), labels[1], asked.names)
+        try:
+            _measure(asked, some, swept, lambda _: None)
+        except InputError:
+            continue
+        files = [tracks.file] if sweep is None else [tracks.file, sweep.file]
+        return labels_error(problem, dict(zip(files, labels, strict=True)), asked.names)
+    return None
 
 
 def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: bool) -> Iterator[str]:
@@ -248,6 +379,12 @@ def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: boo
         yield (
             "no rest of 0.5 s at the start, so joint position 0 is where the linkage matches the"
             " nominal description" + ("; the betas are absent" if has_betas else "")
+        )
+    lengths = {k: (v.value, found.nominal_distances[k]) for k, v in found.axis_distances.items()}
+    if len(lengths) >= LEAST_SCALED and abs(scale_of(lengths) - 1.0) > SCALE:
+        yield (
+            f"axis distances are {scale_of(lengths):.4f} times the nominal on average: check the"
+            " scale of the tracking volume"
         )
     if not refined.settled:
         yield (
@@ -333,7 +470,8 @@ def seen_samples(
     enough = seen.sum(axis=1) >= min(LEAST_BODIES, len(bodies))
     position, rotation = axes.noise
     sigmas = (max(position, LEAST_NOISE[0]), max(rotation, LEAST_NOISE[1]))
-    return Samples(poses[enough], seen[enough], home.samples[enough], sigmas), enough
+    some = Samples(poses[enough], seen[enough], home.samples[enough], sigmas, axes.widened)
+    return some, enough
 
 
 def first_positions(axes: Axes, home: Home) -> Array:

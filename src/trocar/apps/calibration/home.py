@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from trocar.apps.calibration.axes import Axes, BaseAxis, Value, shared_body, slopes, turned_over
 from trocar.apps.calibration.linkage import APART_M, plane_across
+from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions.axis_lines import Line, line_angle
+from trocar.errors import TracksError
 from trocar.geometry import inverse, rotation_z, transform
 
 Array = NDArray[np.float64]
@@ -86,13 +88,26 @@ def _moves_at(times: Array, angle: Array) -> float:
     return float(times[-1])
 
 
-def find_home(times: Array, axes: Axes) -> tuple[Axes, Home]:
+def find_home(tracks: Tracks, axes: Axes) -> tuple[Axes, Home]:
     """Find home, and which way the axes point.
 
     Returns:
         the axes, directed as in the description, and home
+
+    Raises:
+        TracksError: the arm rests at the end and not at the start, as in reversed time
     """
-    samples = still_start(times, {name: axes.angles(name) for name in axes.fits})
+    angles = {name: axes.angles(name) for name in axes.fits}
+    samples = still_start(tracks.times, angles)
+    if samples is None:
+        end = still_start(-tracks.times[::-1], {k: angle[::-1] for k, angle in angles.items()})
+        if end is not None:
+            rest = float(np.ptp(tracks.times[::-1][end]))
+            raise TracksError(
+                tracks.file,
+                f"the arm rests for {rest:.2f} s at the end and not at the start: is the time"
+                f" reversed? allowed: a rest of {STILL_S:g} s at joint positions 0 at the start",
+            )
     if samples is not None:
         home = _home(axes, samples, True)
         flipped = turned_over(axes)
@@ -108,7 +123,9 @@ def _home(axes: Axes, samples: Mask, still: bool) -> Home:
         here = axes.angles(name)[samples]
         here = here[np.isfinite(here)]
         if len(here):
-            angles[name] = Value(float(here.mean()), float(here.std() / np.sqrt(len(here))))
+            angles[name] = Value(
+                float(here.mean()), axes.widened * float(here.std() / np.sqrt(len(here)))
+            )
     return Home(samples, still, _chained(axes, angles), angles)
 
 

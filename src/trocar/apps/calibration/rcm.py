@@ -313,6 +313,6 @@ def _from_axis(
     of_tip = fit.influence[:, :3] @ np.mean(poses[kept, :3, :3].transpose(0, 2, 1) @ radial, axis=0)
     shifted = axis.influence[:, :3] + float(along.mean()) * axis.influence[:, 3:]
     of_axis = shifted @ radial
-    of_mean = distances.var() / len(distances)
+    of_mean = fit.widened**2 * distances.var() / len(distances)
     sigma = float(np.sqrt(of_tip @ of_tip + of_axis @ of_axis + of_mean))
     return Value(float(np.linalg.norm(across.mean(axis=0))), sigma)

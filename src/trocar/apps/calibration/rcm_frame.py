@@ -140,7 +140,19 @@ def about_hinges(tracks: Tracks, links: CentreLinks) -> HingesAbout:
     yaw, pitch = fits
     senses, warnings = _senses(tracks, links, yaw, pitch)
     angles = [_zeroed(tracks, s * fit.angles) for fit, s in zip(fits, senses, strict=True)]
+    if _first_way(angles[0]) < 0.0:
+        # A mirrored arm has the same distances: only the way that it turns shows the mirror.
+        warnings += (
+            "yaw turns to negative joint positions first: if it was moved to positive ones, the"
+            " tracking volume is mirrored (the shape of an arm cannot show it)",
+        )
     return HingesAbout(yaw, pitch, senses, np.stack(angles, axis=1), warnings)
+
+
+def _first_way(angles: Array) -> float:
+    """Return the sign of the first large swing."""
+    known = angles[np.isfinite(angles)]
+    return float(np.sign(known[np.argmax(np.abs(known) > 0.5 * np.abs(known).max())]))
 
 
 def _fit_hinge(tracks: Tracks, a: str, b: str) -> HingeFit | None:

@@ -54,12 +54,14 @@ class Samples:
         seen: (n, n_bodies)
         home: samples that stand at joint positions 0, (n,)
         sigmas: noise of a pose, position [m] and rotation [rad] per axis
+        widened: how much noise that is correlated in time widens standard deviations
     """
 
     poses: Array
     seen: Mask
     home: Mask
     sigmas: tuple[float, float]
+    widened: float = 1.0
 
     @property
     def weights(self) -> Array:
@@ -430,7 +432,9 @@ def refine(
         robot, found = lower or (robot, found)
     history.append(_left(robot, samples, found, level))
     problem = Problem(robot, compress(robot, samples, found), samples.sigmas, *free, level)
-    return replace(_result(problem, found), history=tuple(history), settled=settled)
+    return replace(
+        _result(problem, found, samples.widened), history=tuple(history), settled=settled
+    )
 
 
 def _lower(
@@ -496,7 +500,7 @@ def first_cameras(robot: Robot, samples: Samples, q: Array) -> Array:
     return samples.poses[each, body] @ inverse(expected[each, body])
 
 
-def _result(problem: Problem, found: Registered) -> Refined:
+def _result(problem: Problem, found: Registered, widened: float) -> Refined:
     taken = eliminate(problem)
     here = np.zeros(problem.free + 6 * len(problem.robot.markers))
     jacobian, left_over = slopes(problem, taken, here), rows(problem, taken, here)
@@ -519,7 +523,7 @@ def _result(problem: Problem, found: Registered) -> Refined:
         robot=problem.robot,
         basis=problem.basis,
         tilted=problem.tilted,
-        covariance=_covariance(jacobian, height_row(problem))[:k, :k] * max(misfit, 1.0),
+        covariance=_covariance(jacobian, height_row(problem))[:k, :k] * max(misfit, widened**2),
         position_rms=position,
         rotation_rms=rotation,
         misfit=misfit,

@@ -194,6 +194,13 @@ def select_bodies(
     return chosen
 
 
+def thinned(tracks: Tracks, most: int = 600) -> Tracks:
+    """Return some of the samples, evenly spread: enough to see what is centimetres off."""
+    step = max(1, len(tracks.times) // most)
+    poses = {body: T[::step] for body, T in tracks.poses.items()}
+    return replace(tracks, times=tracks.times[::step], poses=poses, rate_hz=tracks.rate_hz / step)
+
+
 def check_together(tracks: Tracks, first: str, second: str, needed: int = 1) -> None:
     """Refuse two bodies that are not tracked at the same time often enough.
 

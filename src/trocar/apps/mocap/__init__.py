@@ -1,6 +1,6 @@
 """Tracks of a simulated arm before simulated cameras, with the truth beside them."""
 
-from trocar.apps.mocap.robots import perturbed, worn
+from trocar.apps.mocap.robots import broken, perturbed, worn
 from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
 from trocar.apps.mocap.writers import check_tracks, write_tracks
 
@@ -9,6 +9,7 @@ __all__ = [
     "Noise",
     "SimulatedTracks",
     "check_tracks",
+    "broken",
     "perturbed",
     "simulate_tracks",
     "worn",

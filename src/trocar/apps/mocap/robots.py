@@ -1,4 +1,4 @@
-"""Simulated robots that are not as drawn: with other lengths, and with worn bearings."""
+"""Simulated robots that are not as drawn: other lengths, broken loops, worn bearings."""
 
 from __future__ import annotations
 
@@ -109,6 +109,28 @@ def _stretched(vector: Array, longer: float, angle: float) -> Array:
     flat = np.array([vector[0], vector[1], 0.0])
     size = float(np.linalg.norm(flat))
     return rotation_z(angle) @ flat * (1.0 + longer / size) + np.array([0.0, 0.0, vector[2]])
+
+
+def broken(arm: ArmDescription, rng: np.random.Generator, loops_m: float) -> ArmDescription:
+    """Return an arm whose loops are no parallelograms: each closing hinge is displaced.
+
+    The hinges stay parallel. A displacement of 1 mm is that of the paper's Table 6.
+
+    Args:
+        arm: with closed loops whose frames have z along their axes, as a PSM and an ECM
+        rng: draws the directions, across the axes
+        loops_m: length of each displacement [m]
+
+    Raises:
+        InputError: the arm carries a calibration already
+        DescriptionError: its loops do not close any more
+    """
+    closures: dict[str, ClosurePatch] = {}
+    for closure in arm.mechanism.closures:
+        way = rng.uniform(-math.pi, math.pi)
+        by = loops_m * np.array([math.cos(way), math.sin(way), 0.0])
+        closures[closure.name] = ClosurePatch(closure.point_a + by, closure.point_b)
+    return apply_overlay(arm, Overlay(arm.name, "general", {}, closures))
 
 
 def worn(

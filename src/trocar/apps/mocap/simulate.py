@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from trocar.apps.mocap.sweep import (
     STILL_S,
@@ -51,28 +53,35 @@ class Noise:
         rotation: standard deviation about each axis [rad]
         dropout: share of samples in which a body is lost, in bursts
         outliers: share of samples that are 20 mm off and turned anyhow
+        correlation_s: time constant of position and rotation noise, 0 for white noise [s]
     """
 
     position: float = 0.0
     rotation: float = 0.0
     dropout: float = 0.0
     outliers: float = 0.0
+    correlation_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, most in (("position", 1.0), ("rotation", 1.0), ("dropout", 0.9),
-                           ("outliers", 0.5)):  # fmt: skip
+                           ("outliers", 0.5), ("correlation_s", 10.0)):  # fmt: skip
             got = getattr(self, name)
             if not 0.0 <= got <= most:
                 raise InputError(f"noise, {name}: got {got!r}; allowed: 0 to {most:g}")
 
 
-def spoil(poses: Array, noise: Noise, rng: np.random.Generator) -> Array:
+def spoil(poses: Array, noise: Noise, rng: np.random.Generator, rate_hz: float = 120.0) -> Array:
     """Return one body's poses as cameras tell them, NaN where it is lost, (n, 4, 4).
 
     As many random numbers are drawn whatever the noise is, so that each kind can be had alone.
     """
     count = len(poses)
     shift, turn = rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
+    if noise.correlation_s:  # the first-order Gauss-Markov process, from its steady state
+        keep = math.exp(-1.0 / (noise.correlation_s * rate_hz))
+        for series in (shift, turn):
+            series[1:] *= math.sqrt(1.0 - keep**2)
+            series[:] = lfilter([1.0], [1.0, -keep], series, axis=0)
     way, anyhow = rng.normal(size=(count, 3)), random_rotations(rng, count)
     wrong = rng.uniform(size=count) < noise.outliers
     lost = _bursts(rng.uniform(size=count), noise.dropout)
@@ -256,7 +265,10 @@ def simulate_tracks(
     at = frame_poses(arm.mechanism, moved)
     seen = {
         body: spoil(
-            camera @ at[arm.mechanism.frame_index[frame]] @ clusters[body], wanted.noise, spoiling
+            camera @ at[arm.mechanism.frame_index[frame]] @ clusters[body],
+            wanted.noise,
+            spoiling,
+            wanted.rate_hz,
         )
         for body, frame in bodies.items()
     }

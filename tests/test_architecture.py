@@ -83,10 +83,10 @@ HOMES = {
     "OCP": (),
     "trimesh": ("apps/importers", "interfaces/viewer"),
     "coacd": ("apps/importers",),
-    # Judges of the exports, which only tests call.
+    # Judges of the exports.
     "drake": (),
-    "pydrake": (),
-    "pinocchio": (),
+    "pydrake": ("apps/verification",),
+    "pinocchio": ("apps/verification",),
     "yourdfpy": (),
 }
 

@@ -98,7 +98,10 @@ def test_a_calibrated_robot_stands_before_the_cameras(trocar, tmp_path):
             ["--arm", "psm", "--worn", "--calibration", "x"],
             "--worn: got --calibration too",
         ),
-        (["--arm", "psm", "--loops-mm", "1", "--calibration", "x"], "--loops-mm: got --calibration"),
+        (
+            ["--arm", "psm", "--loops-mm", "1", "--calibration", "x"],
+            "--loops-mm: got --calibration",
+        ),
         (["--arm", "psm", "--loops-mm", "1", "--worn"], "--worn: got --loops-mm too"),
         (["--arm", "psm", "--loops-mm", "9"], "--loops-mm: got 9; allowed: 0 to 5 mm"),
         (["--arm", "psm", "--perturb", "1", "--calibration", "x"], "not allowed with argument"),

@@ -76,7 +76,7 @@ class Browser:
             return False
 
     def draw(self, count: int = 20) -> None:
-        """Wait until the page has drawn that many frames, in which messages arrive that were sent."""
+        """Wait until the page has drawn that many frames, in which sent messages arrive."""
         frame = "requestAnimationFrame(arguments[0])"
         for _ in range(count):
             self.tab.execute_async_script(frame)

@@ -99,7 +99,7 @@ class Target(logging.Handler):
         self.core.begin()
         self._workers = ThreadPoolExecutor(1)
         self._server = Conversation(self.core, self._workers)
-        self._client = Client(cast("Any", Deaf()))
+        self._client = Client(cast("Any", Deaf()), {})
         self._stop = self.loop.watch(self)
         self.defects: list[str] = []
         self._topics = [t for t in self.core.topics.values() if t.direction == "sub"]

@@ -172,7 +172,7 @@ def run(examples: int, steps: int, derandomize: bool) -> None:
             derandomize=derandomize,
             deadline=None,
             database=None,
-            suppress_health_check=list(HealthCheck),
+            suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
         ),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import pickle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -111,7 +112,7 @@ class ArmMachine(RuleBasedStateMachine):
         self.commanded(self.arm.servo_jf(turn, timeout), ends)
 
     @rule(turn=turns, timeout=timeouts, frame=st.sampled_from(["body", "spatial"]))
-    def servo_cf(self, turn: np.ndarray, timeout: float | None, frame: str) -> None:
+    def servo_cf(self, turn: np.ndarray, timeout: float | None, frame: Any) -> None:
         ends = self.world.time + (timeout or np.inf)
         self.commanded(self.arm.servo_cf(turn, frame, timeout), ends)
 
@@ -169,7 +170,7 @@ class ArmMachine(RuleBasedStateMachine):
     # ------------------------------------------------------------------ settings
 
     @rule(mode=st.sampled_from(["position", "effort", "set"]), yaw=st.booleans())
-    def mode(self, mode: str, yaw: bool) -> None:
+    def mode(self, mode: Any, yaw: bool) -> None:
         changes = self.ready or not self.arm.motors.powered
         self.arm.set_mode(mode, ["yaw"] if yaw else None)
         if changes:
@@ -182,7 +183,7 @@ class ArmMachine(RuleBasedStateMachine):
         assert self.arm.gravity_compensation == on
 
     @rule(ratio=st.floats(0.002, 1.0), of=st.sampled_from(["both", "velocity", "acceleration"]))
-    def ratio(self, ratio: float, of: str) -> None:
+    def ratio(self, ratio: float, of: Any) -> None:
         self.arm.set_trajectory_ratio(ratio, of)
         assert ratio in self.arm.trajectory_ratio
 
@@ -291,7 +292,7 @@ def quiet():
     log.setLevel(logging.NOTSET)
 
 
-def run(machine: type[ArmMachine], examples: int, steps: int, **others: object) -> None:
+def run(machine: type[ArmMachine], examples: int, steps: int, **others: Any) -> None:
     run_state_machine_as_test(
         machine,
         settings=settings(

@@ -95,7 +95,7 @@ def test_tables_and_states_that_are_far_too_fast_are_rejected():
     with pytest.raises(InputError, match=r"PSM1: got positions .*; allowed: "):
         WORLD.set_state("PSM1", here + 9.0)
     with pytest.raises(InputError, match=r"efforts must be finite, .* up to 1e"):
-        WORLD.play({"PSM1": [here]}, efforts={"PSM1": [[0.0, 1e12, 0.0, 0.0, 0.0, 0.0, 0.0]]})
+        WORLD.play({"PSM1": here[None]}, efforts={"PSM1": 1e12 * np.eye(7)[1:2]})
     assert WORLD.time == 0.0
 
 

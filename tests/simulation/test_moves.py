@@ -264,7 +264,7 @@ def test_set_point_velocities_beyond_the_limit_are_clipped_with_a_warning(caplog
     np.testing.assert_array_equal(
         arm.setpoint_js().velocity, [most[0], -most[1], 0.1, 0.0, 0.0, 0.0]
     )
-    assert arm.jaw.servo_jp([0.3], [1e6])
+    assert arm.jaw is not None and arm.jaw.servo_jp([0.3], [1e6])
     assert arm.jaw.setpoint_js().velocity == most[-1]
     assert "velocity clipped" in arm.last_warning
 

@@ -197,7 +197,7 @@ def write_pictures(
         InputError: the folder cannot be written, or has such a file (without `overwrite`)
         TrocarError: there is no OpenGL to draw with, or the disk is full
     """
-    paths = {view: folder / f"{view}.png" for view in views}
+    paths: dict[View, Path] = {view: folder / f"{view}.png" for view in views}
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:

@@ -136,6 +136,8 @@ def test_an_ecm_without_an_endoscope_is_refused_as_by_the_dvrk(
 def test_older_names_are_read_and_said(tmp_path: Path, older: str, now: str) -> None:
     found = imported(tmp_path, older)
     assert f"ECM: endoscope {older!r} is taken as {now}" in found.notes
-    newer = import_dvrk(one(tmp_path, endoscope=now), tmp_path / "rig.toml", Options(force=True))
+    newer = import_dvrk(
+        one(tmp_path, endoscope=now), tmp_path / "rig.toml", Options(overwrite=True)
+    )
     assert newer.agreement["tips"] == found.agreement["tips"]
     assert newer.rig.cameras[0].angle == found.rig.cameras[0].angle

@@ -55,7 +55,7 @@ def test_bases_and_tips_agree_with_the_file_at_any_joints(tmp_path: Path, genera
             else:
                 tip = lab.chain([*psm, *lab.TOOL[generation]], q[:6]) @ lab.TOOLTIP
             np.testing.assert_allclose(pose(arm, q), tip, atol=EXACT)
-    gap = found.agreement
+    gap = dict(found.agreement)
     assert {kind: each.count for kind, each in gap.items()} == {
         "bases": 6, "chains": 4, "tips": 1, "cameras": 1, "setup_joints": 4, "limits": 4
     }  # fmt: skip

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.apps.figures import Figure, Part
-from trocar.apps.trials import compiled_poses, random_positions
+from trocar.apps.verification.formats import formats
 from trocar.apps.verification.linkage import axes, closure
 from trocar.apps.verification.rcm import has_remote_centre, rcm
 from trocar.apps.verification.subject import (
@@ -22,35 +22,6 @@ from trocar.apps.verification.tracking import realtime, tracking
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay, read_overlay
 from trocar.errors import InputError
-from trocar.geometry.se3 import pose_difference
-from trocar.kinematics import forward
-
-#: Random poses at which formats are compared, and the largest deviation of a frame [m, rad].
-POSES, SEED, FORMAT_LIMIT = 100, 6, 1e-9
-
-
-def formats(subject: Subject) -> Part:
-    """Compare every frame of the compiled MJCF with the kinematics, at random joint positions."""
-    arm, command = subject.arm, subject.command("formats")
-    title = "Formats: one description, the same frames"
-    if not subject.simulated:
-        note = f"{arm.name}: unknown masses or gains, no model"
-        return Part("formats", subject.name, title, (), command, (note,))
-    q = random_positions(arm, SEED, POSES)
-    analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
-    found = compiled_poses(arm, q)
-    off = [pose_difference(poses, analytic[frame]) for frame, poses in found.items()]
-    metres, radians = (max(float(each[k].max()) for each in off) for k in range(2))
-    label = f"MJCF, {len(found)} frames at {POSES} poses"
-    source = (
-        "limit: both sides compute in float64 over some twenty products; MuJoCo places the bodies"
-    )
-    figures = (
-        Figure(f"{label}: position", metres, "m", FORMAT_LIMIT, shown="nm", source=source),
-        Figure(f"{label}: rotation", radians, "rad", FORMAT_LIMIT, shown="urad", source=source),
-    )
-    return Part("formats", subject.name, title, figures, command)
-
 
 #: What can be verified, in display order.
 PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")

@@ -294,7 +294,7 @@ def test_the_rules_catch_what_they_are_for() -> None:
         assert why in against_order(here, name)
     assert not against_order("interfaces/viewer/serve", "trocar.interfaces.loop.Loop")
     assert "may only be" in away_from_home("descriptions/rigs", Import(1, "mujoco.MjModel"))
-    assert "under tests" in away_from_home("apps/trials", Import(1, "pinocchio"))
+    assert "under tests" in away_from_home("apps/trials", Import(1, "yourdfpy"))
     assert "inside functions" in away_from_home("apps/trials", Import(1, "math.pi", deferred=True))
     assert cycle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c"]
     assert not cycle({"a": {"b", "c"}, "b": {"c"}, "c": set()})

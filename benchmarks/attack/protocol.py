@@ -263,6 +263,8 @@ class Target(logging.Handler):
 class Deaf:
     """Stand-in for a connection: takes what is written."""
 
+    paused = False
+
     state = State.OPEN
     remote_address = ("127.0.0.1", 1)
 

@@ -1102,7 +1102,7 @@ class Arm:
     def _ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted."""
         if accepted:
-            if self._controllers or self._lock is not None:
+            if self._controllers or self._lock is not None or self._expiry is not None:
                 self._end_controllers()
             self.report_state()
         return accepted

@@ -13,7 +13,7 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 import trimesh
 
 from trocar.apps.importers import import_file
-from trocar.descriptions import load_arm
+from trocar.descriptions import load_arm, meshes
 from trocar.errors import DescriptionError, InputError
 
 from .texts import SDF, URDF
@@ -84,18 +84,18 @@ def test_each_mesh_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     file = tmp_path / "robot.urdf"
     file.write_text(URDF.replace('<link name="base">', links), encoding="utf-8")
     read: Counter[str] = Counter()
-    load, read_bytes = trimesh.load, Path.read_bytes
+    load, read_input = trimesh.load, meshes.read_input
 
     def loaded(path, **options):
         read[path.name] += 1
         return load(path, **options)
 
-    def bytes_of(path):
-        read[path.name] += path.suffix == ".obj"
-        return read_bytes(path)
+    def bytes_of(path, most):
+        read[path.name] += 1
+        return read_input(path, most)
 
     monkeypatch.setattr(trimesh, "load", loaded)
-    monkeypatch.setattr(Path, "read_bytes", bytes_of)
+    monkeypatch.setattr(meshes, "read_input", bytes_of)
     found = import_file(file, tmp_path / "out")
     monkeypatch.undo()
     written = {p.name for p in (Path(found.file).parent / "meshes").iterdir()}

@@ -36,7 +36,7 @@ def test_the_direction_of_a_sliding_pin_is_within_its_deviations(seed: int) -> N
     poses, direction = taken(np.random.default_rng(seed), 1.0)
     slides, stays = fit_hinge(poses, slides=True), fit_hinge(poses)
     assert pull(slides, direction) < 4.0
-    # Without the slide it is taken for a lean; its own deviations are wide, for its residuals follow
+    # Without the slide it is taken for a lean; its own deviations are wide, as its residuals follow
     # the motion.
     assert pull(stays, direction, slides) > 4.0
 

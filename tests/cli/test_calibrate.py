@@ -167,3 +167,10 @@ def test_exchanged_links_of_a_small_linkage_are_refused_by_a_smaller_bound(
     assert main(["calibrate", str(out), "--arm", str(arm)]) == 2
     error = capsys.readouterr().err
     assert "A-B 46.0 mm (nominal 40.0)" in error and "within 4.6 mm" in error
+
+
+def test_the_papers_robot_takes_no_tracks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "some.csv", "--from", "paper", "--arm", "psm"]) == 2
+    assert "--from paper: got TRACKS some.csv; allowed without it" in capsys.readouterr().err
+    assert main(["calibrate", "--arm", "psm"]) == 2
+    assert "TRACKS is missing; allowed without it: --from paper" in capsys.readouterr().err

@@ -11,10 +11,12 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json
-from trocar.cli.output import print_json, progress_steps, table, warn
+from trocar.cli.output import print_json, print_result, progress_steps, table, warn
+from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.apps.calibration.calibrate import Calibration
+    from trocar.apps.calibration.twin import PaperTwin
 
 SUMMARY = "identify an arm's geometry from motion capture"
 ORDER = 110
@@ -23,7 +25,18 @@ ORDER = 110
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "tracks", metavar="TRACKS", help="motion-capture tracks: Motive CSV export or tidy CSV"
+        "tracks",
+        metavar="TRACKS",
+        nargs="?",
+        help="motion-capture tracks: Motive CSV export or tidy CSV",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        choices=("tracks", "paper"),
+        default="tracks",
+        help="source of the geometry: motion-capture tracks, or the closed-loop paper's figures of"
+        " its own robots (Tables 6 and 7; psm and ecm, without TRACKS) (default: tracks)",
     )
     parser.add_argument(
         "--arm",
@@ -59,6 +72,10 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
 
+    if args.source == "paper":
+        return _paper(args)
+    if args.tracks is None:
+        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper")
     if args.report:
         check_report(args.report)
     arm = load_arm(args.arm)
@@ -79,6 +96,49 @@ def run(args: Namespace) -> int:
         written = [place for place in (args.output, page) if place]
         print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
     return 0
+
+
+def _paper(args: Namespace) -> int:
+    """Rebuild the robot that the paper measured."""
+    from trocar.apps.calibration.twin import paper_twin
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+
+    options = ("tracks", "rcm", "bodies", "closure", "report")
+    for given in (name for name in options if getattr(args, name) is not None):
+        name = "TRACKS" if given == "tracks" else f"--{given}"
+        raise InputError(f"--from paper: got {name} {getattr(args, given)}; allowed without it")
+    with progress_steps() as watch:
+        found = paper_twin(load_arm(args.arm), watch)
+    if args.output:
+        write_overlay(args.output, found.overlay)
+    written = [f"written to {args.output}"] if args.output else []
+    print_result(args, found.as_dict(), lambda: "\n\n".join([_twin(found), *written]))
+    return 0
+
+
+def _twin(found: PaperTwin) -> str:
+    columns = (
+        (found.hardware.position, found.hardware.rms),
+        (found.nominal.position, found.nominal.rms_axes),
+        (found.twin.position, found.twin.rms_axes),
+    )
+    rows = [
+        [f"axes {label}", *(f"{1e3 * v:.2f}" for v in values)]
+        for label, values in found.distances.items()
+    ]
+    rows += [
+        [f"remote centre, {what} {axis}", *(f"{1e3 * column[part][i]:.2f}" for column in columns)]
+        for part, what in enumerate(("position", "RMS"))
+        for i, axis in enumerate("XYZ")
+    ]
+    both = [found.missed(found.nominal), found.missed(found.twin)]
+    rows += [
+        [f"remote centre, {what}", "", *(f"{1e3 * one[part]:.2f}" for one in both)]
+        for part, what in enumerate(("distance from the hardware's", "spread missed"))
+    ]
+    head = ["[mm]", "hardware", "nominal", "calibrated"]
+    return f"{found.overlay.arm}: the closed-loop paper's own robot\n{table(head, rows)}"
 
 
 def _report(found: Calibration) -> str:

@@ -173,4 +173,26 @@ def test_the_papers_robot_takes_no_tracks(capsys: pytest.CaptureFixture[str]) ->
     assert main(["calibrate", "some.csv", "--from", "paper", "--arm", "psm"]) == 2
     assert "--from paper: got TRACKS some.csv; allowed without it" in capsys.readouterr().err
     assert main(["calibrate", "--arm", "psm"]) == 2
-    assert "TRACKS is missing; allowed without it: --from paper" in capsys.readouterr().err
+    assert "TRACKS is missing; allowed without it: --from paper, --plan" in capsys.readouterr().err
+
+
+def test_a_plan_is_a_table_a_document_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    words = ["calibrate", "--plan", "--arm", "psm", "--duration", "6"]
+    assert main([*words, "--json", "--report", str(tmp_path)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["sweep_longer"]["distance 3-6"] in document["sweeps_s"]
+    sigma = [one["sigma"]["distance 3-6"] for one in document["by_amplitude"]]
+    assert sigma == sorted(sigma, reverse=True)  # wider sweeps are better
+    assert "remote centre" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    for wrong, text in (
+        (["t.csv"], "--plan: got TRACKS t.csv"),
+        (["-o", "x.toml"], "--plan: got --output x.toml"),
+        (["--rate", "0"], "--rate: got 0; allowed: 1 to 10000 Hz"),
+    ):
+        assert main([*words, *wrong]) == 2
+        assert text in capsys.readouterr().err
+    assert main(["calibrate", "t.csv", "--arm", "psm", "--markers", "5"]) == 2
+    assert "--markers: allowed with --plan only" in capsys.readouterr().err

@@ -8,15 +8,36 @@ See docs/calibration.md for the recording procedure. The nominal description is 
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, print_result, progress_steps, table, warn
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
+    from argparse import _ArgumentGroup
+
+    from trocar.apps.calibration.budget import Budget
     from trocar.apps.calibration.calibrate import Calibration
     from trocar.apps.calibration.twin import PaperTwin
+
+#: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
+#: were within 0.12 mm across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189);
+#: cluster: our own choice.
+PLAN = {
+    "duration": 24.0,
+    "amplitude": 0.6,
+    "rate": 120.0,
+    "marker_noise_mm": 0.12,
+    "markers": 4,
+    "spread_mm": 60.0,
+}
+#: Other amplitudes that a plan compares. Source: our own choice. [rad]
+AMPLITUDES = (0.3, 0.6, 0.8)
+#: Rate at which a plan follows the motion; sigmas are scaled to the cameras'. Source: our own
+#: choice; at 0.1 Hz, 300 samples a swing. [Hz]
+PLAN_HZ = 30.0
 
 SUMMARY = "identify an arm's geometry from motion capture"
 ORDER = 110
@@ -63,6 +84,54 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--report", metavar="DIR", help="write an HTML report with tables and figures to DIR"
     )
     add_json(parser)
+    _add_plan(parser.add_argument_group("error budget"))
+
+
+def _add_plan(group: _ArgumentGroup) -> None:
+    group.add_argument(
+        "--plan",
+        action="store_true",
+        help="predict the standard deviations of a recording, without TRACKS: each figure, and"
+        " with each sweep twice as long; --report draws them",
+    )
+    group.add_argument(
+        "--duration",
+        type=number,
+        metavar="S",
+        help=f"with --plan: duration of each sweep (default: {PLAN['duration']:g})",
+    )
+    group.add_argument(
+        "--amplitude",
+        type=number,
+        metavar="RAD",
+        help=f"with --plan: amplitude of each sweep (default: {PLAN['amplitude']:g})",
+    )
+    group.add_argument(
+        "--rate",
+        type=number,
+        metavar="HZ",
+        help=f"with --plan: sample rate of the cameras (default: {PLAN['rate']:g})",
+    )
+    group.add_argument(
+        "--marker-noise-mm",
+        type=number,
+        metavar="MM",
+        help="with --plan: noise of a marker along each axis, 1 sigma (default:"
+        f" {PLAN['marker_noise_mm']:g})",
+    )
+    group.add_argument(
+        "--markers",
+        type=int,
+        metavar="N",
+        help=f"with --plan: markers of a cluster (default: {PLAN['markers']})",
+    )
+    group.add_argument(
+        "--spread-mm",
+        type=number,
+        metavar="MM",
+        help="with --plan: RMS distance of a cluster's markers from their centre (default:"
+        f" {PLAN['spread_mm']:g})",
+    )
 
 
 def run(args: Namespace) -> int:
@@ -72,10 +141,15 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
 
+    if args.plan:
+        return _plan(args)
+    for name in PLAN:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
     if args.source == "paper":
         return _paper(args)
     if args.tracks is None:
-        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper")
+        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper, --plan")
     if args.report:
         check_report(args.report)
     arm = load_arm(args.arm)
@@ -98,16 +172,80 @@ def run(args: Namespace) -> int:
     return 0
 
 
+def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:
+    """Reject options that mean nothing here."""
+    for given in (name for name in options if getattr(args, name) is not None):
+        name = "TRACKS" if given == "tracks" else f"--{given}"
+        raise InputError(f"{what}: got {name} {getattr(args, given)}; allowed without it")
+
+
+def _plan(args: Namespace) -> int:
+    """Predict what a recording will be worth."""
+    from trocar.apps.calibration import Tracks
+    from trocar.apps.calibration.budget import error_budget, pose_noise, write_budget
+    from trocar.apps.calibration.report import check_report
+    from trocar.apps.mocap import MocapSettings, simulate_tracks
+    from trocar.descriptions import load_arm
+
+    _allow_none("--plan", args, ("tracks", "rcm", "bodies", "closure", "output"))
+    if args.source != "tracks":
+        raise InputError(f"--plan: got --from {args.source}; allowed: --from tracks")
+    if args.report:
+        check_report(args.report)
+    given = {k: v if getattr(args, k) is None else getattr(args, k) for k, v in PLAN.items()}
+    if not 1.0 <= given["rate"] <= 10000.0:
+        raise InputError(f"--rate: got {given['rate']:g}; allowed: 1 to 10000 Hz")
+    noise = pose_noise(1e-3 * given["marker_noise_mm"], given["markers"], 1e-3 * given["spread_mm"])
+    arm = load_arm(args.arm)
+
+    def budget(amplitude: float) -> Budget:
+        settings = MocapSettings("kinematic", "", given["duration"], amplitude, PLAN_HZ)
+        made = simulate_tracks(arm, settings)
+        tracks = Tracks("plan", "", made.times, made.poses, made.rate_hz)
+        return error_budget(tracks, arm, noise, made.truth["sweeps_s"], given["rate"])
+
+    with progress_steps("planning") as watch:
+        budgets: dict[float, Budget] = {}
+        for amplitude in sorted({*AMPLITUDES, given["amplitude"]}):
+            watch(f"amplitude {amplitude:g} rad")
+            budgets[amplitude] = budget(amplitude)
+    found = budgets[given["amplitude"]]
+    page = write_budget(args.report, found, budgets) if args.report else None
+    document = {
+        **found.as_dict(),
+        "amplitude_rad": given["amplitude"],
+        "by_amplitude": [{"amplitude_rad": a, "sigma": dict(b.sigma)} for a, b in budgets.items()],
+    }
+    written = [f"written to {page}"] if page else []
+    print_result(args, document, lambda: "\n\n".join([_budget(found, budgets), *written]))
+    return 0
+
+
+def _budget(found: Budget, budgets: dict[float, Budget]) -> str:
+    from trocar.apps.calibration.budget import budget_rows
+
+    sweeps = ", ".join(f"{joints} {seconds:g} s" for joints, seconds in found.seconds.items())
+    rows = [
+        [figure, *(f"{1e6 * b.sigma[figure]:.3g}" for b in budgets.values())]
+        for figure in found.sigma
+    ]
+    return "\n\n".join(
+        [
+            f"{found.arm}: sweeps of {sweeps} at {found.rate_hz:g} Hz; noise of a pose"
+            f" {1e3 * found.noise[0]:.3g} mm and {1e3 * found.noise[1]:.3g} mrad per axis",
+            table(*budget_rows(found)),
+            table(["amplitude [rad]", *(f"{a:g}" for a in budgets)], rows),
+        ]
+    )
+
+
 def _paper(args: Namespace) -> int:
     """Rebuild the robot that the paper measured."""
     from trocar.apps.calibration.twin import paper_twin
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
 
-    options = ("tracks", "rcm", "bodies", "closure", "report")
-    for given in (name for name in options if getattr(args, name) is not None):
-        name = "TRACKS" if given == "tracks" else f"--{given}"
-        raise InputError(f"--from paper: got {name} {getattr(args, given)}; allowed without it")
+    _allow_none("--from paper", args, ("tracks", "rcm", "bodies", "closure", "report"))
     with progress_steps() as watch:
         found = paper_twin(load_arm(args.arm), watch)
     if args.output:

@@ -167,7 +167,7 @@ def calibrate(
     tracks, missing = chosen_bodies(tracks, loops, centre, names)
     found_axes = measure_axes(tracks, loops, watch, sliding=closure == "general")
     axes, home = find_home(tracks.times, found_axes)
-    pairs, lines = _plan(arm)
+    pairs, lines = planned_figures(arm)
     watch("remote centre")
     seen, sweep_warnings = _find_centre(tracks, rcm_tracks, arm, axes, centre, names)
     base = None if seen is None else seen.hinges.base_axis
@@ -353,7 +353,7 @@ def first_positions(axes: Axes, home: Home) -> Array:
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
 
-def _plan(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
+def planned_figures(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
     """Return which distances and angles are wanted, by hinges."""
     plan = arm.calibration or default_plan(arm.mechanism)
     name = plan.axes

@@ -7,9 +7,10 @@ See docs/calibration.md for the recording procedure. The nominal description is 
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_json, number
 from trocar.cli.output import print_json, print_result, progress_steps, table, warn
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
     from trocar.apps.calibration.budget import Budget
     from trocar.apps.calibration.calibrate import Calibration
+    from trocar.apps.calibration.registration import Base
     from trocar.apps.calibration.twin import PaperTwin
 
 #: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
@@ -54,16 +56,18 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--from",
         dest="source",
-        choices=("tracks", "paper"),
+        choices=("tracks", "kinematics", "paper"),
         default="tracks",
-        help="source of the geometry: motion-capture tracks, or the closed-loop paper's figures of"
-        " its own robots (Tables 6 and 7; psm and ecm, without TRACKS) (default: tracks)",
+        help="source: motion-capture tracks; kinematics: arms' own joint readings while they touch"
+        " known points or hold a board before a camera (TRACKS is their TOML file, see trocar"
+        " touches); or the closed-loop paper's figures of its own robots (Tables 6 and 7; psm and"
+        " ecm, without TRACKS) (default: tracks)",
     )
     parser.add_argument(
         "--arm",
-        required=True,
         metavar="ARM",
-        help="built-in arm (see trocar list arms) or TOML file",
+        help="built-in arm (see trocar list arms) or TOML file; required, but for --from"
+        " kinematics",
     )
     parser.add_argument("-o", "--output", metavar="OVERLAY", help="overlay file to write")
     parser.add_argument(
@@ -141,11 +145,13 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
 
+    if args.source == "kinematics" and not args.plan:
+        return _kinematics(args)
+    if args.arm is None:
+        raise InputError("calibrate: --arm is missing; allowed: a built-in arm or TOML file")
     if args.plan:
         return _plan(args)
-    for name in PLAN:
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
+    _check_unplanned(args)
     if args.source == "paper":
         return _paper(args)
     if args.tracks is None:
@@ -170,6 +176,69 @@ def run(args: Namespace) -> int:
         written = [place for place in (args.output, page) if place]
         print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
     return 0
+
+
+def _check_unplanned(args: Namespace) -> None:
+    """Reject options of a plan where nothing is planned."""
+    for name in PLAN:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
+
+
+def _kinematics(args: Namespace) -> int:
+    """Register bases and joint offsets from the arms' own readings."""
+    from trocar.apps.calibration.registration import register, registration_dict
+    from trocar.apps.calibration.touches import read_touches
+    from trocar.descriptions.table import toml_text, write_text
+
+    _check_unplanned(args)
+    _allow_none("--from kinematics", args, ("arm", "rcm", "bodies", "closure", "report"))
+    if args.tracks is None:
+        raise InputError("calibrate: the TOML file of touches is missing (see trocar touches)")
+    readings = read_touches(args.tracks)
+    found = register(readings)
+    boards = next(iter(readings.values())).boards is not None
+    document = registration_dict(found, "camera" if boards else "block")
+    if args.output:
+        write_text(args.output, toml_text({"schema": 1, **document}))
+    for text in document["warnings"]:
+        warn(text)
+    written = [f"written to {args.output}"] if args.output else []
+    print_result(args, document, lambda: "\n\n".join([_registration(found, document), *written]))
+    return 0
+
+
+def _registration(found: Mapping[str, Base], document: dict[str, Any]) -> str:
+    placed = {
+        f"{name} in the {document['reference']}": one for name, one in document["arms"].items()
+    }
+    placed |= document["bases"]
+    rows = [
+        [what, *(f"{1e3 * v:.3f}" for v in one["xyz_m"]),
+         *(f"{1e3 * v:.3f}" for v in one["xyz_sigma_m"]),
+         *(f"{math.degrees(v):.4f}" for v in one["rpy_rad"]),
+         *(f"{math.degrees(v):.4f}" for v in one["turn_sigma_rad"])]
+        for what, one in placed.items()
+    ]  # fmt: skip
+    head = ["base", "x [mm]", "y", "z", "sigma x", "y", "z", "roll [deg]", "pitch", "yaw",
+            "sigma about x", "y", "z"]  # fmt: skip
+    offsets = [
+        [name, joint, f"{1e3 * v.value:.3f}", f"{1e3 * v.sigma:.3f}",
+         "not determined" if joint in base.undetermined else ""]
+        for name, base in found.items()
+        for joint, v in base.offsets.items()
+    ]  # fmt: skip
+    left = "; ".join(
+        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm per axis left"
+        for name, base in found.items()
+    )
+    return "\n\n".join(
+        [
+            left,
+            table(head, rows),
+            table(["arm", "joint", "offset [mrad; mm]", "sigma", ""], offsets),
+        ]
+    )
 
 
 def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from trocar.descriptions.overlay_records import ClosureKind, ClosurePatch, Frame
 from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription, Body, Shape
 from trocar.descriptions.solids import read_solid, seen_and_touched
-from trocar.descriptions.table import Table, parse_table, read_table, toml_text
+from trocar.descriptions.table import Table, parse_table, read_table, toml_text, write_text
 from trocar.errors import DescriptionError, InputError, LoopError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -259,22 +257,7 @@ def write_overlay(path: str | Path, overlay: Overlay) -> None:
     Raises:
         InputError: numbers that are not finite, or a file that cannot be written
     """
-    text, path = overlay_text(overlay), Path(path).expanduser()
-    beside = ""
-    try:
-        handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(beside, 0o666 & ~umask)
-        os.replace(beside, path)
-    except OSError as problem:
-        if beside:
-            Path(beside).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
+    write_text(path, overlay_text(overlay))
 
 
 def overlay_text(overlay: Overlay) -> str:

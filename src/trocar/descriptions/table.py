@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import re
+import tempfile
 import tomllib
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -344,6 +346,30 @@ def _by_name(rows: Any) -> dict[str, Entries] | None:
         if isinstance(row, Entries) and ("name" in row or "frame" in row)
     }
     return found if len(found) == len(cast(list[Any], rows)) else None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all: what was there before stays until then.
+
+    Raises:
+        InputError: the file cannot be written
+    """
+    path = Path(path).expanduser()
+    beside = ""
+    try:
+        handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(beside, 0o666 & ~umask)
+        os.replace(beside, path)
+    except OSError as problem:
+        if beside:
+            Path(beside).unlink(missing_ok=True)
+        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
 
 
 def toml_text(document: Mapping[str, Any]) -> str:

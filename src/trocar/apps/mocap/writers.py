@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -13,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.mocap.simulate import SimulatedTracks
+from trocar.descriptions.table import write_text
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 
@@ -48,21 +47,9 @@ def write_tracks(path: str | Path, tracks: SimulatedTracks, layout: Format = "ti
         raise InputError(f"format: got {layout!r}; allowed: {', '.join(FORMATS)}")
     lines = _tidy(tracks) if layout == "tidy" else _motive(tracks, Path(path).stem)
     truth = Path(f"{path}.truth.json")
-    _put(Path(path), "\n".join(lines) + "\n")
-    _put(truth, json.dumps(tracks.truth, indent=2) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
+    write_text(truth, json.dumps(tracks.truth, indent=2) + "\n")
     return truth
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="")
-        os.replace(part, path)
-    except OSError as problem:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
 
 
 def _columns(pose: Array) -> tuple[Array, Array, Array]:

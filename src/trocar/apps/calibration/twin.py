@@ -33,17 +33,18 @@ from trocar.kinematics.mechanism import Mechanism
 Array = NDArray[np.float64]
 
 #: Yaw and pitch at which the remote centre is found: so many positions of each, to these angles on
-#: either side. Source: our own choice, as the paper does not print its sweep. Its ECM's centre lies
-#: 3.4 mm beside the yaw axis, yet spreads by 1.33 mm only: over 0.6 rad of yaw no geometry was
-#: found that does both (2.1 mm left), over 0.3 rad 0.4 mm are left. [rad]
+#: either side. Source: our own choice, as the paper does not print its sweep. Of four that were
+#: tried on the ECM (yaw and pitch 0.6 and 0.6, 0.4 and 0.4, 0.3 and 0.6, 0.3 and 0.8 rad) the two
+#: with 0.3 rad of yaw miss the spread by 0.3 to 0.4 mm, the others by 2 mm or more. [rad]
 POSITIONS, SWEEP_RAD = 5, {"yaw": 0.3, "pitch": 0.6}
 #: Table 6 prints tenths of a millimetre. Source: half of the last digit. [m]
 DISTANCE_M = 5e-5
 #: How well place and spread of the remote centre are to be met. Source: our own choice; a tenth of
 #: the figure that the twin has to keep. [m]
 CENTRE_M = 1e-4
-#: The fit ends when a step lowers the sum of squares by less, or after so many. Source: measured;
-#: a hundred steps more bring the centre nearer by less than 0.1 mm.
+#: The fit ends when a step lowers the sum of squares by less, or after so many. Source: our own
+#: choice, for a fit of half a minute. It is not at its minimum then: of a PSM swept by 0.6 rad, 50
+#: steps more lowered the sum by a third.
 CHANGE, MOST_STEPS = 0.03, 12
 #: How far axes are off the description where the figures leave it open: displaced as far as the
 #: paper's own tables differ, and tilted so that a hinge of 0.1 m runs out by as much. [m], [rad]

@@ -226,3 +226,17 @@ def _remove(path: Path) -> None:
         shutil.rmtree(path)
     else:
         path.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str, overwrite: bool = False) -> None:
+    """Write a text file, whole or not at all.
+
+    Args:
+        path, overwrite: as for `check_file`
+        text: what to write, as UTF-8
+
+    Raises:
+        InputError, TrocarError: as for `whole_file`
+    """
+    with whole_file(path, overwrite) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")

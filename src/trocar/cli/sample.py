@@ -1,7 +1,8 @@
 """Write small sample files for the commands that read files.
 
-The files are a PSM log, a rosbag, motion-capture tracks, a URDF robot and a dVRK configuration. All
-are simulated, not recorded on a robot, and identical on every machine. Requires the extra bags.
+The files are a PSM log, a rosbag, motion-capture tracks, touches of a block, a URDF robot and a
+dVRK configuration. All are simulated, not recorded on a robot, and identical on every machine.
+Requires the extra bags.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ def run(args: Namespace) -> int:
     import numpy as np
 
     from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
+    from trocar.apps.mocap.touches import TouchSettings, write_touches
     from trocar.apps.samples import write_samples
     from trocar.descriptions import load_arm
     from trocar.outputs import whole_folder
@@ -46,6 +48,9 @@ def run(args: Namespace) -> int:
         robot = f"perturbed with seed {SEED}"
         write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
         files["tracks.csv"] = "motion capture of a PSM with perturbed link lengths"
+        psm = ("psm", load_arm("psm"))
+        write_touches(built / "touches.toml", {"PSM1": psm, "PSM2": psm}, TouchSettings(seed=SEED))
+        files["touches.toml"] = "joint readings of two PSMs that touch the points of a block"
     document = {"folder": str(folder), "files": files}
     print_result(
         args,

@@ -9,18 +9,21 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
+from trocar.apps.calibration.rcm_frame import centre_links, own_centre
 from trocar.apps.figures import Figure, Part
 from trocar.apps.trials import compiled_poses
 from trocar.apps.verification.formats import formats
-from trocar.apps.verification.linkage import TABLE6, axes, closure, fold
-from trocar.apps.verification.rcm import TABLE7, TABLE7_ERROR_M, cloud, rcm
+from trocar.apps.verification.hardware import beside_hardware
+from trocar.apps.verification.linkage import axes, closure, fold
+from trocar.apps.verification.rcm import cloud, rcm
 from trocar.apps.verification.subject import Subject, Sweep, exact, measured_ranges, sweep
 from trocar.apps.verification.tracking import Track, delays, realtime, tracking
 from trocar.descriptions import load_arm
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import apply_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
-from trocar.descriptions.paper import load_printed
+from trocar.descriptions.paper import TABLE6, TABLE7, TABLE7_ERROR_M, load_printed
+from trocar.geometry.rotations import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import flattenings, forward
 from trocar.modeling.links import rig_links
 
@@ -143,8 +146,8 @@ def test_what_was_measured_stands_beside_a_calibrated_arm() -> None:
     measured = named(axes(subject, None), "3-6: measured")
     assert measured.value == 0.1503
     assert measured.source == "measured: tracks.csv, sigma 0.02 mm"
-    wandered = named(rcm(subject, (sweep(subject, "servo"),)), "measured: RMS distance")
-    assert (wandered.value, wandered.met) == (7e-4, None)
+    (wandered,) = beside_hardware(subject, {})
+    assert (wandered.name, wandered.value, wandered.met) == ("measured: RMS distance", 7e-4, None)
 
 
 def test_skew_axes_are_judged_by_where_the_kinematics_has_them() -> None:
@@ -227,23 +230,40 @@ def test_a_calibrated_arm_sweeps_what_its_tracks_swept_for_the_row_beside_theirs
     assert overlay is not None
     measured = {"rcm": {"rms_m": 4e-4, "wander_rms_m": 3e-4, "sweep_rad": ranges}}
     arm = apply_overlay(load_arm("psm"), replace(overlay, measured=measured))
-    subject = Subject("psm", arm)
+    subject = Subject("psm", arm, nominal=load_arm("psm"))
     upper = arm.joints[1].upper
     assert measured_ranges(subject) == {"yaw": (-0.4, 0.5), "pitch": (-0.3, upper)}
-    narrow = sweep(subject, "set", {"yaw": (-0.4, 0.5), "pitch": (-0.3, 0.2)})
-    for joint, span in enumerate([(-0.4, 0.5), (-0.3, 0.2)]):
-        got = narrow.commanded[:, joint]
+    narrow = {"yaw": (-0.4, 0.5), "pitch": (-0.3, 0.2)}
+    swept = sweep(subject, "set", narrow)
+    for joint, span in enumerate(narrow.values()):
+        got = swept.commanded[:, joint]
         assert (got.min(), got.max()) == pytest.approx(span, abs=0.01)
     wide = sweep(subject, "set")
-    part = rcm(subject, (wide,), narrow)
-    here = named(part, "over the measured range: RMS distance")
+    part = rcm(subject, (wide,), beside_hardware(subject, narrow))
+    here = named(part, "as measured: RMS distance")
     assert "yaw -0.40 to 0.50 rad, pitch -0.30 to 0.20 rad" in here.source
-    assert here.value == pytest.approx(cloud(subject, narrow).rms_distance)
+    assert here.value == pytest.approx(cloud(subject, swept).rms_distance)
     assert here.value < 0.7 * named(part, "no servo error: RMS distance").value
+    assert here.hardware == 3e-4
+    assert here.nominal is not None
+    assert here.nominal < 1e-6 < here.value
     assert named(part, "measured: RMS distance").value == 4e-4
-    assert named(part, "measured without noise: RMS distance").value == 3e-4
     assert any(note.startswith("Swept: yaw -1.5") for note in part.notes)
     assert measured_ranges(wandering()) == {}
+
+
+def test_an_arm_whose_axes_lean_has_its_centre_where_the_calibration_has_it() -> None:
+    """Both give it in one frame: z exactly along the pitch axis, however the yaw axis leans."""
+    psm = load_arm("psm")
+    before = psm.mechanism.frame("pitch_plane").before
+    turned = before[:3, :3] @ matrix_from_rotation_vector(np.array([0.003, 0.003, 0.0]))
+    leaning = FramePatch(before[:3, 3], rpy_from_matrix(turned))
+    arm = apply_overlay(psm, Overlay("psm", "parallelogram", {"pitch_plane": leaning}))
+    swept = sweep(Subject("psm", arm), "set", {"yaw": (-0.3, 0.3), "pitch": (-0.6, 0.6)})
+    seen = cloud(Subject("psm", arm), swept)
+    own = own_centre(arm.mechanism, centre_links(psm), np.stack([seen.yaw, seen.pitch], axis=1))
+    assert abs(own.position[2]) > 1e-3
+    np.testing.assert_allclose(seen.centre, own.position, atol=5e-6)
 
 
 def test_an_arm_without_a_remote_centre_says_so() -> None:

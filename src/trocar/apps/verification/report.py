@@ -15,12 +15,13 @@ from trocar.apps import pages
 from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, new_figure, svg
 from trocar.apps.figures import Part, figure_rows
 from trocar.apps.pages import Cell
-from trocar.apps.verification.linkage import TABLE6_SPREAD_M, Fold
-from trocar.apps.verification.rcm import TABLE7, Cloud
+from trocar.apps.verification.linkage import Fold
 from trocar.apps.verification.rcm import TOLD as RUNS
+from trocar.apps.verification.rcm import Cloud
 from trocar.apps.verification.tracking import TOLD as GAINS
 from trocar.apps.verification.tracking import Track
 from trocar.apps.verification.verify import Verification
+from trocar.descriptions.paper import TABLE6_SPREAD_M, TABLE7
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

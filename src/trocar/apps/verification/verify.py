@@ -8,6 +8,7 @@ from pathlib import Path
 
 from trocar.apps.figures import Figure, Part
 from trocar.apps.verification.formats import formats
+from trocar.apps.verification.hardware import beside_hardware
 from trocar.apps.verification.linkage import axes, closure
 from trocar.apps.verification.rcm import has_remote_centre, rcm
 from trocar.apps.verification.subject import (
@@ -94,12 +95,13 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
         overlays[overlay.arm] = (overlay, str(file))
     subjects: list[Subject] = []
     for name in map(str, arms or list(overlays) or ARMS):
-        arm = load_arm(name)
+        arm, nominal = load_arm(name), None
         words: tuple[str, ...] = ("--arm", name)
         if arm.name in overlays:
             overlay, file = overlays.pop(arm.name)
-            arm, words = apply_overlay(arm, overlay), (*words, "--calibration", file)
-        subjects.append(Subject(name, arm, words))
+            nominal, words = arm, (*words, "--calibration", file)
+            arm = apply_overlay(arm, overlay)
+        subjects.append(Subject(name, arm, words, nominal))
     for other, (_, file) in overlays.items():
         known = ", ".join(s.arm.name for s in subjects)
         raise InputError(f"{file}: got an overlay of {other!r}; allowed: one of {known}")
@@ -124,8 +126,8 @@ def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part
         able = centred and subject.simulated
         ranges = measured_ranges(subject) if able else {}
         if ranges:
-            say(f"{name}: a sweep over the measured range")
-        again = sweep(subject, "set", ranges) if ranges else None
+            say(f"{name}: sweeps over the measured range")
+        again = beside_hardware(subject, ranges) if able else []
         yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
     if "axes" in parts:
         able = subject.simulated and bool(swept_joints(subject.arm.mechanism))

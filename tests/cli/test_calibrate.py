@@ -212,10 +212,13 @@ def test_readings_of_the_arms_themselves_register_their_bases(
     found = tomllib.loads(output.read_text())["arms"]["PSM1"]
     off = np.array(found["xyz_m"]) - np.array(truth["PSM1"]["T_reference_base"])[:3, 3]
     assert (np.abs(off) < 4.0 * np.array(found["xyz_sigma_m"])).all()
-    assert main([*words, "--json"]) == 0
+    assert main([*words, "--overwrite", "--json"]) == 0
     assert set(json.loads(capsys.readouterr().out)["bases"]) == {"T_PSM1_PSM2"}
     for wrong, text in (
-        ([*words, "--arm", "psm"], "--from kinematics: got --arm psm; allowed without it"),
+        (
+            [*words, "--overwrite", "--arm", "psm"],
+            "--from kinematics: got --arm psm; allowed without it",
+        ),
         (["calibrate", "--from", "kinematics"], "the TOML file of touches is missing"),
         (["calibrate", "tracks.csv"], "--arm is missing"),
         (["touches", "--arm", "psm", "-o", str(file)], "--arm: got 'psm'; allowed: NAME=ARM"),

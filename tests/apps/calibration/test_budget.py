@@ -46,7 +46,7 @@ def test_axes_and_angles_scatter_as_foretold() -> None:
     told, truth = expected_sigma(tracks(), psm, POSE), motion().truth
     off: list[list[float]] = []
     for seed in range(trials):
-        axes, home = find_home(motion().times, measure_axes(tracks(seed), loops))
+        axes, home = find_home(tracks(seed), measure_axes(tracks(seed), loops))
         found = distances(axes, pairs)
         angles = betas(axes, home, lines, find_datum(axes, home, None).at_home)
         off.append([

@@ -24,7 +24,7 @@ def registered(
     """Simulate readings, change the TOML file, and register: (found, truth)."""
     path = folder / "touches.toml"
     named = {name: (arm, load_arm(arm)) for name, arm in arms.items()}
-    truth = write_touches(path, named, TouchSettings(**settings))
+    truth = write_touches(path, named, TouchSettings(**settings), overwrite=True)
     for old, new in changes:
         path.write_text(path.read_text().replace(old, new))
     return register(read_touches(path)), truth
@@ -90,7 +90,7 @@ def test_a_tip_that_is_not_given_is_found(tmp_path: Path) -> None:
 
 def test_a_point_with_a_wrong_name_is_pointed_out(tmp_path: Path) -> None:
     path = tmp_path / "touches.toml"
-    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=40))
+    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=40), overwrite=True)
     table = path.with_suffix(".csv")
     lines = table.read_text().splitlines()
     assert lines[9].startswith("A,P1,")
@@ -123,7 +123,7 @@ def test_broken_readings_are_refused_with_their_line(
     tmp_path: Path, old: str, new: str, text: str
 ) -> None:
     path = tmp_path / "touches.toml"
-    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=8))
+    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=8), overwrite=True)
     table = path.with_suffix(".csv")
     assert old in table.read_text()
     table.write_text(table.read_text().replace(old, new, 1))
@@ -133,7 +133,7 @@ def test_broken_readings_are_refused_with_their_line(
 
 def test_readings_that_determine_nothing_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "touches.toml"
-    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=8))
+    write_touches(path, {"A": ("psm", load_arm("psm"))}, TouchSettings(count=8), overwrite=True)
     rows = path.with_suffix(".csv")
     rows.write_text("\n".join(rows.read_text().splitlines()[:4]))
     with pytest.raises(InputError, match=r"A: got 3 readings for 11 unknowns; required: at least"):

@@ -86,15 +86,17 @@ class Connections:
         self._clients[client] = None
         return None
 
-    def disconnect(self, client: Connection) -> None:
-        """End the connection of a client that makes no progress."""
-        self.leave(client)
-        client.transport.abort()
-        unsaid = self._rate_limit.due("idle", client.loop.time())
+    def disconnect(self, idle: Connection) -> None:
+        """End a connection that makes no progress; tell of it if it is a client's."""
+        unsaid = None
+        if idle in self._clients:
+            unsaid = self._rate_limit.due("idle", idle.loop.time())
         if unsaid is not None:
-            peer = "{}:{}".format(*client.remote_address[:2])
+            peer = "{}:{}".format(*idle.remote_address[:2])
             text = "%s: disconnected %s, which read nothing for %.0f s%s"
-            _log.warning(text, self._server, peer, client.idle_s, suffix(unsaid))
+            _log.warning(text, self._server, peer, idle.idle_s, suffix(unsaid))
+        self.leave(idle)
+        idle.transport.abort()
 
     def leave(self, connection: Connection) -> None:
         """Forget a connection."""

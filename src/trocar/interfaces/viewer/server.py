@@ -32,7 +32,7 @@ import viser
 import viser.infra._infra as viser_infra
 import websockets
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.exceptions import InvalidHandshake
+from websockets.exceptions import WebSocketException
 from websockets.http11 import Request, Response
 
 from trocar.errors import InputError, TrocarError
@@ -298,7 +298,7 @@ def _checked_host(host: str) -> str:
 def _is_defect(record: logging.LogRecord) -> bool:
     """Drop reports of what clients did; what else fails in a handshake is a defect."""
     problem = record.exc_info[1] if record.exc_info else None
-    theirs = isinstance(problem, InvalidHandshake | EOFError | ConnectionError)
+    theirs = isinstance(problem, WebSocketException | EOFError | ConnectionError)
     return not (theirs and record.getMessage() == HUNG_UP)
 
 

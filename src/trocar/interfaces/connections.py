@@ -146,7 +146,10 @@ class Connection(ServerConnection):
 
     async def _look_after(self) -> None:
         while True:
+            looked_s = self.loop.time()
             await asyncio.sleep(LOOK_S)
+            # While this process itself stood still no client could make progress.
+            self._progress_s += max(0.0, self.loop.time() - looked_s - LOOK_S)
             unread = self.transport.get_write_buffer_size()
             if unread < self._unread:
                 self._progress_s = self.loop.time()

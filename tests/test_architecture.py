@@ -73,9 +73,10 @@ HOMES = {
     "moderngl": ("rendering",),
     "mcap": ("recording",),
     "zstandard": ("recording",),
-    "rosbags": ("apps/follow", "apps/samples", "interfaces/crtk/transports/ros2"),
-    "apsw": ("apps/follow",),
+    "rosbags": ("apps/bags", "apps/samples", "interfaces/crtk/transports/ros2"),
+    "apsw": ("apps/bags",),
     "matplotlib": ("apps",),
+    "clarabel": ("apps/identification",),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/importers"),
     # Draws the solids in tools/cad.

@@ -19,8 +19,8 @@ from trocar.apps.calibration import read_tracks
 from trocar.apps.calibration.touches import read_touches
 from trocar.apps.dvrk_config import import_dvrk
 from trocar.apps.follow import open_bag
-from trocar.apps.follow.logs import read_log
 from trocar.apps.importers import import_file
+from trocar.apps.logs import read_log
 from trocar.apps.mocap import MocapSettings, simulate_tracks, write_tracks
 from trocar.apps.mocap.touches import TouchSettings, write_touches
 from trocar.apps.samples import write_samples

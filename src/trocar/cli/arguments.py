@@ -82,8 +82,17 @@ def add_calibration(parser: _ActionsContainer) -> None:
     """Add the calibration overlay of one arm."""
     parser.add_argument(
         "--calibration",
+        action="append",
         metavar="OVERLAY",
         help="calibration overlay, replaces nominal geometry (trocar calibrate)",
+    )
+    parser.add_argument(
+        "--dynamics",
+        action="append",
+        dest="calibration",
+        metavar="OVERLAY",
+        help="dynamics overlay, replaces masses and friction (trocar identify), or built-in: psm,"
+        " mtmr (default: the description's)",
     )
 
 
@@ -94,6 +103,14 @@ def add_calibrations(parser: _ActionsContainer) -> None:
         action="append",
         metavar="[ARM=]OVERLAY",
         help="calibration overlay of ARM, or of every arm of its type (repeatable)",
+    )
+    parser.add_argument(
+        "--dynamics",
+        action="append",
+        dest="calibration",
+        metavar="[ARM=]OVERLAY",
+        help="dynamics overlay of ARM, or of every arm of its type (trocar identify), or built-in:"
+        " psm, mtmr (repeatable; default: the descriptions')",
     )
 
 

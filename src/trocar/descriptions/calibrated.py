@@ -1,10 +1,11 @@
-"""Which overlay goes on which arm of a rig."""
+"""Which overlays go on which arm of a rig."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 
 from trocar.descriptions.overlay import Overlay, apply_overlay, overlay_text, read_overlay
@@ -17,6 +18,9 @@ One = Overlay | str | Path
 #: "ARM=FILE" is for one arm.
 Calibration = One | Mapping[str, One] | Sequence[One]
 
+#: Built-in dynamics overlays, and what their names look like.
+DYNAMICS = Path(__file__).parent / "data" / "dynamics"
+NAME = re.compile(r"[a-z0-9_]+")
 #: The name of an arm ahead of a "=", and what follows it.
 NAMED = re.compile(r"([A-Za-z][A-Za-z0-9_]*)=(.+)")
 
@@ -24,19 +28,50 @@ NAMED = re.compile(r"([A-Za-z][A-Za-z0-9_]*)=(.+)")
 def as_overlay(calibration: One) -> Overlay:
     """Return an overlay, read from its file where it is a path.
 
+    The text of a built-in dynamics overlay is its name ("psm").
+
     Raises:
         DescriptionError: the file is broken
     """
-    return calibration if isinstance(calibration, Overlay) else read_overlay(calibration)
+    if isinstance(calibration, Overlay):
+        return calibration
+    built_in = DYNAMICS / f"{calibration}.toml"
+    if isinstance(calibration, str) and NAME.fullmatch(calibration) and built_in.is_file():
+        return read_overlay(built_in)
+    return read_overlay(calibration)
 
 
-def calibrated(arm: ArmDescription, calibration: One | None) -> ArmDescription:
-    """Return an arm with a calibration laid over it; itself without one.
+def combined(one: Overlay, other: Overlay) -> Overlay:
+    """Return the geometry of one overlay with the dynamics of the other.
+
+    Raises:
+        InputError: they are for different arms, or both have geometry, or both dynamics
+    """
+    geometry, dynamics = (one, other) if one.dynamics is None else (other, one)
+    if one.arm != other.arm:
+        raise InputError(
+            f"calibration: got overlays for {one.arm!r} and {other.arm!r}; allowed: the same arm"
+        )
+    both = bool(dynamics.frames or dynamics.closures)
+    if geometry.dynamics is not None or dynamics.dynamics is None or both:
+        raise InputError(
+            f"calibration: got two for {one.arm!r}; allowed: one, or one with geometry and one with"
+            " dynamics"
+        )
+    return replace(geometry, dynamics=dynamics.dynamics)
+
+
+def calibrated(arm: ArmDescription, calibration: One | Sequence[One] | None) -> ArmDescription:
+    """Return an arm with a calibration, its dynamics or both laid over it; itself without one.
 
     Raises:
         InputError, DescriptionError: the overlay is broken, or for another arm
     """
-    return arm if calibration is None else apply_overlay(arm, as_overlay(calibration))
+    if calibration is None:
+        return arm
+    several = [calibration] if isinstance(calibration, Overlay | str | Path) else calibration
+    overlays = [as_overlay(one) for one in several]
+    return apply_overlay(arm, reduce(combined, overlays)) if overlays else arm
 
 
 def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigDescription:
@@ -64,7 +99,10 @@ def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigD
     done: dict[tuple[ArmDescription, int], ArmDescription] = {}
 
     def one(arm: RigArm) -> RigArm:
-        overlay = named.get(arm.name) or general.get(arm.arm.name)
+        own, common = named.get(arm.name), general.get(arm.arm.name)
+        overlay = own or common
+        if own and common and (own.dynamics is None) != (common.dynamics is None):
+            overlay = combined(own, common)
         if overlay is None or _carries(arm.arm, overlay):
             return arm
         key = (arm.arm, id(overlay))
@@ -97,7 +135,5 @@ def _sorted(calibration: Calibration) -> tuple[dict[str, Overlay], dict[str, Ove
         match = NAMED.fullmatch(one) if isinstance(one, str) else None
         overlay = as_overlay(match[2] if match else one)
         place, key = (named, match[1]) if match else (general, overlay.arm)
-        if key in place:
-            raise InputError(f"calibration: got two for {key!r}; allowed: one")
-        place[key] = overlay
+        place[key] = combined(place[key], overlay) if key in place else overlay
     return named, general

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ def names(shelf: Shelf) -> tuple[str, ...]:
 
 
 def load_arm(
-    name: str | Path, tool: str | Path | None = None, calibration: One | None = None
+    name: str | Path, tool: str | Path | None = None, calibration: One | Sequence[One] | None = None
 ) -> ArmDescription:
     """Load an arm with its tool.
 
@@ -46,7 +47,7 @@ def load_arm(
 
 
 def load_mechanism(
-    name: str | Path, tool: str | Path = "none", calibration: One | None = None
+    name: str | Path, tool: str | Path = "none", calibration: One | Sequence[One] | None = None
 ) -> ArmDescription:
     """Load an arm with its tool as `load_arm` does, but without their bodies.
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import hinge_side
+from trocar.descriptions.dynamics import apply_dynamics, dynamics_document, read_dynamics
 from trocar.descriptions.overlay_records import ClosureKind, ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription, Body, Shape
@@ -131,8 +132,16 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
     mechanism = arm.mechanism
     _check_frames(arm, overlay, where)
     _check_known("closure", overlay.closures, [c.name for c in mechanism.closures], where)
-    if not overlay.frames and not overlay.closures:
-        return replace(arm, overlay=overlay)
+    if overlay.frames or overlay.closures:
+        arm = _moved(arm, overlay, where)
+    if overlay.dynamics is not None:
+        arm = apply_dynamics(arm, overlay.dynamics, where)
+    return replace(arm, overlay=overlay)
+
+
+def _moved(arm: ArmDescription, overlay: Overlay, where: str) -> ArmDescription:
+    """Return an arm with frames and closing hinges where an overlay has them."""
+    mechanism = arm.mechanism
     frames = {
         f.name: patched_frame(f, overlay.frames[f.name]) if f.name in overlay.frames else f
         for f in mechanism.frames
@@ -162,7 +171,6 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
             *(pin_body(name, arm.name) for name in pins),
         ),
         rotor={**arm.rotor, **{pin_name(name): PIN_ROTOR_KG for name in pins}},
-        overlay=overlay,
     )
 
 
@@ -226,11 +234,12 @@ SCHEMA = 1
 CLOSURES = ("parallelogram", "general")
 HEADER = """\
 # A calibrated robot's own geometry, laid over the description of its kind:
-#   trocar sim --calibration THIS_FILE
+#   trocar sim --calibration THIS_FILE (geometry), trocar sim --dynamics THIS_FILE (dynamics)
 # Lengths in metres, angles in radians; *_sigma_* are standard deviations. xyz and rpy place a
 # frame (of a hinge: its axis) in its parent at coordinate 0; rpy turns about the parent's fixed
 # axes x, y, z, rpy_sigma is of small turns about its own. point_a and point_b are a closing hinge
-# on its two frames.
+# on its two frames. bodies: mass distributions; inertia_* is xx, yy, zz, xy, xz, yz about the
+# centre of mass. drivetrains: forces along combinations of joints (docs/dynamics.md).
 """
 
 
@@ -303,6 +312,7 @@ def overlay_text(overlay: Overlay) -> str:
         "frames": frames or None,
         "closures": closures or None,
         "measured": overlay.measured or None,
+        **({} if overlay.dynamics is None else dynamics_document(overlay.dynamics)),
     }
     return f"{HEADER}\n{toml_text(document)}"
 
@@ -323,6 +333,7 @@ def _read(table: Table) -> Overlay:
     measured = table.raw("measured", {})
     if not isinstance(measured, dict):
         raise table.fail("measured", f"got {measured!r}; allowed: a table")
+    dynamics = read_dynamics(table)
     table.done()
     return Overlay(
         arm,
@@ -333,6 +344,7 @@ def _read(table: Table) -> Overlay:
         about,
         warnings,
         table.file,
+        dynamics,
     )
 
 

@@ -1,4 +1,4 @@
-"""What a calibration found of one robot: values that replace those of its description."""
+"""What was found of one robot: values that replace those of its description."""
 
 from __future__ import annotations
 
@@ -11,6 +11,109 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 ClosureKind = Literal["parallelogram", "general"]
+
+#: Terms of a drivetrain and the number of their coefficients; 0: as many as its stops or cable has.
+TERMS = {
+    "rotor": 1,
+    "coulomb": 1,
+    "viscous": 1,
+    "offset": 1,
+    "stiffness": 1,
+    "harmonic": 2,
+    "stops": 0,
+    "cable": 0,
+}
+#: Terms that must not be negative: they store energy or dissipate it.
+POSITIVE = ("rotor", "coulomb", "viscous", "stiffness", "stops")
+
+
+@dataclass(frozen=True, eq=False)
+class BodyDynamics:
+    """Mass distribution of a body.
+
+    Attributes:
+        mass: [kg]
+        com: centre of mass in the frame, (3,) [m]
+        inertia: about the centre of mass in the frame's axes, (3, 3) [kg m^2]
+        mass_sigma, com_sigma, inertia_sigma: one standard deviation; None: not known
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+    mass_sigma: float | None = None
+    com_sigma: Array | None = None
+    inertia_sigma: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Drivetrain:
+    """Forces along one coordinate c, a linear combination of the joint positions.
+
+    The force on c is rotor * c'' + coulomb * sign(c') + viscous * c' + offset + stiffness * c
+    + harmonic . (sin c, cos c) + stops . z + cable . T(c) with the following states and functions.
+    z: stop elements of a Maxwell-slip model of friction; element i follows c elastically, slips
+    beyond `stop_limits[i]`: z_i <- clip(z_i + dc, -limit_i, limit_i).
+    T: Chebyshev polynomials of the first to n-th order on `cable_range`, constant outside of it.
+    Source: Al-Bender, Lampaert, Swevers 2005, The generalized Maxwell-slip model.
+
+    Attributes:
+        along: {joint: weight}, c = sum(weight * q)
+        terms: {term: coefficients}, SI units of c
+        sigma: {term: one standard deviation of its coefficients}
+        stop_limits: of c, in the order of `terms["stops"]` [rad or m]
+        cable_range: lowest and highest c of the cable's polynomial [rad or m]
+    """
+
+    along: Mapping[str, float]
+    terms: Mapping[str, tuple[float, ...]]
+    sigma: Mapping[str, tuple[float, ...]] = field(default_factory=dict[str, tuple[float, ...]])
+    stop_limits: tuple[float, ...] = ()
+    cable_range: tuple[float, float] = (0.0, 0.0)
+
+    def one(self, term: str) -> float:
+        """Return a term with one coefficient, 0 if the drivetrain lacks it."""
+        return self.terms.get(term, (0.0,))[0]
+
+    @property
+    def dry_friction(self) -> float:
+        """Coulomb friction after long travel in one direction, all stop elements slipping."""
+        slipping = zip(self.terms.get("stops", ()), self.stop_limits, strict=True)
+        return self.one("coulomb") + sum(k * limit for k, limit in slipping)
+
+
+@dataclass(frozen=True)
+class FilterSettings:
+    """Zero-phase low-pass filters of a log, each run forwards and backwards.
+
+    Attributes:
+        rate_hz: sample rate that the logs had [Hz]
+        cutoff_hz: of positions, velocities, efforts and of the predicted efforts [Hz]
+        order: of the Butterworth filter
+        acceleration_cutoff_hz: {joint: cut-off of a second filter of its acceleration} [Hz]
+        differentiated: joints whose velocity is the derivative of the filtered position
+    """
+
+    rate_hz: float = 200.0
+    cutoff_hz: float = 17.0
+    order: int = 6
+    acceleration_cutoff_hz: Mapping[str, float] = field(default_factory=dict[str, float])
+    differentiated: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """What an identification found of a robot.
+
+    Attributes:
+        bodies: {frame of the arm itself: mass distribution of its body}
+        drivetrains: {name: forces}; the name of a joint or frame of the arm where it moves along
+        filters: with which the logs were filtered
+    """
+
+    bodies: Mapping[str, BodyDynamics]
+    drivetrains: Mapping[str, Drivetrain]
+    filters: FilterSettings = FilterSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +157,7 @@ class ClosurePatch:
 
 @dataclass(frozen=True, eq=False)
 class Overlay:
-    """One robot's own geometry, to be laid over the description of its kind.
+    """One robot's own geometry and dynamics, to be laid over the description of its kind.
 
     Attributes:
         arm: name of the description that it belongs to ("psm")
@@ -63,9 +166,10 @@ class Overlay:
         frames: {frame: where it stands}
         closures: {closure: where its hinge sits}
         measured: what was measured besides, for reports: tables of numbers, texts and lists
-        source: {"file", "sha256", "version"}: the tracks and the software that it comes from
+        source: {"file", "sha256", "version"}: the measurements and software that it comes from
         warnings: what the calibration had to say
         file: where the overlay was read from, "" for one made in Python
+        dynamics: its identified bodies and drivetrains; None: those of the description
     """
 
     arm: str
@@ -76,3 +180,4 @@ class Overlay:
     source: Mapping[str, str] = field(default_factory=dict[str, str])
     warnings: tuple[str, ...] = ()
     file: str = ""
+    dynamics: Dynamics | None = None

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.apps.follow.logs import actuators_of_recording, count_rows, read_log
+from trocar.apps.logs import actuators_of_recording, count_rows, read_log
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.errors import InputError, LogError
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trocar.apps.bags import is_bag
 from trocar.apps.follow import ReplaySettings, replay
-from trocar.apps.follow.bags import is_bag
-from trocar.apps.follow.logs import read_bag
+from trocar.apps.logs import read_bag
 from trocar.descriptions import load_arm
 from trocar.errors import LogError, MissingExtraError
 from trocar.recording import record

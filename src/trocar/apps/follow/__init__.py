@@ -1,6 +1,6 @@
 """Simulated arms along a real robot's motion: mirrored (docs/mirror.md), replayed or repeated."""
 
-from trocar.apps.follow.bags import Bag, open_bag
+from trocar.apps.bags import Bag, open_bag
 from trocar.apps.follow.mirror import BagSource, LiveSource, Mirror, MirrorReport
 from trocar.apps.follow.repeat import RepeatReport, repeat
 from trocar.apps.follow.replay import ReplayReport, ReplaySettings, replay

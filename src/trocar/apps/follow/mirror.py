@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.follow.bags import JOINT_STATE, Bag, JointMessage
+from trocar.apps.bags import JOINT_STATE, Bag, JointMessage
 from trocar.descriptions import ArmDescription, RigDescription
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.crtk.topic import prefix

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -11,8 +11,8 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.follow.bags import is_bag
-from trocar.apps.follow.logs import (
+from trocar.apps.bags import is_bag
+from trocar.apps.logs import (
     Wrist,
     check_rows,
     count_rows,
@@ -49,7 +49,7 @@ class ReplaySettings:
         wrist: as for `read_log`; a bag holds public joints
         topic: of a bag's joint states; its only one that fits when omitted
         tool: the mounted tool, the arm's default when omitted
-        calibration: an overlay of the arm, or its path; None: the nominal arm
+        calibration: overlays of the arm, or their paths; None: the nominal arm
     """
 
     mode: ReplayMode = "position"
@@ -60,7 +60,7 @@ class ReplaySettings:
     wrist: Wrist = "motor"
     tool: str | None = None
     topic: str | None = None
-    calibration: One | None = None
+    calibration: One | Sequence[One] | None = None
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from typing import Any, Literal, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.follow.bags import FORMATS, JOINT_STATE, Bag, open_bag
+from trocar.apps.bags import FORMATS, JOINT_STATE, Bag, open_bag
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError, LogError
 from trocar.kinematics.coupling import Coupling, joint_effort_from_actuator, joint_from_actuator

@@ -1,0 +1,236 @@
+"""Identify an arm's dynamics from logs of positions, velocities and efforts.
+
+Masses, centres of mass and inertias of the closed-loop mechanism, friction with pre-sliding
+hysteresis, rotors, springs and cables are fitted by convex optimisation, such that every body is
+physically possible. The output is an overlay for --dynamics. LOG is a CSV file as for `trocar
+replay`, a CSV file with header (time, JOINT_position, JOINT_velocity, JOINT_effort), a bag, or a
+recording of a simulation. See docs/dynamics.md.
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
+from typing import TYPE_CHECKING, Any
+
+from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.output import plain, print_result, table
+
+if TYPE_CHECKING:
+    from argparse import _ActionsContainer
+
+    from trocar.apps.identification import Identified, LogSettings, Prediction, Score, Weight
+
+SUMMARY = "identify an arm's dynamics from logs of efforts"
+ORDER = 52
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("log", metavar="LOG", nargs="+", help="logs of one arm, used together")
+    add_log(parser)
+    parser.add_argument(
+        "--weight",
+        action="append",
+        default=[],
+        type=weight,
+        metavar="KG[@FRAME[:X,Y,Z]]",
+        help="known weight strapped to the arm, X,Y,Z in metres in FRAME (default: at the tip);"
+        " once per LOG in their order, 0 for none",
+    )
+    parser.add_argument(
+        "--mass-bounds",
+        type=bounds,
+        default=(0.3, 3.0),
+        metavar="LOWER,UPPER",
+        help="bounds of the masses as ratios of the CAD estimates (default: 0.3,3)",
+    )
+    parser.add_argument(
+        "--cross-validate",
+        action="store_true",
+        help="also hold out each sixth of the trajectory's period in turn (first LOG)",
+    )
+    parser.add_argument("-o", "--output", metavar="OVERLAY", required=True, help="overlay to write")
+    parser.add_argument(
+        "--report", metavar="DIR", help="new folder for result.json and plots of the efforts"
+    )
+    add_overwrite(parser)
+    add_json(parser)
+
+
+def add_log(parser: _ActionsContainer) -> None:
+    """Add the arm of a log, and how to read the log."""
+    parser.add_argument(
+        "--arm",
+        default="psm",
+        help="built-in arm (see trocar list arms) or TOML file (default: psm)",
+    )
+    parser.add_argument(
+        "--tool", help="built-in tool or TOML file (default: the tool of the arm's description)"
+    )
+    parser.add_argument(
+        "--rate",
+        type=number,
+        default=200.0,
+        metavar="HZ",
+        help="sample rate of a CSV log without header; bags are resampled to it (default: 200)",
+    )
+    parser.add_argument(
+        "--wrist",
+        choices=("motor", "joint"),
+        default="motor",
+        help="CSV log without header: side of the coupling on which a PSM's wrist and jaw, or an"
+        " MTM's joints 2 to 4, were recorded (default: motor)",
+    )
+    parser.add_argument(
+        "--topic", help="bag: topic of joint states (default: the only one that fits the arm)"
+    )
+    parser.add_argument(
+        "--cutoff",
+        type=number,
+        metavar="HZ",
+        help="cut-off of the zero-phase filters (default: 16.96 for a PSM, 5.65 for an MTM)",
+    )
+
+
+def log_settings(args: Namespace) -> LogSettings:
+    """Return the settings from the options of `add_log`."""
+    from trocar.apps.identification import LogSettings
+
+    return LogSettings(args.tool, args.rate, args.wrist, args.topic, args.cutoff)
+
+
+def weight(text: str) -> tuple[float, str, tuple[float, float, float]]:
+    """Return mass, frame ("" for the tip) and point of a weight."""
+    mass, _, place = text.partition("@")
+    frame, _, point = place.partition(":")
+    try:
+        values = [float(v) for v in point.split(",")] if point else [0.0, 0.0, 0.0]
+        kilograms = float(mass)
+    except ValueError:
+        values, kilograms = [], 0.0
+    if len(values) != 3 or not 0.0 <= kilograms < 1e3 or not all(abs(v) < 1e3 for v in values):
+        example = "0.105@pitch_top:0.35,0.02,0"
+        raise ArgumentTypeError(f"got {text!r}; allowed: KG[@FRAME[:X,Y,Z]], e.g. {example}")
+    return kilograms, frame, (values[0], values[1], values[2])
+
+
+def weights(
+    given: list[tuple[float, str, tuple[float, float, float]]], tip: str
+) -> list[list[Weight]]:
+    """Return the weights of each log; a mass of 0 is none."""
+    from trocar.apps.identification import Weight
+
+    return [[Weight(kg, frame or tip, point)] if kg else [] for kg, frame, point in given]
+
+
+def bounds(text: str) -> tuple[float, float]:
+    """Return two numbers."""
+    try:
+        lower, upper = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ArgumentTypeError(f"got {text!r}; allowed: LOWER,UPPER, e.g. 0.3,3") from None
+    return lower, upper
+
+
+def run(args: Namespace) -> int:
+    """Identify, write the overlay, and print what was found."""
+    from trocar import __version__
+    from trocar.apps.identification import (
+        cross_validate,
+        default_filters,
+        filtered,
+        identify,
+        predict,
+        read_motion,
+    )
+    from trocar.apps.identification.predict import write_report
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file, check_folder
+
+    check_file(args.output, args.overwrite)
+    if args.report is not None:
+        check_folder(args.report, args.overwrite)
+    how = log_settings(args)
+    arm = load_arm(args.arm, args.tool)
+    filters = how.filters(default_filters(arm))
+    logs = [
+        filtered(read_motion(file, arm, how.rate_hz, how.wrist, how.topic), arm, filters)
+        for file in args.log
+    ]
+    known = weights(args.weight, arm.mechanism.tip)
+    found = identify(logs, arm, known, args.mass_bounds)
+    overlay = found.overlay(__version__)
+    strapped = known or [[] for _ in args.log]
+    scored = [
+        predict(file, args.arm, overlay, own, how)
+        for file, own in zip(args.log, strapped, strict=True)
+    ]
+    held_out = cross_validate(logs[0], arm, args.mass_bounds) if args.cross_validate else None
+    document = _document(found, scored, held_out, args.output)
+    write_overlay(args.output, overlay, overwrite=args.overwrite)
+    if args.report is not None:
+        text = json.dumps(plain(document), indent=2)
+        write_report(args.report, {"result": text}, scored, args.overwrite)
+    print_result(args, document, lambda: _text(found, scored, held_out, args.output))
+    return 0
+
+
+def _document(
+    found: Identified, scored: list[Prediction], held_out: Score | None, output: str
+) -> dict[str, Any]:
+    base = found.base
+    return {
+        "arm": found.model.arm.name,
+        "overlay": output,
+        "logs": [one.document() for one in scored],
+        "cross_validation_percent": held_out and held_out.relative_rms_percent,
+        "bodies": {
+            name: {
+                "mass_kg": body.mass,
+                "mass_sigma_kg": body.mass_sigma,
+                "mass_bounds_kg": [found.bounds[name].lower, found.bounds[name].upper],
+                "com_m": body.com,
+            }
+            for name, body in found.dynamics.bodies.items()
+        },
+        "parameters": len(found.parameters),
+        "base_parameters": [
+            {"name": name, "value": value, "sigma": sigma}
+            for name, value, sigma in zip(base.names, base.values, base.sigma, strict=True)
+        ],
+        "condition_number": base.condition,
+        "identifiable": list(base.identifiable),
+    }
+
+
+def _text(found: Identified, scored: list[Prediction], held_out: Score | None, output: str) -> str:
+    rows = [
+        [name, f"{body.mass:.3f}", f"{body.mass_sigma:.3f}", *(f"{1e3 * c:.1f}" for c in body.com)]
+        for name, body in found.dynamics.bodies.items()
+    ]
+    base = found.base
+    parts = [
+        f"{found.model.arm.name}: {len(found.parameters)} parameters, {len(base.names)} base"
+        f" parameters (condition number {base.condition:.3g}), {len(base.identifiable)} of them"
+        f" identifiable to 10 %\n",
+        table(["body", "mass [kg]", "sigma", "x [mm]", "y [mm]", "z [mm]"], rows),
+        "",
+        errors(scored, held_out),
+        f"\nwritten: {output}",
+    ]
+    return "\n".join(parts)
+
+
+def errors(scored: list[Prediction], held_out: Score | None = None) -> str:
+    """Return the relative errors of predictions as a table, a column per log."""
+    columns = [one.score.relative_rms_percent for one in scored]
+    head = ["error [%]", *(f"log {k}" for k in range(1, len(scored) + 1))]
+    if held_out is not None:
+        columns, head = [*columns, held_out.relative_rms_percent], [*head, "held out"]
+    rows = [
+        [name, *("-" if (v := column[name]) is None else f"{v:.1f}" for column in columns)]
+        for name in columns[0]
+    ]
+    return table(head, rows)

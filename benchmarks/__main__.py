@@ -10,6 +10,7 @@ python -m benchmarks attack --help: attack a simulator and count what fails.
 
 from __future__ import annotations
 
+import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Sequence
@@ -58,6 +59,12 @@ def main(words: Sequence[str] | None = None) -> int:
         "--no-browser", action="store_true", help="of scope: a program loads the page instead"
     )
     parser.add_argument("-o", "--output", metavar="PNG", help="of soak: plot its windows")
+    parser.add_argument(
+        "--recordings",
+        metavar="DIR",
+        default=os.environ.get("TROCAR_HARDWARE_DATA"),
+        help="of dynamics: recordings of real arms (default: $TROCAR_HARDWARE_DATA)",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
     try:
@@ -90,8 +97,11 @@ def main(words: Sequence[str] | None = None) -> int:
         if "dynamics" in args.name:
             from benchmarks.dynamics import dynamics
 
-            watch("dynamics")
-            found += dynamics()
+            if args.recordings is None:
+                print("dynamics: skipped, no folder of recordings is named", file=sys.stderr)
+            else:
+                watch("dynamics")
+                found += dynamics(Path(args.recordings))
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

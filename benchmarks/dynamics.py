@@ -18,8 +18,6 @@ from trocar.apps.identification import (
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
 
-#: Where recordings of WPI-AIM/dvrk_dynamics_identification are looked for.
-RECORDINGS = Path(__file__).parents[2] / "shared" / "data" / "hardware"
 SOURCE = (
     "goal: below the published model (Wang 2019) on an unseen trajectory, as cross-validated by six"
     " blocks of the trajectory's phase"
@@ -54,7 +52,7 @@ LOADED = (
 )
 
 
-def dynamics(folder: Path = RECORDINGS) -> list[Figure]:
+def dynamics(folder: Path) -> list[Figure]:
     """Return relative errors [%]: held out, and of recordings with a weight, nothing refitted.
 
     Raises:
@@ -62,8 +60,8 @@ def dynamics(folder: Path = RECORDINGS) -> list[Figure]:
     """
     if not folder.is_dir():
         raise InputError(
-            f"dynamics: skipped, no recordings in {folder}; allowed: a folder with"
-            f" {', '.join(FILES.values())}"
+            f"dynamics: {folder} is no folder; allowed: one with the recordings"
+            f" {', '.join(FILES.values())}, ..."
         )
     figures: list[Figure] = []
     for name, file in FILES.items():

@@ -1,4 +1,4 @@
-"""Plan a trajectory that excites an arm's dynamics, to run on a robot and log for `trocar identify`.
+"""Plan a trajectory that excites an arm's dynamics: run it on a robot, and identify from its log.
 
 Fourier series of each joint within its limits of position, velocity and acceleration. The condition
 number of the base parameters' regressor is minimised. The trajectory begins and ends at rest; check

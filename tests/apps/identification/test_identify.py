@@ -74,7 +74,7 @@ def found() -> object:
 
 
 def test_identifiable_parameters_return_within_two_percent(found: object) -> None:
-    log, result = found  # type: ignore[misc]
+    _, result = found  # type: ignore[misc]
     truth = np.concatenate(
         [
             *(

@@ -236,15 +236,16 @@ def reweighted(
         logs: where these are from
     """
     size = effort_scale(logs)
-    scale = size
-    for _ in range(PASSES):
-        rows = Compressed.joined(
-            [compressed_rows(m, t, log, scale) for (m, t), log in zip(parts, logs, strict=True)]
-        )
-        found = solved(model, bounds, rows, logs)
+
+    def fit(scale: Array) -> Identified:
+        rows = [compressed_rows(m, t, log, scale) for (m, t), log in zip(parts, logs, strict=True)]
+        return solved(model, bounds, Compressed.joined(rows), logs)
+
+    found = fit(size)
+    for _ in range(PASSES - 1):
         error = np.concatenate([t - m @ found.parameters for m, t in parts])
         left = np.linalg.norm(error, axis=0) / size
-        scale = size * np.maximum(left, LEAST_ERROR) / USUAL_ERROR
+        found = fit(size * np.maximum(left, LEAST_ERROR) / USUAL_ERROR)
     return found
 
 
@@ -360,7 +361,8 @@ def _pivoted(
     """Return lengths of the columns, the used ones, their pivoted triangle, its order and rank."""
     length = np.linalg.norm(rows.triangle, axis=0)
     used = np.flatnonzero(length > 1e-12 * length.max())
-    _, triangle, order = qr(rows.triangle[:, used] / length[used], mode="economic", pivoting=True)
+    found: Any = qr(rows.triangle[:, used] / length[used], mode="economic", pivoting=True)
+    _, triangle, order = found
     diagonal = np.abs(np.diag(triangle))
     return length, used, triangle, order, int(np.sum(diagonal > least * diagonal[0]))
 
@@ -388,9 +390,10 @@ def _solve(
 ) -> Array:
     """Minimise |R x - r|^2 + sum prior (x - start)^2 over possible parameters."""
     try:
-        import clarabel
+        import clarabel as library
     except ImportError as error:
         raise MissingExtraError("clarabel", "identify", "identifying dynamics") from error
+    clarabel: Any = library
     scaled = rows.triangle * spread
     quadratic = 2.0 * (scaled.T @ scaled + np.diag(prior * spread**2))
     linear = -2.0 * (scaled.T @ rows.target + prior * spread * start)
@@ -405,7 +408,7 @@ def _solve(
         cones.append(clarabel.PSDTriangleConeT(4))
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    matrix = sparse.vstack(blocks) @ sparse.diags(spread)
+    matrix: Any = sparse.vstack(blocks) @ sparse.diags(spread)
     norm = np.asarray(np.sqrt(matrix.multiply(matrix).sum(axis=1))).ravel()[: len(sides)]
     weight = sparse.diags(np.concatenate([1.0 / norm, np.ones(matrix.shape[0] - len(sides))]))
     solver = clarabel.DefaultSolver(

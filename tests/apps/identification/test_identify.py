@@ -255,8 +255,8 @@ def test_efforts_of_the_wrong_sign_are_named(tidy: Callable[..., Path]) -> None:
 
 
 def test_a_short_log_is_refused(tidy: Callable[..., Path]) -> None:
-    with pytest.raises(LogError, match="lasts 3 s; allowed: 5 s or more"):
-        read_motion(tidy(seconds=3), load_arm("ecm"))
+    with pytest.raises(LogError, match="lasts 2 s; allowed: 3 s or more"):
+        read_motion(tidy(seconds=2), load_arm("ecm"))
 
 
 def test_a_joint_that_does_not_move_is_named(tidy: Callable[..., Path]) -> None:

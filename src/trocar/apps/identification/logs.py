@@ -28,8 +28,8 @@ from trocar.recording import is_recording, open_recording
 
 Array = NDArray[np.float64]
 
-#: A log must be longer [s]. Source: our own choice, 3 s beyond what the filters' ends take.
-SHORTEST_S = 5.0
+#: A log must be longer [s]. Source: our own choice, 1 s beyond what the filters' ends take.
+SHORTEST_S = 3.0
 #: Samples that are cut at both ends, where filters settle [s]. Source:
 #: dvrk_dynamics_identification, 200 samples at 200 Hz.
 CUT_S = 1.0

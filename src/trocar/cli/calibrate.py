@@ -156,7 +156,7 @@ def run(args: Namespace) -> int:
     if args.source == "paper":
         return _paper(args)
     if args.tracks is None:
-        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper, --plan")
+        raise InputError("calibrate: TRACKS is missing; allowed: a file, or --from paper or --plan")
     if args.report:
         check_report(args.report, args.overwrite)
     if args.output:
@@ -235,7 +235,7 @@ def _registration(found: Mapping[str, Base], document: dict[str, Any]) -> str:
         for joint, v in base.offsets.items()
     ]  # fmt: skip
     left = "; ".join(
-        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm per axis left"
+        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm RMS residual per axis"
         for name, base in found.items()
     )
     return "\n\n".join(
@@ -251,7 +251,9 @@ def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:
     """Reject options that do not apply."""
     for given in (name for name in options if getattr(args, name) is not None):
         name = "TRACKS" if given == "tracks" else f"--{given}"
-        raise InputError(f"{what}: got {name} {getattr(args, given)}; allowed without it")
+        raise InputError(
+            f"{what}: got {name} {getattr(args, given)}; allowed: {what} without {name}"
+        )
 
 
 def _plan(args: Namespace) -> int:

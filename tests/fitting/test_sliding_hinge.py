@@ -35,7 +35,8 @@ def pull(fit: HingeFit, direction: np.ndarray) -> float:
 def test_the_direction_of_a_sliding_pin_is_within_its_deviations(seed: int) -> None:
     poses, direction = taken(np.random.default_rng(seed), 1.0)
     assert pull(fit_hinge(poses, slides=True), direction) < 4.0
-    assert pull(fit_hinge(poses), direction) > 4.0  # the slide is taken for a lean
+    lean = fit_hinge(poses)  # takes the slide for a lean, and for noise that is not white
+    assert lean.widened * pull(lean, direction) > 4.0 and lean.widened > 2.0
 
 
 def test_a_sliding_pin_without_noise_is_found_exactly() -> None:

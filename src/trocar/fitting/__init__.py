@@ -23,6 +23,7 @@ from trocar.fitting.pivot import (
     white_noise,
 )
 from trocar.fitting.robust import GROSS_M, not_gross
+from trocar.fitting.wander import WanderFit, fit_wander
 
 __all__ = [
     "GROSS_M",
@@ -35,11 +36,13 @@ __all__ = [
     "PivotFit",
     "RestPose",
     "SharedHinge",
+    "WanderFit",
     "axis_distance",
     "fit_hinge",
     "fit_hinge_least_squares",
     "fit_pivot",
     "fit_pivot_in_body",
+    "fit_wander",
     "likely_cause",
     "not_gross",
     "refine_hinges",

@@ -18,12 +18,14 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11 python;
 # The Python that Debian's rospy is for.
 ROS1_PYTHON ?= /usr/bin/python3
 
-# What is installed beside trocar itself, for each thing one may want to do.
-EXTRAS_run := [all]
-EXTRAS_test := [all,test,browser]
+# What make run installs (the extra `all`, pip and the build backend) stands with hashes in
+# requirements.txt; these are added to it for other targets. Only make skipped installs judges,
+# one of which needs a proprietary wheel (docs/licences.md).
+EXTRAS_test := [test,browser]
 EXTRAS_cad := [cad]
 EXTRAS_docs := [docs]
 EXTRAS_dev := [dev]
+EXTRAS_judges := [dev,judges]
 
 # The browser draws in software and needs the machine for itself; pytest ends with 5 where ARGS
 # chooses nothing. Side by side, processes with several BLAS threads each only wait for one another.
@@ -40,10 +42,8 @@ OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JO
 endef
 
 # pip's own output is hundreds of lines, and silence for a minute looks like a hang.
-define install
-@echo "Installing trocar$(2) into $(1) from pinned versions; this takes about a minute:"
-@{ $(1)/bin/python -m pip install --progress-bar off --constraint constraints.txt \
-	--build-constraint constraints.txt --editable '.$(2)'; echo "status $$?"; } | \
+define pip
+@{ $(1)/bin/python -m pip install --progress-bar off $(2); echo "status $$?"; } | \
 	while read -r word name rest; do case "$$word $$name" in \
 		Collecting*) printf '%s ' "$${name%%[<>=!~;[(]*}";; \
 		"Installing collected") printf '\nInstalling %s packages ...\n' "$$(($$(echo $$rest | wc -w) - 1))";; \
@@ -51,7 +51,12 @@ define install
 	esac; done
 endef
 
-.PHONY: help venv run quick test slow check skipped lint bench cad docs ros1-venv clean
+define install
+@echo "Installing trocar$(2) into $(1) from pinned versions; this takes about a minute:"
+$(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
+endef
+
+.PHONY: help venv run quick test slow check skipped lint bench attack cad docs hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -81,7 +86,7 @@ check: lint ## format, lint, types, then all tests, the slow ones and the wheel'
 	$(tests)
 	$(slow)
 
-skipped: .venv/.ready-dev ## run what the last make test skipped, where all judges are installed
+skipped: .venv/.ready-judges ## run what the last make test skipped, where all judges are installed
 	$(BIN)/python -m pytest --skipped-before -m browser $(ARGS) || [ $$? = 5 ]
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --skipped-before -m "not browser" -n $(JOBS) \
 		--dist loadfile $(ARGS) || [ $$? = 5 ]
@@ -94,6 +99,9 @@ lint: .venv/.ready-dev ## format, lint and types alone
 bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 	$(BIN)/trocar bench $(ARGS)
 
+attack: .venv/.ready-test ## attack a simulator for ten minutes in each way (ARGS="--only faults")
+	$(BIN)/python -m benchmarks attack --seconds 600 --jobs 2 $(ARGS)
+
 cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
@@ -102,13 +110,29 @@ docs: .venv/.ready-docs ## build the documentation into site/, an API reference 
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 
+hashes: .venv/.ready-run ## write requirements.txt again, after a change of constraints.txt
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt uv
+	@printf '%s\n' pip hatchling editables | $(BIN)/uv pip compile --quiet --upgrade --universal \
+		--python-version 3.11 --generate-hashes --only-binary :all: --no-annotate \
+		--custom-compile-command "make hashes" --constraint constraints.txt \
+		--extra all pyproject.toml - --output-file requirements.txt
+
+licences: .venv/.ready-judges ## write docs/licences.md again, after a change of constraints.txt
+	$(BIN)/python tools/docs/licences.py
+
 ros1-venv: .venv-ros1/.ready ## build .venv-ros1 on the Python that has rospy, for trocar sim --ros1
 
 clean: ## throw away .venv, .venv-ros1 and the caches
 	rm -rf .venv .venv-ros1 .pytest_cache .ruff_cache .hypothesis
 
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
-.venv/.ready-%: .venv/.created pyproject.toml constraints.txt src/trocar/__init__.py
+.venv/.ready-run: .venv/.created pyproject.toml requirements.txt src/trocar/__init__.py
+	@echo "Installing trocar into .venv from wheels with known hashes; this takes about a minute:"
+	$(call pip,.venv,--require-hashes --only-binary :all: --requirement requirements.txt)
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+.venv/.ready-%: .venv/.ready-run constraints.txt
 	$(call install,.venv,$(EXTRAS_$*))
 	@touch $@
 
@@ -124,7 +148,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 	.venv-ros1/bin/python -m trocar.interfaces.crtk.transports.ros1.packages .venv-ros1/ros
 	@touch $@
 
-.venv/.created: constraints.txt
+.venv/.created:
 	@test -n "$(PYTHON)" || { echo "trocar needs Python 3.11 or newer, and none was found;" \
 		"name one: make PYTHON=/path/to/python3.12 ..." >&2; exit 1; }
 	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "trocar needs" \
@@ -134,5 +158,4 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 	@echo "Creating .venv with $(PYTHON) ..."
 	@$(BIN)/python -c 'import sys, pip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
 		|| "$(PYTHON)" -m venv --clear .venv
-	$(BIN)/python -m pip install --quiet --upgrade --constraint constraints.txt pip
 	@touch $@

@@ -2,8 +2,10 @@
 
 startup: time to the help and to the first motion. recording: cost of recording the full cart in
 motion. interface: what a client in another process sees of a simulator. scope: pictures of the
-endoscope a second, beside MuJoCo's own renderer and in real time. soak: an hour of the cart in
-motion (some minutes of the machine's time).
+endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours of the cart in motion
+(7 minutes each on one core).
+
+python -m benchmarks attack --help: attack a simulator and count what fails.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Sequence
+from pathlib import Path
 
 from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
@@ -22,6 +25,11 @@ TRANSPORTS = ("websocket", "ros1", "ros2")
 
 def main(words: Sequence[str] | None = None) -> int:
     """Run benchmarks, print their figures, and return the exit status."""
+    words = sys.argv[1:] if words is None else words
+    if words[:1] == ["attack"]:
+        from benchmarks.attack.__main__ import main as attack
+
+        return attack(words[1:])
     parser = ArgumentParser(
         "python -m benchmarks", description=__doc__, formatter_class=RawDescriptionHelpFormatter
     )
@@ -49,12 +57,15 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-browser", action="store_true", help="of scope: a program loads the page instead"
     )
+    parser.add_argument("-o", "--output", metavar="PNG", help="of soak: plot its windows")
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
     try:
         for value in (args.duration, args.passes, args.live):
             if value is not None and not 0.0 < value < float("inf"):
                 raise InputError("--duration, --live and --passes: allowed: above 0")
+        if args.output is not None and "soak" not in args.name:
+            raise InputError("--output: allowed with soak only")
         each = () if args.duration is None else (args.duration,)
         found: list[Figure] = []
         if "startup" in args.name:
@@ -77,9 +88,12 @@ def main(words: Sequence[str] | None = None) -> int:
             onlooker = "" if args.no_browser else None
             found += scope(*each or (4.0,), watch, args.live, onlooker)
         if "soak" in args.name:
-            from benchmarks.soak import soak
+            from benchmarks.soak import draw, soak
 
-            found += soak(*each, watch=watch)
+            soaked = soak(*each, watch=watch)
+            found += soaked.figures
+            if args.output is not None:
+                Path(args.output).write_bytes(draw(soaked.windows))
     except TrocarError as error:
         print(f"benchmarks: error: {error}", file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1

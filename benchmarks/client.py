@@ -111,7 +111,9 @@ class Websocket:
         from websockets.asyncio.client import connect
 
         known = {f'"{topic}"': topic for topic in topics}
-        async with connect(self._address, compression=None, max_size=None) as socket:
+        async with connect(
+            self._address, compression=None, max_size=None, ping_interval=None
+        ) as socket:
             for topic in topics:
                 await socket.send(json.dumps({"op": "subscribe", "topic": topic}))
             async for text in socket:

@@ -33,6 +33,7 @@ def look(url: str) -> None:
         subprotocols=[spoken],
         compression=None,
         max_size=None,
+        ping_interval=None,  # browsers send none
     ) as page:
         page.send(msgspec.msgpack.encode(camera))
         for _ in page:

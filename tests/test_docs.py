@@ -89,8 +89,6 @@ def test_the_tour_of_the_readme_works_as_it_is_typed(
 
 
 def test_make_run_installs_what_the_tour_needs_and_says_how_to_type_its_commands() -> None:
-    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert "EXTRAS_run := [all]" in makefile
     begin = README.split("## What there is")[0]
     assert "\n. .venv/bin/activate " in begin and "\npip install '.[all]'\n" in begin
     said = subprocess.run(

@@ -27,7 +27,7 @@ def spoon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     toml = "\n".join(blocks("design-a-tool.md", "toml"))
     (tmp_path / "spoon_grasper.toml").write_text(toml, encoding="utf-8")
-    exec(compile(blocks("design-a-tool.md", "python")[0], "the mesh", "exec"), {})
+    exec(compile(blocks("design-a-tool.md", "python")[1], "the mesh", "exec"), {})
     return tmp_path / "spoon_grasper.toml"
 
 
@@ -39,6 +39,10 @@ def test_the_tool_of_the_page_is_read(spoon: Path) -> None:
     (mesh,) = (s for b in tool.parts.bodies if b.frame == "finger_left" for s in b.shapes if s.mesh)
     assert mesh.size == pytest.approx([2.6e-3, 6e-3, 3.2e-3], abs=1e-6)
     assert not mesh.collide and not mesh.weigh
+    base = load_arm("psm")
+    mass = {body.frame: body.mass for body in arm.bodies}
+    assert set(mass) == {body.frame for body in base.bodies}
+    assert mass["roll"] == pytest.approx(0.01228)
 
 
 def test_the_commands_of_the_page_run(spoon: Path, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: ARG001
@@ -56,7 +60,7 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     names: dict[str, object] = {}
-    _, moved, rig = blocks("design-a-tool.md", "python")
+    _, _, moved, rig = blocks("design-a-tool.md", "python")
     exec(compile(moved, "design-a-tool.md", "exec"), names)
     world = names["world"]
     assert world.arm("PSM1").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
@@ -75,22 +79,3 @@ def test_the_tool_of_the_page_is_mounted_and_moves(
     world = names["world"]
     assert world.arm("PSM2").tool == "SPOON_GRASPER:1"  # type: ignore[attr-defined]
     assert capsys.readouterr().out
-
-
-def test_the_tool_by_base_of_the_page_on_extending_is_mounted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    page = (PAGES.parent / "extending.md").read_text(encoding="utf-8")
-    section = page.partition("\n## A tool by `base`\n")[2].partition("\n## ")[0]
-    (toml,) = re.findall(r"^```toml\n(.*?)^```$", section, re.DOTALL | re.MULTILINE)
-    (tmp_path / "long_needle_driver.toml").write_text(toml, encoding="utf-8")
-    lines = [line for line in section.splitlines() if re.match(r"trocar (show|fk) ", line)]
-    assert len(lines) == 2
-    for line in lines:
-        assert main(shlex.split(line)[1:]) == 0
-        assert "LONG_NEEDLE_DRIVER:1" in capsys.readouterr().out
-    arm, base = load_arm("psm", tmp_path / "long_needle_driver.toml"), load_arm("psm")
-    assert np.rad2deg(arm.mechanism.upper[-1]) == pytest.approx(60.0)
-    same, mass = {b.frame for b in base.bodies}, {b.frame: b.mass for b in arm.bodies}
-    assert set(mass) == same and mass["roll"] == pytest.approx(0.01228)

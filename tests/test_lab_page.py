@@ -39,7 +39,7 @@ def test_the_commands_of_the_page_print_what_it_shows(
     assert shown in printed.out.replace(f"{lab}/", "")
     assert "MTMR-22222.json: favourite_colour" in printed.err
     figures = re.findall(r"[\d.]+e[-+]\d+", printed.out)
-    assert len(figures) == 6
+    assert len(figures) == 2  # the bases; no chain, tip or setup joint of this lab has a file
     assert max(float(figure) for figure in figures) < 1e-9  # as the page says
     assert main(shlex.split(ran[1])) == 0
 

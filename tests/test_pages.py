@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.served import served
+from trocar.cli import main
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.cameras import load_camera
 from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
@@ -70,6 +71,17 @@ def test_the_client_on_the_page_about_sockets_talks_to_a_simulator() -> None:
 def test_the_index_names_every_page() -> None:
     index = text("README.md")
     assert not [p.name for p in PAGES if p.name != "README.md" and f"]({p.name})" not in index]
+
+
+def test_the_page_on_security_has_the_port_of_every_server(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["sim", "--help"])
+    said = re.findall(r"^ +--(\S*port) N\b.*?default: (\d+)", capsys.readouterr().out, re.M | re.S)
+    shown = re.findall(r"TCP (\d+) \(`--(\S*port)`\)", text("security.md"))
+    assert len(shown) == 3
+    assert dict(said) == {option: port for port, option in shown}
 
 
 # ------------------------------------------------------------------ mechanism.md: errata

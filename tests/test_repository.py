@@ -15,9 +15,13 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import trocar
+from tools.docs import licences
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+# "" is what is always installed.
+EXTRAS = ["", *PROJECT["optional-dependencies"]]
 
 # Written so that no pattern matches its own line.
 HOSTS = (
@@ -92,43 +96,89 @@ def pins() -> dict[str, str]:
     return {canonicalize_name(r.name): str(r.specifier)[2:] for r in found}
 
 
-def requirements() -> list[Requirement]:
-    """Each direct requirement of trocar, those of its extras included."""
-    extras = PROJECT["optional-dependencies"].values()
-    lines = PROJECT["dependencies"] + [line for lines in extras for line in lines]
-    return [r for r in map(Requirement, lines) if r.name != PROJECT["name"]]
-
-
-def installed_requirements(requirement: Requirement, seen: set[str]) -> None:
-    """Add the names of a requirement and of all that it needs here, as far as installed."""
-    name = canonicalize_name(requirement.name)
-    try:
-        needed = metadata.requires(name) or []
-    except metadata.PackageNotFoundError:
-        return
-    seen.add(name)
-    for line in needed:
-        below = Requirement(line)
-        wanted = below.marker is None or any(
-            below.marker.evaluate({"extra": extra}) for extra in {"", *requirement.extras}
-        )
-        if wanted and canonicalize_name(below.name) not in seen:
-            installed_requirements(below, seen)
-
-
 def test_each_pin_is_a_version_that_is_asked_for() -> None:
     pinned = pins()
-    for requirement in requirements():
+    for requirement in (r for extra in EXTRAS for r in licences.requirements(extra)):
         version = pinned[canonicalize_name(requirement.name)]
         assert requirement.specifier.contains(version), str(requirement)
 
 
 def test_whatever_an_installation_pulls_in_is_pinned() -> None:
-    seen: set[str] = set()
-    for requirement in requirements():
-        installed_requirements(requirement, seen)
+    seen = {name for extra in EXTRAS for name in licences.installs(extra)}
     assert {"numpy", "mujoco", "websockets", "pluggy"} <= seen
     assert seen <= set(pins())
+
+
+def hashed() -> dict[str, tuple[str, int]]:
+    """What requirements.txt gives each package: its version, and how many hashes."""
+    text = (ROOT / "requirements.txt").read_text(encoding="utf-8").replace("\\\n", " ")
+    found: dict[str, tuple[str, int]] = {}
+    for line in text.splitlines():
+        if line and not line.startswith("#"):
+            pinned, *hashes = re.split(r" +--hash=sha256:(?=[0-9a-f]{64}\b)", line.strip())
+            requirement = Requirement(pinned)
+            name = canonicalize_name(requirement.name)
+            assert name not in found, name
+            found[name] = (str(requirement.specifier), len(hashes))
+    return found
+
+
+def test_everything_that_make_run_installs_has_hashes_at_its_pinned_version() -> None:
+    pinned, wheels = pins(), hashed()
+    needed = licences.installs("all") | licences.installs("") | licences.installs("build")
+    assert {"numpy", "mujoco", "websockets", "mcap", "pip"} <= needed
+    assert needed <= set(wheels)
+    assert wheels.keys() >= {"hatchling", "editables", "pathspec"}
+    wrong = {name: wheel for name, wheel in wheels.items() if wheel[0] != f"=={pinned[name]}"}
+    assert not wrong, "make hashes"
+    assert not [name for name, (_, count) in wheels.items() if count == 0]
+    # Wheels of Linux, macOS and Windows, for Python 3.11 to 3.13.
+    assert min(wheels[name][1] for name in ("numpy", "lxml", "msgspec", "zstandard")) >= 15
+
+
+def test_make_run_installs_nothing_but_wheels_with_known_hashes() -> None:
+    said = subprocess.run(
+        ["make", "--dry-run", "--always-make", "PYTHON=python3", "run"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    installs = re.findall(r"-m pip install (.*?)(?:;|$)", said, re.MULTILINE)
+    assert len(installs) == 2
+    assert "--require-hashes --only-binary :all: --requirement requirements.txt" in installs[0]
+    assert "--no-deps --no-build-isolation --editable ." in installs[1]
+
+
+def test_the_page_on_licences_has_every_pinned_package_as_it_declares_itself() -> None:
+    written = licences.written()
+    assert set(written) == set(pins())
+    installed = [name for name in pins() if version_here(name) == pins()[name]]
+    assert len(installed) > 20
+    wrong = {
+        name: (written[name][0], said)
+        for name in installed
+        if (said := licences.licence(name)) != written[name][0]
+    }
+    assert not wrong, "make licences"
+    assert not [name for name, (said, _) in written.items() if said in ("", "UNKNOWN")]
+
+
+def version_here(name: str) -> str | None:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return None
+
+
+def test_a_proprietary_wheel_comes_by_the_extra_judges_alone() -> None:
+    written = licences.written()
+    proprietary = {name for name, (said, _) in written.items() if "proprietary" in said}
+    assert proprietary == {"drake", "mosek"}
+    assert {written[name][1] for name in proprietary} == {"judges"}
+    for extra in ("all", "test", "dev"):
+        assert not licences.installs(extra) & proprietary, extra
+        assert "drake" not in {r.name for r in licences.requirements(extra)}, extra
 
 
 def test_the_extra_all_holds_every_extra_that_needs_no_compiler_and_no_package_of_the_system() -> (

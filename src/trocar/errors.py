@@ -35,7 +35,7 @@ class UnknownNameError(InputError):
         self.kind = kind
         self.name = name
         self.known = tuple(known)
-        near = get_close_matches(str(name), self.known, n=1)
+        near = get_close_matches(str(name)[:200], self.known, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         place = f"{where}: " if where else ""
         tail = f"; {more}" if more else ""
@@ -68,6 +68,25 @@ class LogError(InputError):
         self.row = row
         place = f"{file}: row {row}" if row is not None else file
         super().__init__(f"{place}: {problem}")
+
+
+class RecordingError(TrocarError):
+    """A recording that could not be written to its end.
+
+    Args:
+        file: the recording
+        until: simulation time of the last state in the file [s]
+        reason: what went wrong
+    """
+
+    def __init__(self, file: str, until: float, reason: str) -> None:
+        self.file = file
+        self.until = until
+        self.reason = reason
+        super().__init__(
+            f"{file}: nothing is recorded after t = {until:.3f} s: {reason}; the file can be read"
+            " up to there"
+        )
 
 
 class TracksError(InputError):

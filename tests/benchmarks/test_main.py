@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +15,7 @@ def test_a_soak_is_one_document(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr()
     assert "measuring soak: 0.02 of 0.02 s ..." in printed.err
     figures = json.loads(printed.out)["figures"]
-    assert "soak: commands refused or clipped" in [figure["name"] for figure in figures]
+    assert "soak: commands rejected or clipped" in [figure["name"] for figure in figures]
     assert {"name", "value", "unit", "tolerance", "met", "source"} <= set(figures[0])
 
 
@@ -36,3 +37,14 @@ def test_people_get_a_table(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_duration_of_nothing_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["soak", "--duration", "0"]) == 2
     assert "allowed: above 0" in capsys.readouterr().err
+
+
+def test_a_soak_is_plotted(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="the extra plot is not installed")
+    assert main(["soak", "--duration", "0.02", "-o", str(tmp_path / "soak.png"), "--json"]) == 0
+    assert (tmp_path / "soak.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_plot_of_another_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["startup", "-o", "x.png"]) == 2
+    assert "--output: allowed with soak only" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -167,3 +168,60 @@ def test_exchanged_links_of_a_small_linkage_are_refused_by_a_smaller_bound(
     assert main(["calibrate", str(out), "--arm", str(arm)]) == 2
     error = capsys.readouterr().err
     assert "A-B 46.0 mm (nominal 40.0)" in error and "within 4.6 mm" in error
+
+
+def test_the_papers_robot_takes_no_tracks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["calibrate", "some.csv", "--from", "paper", "--arm", "psm"]) == 2
+    assert "--from paper: got TRACKS some.csv; allowed without it" in capsys.readouterr().err
+    assert main(["calibrate", "--arm", "psm"]) == 2
+    assert "TRACKS is missing; allowed without it: --from paper, --plan" in capsys.readouterr().err
+
+
+def test_a_plan_is_a_table_a_document_and_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    words = ["calibrate", "--plan", "--arm", "psm", "--duration", "6"]
+    assert main([*words, "--json", "--report", str(tmp_path)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["sweep_longer"]["distance 3-6"] in document["sweeps_s"]
+    sigma = [one["sigma"]["distance 3-6"] for one in document["by_amplitude"]]
+    assert sigma == sorted(sigma, reverse=True)  # wider sweeps are better
+    assert "remote centre" in (tmp_path / "index.html").read_text(encoding="utf-8")
+    for wrong, text in (
+        (["t.csv"], "--plan: got TRACKS t.csv"),
+        (["-o", "x.toml"], "--plan: got --output x.toml"),
+        (["--rate", "0"], "--rate: got 0; allowed: 1 to 10000 Hz"),
+    ):
+        assert main([*words, *wrong]) == 2
+        assert text in capsys.readouterr().err
+    assert main(["calibrate", "t.csv", "--arm", "psm", "--markers", "5"]) == 2
+    assert "--markers: allowed with --plan only" in capsys.readouterr().err
+
+
+def test_readings_of_the_arms_themselves_register_their_bases(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, output = tmp_path / "touches.toml", tmp_path / "registration.toml"
+    assert main(["touches", "--arm", "PSM1=psm", "--arm", "PSM2=psm", "-o", str(file)]) == 0
+    truth = json.loads((tmp_path / "touches.toml.truth.json").read_text())
+    capsys.readouterr()
+    words = ["calibrate", str(file), "--from", "kinematics", "-o", str(output)]
+    assert main(words) == 0
+    assert "T_PSM1_PSM2" in capsys.readouterr().out
+    found = tomllib.loads(output.read_text())["arms"]["PSM1"]
+    off = np.array(found["xyz_m"]) - np.array(truth["PSM1"]["T_reference_base"])[:3, 3]
+    assert (np.abs(off) < 4.0 * np.array(found["xyz_sigma_m"])).all()
+    assert main([*words, "--overwrite", "--json"]) == 0
+    assert set(json.loads(capsys.readouterr().out)["bases"]) == {"T_PSM1_PSM2"}
+    for wrong, text in (
+        (
+            [*words, "--overwrite", "--arm", "psm"],
+            "--from kinematics: got --arm psm; allowed without it",
+        ),
+        (["calibrate", "--from", "kinematics"], "the TOML file of touches is missing"),
+        (["calibrate", "tracks.csv"], "--arm is missing"),
+        (["touches", "--arm", "psm", "-o", str(file)], "--arm: got 'psm'; allowed: NAME=ARM"),
+    ):
+        assert main(wrong) == 2
+        assert text in capsys.readouterr().err

@@ -75,5 +75,5 @@ def test_a_folder_in_use_needs_force(trocar, tmp_path):
     (tmp_path / "notes").write_text("mine", encoding="utf-8")
     words = ("export", "ecm", "--format", "plain", "-o", tmp_path)
     assert "is not empty" in trocar(*words).complaint
-    assert trocar(*words, "--force").status == 0
+    assert trocar(*words, "--overwrite").status == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["model.txt", "notes"]

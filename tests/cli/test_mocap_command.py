@@ -64,8 +64,8 @@ def test_people_are_told_what_was_written_and_what_is_true(trocar, tmp_path):
 def test_tracks_are_noisy_unless_noise_is_switched_off(trocar, tmp_path):
     """Without noise every standard deviation that a calibration states would be 0."""
     truths = [
-        trocar("mocap", "--arm", "psm", *QUICK, *words, "-o", tmp_path / "a.csv", "--json").document
-        for words in ((), ("--noise-mm", "0", "--noise-deg", "0"))
+        trocar("mocap", "--arm", "psm", *QUICK, *words, "-o", tmp_path / name, "--json").document
+        for name, words in (("a.csv", ()), ("b.csv", ("--noise-mm", "0", "--noise-deg", "0")))
     ]
     noise = [truth["settings"]["noise"] for truth in truths]
     assert noise[0]["position"] == pytest.approx(1e-4)
@@ -98,7 +98,10 @@ def test_a_calibrated_robot_stands_before_the_cameras(trocar, tmp_path):
             ["--arm", "psm", "--worn", "--calibration", "x"],
             "--worn: got --calibration too",
         ),
-        (["--arm", "psm", "--loops-mm", "1", "--calibration", "x"], "--loops-mm: got --calibration"),
+        (
+            ["--arm", "psm", "--loops-mm", "1", "--calibration", "x"],
+            "--loops-mm: got --calibration",
+        ),
         (["--arm", "psm", "--loops-mm", "1", "--worn"], "--worn: got --loops-mm too"),
         (["--arm", "psm", "--loops-mm", "9"], "--loops-mm: got 9; allowed: 0 to 5 mm"),
         (["--arm", "psm", "--perturb", "1", "--calibration", "x"], "not allowed with argument"),

@@ -20,13 +20,14 @@ from trocar.errors import DivergedError
 
 ROOT = Path(__file__).parents[2]
 CLI = ROOT / "src" / "trocar" / "cli"
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / "src")}
 
 
 def start(*words: str) -> subprocess.Popen[bytes]:
     """Start the command line in a process of its own."""
     return subprocess.Popen(
         [sys.executable, "-m", "trocar", *words],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
+        env=ENVIRONMENT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
     )
@@ -86,8 +87,26 @@ def test_a_reader_that_goes_away_is_no_error():
     assert process.stdout is not None and process.stderr is not None
     process.stdout.close()
     assert process.stderr.read() == b""
-    assert process.wait(timeout=60) == 1
+    assert process.wait(timeout=60) == 141
     process.stderr.close()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="has no device that is always full")
+@pytest.mark.parametrize("words", [("list",), ("--help",), ("--version",), ("show", "psm")])
+@pytest.mark.parametrize("where", ["> /dev/full", ">&-"])
+def test_output_that_cannot_be_written_is_one_line_and_exit_1(words, where):
+    line = " ".join(["exec", sys.executable, "-m", "trocar", *words, where])
+    done = subprocess.run(["sh", "-c", line], env=ENVIRONMENT, capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, b"")
+    last = done.stderr.decode().splitlines()[-1]
+    assert last.startswith("trocar: error: output cannot be written: ")
+    assert b"Traceback" not in done.stderr
+
+
+def test_an_error_that_cannot_be_printed_keeps_its_status():
+    line = " ".join(["exec", sys.executable, "-m", "trocar", "fk", "nobody", "2>&-"])
+    done = subprocess.run(["sh", "-c", line], env=ENVIRONMENT, capture_output=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, b"")
 
 
 def test_a_failed_run_is_told_from_bad_input(trocar, monkeypatch):

@@ -101,6 +101,35 @@ def test_a_file_that_exists_is_replaced_only_with_overwrite(trocar, file, way):
     assert open_recording(file).end == pytest.approx(0.1)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit of file sizes")
+@pytest.mark.parametrize(
+    ("way", "seconds", "room"),
+    [
+        (("--headless",), 10, 400_000),  # the table of its trajectory takes half of it
+        (("--no-page", "--websocket-port", "0"), 60, 100_000),
+    ],
+    ids=["headless", "live"],
+)
+def test_a_run_whose_recording_fails_ends_with_1_and_says_from_when(
+    trocar, tmp_path, way, seconds, room
+):
+    import resource
+
+    file = tmp_path / "run.mcap"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+    try:
+        words = ("sim", "--rig", "psm", "--speed", "max", "--duration", seconds, "--record", file)
+        answer = trocar(*words, *way)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert answer.status == 1
+    until = open_recording(file).end
+    assert 0.3 < until < seconds
+    last = answer.err.splitlines()[-1]
+    assert last.startswith(f"trocar: error: {file}: nothing is recorded after t = {until:.3f} s: ")
+
+
 def test_people_are_told_that_the_motion_is_the_same(trocar, file):
     answer = trocar("replay", file)
     assert answer.status == 0

@@ -153,7 +153,9 @@ def test_clients_alone_can_be_served_and_the_token_is_not_printed(capsys, monkey
     assert main([*words, "--duration", "0.1"]) == 0
     printed = capsys.readouterr().out
     assert re.fullmatch(
-        r"ws://127\.0\.0\.1:\d+  \(rosbridge, with the token\)  \(Ctrl-C stops\)\n", printed
+        r"ws://127\.0\.0\.1:\d+  \(rosbridge, with the token\)  \(Ctrl-C stops\)\n"
+        r".*[/\\]trocar[/\\]\d+\.json  \(addresses with the secret of this run\)\n",
+        printed,
     )
 
 
@@ -172,7 +174,7 @@ def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path)
     assert document["table9"] and document["figures"] == []
     assert main([*words, "figures"]) == 2
     assert "--calibration: allowed with PART speed only" in capsys.readouterr().err
-    write_overlay(file, Overlay("mtml"))
+    write_overlay(file, Overlay("mtml"), overwrite=True)
     assert main(words) == 2
     assert "is a calibration of 'mtml'; allowed: ecm" in capsys.readouterr().err
 

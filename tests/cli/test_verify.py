@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-KEYS = ["part", "arm", "name", "value", "unit", "paper", "paper_simulation", "tolerance", "met",
-        "source", "command"]  # fmt: skip
+KEYS = ["part", "arm", "name", "value", "unit", "paper", "paper_simulation", "hardware",
+        "nominal", "tolerance", "met", "source", "command"]  # fmt: skip
 
 
 def test_one_document_has_every_figure(trocar) -> None:

@@ -92,6 +92,19 @@ def test_time_too_far_behind_is_let_go_with_a_warning(caplog):
     assert GIVE_UP_S < 5.0
 
 
+def test_a_machine_that_is_always_too_slow_is_told_of_once_a_minute_with_how_often(caplog):
+    clock = FakeClock()
+    pace = Pace(clock, 0.005)
+    with caplog.at_level(logging.WARNING, "trocar"):
+        for _ in range(80):
+            clock.time += 1.3
+            pace.wait()
+    assert [r.getMessage() for r in caplog.records] == [
+        "1.3 s behind real time: skipping the delay",
+        "1.3 s behind real time: skipping the delay (46 more such since)",
+    ]
+
+
 def test_max_speed_never_sleeps():
     world, clock = FakeWorld(), FakeClock()
     loop_of(world, clock, speed="max").run(duration_s=1.0)

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import os
+import sys
+from pathlib import Path
+
 import pytest
 
 from trocar.cli import main
-from trocar.interfaces.origins import checked_origin, is_loopback, names_loopback
+from trocar.errors import TrocarError
+from trocar.interfaces.origins import announced, checked_origin, is_loopback, names_loopback
 
 
 @pytest.mark.parametrize(
@@ -66,3 +72,42 @@ def test_a_host_may_be_a_name_of_this_machine(authority: str) -> None:
 )
 def test_it_may_be_no_other(authority: str) -> None:
     assert not names_loopback(authority)
+
+
+@pytest.fixture
+def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no modes")
+def test_addresses_with_the_secret_are_readable_by_their_user_alone_while_the_run_lasts(
+    runtime: Path,
+) -> None:
+    with announced({"websocket": "ws://127.0.0.1:9090/?token=x"}) as path:
+        assert path.is_relative_to(runtime)
+        assert path.stat().st_mode & 0o777 == 0o600
+        assert path.parent.stat().st_mode & 0o777 == 0o700
+        told = json.loads(path.read_text(encoding="utf-8"))
+        assert told == {"pid": os.getpid(), "websocket": "ws://127.0.0.1:9090/?token=x"}
+    assert not path.exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no modes")
+def test_a_file_that_a_killed_run_left_is_replaced_and_a_link_is_not_followed(
+    runtime: Path, tmp_path: Path
+) -> None:
+    target = tmp_path / "target"
+    target.write_text("precious", encoding="utf-8")
+    (runtime / "trocar").mkdir()
+    (runtime / "trocar" / f"{os.getpid()}.json").symlink_to(target)
+    with announced({}) as path:
+        assert not path.is_symlink()
+        assert path.stat().st_mode & 0o777 == 0o600
+    assert target.read_text(encoding="utf-8") == "precious"
+
+
+def test_where_no_file_can_be_written_one_error_says_so(runtime: Path) -> None:
+    (runtime / "trocar").write_text("a file", encoding="utf-8")
+    with pytest.raises(TrocarError, match=r"cannot write .*XDG_RUNTIME_DIR"), announced({}):
+        pass

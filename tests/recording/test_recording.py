@@ -6,7 +6,6 @@ import errno
 import gc
 import io
 import json
-import logging
 import os
 import signal
 import subprocess
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trocar.errors import InputError, LogError
+from trocar.errors import InputError, LogError, RecordingError
 from trocar.geometry.se3 import translation
 from trocar.recording import is_recording, open_recording, record, recorder_of
 from trocar.recording.entries import entry_from_json, entry_json
@@ -232,6 +231,13 @@ while True:
 """
 
 
+def last_time(file: Path) -> float:
+    """Return the time of the last message as the mcap library's seeking reader reads it [s]."""
+    with file.open("rb") as stream:
+        reader = mcap_reader.SeekingReader(stream)
+        return max(message.log_time * 1e-9 for *_, message in reader.iter_messages())
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="has no SIGKILL")
 @pytest.mark.parametrize("rig", ["psm", "full_cart"])
 def test_a_killed_process_loses_at_most_0_6_s(tmp_path: Path, rig: str) -> None:
@@ -254,12 +260,7 @@ def test_a_killed_process_loses_at_most_0_6_s(tmp_path: Path, rig: str) -> None:
     assert reached - 0.6 <= recorded.end <= reached + 0.011
     assert [e.name for e in recorded.entries if e.kind == "command"] == ["move_jp"]
     assert "breaks off" in recorded.problem
-    with file.open("rb") as stream:  # no summary: read from its beginning
-        reader = mcap_reader.NonSeekingReader(stream)
-        times: list[float] = []
-        with pytest.raises(mcap_exceptions.EndOfFile):
-            times.extend(m.log_time * 1e-9 for *_, m in reader.iter_messages(log_time_order=False))
-    assert max(times) == pytest.approx(recorded.end)
+    assert last_time(file) == pytest.approx(recorded.end)
 
 
 def test_a_file_cut_anywhere_is_read_to_its_last_whole_block(tmp_path: Path) -> None:
@@ -325,19 +326,22 @@ def test_a_file_that_cannot_be_written_is_rejected_before_anything_moves(tmp_pat
 
 
 class Full(io.BytesIO):
-    """A disk with so much room."""
+    """A disk with so much room; with `taken`, others fill what is given back when it is full."""
 
     name = "full.mcap"
 
-    def __init__(self, room: int) -> None:
+    def __init__(self, room: int, taken: bool = False) -> None:
         super().__init__()
-        self.room = room
+        self.room, self.taken = room, taken
         self.kept = b""
+        self.error: Exception = OSError(errno.ENOSPC, "No space left on device")
 
     def write(self, data: Any) -> int:
-        if self.tell() + len(data) > self.room:
-            super().write(data[: self.room - self.tell()])
-            raise OSError(errno.ENOSPC, "No space left on device")
+        begin = self.tell()
+        if begin + len(data) > self.room:
+            super().write(data[: max(0, self.room - begin)])
+            self.room = begin - 1 if self.taken else self.room
+            raise self.error
         return super().write(data)
 
     def close(self) -> None:
@@ -345,20 +349,67 @@ class Full(io.BytesIO):
         super().close()
 
 
-def test_a_full_disk_stops_the_recording_not_the_simulation(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize("taken", [False, True], ids=["full", "fuller a moment later"])
+def test_a_full_disk_ends_the_run_and_leaves_a_file_that_standard_tools_read(
+    tmp_path: Path, taken: bool
 ) -> None:
-    world, disk = World("psm"), Full(60_000)
-    with caplog.at_level(logging.WARNING, "trocar"), record(world, disk) as recorder:
+    world, disk = World("psm"), Full(60_000, taken)
+    recorder = record(world, disk)
+    message = r"full\.mcap: nothing is recorded after t = \d\.\d+ s: No space left on device"
+    with pytest.raises(RecordingError, match=message) as caught:
         drive(world, 3.0)
-    assert world.time == pytest.approx(3.0)
-    assert recorder.failure == "No space left on device"
-    messages = [r.getMessage() for r in caplog.records if "full.mcap" in r.getMessage()]
-    assert len(messages) == 1 and "No space left on device" in messages[0]
+    with pytest.raises(RecordingError, match=message):
+        recorder.stop()
+    world.step()  # the world itself is sound
     file = tmp_path / "full.mcap"
     file.write_bytes(disk.kept)
     recorded = open_recording(file)
-    assert recorded.problem and 0 < recorded.rows < 3001
+    assert "breaks off" in recorded.problem
+    assert recorded.end == pytest.approx(caught.value.until) == pytest.approx(last_time(file))
+    # rows on their way, a chunk that did not fit, and one that made room for the end
+    assert 0.0 < world.time - recorded.end < 1.5
+
+
+def test_a_writer_that_dies_ends_the_run_with_its_error(tmp_path: Path) -> None:
+    world, disk = World("psm"), Full(60_000)
+    disk.error = ZeroDivisionError("a defect")
+    with pytest.raises(RecordingError, match=r"ZeroDivisionError\('a defect'\)"):
+        record_all(world, disk)
+    file = tmp_path / "full.mcap"
+    file.write_bytes(disk.kept)
+    assert last_time(file) == pytest.approx(open_recording(file).end)
+
+
+def record_all(world: World, disk: Full) -> None:
+    with record(world, disk):
+        drive(world, 3.0)
+
+
+def test_a_disk_that_is_full_at_the_last_chunk_is_an_error_too() -> None:
+    world, disk = World("psm"), Full(1 << 30)
+    recorder = record(world, disk)
+    world.step(10)
+    disk.room = disk.tell()
+    with pytest.raises(RecordingError, match=r"nothing is recorded after t = 0\.000 s"):
+        recorder.stop()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit of file sizes")
+def test_a_real_file_that_cannot_grow_is_read_by_standard_tools(tmp_path: Path) -> None:
+    import resource
+
+    world, file = World("psm"), tmp_path / "run.mcap"
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    recorder = record(world, file)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, before[1]))
+    try:
+        with pytest.raises(RecordingError, match=r"run\.mcap: nothing .* after .*: File too large"):
+            drive(world, 3.0)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    with pytest.raises(RecordingError):
+        recorder.stop()
+    assert 0.3 < last_time(file) == pytest.approx(open_recording(file).end)
 
 
 def test_a_disk_that_is_full_from_the_start_is_rejected() -> None:

@@ -251,3 +251,27 @@ def test_a_velocity_beyond_the_limit_is_clipped_with_a_warning():
     world.step(100)
     most = arm.description.joints[0].velocity_max
     assert arm.setpoint_js().position[0] == pytest.approx(0.1 * most)
+
+
+def test_set_point_velocities_beyond_the_limit_are_clipped_with_a_warning(caplog):
+    world = World("psm")
+    arm = world.arm("PSM1")
+    most = np.array([joint.velocity_max for joint in arm.description.joints])
+    here = arm.setpoint_js().position
+    with caplog.at_level("WARNING", "trocar"):
+        assert arm.servo_jp(here, [1e6, -1e6, 0.1, 0.0, 0.0, 0.0])
+    assert caplog.messages == ["PSM1: servo_jp: yaw, pitch: velocity clipped to the limit"]
+    np.testing.assert_array_equal(
+        arm.setpoint_js().velocity, [most[0], -most[1], 0.1, 0.0, 0.0, 0.0]
+    )
+    assert arm.jaw is not None and arm.jaw.servo_jp([0.3], [1e6])
+    assert arm.jaw.setpoint_js().velocity == most[-1]
+    assert "velocity clipped" in arm.last_warning
+
+
+def test_velocities_at_the_limit_are_taken_as_they_are():
+    arm = World("psm").arm("PSM1")
+    most = [joint.velocity_max for joint in arm.description.joints[:6]]
+    assert arm.servo_jp(arm.setpoint_js().position, most)
+    np.testing.assert_array_equal(arm.setpoint_js().velocity, most)
+    assert arm.warnings == 0

@@ -22,6 +22,8 @@ class Figure:
         shown: unit of the display where that differs from `unit`, which is then in SI
         paper: value of the paper's hardware; None where it gives none
         paper_simulation: value of the paper's own simulation; None where it gives none
+        hardware: measured on the robot that an arm is calibrated to; None: not measured
+        nominal: of the description before the calibration; None: not computed
         source: of the paper's value and the bounds, and how the value is measured
     """
 
@@ -33,6 +35,8 @@ class Figure:
     shown: str = ""
     paper: float | None = None
     paper_simulation: float | None = None
+    hardware: float | None = None
+    nominal: float | None = None
     source: str = ""
 
     @property
@@ -90,6 +94,8 @@ class Figure:
             "unit": self.unit,
             "paper": self.paper,
             "paper_simulation": self.paper_simulation,
+            "hardware": self.hardware,
+            "nominal": self.nominal,
             "tolerance": bounds if self.met is not None else None,
             "met": self.met,
             "source": self.source,
@@ -120,15 +126,18 @@ class Part:
 
 
 def figure_rows(figures: tuple[Figure, ...] | list[Figure]) -> tuple[list[str], list[list[str]]]:
-    """Return head and rows of a table of figures, with the paper's columns where it has values."""
+    """Return head and rows of a table of figures, with columns for the values it compares with."""
     paper = any(f.paper is not None for f in figures)
     simulation = any(f.paper_simulation is not None for f in figures)
-    head = ["figure", "ours" if paper or simulation else "measured", "unit",
+    robot = any(f.hardware is not None or f.nominal is not None for f in figures)
+    ours = "calibrated" if robot else "ours" if paper or simulation else "measured"
+    head = ["figure", *(["hardware", "nominal"] if robot else []), ours, "unit",
             *(["paper"] if paper else []), *(["its simulation"] if simulation else []),
             "allowed", ""]  # fmt: skip
     rows = [
         [
             f.name,
+            *([f.text(f.hardware), f.text(f.nominal)] if robot else []),
             f.text(f.value),
             f.display_unit,
             *([f.text(f.paper)] if paper else []),

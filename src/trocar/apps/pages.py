@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import html
-import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from trocar.apps.drawing import new_figure
 from trocar.errors import InputError
+from trocar.outputs import check_file, whole_file
 
 STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 1080px;
@@ -70,36 +69,37 @@ def document(title: str, body: str) -> str:
     )
 
 
-def page_in(folder: str | Path, purpose: str) -> Path:
+def page_in(folder: str | Path, purpose: str, overwrite: bool) -> Path:
     """Return where a page with drawings goes, before anything is computed for it.
 
     Args:
         folder: where; is made when it is written
         purpose: what the drawings are for, if matplotlib is missing
+        overwrite: an existing page may be replaced
 
     Raises:
-        InputError: the folder is none
+        InputError: the folder is a file, or holds a page already
         MissingExtraError: matplotlib is not installed
     """
     target = Path(folder).expanduser()
     if target.exists() and not target.is_dir():
         raise InputError(f"{target}: is not a folder; allowed: an existing or a new folder")
+    if target.is_dir():
+        check_file(target / "index.html", overwrite)
     new_figure(1.0, 1.0, purpose)
     return target / "index.html"
 
 
-def write(path: Path, page: str) -> None:
-    """Write a page, whole or not at all.
+def write(path: Path, page: str, overwrite: bool) -> None:
+    """Write a page, and make its folder.
 
     Raises:
-        InputError: it cannot be written
+        InputError: it exists and may not be replaced, or cannot be written
+        TrocarError: the disk is full
     """
-    half = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        half.write_text(page, encoding="utf-8")
-        os.replace(half, path)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            half.unlink(missing_ok=True)
         raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+    with whole_file(path, overwrite) as part:
+        part.write_text(page, encoding="utf-8")

@@ -34,9 +34,13 @@ from trocar.cameras.records import (
 from trocar.cameras.rectification import CameraInfo, camera_infos, rectified
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import inverse, transform
+from trocar.inputs import excess_of, read_input
+from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
 
+#: Source: our own choice, 50 times what a stereo camera takes; PyYAML reads 100 kB a second.
+MOST_BYTES = 200_000
 #: ROS's models that trocar has, and how many coefficients each may have.
 MODELS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (8,)}
 #: Names of an entry in a file, and in a message printed by `rostopic echo` or `ros2 topic echo`.
@@ -81,22 +85,28 @@ def read_calibration(paths: Sequence[Path]) -> Calibration:
 
 
 def write_camera(
-    calibration: Calibration, paths: Iterable[str | Path], kind: Literal["ros", "opencv"] = "ros"
+    calibration: Calibration,
+    paths: Iterable[str | Path],
+    kind: Literal["ros", "opencv"] = "ros",
+    *,
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write a camera for ROS, one file for each eye, or for OpenCV, one file.
 
     Raises:
-        InputError: another number of files than the kind needs, or one that cannot be written
+        InputError: another number of files than the kind needs, or one that exists (without
+            `overwrite`) or cannot be written
+        TrocarError: the disk is full
     """
     texts = _ros_texts(calibration) if kind == "ros" else (_opencv_text(calibration),)
     files = [Path(path) for path in paths]
     if len(files) != len(texts):
         raise InputError(f"calibration: got {len(files)} files; {kind} needs {len(texts)} here")
+    for path in files:
+        check_file(path, overwrite)
     for path, text in zip(files, texts, strict=True):
-        try:
-            path.write_text(text, encoding="utf-8")
-        except OSError as problem:
-            raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
+        with whole_file(path, overwrite) as part:
+            part.write_text(text, encoding="utf-8")
     return tuple(files)
 
 
@@ -383,7 +393,7 @@ def _read_entries(path: Path) -> _Entries:
             str(path), "", "is no calibration; allowed: .toml, .yaml, .yml (or a preset's name)"
         )
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_input(path, MOST_BYTES).decode()
     except (OSError, UnicodeDecodeError) as problem:
         raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
     return _Entries(_parse_yaml(text, str(path)), str(path))
@@ -400,10 +410,14 @@ def _parse_yaml(text: str, file: str) -> dict[str, Any]:
         mark = problem.problem_mark
         where = f"line {mark.line + 1}" if mark is not None else ""
         raise DescriptionError(file, where, f"is not YAML: {problem.problem}") from problem
+    except RecursionError as problem:
+        raise DescriptionError(file, "", "is not YAML: is nested too deeply") from problem
     except (yaml.YAMLError, ValueError) as problem:
         reason = str(problem).partition("\n")[0]
         raise DescriptionError(file, "", f"is not YAML: {reason}") from problem
     value = documents[0] if documents else None
+    if excess := excess_of(value):
+        raise DescriptionError(file, "", excess)
     if value is None:
         raise DescriptionError(file, "", "is empty; allowed: a camera's calibration in YAML")
     if not isinstance(value, dict):
@@ -417,6 +431,14 @@ def _loader() -> Any:
     import yaml
 
     class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            events: Any = self  # its methods have no types
+            if events.check_event(yaml.AliasEvent):  # a few stand for any amount of data
+                raise yaml.MarkedYAMLError(
+                    None, None, "has an alias (*name)", events.peek_event().start_mark
+                )
+            return super().compose_node(parent, index)
+
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             seen: set[str] = set()
             for key, _ in node.value if isinstance(node, yaml.MappingNode) else ():

@@ -11,6 +11,8 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
+    from _typeshed import SupportsWrite
+
 #: Port of the web viewer.
 PORT = 8080
 
@@ -21,6 +23,9 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **options: object) -> None:
         options.setdefault("formatter_class", argparse.RawDescriptionHelpFormatter)
         super().__init__(**options)  # type: ignore[arg-type]
+
+    def _print_message(self, message: str, file: SupportsWrite[str] | None = None) -> None:
+        print(message, end="", file=file)  # argparse's own ignores a full disk
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError with argparse's message."""
@@ -145,6 +150,11 @@ def add_origin(parser: _ActionsContainer) -> None:
         metavar="URL",
         help="allow web pages of this origin, e.g. http://localhost:3000 (repeatable)",
     )
+
+
+def add_overwrite(parser: _ActionsContainer, what: str = "an existing output file") -> None:
+    """Add the permission to replace output files."""
+    parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -7,14 +7,39 @@ See docs/calibration.md for the recording procedure. The nominal description is 
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser, Namespace
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json
-from trocar.cli.output import print_json, progress_steps, table, warn
+from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.output import print_json, print_result, progress_steps, table, warn
+from trocar.errors import InputError
 
 if TYPE_CHECKING:
+    from argparse import _ArgumentGroup
+
+    from trocar.apps.calibration.budget import Budget
     from trocar.apps.calibration.calibrate import Calibration
+    from trocar.apps.calibration.registration import Base
+    from trocar.apps.calibration.twin import PaperTwin
+
+#: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
+#: were within 0.12 mm across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189);
+#: cluster: our own choice.
+PLAN = {
+    "duration": 24.0,
+    "amplitude": 0.6,
+    "rate": 120.0,
+    "marker_noise_mm": 0.12,
+    "markers": 4,
+    "spread_mm": 60.0,
+}
+#: Other amplitudes that a plan compares. Source: our own choice. [rad]
+AMPLITUDES = (0.3, 0.6, 0.8)
+#: Rate at which a plan follows the motion; sigmas are scaled to the cameras'. Source: our own
+#: choice; at 0.1 Hz, 300 samples a swing. [Hz]
+PLAN_HZ = 30.0
 
 SUMMARY = "identify an arm's geometry from motion capture"
 ORDER = 110
@@ -23,13 +48,26 @@ ORDER = 110
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "tracks", metavar="TRACKS", help="motion-capture tracks: Motive CSV export or tidy CSV"
+        "tracks",
+        metavar="TRACKS",
+        nargs="?",
+        help="motion-capture tracks: Motive CSV export or tidy CSV",
+    )
+    parser.add_argument(
+        "--from",
+        dest="source",
+        choices=("tracks", "kinematics", "paper"),
+        default="tracks",
+        help="source: motion-capture tracks; kinematics: arms' own joint readings while they touch"
+        " known points or hold a board before a camera (TRACKS is their TOML file, see trocar"
+        " touches); or the closed-loop paper's figures of its own robots (Tables 6 and 7; psm and"
+        " ecm, without TRACKS) (default: tracks)",
     )
     parser.add_argument(
         "--arm",
-        required=True,
         metavar="ARM",
-        help="built-in arm (see trocar list arms) or TOML file",
+        help="built-in arm (see trocar list arms) or TOML file; required, but for --from"
+        " kinematics",
     )
     parser.add_argument("-o", "--output", metavar="OVERLAY", help="overlay file to write")
     parser.add_argument(
@@ -49,7 +87,56 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--report", metavar="DIR", help="write an HTML report with tables and figures to DIR"
     )
+    add_overwrite(parser, "existing output files")
     add_json(parser)
+    _add_plan(parser.add_argument_group("error budget"))
+
+
+def _add_plan(group: _ArgumentGroup) -> None:
+    group.add_argument(
+        "--plan",
+        action="store_true",
+        help="predict the standard deviations of a recording, without TRACKS: each figure, and"
+        " with each sweep twice as long; --report draws them",
+    )
+    group.add_argument(
+        "--duration",
+        type=number,
+        metavar="S",
+        help=f"with --plan: duration of each sweep (default: {PLAN['duration']:g})",
+    )
+    group.add_argument(
+        "--amplitude",
+        type=number,
+        metavar="RAD",
+        help=f"with --plan: amplitude of each sweep (default: {PLAN['amplitude']:g})",
+    )
+    group.add_argument(
+        "--rate",
+        type=number,
+        metavar="HZ",
+        help=f"with --plan: sample rate of the cameras (default: {PLAN['rate']:g})",
+    )
+    group.add_argument(
+        "--marker-noise-mm",
+        type=number,
+        metavar="MM",
+        help="with --plan: noise of a marker along each axis, 1 sigma (default:"
+        f" {PLAN['marker_noise_mm']:g})",
+    )
+    group.add_argument(
+        "--markers",
+        type=int,
+        metavar="N",
+        help=f"with --plan: markers of a cluster (default: {PLAN['markers']})",
+    )
+    group.add_argument(
+        "--spread-mm",
+        type=number,
+        metavar="MM",
+        help="with --plan: RMS distance of a cluster's markers from their centre (default:"
+        f" {PLAN['spread_mm']:g})",
+    )
 
 
 def run(args: Namespace) -> int:
@@ -58,9 +145,23 @@ def run(args: Namespace) -> int:
     from trocar.apps.calibration.report import check_report, write_report
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file
 
+    if args.source == "kinematics" and not args.plan:
+        return _kinematics(args)
+    if args.arm is None:
+        raise InputError("calibrate: --arm is missing; allowed: a built-in arm or TOML file")
+    if args.plan:
+        return _plan(args)
+    _check_unplanned(args)
+    if args.source == "paper":
+        return _paper(args)
+    if args.tracks is None:
+        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper, --plan")
     if args.report:
-        check_report(args.report)
+        check_report(args.report, args.overwrite)
+    if args.output:
+        check_file(args.output, args.overwrite)
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
     with progress_steps() as watch:
@@ -69,8 +170,8 @@ def run(args: Namespace) -> int:
         sweep = read_tracks(args.rcm) if args.rcm else None
         found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=watch)
     if args.output:
-        write_overlay(args.output, found.overlay)
-    page = write_report(args.report, found, arm) if args.report else None
+        write_overlay(args.output, found.overlay, overwrite=args.overwrite)
+    page = write_report(args.report, found, arm, overwrite=args.overwrite) if args.report else None
     for text in found.warnings:
         warn(text)
     if args.json:
@@ -79,6 +180,182 @@ def run(args: Namespace) -> int:
         written = [place for place in (args.output, page) if place]
         print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
     return 0
+
+
+def _check_unplanned(args: Namespace) -> None:
+    """Reject options of a plan where nothing is planned."""
+    for name in PLAN:
+        if getattr(args, name) is not None:
+            raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
+
+
+def _kinematics(args: Namespace) -> int:
+    """Register bases and joint offsets from the arms' own readings."""
+    from trocar.apps.calibration.registration import register, registration_dict
+    from trocar.apps.calibration.touches import read_touches
+    from trocar.descriptions.table import toml_text
+    from trocar.outputs import check_file, write_text
+
+    _check_unplanned(args)
+    _allow_none("--from kinematics", args, ("arm", "rcm", "bodies", "closure", "report"))
+    if args.tracks is None:
+        raise InputError("calibrate: the TOML file of touches is missing (see trocar touches)")
+    if args.output:
+        check_file(args.output, args.overwrite)
+    readings = read_touches(args.tracks)
+    found = register(readings)
+    boards = next(iter(readings.values())).boards is not None
+    document = registration_dict(found, "camera" if boards else "block")
+    if args.output:
+        write_text(args.output, toml_text({"schema": 1, **document}), args.overwrite)
+    for text in document["warnings"]:
+        warn(text)
+    written = [f"written to {args.output}"] if args.output else []
+    print_result(args, document, lambda: "\n\n".join([_registration(found, document), *written]))
+    return 0
+
+
+def _registration(found: Mapping[str, Base], document: dict[str, Any]) -> str:
+    placed = {
+        f"{name} in the {document['reference']}": one for name, one in document["arms"].items()
+    }
+    placed |= document["bases"]
+    rows = [
+        [what, *(f"{1e3 * v:.3f}" for v in one["xyz_m"]),
+         *(f"{1e3 * v:.3f}" for v in one["xyz_sigma_m"]),
+         *(f"{math.degrees(v):.4f}" for v in one["rpy_rad"]),
+         *(f"{math.degrees(v):.4f}" for v in one["turn_sigma_rad"])]
+        for what, one in placed.items()
+    ]  # fmt: skip
+    head = ["base", "x [mm]", "y", "z", "sigma x", "y", "z", "roll [deg]", "pitch", "yaw",
+            "sigma about x", "y", "z"]  # fmt: skip
+    offsets = [
+        [name, joint, f"{1e3 * v.value:.3f}", f"{1e3 * v.sigma:.3f}",
+         "not determined" if joint in base.undetermined else ""]
+        for name, base in found.items()
+        for joint, v in base.offsets.items()
+    ]  # fmt: skip
+    left = "; ".join(
+        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm per axis left"
+        for name, base in found.items()
+    )
+    return "\n\n".join(
+        [
+            left,
+            table(head, rows),
+            table(["arm", "joint", "offset [mrad; mm]", "sigma", ""], offsets),
+        ]
+    )
+
+
+def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:
+    """Reject options that mean nothing here."""
+    for given in (name for name in options if getattr(args, name) is not None):
+        name = "TRACKS" if given == "tracks" else f"--{given}"
+        raise InputError(f"{what}: got {name} {getattr(args, given)}; allowed without it")
+
+
+def _plan(args: Namespace) -> int:
+    """Predict what a recording will be worth."""
+    from trocar.apps.calibration import Tracks
+    from trocar.apps.calibration.budget import error_budget, pose_noise, write_budget
+    from trocar.apps.calibration.report import check_report
+    from trocar.apps.mocap import MocapSettings, simulate_tracks
+    from trocar.descriptions import load_arm
+
+    _allow_none("--plan", args, ("tracks", "rcm", "bodies", "closure", "output"))
+    if args.source != "tracks":
+        raise InputError(f"--plan: got --from {args.source}; allowed: --from tracks")
+    if args.report:
+        check_report(args.report, args.overwrite)
+    given = {k: v if getattr(args, k) is None else getattr(args, k) for k, v in PLAN.items()}
+    if not 1.0 <= given["rate"] <= 10000.0:
+        raise InputError(f"--rate: got {given['rate']:g}; allowed: 1 to 10000 Hz")
+    noise = pose_noise(1e-3 * given["marker_noise_mm"], given["markers"], 1e-3 * given["spread_mm"])
+    arm = load_arm(args.arm)
+
+    def budget(amplitude: float) -> Budget:
+        settings = MocapSettings("kinematic", "", given["duration"], amplitude, PLAN_HZ)
+        made = simulate_tracks(arm, settings)
+        tracks = Tracks("plan", "", made.times, made.poses, made.rate_hz)
+        return error_budget(tracks, arm, noise, made.truth["sweeps_s"], given["rate"])
+
+    with progress_steps("planning") as watch:
+        budgets: dict[float, Budget] = {}
+        for amplitude in sorted({*AMPLITUDES, given["amplitude"]}):
+            watch(f"amplitude {amplitude:g} rad")
+            budgets[amplitude] = budget(amplitude)
+    found = budgets[given["amplitude"]]
+    page = write_budget(args.report, found, budgets, args.overwrite) if args.report else None
+    document = {
+        **found.as_dict(),
+        "amplitude_rad": given["amplitude"],
+        "by_amplitude": [{"amplitude_rad": a, "sigma": dict(b.sigma)} for a, b in budgets.items()],
+    }
+    written = [f"written to {page}"] if page else []
+    print_result(args, document, lambda: "\n\n".join([_budget(found, budgets), *written]))
+    return 0
+
+
+def _budget(found: Budget, budgets: dict[float, Budget]) -> str:
+    from trocar.apps.calibration.budget import budget_rows
+
+    sweeps = ", ".join(f"{joints} {seconds:g} s" for joints, seconds in found.seconds.items())
+    rows = [
+        [figure, *(f"{1e6 * b.sigma[figure]:.3g}" for b in budgets.values())]
+        for figure in found.sigma
+    ]
+    return "\n\n".join(
+        [
+            f"{found.arm}: sweeps of {sweeps} at {found.rate_hz:g} Hz; noise of a pose"
+            f" {1e3 * found.noise[0]:.3g} mm and {1e3 * found.noise[1]:.3g} mrad per axis",
+            table(*budget_rows(found)),
+            table(["amplitude [rad]", *(f"{a:g}" for a in budgets)], rows),
+        ]
+    )
+
+
+def _paper(args: Namespace) -> int:
+    """Rebuild the robot that the paper measured."""
+    from trocar.apps.calibration.twin import paper_twin
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file
+
+    _allow_none("--from paper", args, ("tracks", "rcm", "bodies", "closure", "report"))
+    if args.output:
+        check_file(args.output, args.overwrite)
+    with progress_steps() as watch:
+        found = paper_twin(load_arm(args.arm), watch)
+    if args.output:
+        write_overlay(args.output, found.overlay, overwrite=args.overwrite)
+    written = [f"written to {args.output}"] if args.output else []
+    print_result(args, found.as_dict(), lambda: "\n\n".join([_twin(found), *written]))
+    return 0
+
+
+def _twin(found: PaperTwin) -> str:
+    columns = (
+        (found.hardware.position, found.hardware.rms),
+        (found.nominal.position, found.nominal.rms_axes),
+        (found.twin.position, found.twin.rms_axes),
+    )
+    rows = [
+        [f"axes {label}", *(f"{1e3 * v:.2f}" for v in values)]
+        for label, values in found.distances.items()
+    ]
+    rows += [
+        [f"remote centre, {what} {axis}", *(f"{1e3 * column[part][i]:.2f}" for column in columns)]
+        for part, what in enumerate(("position", "RMS"))
+        for i, axis in enumerate("XYZ")
+    ]
+    both = [found.missed(found.nominal), found.missed(found.twin)]
+    rows += [
+        [f"remote centre, {what}", "", *(f"{1e3 * one[part]:.2f}" for one in both)]
+        for part, what in enumerate(("distance from the hardware's", "spread missed"))
+    ]
+    head = ["[mm]", "hardware", "nominal", "calibrated"]
+    return f"{found.overlay.arm}: the closed-loop paper's own robot\n{table(head, rows)}"
 
 
 def _report(found: Calibration) -> str:

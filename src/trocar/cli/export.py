@@ -10,7 +10,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json
+from trocar.cli.arguments import add_calibrations, add_json, add_overwrite
 from trocar.cli.output import print_json, warn
 
 if TYPE_CHECKING:
@@ -46,12 +46,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--package", default="", metavar="NAME", help="urdf: write a ROS package NAME"
     )
     parser.add_argument(
+        "--fit-tip",
+        action="store_true",
+        help="urdf of a calibrated arm: add helper joints that fit the chain to its tip",
+    )
+    parser.add_argument(
         "--sdf-version",
         default="1.9",
         metavar="V",
         help="sdf: format version, 1.7, 1.9 or 1.11 (default: 1.9)",
     )
-    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
+    add_overwrite(parser, "existing files in DIR")
     add_json(parser)
 
 
@@ -60,8 +65,8 @@ def run(args: Namespace) -> int:
     from trocar.apps.exports import Options, export, find_rig
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
-    options = Options(args.package, args.sdf_version)
-    done = export(rig, args.format, args.out, options, force=args.force)
+    options = Options(args.package, args.fit_tip, args.sdf_version)
+    done = export(rig, args.format, args.out, options, overwrite=args.overwrite)
     for text in done.warnings:
         warn(text)
     if args.json:

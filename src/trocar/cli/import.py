@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_json, add_overwrite, number
 from trocar.cli.output import print_json, warn
 
 SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
@@ -29,7 +29,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="import as arm or as prop (default: arm if it has movable joints)",
     )
     parser.add_argument("--name", default="", help="name (default: the name in FILE)")
-    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
+    add_overwrite(parser, "existing files in DIR")
     add_json(parser)
     robot = parser.add_argument_group("robot files")
     robot.add_argument(
@@ -70,7 +70,7 @@ def run(args: Namespace) -> int:
         args.hull,
         tuple(Path(folder) for folder in args.package_path),
         tuple(name.strip() for name in args.passive.split(",") if name.strip()),
-        args.force,
+        args.overwrite,
     )
     found = import_file(args.file, args.output, options)
     for text in found.warnings:

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, add_overwrite
 from trocar.cli.output import print_json, table, warn
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="mount TOOL in place of the configured instrument (repeatable)",
     )
     parser.add_argument("--literal", action="store_true", help="read 1.5708 literally, not as pi/2")
-    parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    add_overwrite(parser, "existing files")
     add_json(parser)
 
 
@@ -64,7 +64,7 @@ def run(args: Namespace) -> int:
     from trocar.apps.dvrk_config import Options, import_dvrk
 
     options = Options(
-        tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.force
+        tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.overwrite
     )
     found = import_dvrk(args.system, args.output, options)
     for text in (*found.warnings, *(f"unknown key, ignored: {text}" for text in found.unknown)):
@@ -84,13 +84,13 @@ def run(args: Namespace) -> int:
         print(f"  {text}")
     if found.idle:
         print("not simulated:", *found.idle, sep="\n  ")
-    gap = found.agreement
-    print(
-        f"difference from the files: {gap.bases} base frames {gap.base_m:.1e} m,"
-        f" {gap.base_rad:.1e} rad;"
-        f" {gap.chains} chains {gap.chain_m:.1e} m, {gap.chain_rad:.1e} rad;"
-        f" {gap.setups} setup joints {gap.setup_m:.1e} m, {gap.setup_rad:.1e} rad"
-    )
+    print("largest difference from the files:")
+    rows = [
+        (kind.replace("_", " "), str(gap.count), f"{gap.metres:.1e}", f"{gap.radians:.1e}")
+        for kind, gap in found.agreement.items()
+        if gap.count
+    ]
+    print(table(("compared", "arms", "position [m]", "angle [rad]"), rows))
     print("written:", *found.files, sep="\n  ")
     return 0
 
@@ -115,5 +115,5 @@ def _document(found: Imported) -> dict[str, object]:
         "warnings": found.warnings,
         "not_simulated": found.idle,
         "unknown": found.unknown,
-        "agreement": asdict(found.agreement),
+        "agreement": {kind: asdict(gap) for kind, gap in found.agreement.items()},
     }

@@ -145,7 +145,7 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
         while not mirror.over.wait(0.05):
             if loop.wait(0.0):
                 break
-        loop.stop()
+    loop.stop()
 
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
@@ -170,7 +170,7 @@ def _served(
     pictures, access = shared
     rate = {} if args.camera_rate is None else {"camera_rate_hz": args.camera_rate}
     core = stack.enter_context(closing(Core(loop, pictures=pictures, **rate)))
-    transport = WebSocketTransport("127.0.0.1", args.serve, None, access)
+    transport = WebSocketTransport("127.0.0.1", args.serve, access)
     core.attach(transport)
     core.start()
     return str(transport.greeting)
@@ -197,6 +197,7 @@ def _show(
         note=mirror.page,
         access=access,
     )
+    loop.wait()
 
 
 def _text(report: MirrorReport) -> str:

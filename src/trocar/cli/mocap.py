@@ -11,7 +11,7 @@ import math
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_json, add_overwrite, number
 from trocar.cli.output import print_json, progress_bar, table
 from trocar.errors import InputError
 
@@ -44,6 +44,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--output", required=True, metavar="FILE", help="tracks file to write"
     )
+    add_overwrite(parser, "existing tracks")
     parser.add_argument(
         "--format",
         choices=("tidy", "motive"),
@@ -164,7 +165,13 @@ def _add_cameras(group: _ArgumentGroup) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.apps.mocap import MocapSettings, Noise, simulate_tracks, write_tracks
+    from trocar.apps.mocap import (
+        MocapSettings,
+        Noise,
+        check_tracks,
+        simulate_tracks,
+        write_tracks,
+    )
 
     settings = MocapSettings(
         motion=args.motion,
@@ -181,10 +188,11 @@ def run(args: Namespace) -> int:
         ),
         seed=args.seed,
     )
+    check_tracks(args.output, args.overwrite)
     arm, robot = _robot(args)
     with progress_bar("steps", not args.json) as watch:
         tracks = simulate_tracks(arm, settings, watch, robot)
-    truth = write_tracks(args.output, tracks, args.format)
+    truth = write_tracks(args.output, tracks, args.format, overwrite=args.overwrite)
     if args.json:
         files = {"file": args.output, "format": args.format, "truth_file": str(truth)}
         print_json({**files, **tracks.truth})

@@ -10,6 +10,8 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 
+from trocar.cli.arguments import add_overwrite
+
 SUMMARY = "plot a recording: joints, errors, efforts"
 ORDER = 100
 
@@ -20,6 +22,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", metavar="OUT", help="output file, .png or .html (default: FILE as .png)"
     )
+    add_overwrite(parser, "existing output files")
     parser.add_argument("--arm", help="plot this arm only (default: every arm that moved)")
     parser.add_argument("--joint", help="plot this joint only")
 
@@ -28,7 +31,7 @@ def run(args: Namespace) -> int:
     """Plot, and print the files written."""
     from trocar.apps.plotting import plot
 
-    report = plot(args.file, args.out, args.arm, args.joint)
+    report = plot(args.file, args.out, args.arm, args.joint, overwrite=args.overwrite)
     if report.problem:
         print(f"trocar: warning: {args.file}: {report.problem}", file=sys.stderr)
     for file in report.files:

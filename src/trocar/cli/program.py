@@ -1,11 +1,13 @@
 """The program `trocar`: table of subcommands, error messages, exit status.
 
-Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted.
+Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted; 141 the
+reader of standard output went away.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import logging
 import os
 import re
@@ -40,6 +42,13 @@ def _commands() -> dict[str, str]:
 COMMANDS = _commands()
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: Source: shells report a program that a closed pipe ended as 128 + SIGPIPE, and so they report
+#: `yes | head`.
+CLOSED_PIPE = 128 + 13
+#: Characters of an error. Source: our own choice; our longest have some 600.
+LONGEST = 4000
+#: What a print raises on a full disk; other errors of the system keep their traceback.
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -52,27 +61,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
         exit status, see above
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    status, leaving = FAILED, None
     try:
-        command = next((word for word in words if not word.startswith("-")), None)
-        if command is not None and command not in COMMANDS:
-            raise UnknownNameError("command", command, COMMANDS)
-        parser = build_parser((command or "",))
-        if not words:
-            parser.print_help()
-            return DONE
-        args = parser.parse_args(keep_negative_numbers(words))
-        logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
-        status: int = args.run(args)
-        sys.stdout.flush()
+        try:
+            status = _run(words)
+        except SystemExit as end:  # of --help and --version
+            leaving = end
+        problem = _output_problem()
     except TrocarError as error:
-        print(f"trocar: error: {' '.join(str(error).split())}", file=sys.stderr)
+        _complain(f"error: {_line(str(error))}")
         return BAD_INPUT if isinstance(error, InputError) else FAILED
     except BrokenPipeError:  # nobody reads on, as in `trocar show psm | head`
         _discard_output()
-        return FAILED
+        return CLOSED_PIPE
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        problem = str(error.strerror)
     except KeyboardInterrupt:
-        print("trocar: interrupted", file=sys.stderr)
+        _complain("interrupted")
         return INTERRUPTED
+    if problem:
+        _discard_output()
+        _complain(f"error: output cannot be written: {problem}")
+        return FAILED
+    if leaving is not None:
+        raise leaving
+    return status
+
+
+def _run(words: list[str]) -> int:
+    command = next((word for word in words if not word.startswith("-")), None)
+    if command is not None and command not in COMMANDS:
+        raise UnknownNameError("command", command, COMMANDS)
+    parser = build_parser((command or "",))
+    if not words:
+        parser.print_help()
+        return DONE
+    args = parser.parse_args(keep_negative_numbers(words))
+    logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
+    status: int = args.run(args)
     return status
 
 
@@ -98,8 +126,39 @@ def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
     return parser
 
 
+def _output_problem() -> str:
+    """Write what is buffered; return why standard output cannot be written, "" if it can.
+
+    Raises:
+        BrokenPipeError: nobody reads it any more
+    """
+    if sys.stdout is None:
+        return "it is closed"
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
+def _line(text: str) -> str:
+    """Return an error on one line; one that quotes a long input is cut in its middle."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+def _complain(text: str) -> None:
+    if sys.stderr is not None:
+        with contextlib.suppress(OSError):
+            print(f"trocar: {text}", file=sys.stderr)
+
+
 def _discard_output() -> None:
     """Redirect buffered output to devnull, so that the interpreter's flush at exit succeeds."""
+    if sys.stdout is None:
+        return
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())

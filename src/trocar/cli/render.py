@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, add_rig, number
+from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, number
 from trocar.cli.output import print_result, progress_bar
 from trocar.cli.worlds import add_look, eyes_of, look_of
 from trocar.errors import InputError
@@ -37,8 +37,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--out",
         required=True,
         metavar="FILE",
-        help="output file, .png, .jpg or .mp4; overwritten if it exists",
+        help="output file, .png, .jpg or .mp4",
     )
+    add_overwrite(parser)
     add_rig(parser)
     add_calibrations(parser)
     parser.add_argument(
@@ -97,15 +98,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 def run(args: Namespace) -> int:
     """Render and write."""
     from trocar.apps.filming import film, kind_of, take_picture
+    from trocar.outputs import check_file
 
     path = Path(args.out).expanduser()
     kind = kind_of(path)
+    check_file(path, args.overwrite)
     if kind == "picture" and (args.duration is not None or args.rate is not None):
         raise InputError(f"{path}: got --duration or --rate; allowed: with a video (.mp4) only")
     if not 0.0 <= args.after < float("inf"):
         raise InputError(f"--after: got {args.after:g}; allowed: 0 s or more")
     world, scope = _opened(args)
-    shown = {"eye": args.eye, "show": args.show}
+    shown = {"eye": args.eye, "show": args.show, "overwrite": args.overwrite}
     if kind == "picture":
         width, height = take_picture(scope.capture, path, **shown)
         count = 1

@@ -99,6 +99,8 @@ def run(args: Namespace) -> int:
     flow, linger = _flow(world, args, page), page and page.linger
     with nullcontext() if isinstance(flow, Live) else recording(world, args)():
         outcome = run_script(script.absolute(), args.arguments, flow, args.timeout, linger)
+    if isinstance(flow, Live):
+        flow.loop.wait()  # raises what went wrong at its end, as with the recording's last chunk
     sys.stdout.flush()
     print(
         f"trocar: {script.name}: rig {args.rig}, {outcome.simulated_s:.1f} s simulated in"

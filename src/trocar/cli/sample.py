@@ -1,7 +1,8 @@
 """Write small sample files for the commands that read files.
 
-The files are a PSM log, a rosbag, motion-capture tracks, a URDF robot and a dVRK configuration. All
-are simulated, not recorded on a robot, and identical on every machine. Requires the extra bags.
+The files are a PSM log, a rosbag, motion-capture tracks, touches of a block, a URDF robot and a
+dVRK configuration. All are simulated, not recorded on a robot, and identical on every machine.
+Requires the extra bags.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, add_overwrite
 from trocar.cli.output import print_result, table
 
 SUMMARY = "write small sample files for the other commands"
@@ -22,7 +23,7 @@ SEED, SWEEP_S, RATE_HZ, NOISE_M, NOISE_RAD = 7, 12.0, 60.0, 1e-4, 1e-3
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument("folder", metavar="DIR", help="output folder, new or empty")
-    parser.add_argument("--force", action="store_true", help="replace existing files in DIR")
+    add_overwrite(parser, "existing files in DIR")
     add_json(parser)
 
 
@@ -30,13 +31,14 @@ def run(args: Namespace) -> int:
     """Write the files, and print the content of each."""
     import numpy as np
 
-    from trocar.apps.folders import whole_folder
     from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
+    from trocar.apps.mocap.touches import TouchSettings, write_touches
     from trocar.apps.samples import write_samples
     from trocar.descriptions import load_arm
+    from trocar.outputs import whole_folder
 
     folder = Path(args.folder)
-    with whole_folder(folder, args.force) as built:
+    with whole_folder(folder, args.overwrite) as built:
         files = write_samples(built)
         arm = perturbed(load_arm("psm"), np.random.default_rng(SEED))
         noise = Noise(NOISE_M, NOISE_RAD)
@@ -46,6 +48,9 @@ def run(args: Namespace) -> int:
         robot = f"perturbed with seed {SEED}"
         write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
         files["tracks.csv"] = "motion capture of a PSM with perturbed link lengths"
+        psm = ("psm", load_arm("psm"))
+        write_touches(built / "touches.toml", {"PSM1": psm, "PSM2": psm}, TouchSettings(seed=SEED))
+        files["touches.toml"] = "joint readings of two PSMs that touch the points of a block"
     document = {"folder": str(folder), "files": files}
     print_result(
         args,

@@ -7,6 +7,7 @@ Transports are the modules of `trocar.interfaces.crtk.transports` with `OPTIONS`
 from __future__ import annotations
 
 import gc
+import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
@@ -75,6 +76,19 @@ def add_serving(parser: ArgumentParser) -> None:
         choices=("dvrk_env", "dvrk_vrep"),
         help="also serve the topics of an older simulator (repeatable)",
     )
+    clients.add_argument(
+        "--exclusive",
+        action="store_true",
+        help="one client per arm: reject commands of others until it disconnects or is silent for"
+        " 5 s",
+    )
+    clients.add_argument(
+        "--setpoint-timeout",
+        type=number,
+        metavar="S",
+        help="simulated time after which an arm holds when a client sends no further effort, wrench"
+        " or velocity (default: 0.1; 0 = never, as on the dVRK)",
+    )
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)
@@ -94,9 +108,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
     """
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
-    from trocar.interfaces.origins import PageAccess
+    from trocar.interfaces.origins import PageAccess, announced
 
-    access = PageAccess(args.origin)
+    token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
+    access = PageAccess(args.origin, token)
     transports = _transports(args, access)
     if args.no_page and not transports:
         raise InputError(
@@ -115,6 +130,11 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
 
     def greet(*addresses: str) -> None:
         first, *others = (*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports))
+        if access.token is not None:
+            found = dict(zip(("web_viewer",), addresses, strict=False))
+            found |= {t.name: url for t in transports if (url := getattr(t, "viewer_address", ""))}
+            path = stack.enter_context(announced(found))
+            others.append(f"{path}  (addresses with the secret of this run)")
         print(f"{first}  (Ctrl-C stops)", *others, sep="\n", flush=True)
 
     with ExitStack() as stack:
@@ -128,14 +148,16 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             from trocar.interfaces.crtk import Core
 
             sys.setswitchinterval(SWITCH_S)
-            rates = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
+            given = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
+            given["setpoint_timeout_s"] = args.setpoint_timeout
             core = Core(
                 loop,
                 clock=args.clock,
                 compat=args.compat,
                 pictures=pictures,
                 components=components(loop) if session is None else session.components(loop),
-                **{name: rate for name, rate in rates.items() if rate is not None},
+                exclusive=args.exclusive,
+                **{name: value for name, value in given.items() if value is not None},
             )
             stack.enter_context(closing(core))
             for transport in transports:
@@ -151,6 +173,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
                 loop.start(args.duration)
                 greet()
                 loop.wait()
+            loop.wait()  # raises what went wrong after Ctrl-C, as with the recording's last chunk
             return
         from trocar.interfaces.viewer import serve as serve_page
 
@@ -166,6 +189,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             driving=session and session.driving(socket),
             access=access,
         )
+        loop.wait()
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json
+from trocar.cli.arguments import add_arm, add_calibration, add_json, add_overwrite
 from trocar.cli.output import plain, print_result, short, table, warn
 from trocar.errors import InputError
 
@@ -37,6 +37,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_calibration(parser)
     add_json(parser)
     parser.add_argument("--picture", metavar="DIR", help="render four views into DIR")
+    add_overwrite(parser, "existing pictures in DIR")
 
 
 def run(args: Namespace) -> int:
@@ -44,7 +45,7 @@ def run(args: Namespace) -> int:
     if args.picture is not None:
         from trocar.rendering import write_pictures
 
-        for path in write_pictures(_rig(args), Path(args.picture)):
+        for path in write_pictures(_rig(args), Path(args.picture), overwrite=args.overwrite):
             print(path)
         return 0
     from trocar.descriptions import load_arm

@@ -2,7 +2,8 @@
 
 closure: loop error over the joint range; rcm: remote centre of motion (Table 7, Figure 9); axes:
 distances between hinge axes (Table 6); tracking: six joints along a sine (Figure 10); realtime:
-speed (Table 9); formats: frame poses of every export format compared with the kinematics.
+speed (Table 9); formats: frame poses of exported files compared with the kinematics, MJCF and URDF
+read by MuJoCo, URDF by pinocchio and Drake and SDF by Drake if these are installed.
 Exit status 1: a figure is out of tolerance; speed depends on the machine and has no tolerance. See
 docs/calibration.md for the methods.
 """
@@ -12,7 +13,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, add_overwrite
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="verify this calibrated robot (repeatable)",
     )
     parser.add_argument("--report", metavar="DIR", help="write an HTML report to DIR/index.html")
+    add_overwrite(parser, "an existing report")
     add_json(parser)
 
 
@@ -58,14 +60,14 @@ def run(args: Namespace) -> int:
     from trocar.apps.verification import check_report, verify, write_report
 
     if args.report is not None:
-        check_report(args.report)
+        check_report(args.report, args.overwrite)
     written = None
     robots = len(args.arm) or len(args.calibration) or 2
     with progress_steps("verifying", robots * len(args.only)) as watch:
         found = verify(args.arm, args.calibration, args.only, watch)
         if args.report is not None:
             watch("the report")
-            written = write_report(args.report, found)
+            written = write_report(args.report, found, overwrite=args.overwrite)
     page = "" if written is None else f"\n\n{written}"
     print_result(args, _document(found, written), lambda: _tables(found) + page)
     return 1 if found.missed else 0

@@ -13,11 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry.se3 import inverse
+from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import poses
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
+
+#: Where the direction from the pitch axis to the centre points in the paper's frame.
+#: Source: closed-loop paper, Table 7. The sense of the axis across both is not told; it is ours.
+TOWARDS: dict[str, tuple[float, float, float]] = {"PSM": (0.0, -1.0, 0.0), "ECM": (1.0, 0.0, 0.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +98,24 @@ def _pierced(lines: Sequence[Line], through: Array) -> list[Array]:
     """Return where lines pierce the plane across their mean direction through a point."""
     normal = mean_direction(lines)
     return [n.point + along_to_plane(n, through, normal) * n.direction for n in lines]
+
+
+def axes_frame(x: Array, sense: float, towards: Array) -> Array:
+    """Return the frame of the first two joint axes, (4, 4).
+
+    Args:
+        x: the centre, then point and direction of the pitch axis, then of the yaw axis, (15,)
+        sense: +1 or -1, by which the pitch axis is told along the description's
+        towards: where in the paper's frame the centre lies, (3,)
+    """
+    centre, g, h, y, k = x.reshape(5, 3)
+    z = sense * h
+    # The point of the pitch axis nearest to the yaw axis.
+    across = np.cross(k, np.cross(h, k))
+    origin = g + h * float((y - g) @ across / (h @ across))
+    up = k - (k @ z) * z
+    up *= np.sign(up @ (centre - origin)) / np.linalg.norm(up)
+    side = np.cross(z, up)
+    across_axes = np.column_stack([up, side, z])
+    drawn = np.column_stack([towards, np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0]])
+    return transform(across_axes @ drawn.T, origin)

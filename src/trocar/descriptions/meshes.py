@@ -6,6 +6,7 @@ triangle); the OBJ format (Wavefront, 1992: lines v and f, indices from 1, negat
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.table import Table
 from trocar.errors import DescriptionError
+from trocar.inputs import read_input
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -22,7 +24,11 @@ Ints = NDArray[np.int64]
 FORMATS = (".stl", ".obj")
 #: More would make the page slow to open. Source: our own choice; the whole cart has 90,000.
 MOST_TRIANGLES = 200_000
+#: Source: our own choice; so many triangles take some 40 MB as text.
+MOST_BYTES = 100_000_000
 HEADER_BYTES, TRIANGLE_BYTES = 84, 50
+#: The beginning of a file whose content Git LFS keeps elsewhere. Source: git-lfs docs/spec.md.
+LFS_POINTER = re.compile(rb"version https://git-lfs.github.com/spec/.*?^size (\d+)", re.M | re.S)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +63,11 @@ def read_mesh(table: Table) -> Mesh:
     if path.suffix.lower() not in FORMATS:
         raise table.fail("file", f"got {name!r}; allowed: a file that ends in {', '.join(FORMATS)}")
     try:
-        data = path.read_bytes()
+        data = read_input(path, MOST_BYTES)
     except OSError as problem:
         raise table.fail("file", f"{path} cannot be read: {problem.strerror}") from problem
+    if problem := lfs_problem(data):
+        raise table.fail("file", f"{path} {problem}")
     try:
         corners = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
     except (ValueError, IndexError, UnicodeDecodeError) as problem:
@@ -69,6 +77,15 @@ def read_mesh(table: Table) -> Mesh:
     _check(table, path, corners)
     vertices, inverse = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
     return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64), path.stem)
+
+
+def lfs_problem(data: bytes) -> str:
+    """Return what is wrong with a file that Git LFS has not fetched, "" of any other."""
+    pointer = LFS_POINTER.match(data)
+    return "" if pointer is None else (
+        f"is a Git LFS pointer to a file of {int(pointer[1])} bytes; allowed: the file itself"
+        " (run `git lfs pull` in its repository)"
+    )  # fmt: skip
 
 
 def _check(table: Table, path: Path, corners: Array) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +28,7 @@ from trocar.kinematics.loops import (
     loops_are_parallelograms,
 )
 from trocar.kinematics.mechanism import Closure, Frame, Mechanism
+from trocar.outputs import whole_file
 
 __all__ = [
     "ClosurePatch",
@@ -253,28 +252,21 @@ def parse_overlay(text: str, file: str) -> Overlay:
     return _read(parse_table(text, file))
 
 
-def write_overlay(path: str | Path, overlay: Overlay) -> None:
-    """Write an overlay; until the file is whole, what was there before stays.
+def write_overlay(path: str | Path, overlay: Overlay, *, overwrite: bool = False) -> None:
+    """Write an overlay, whole or not at all.
+
+    Args:
+        path: a new file
+        overlay: what to write
+        overwrite: replace a file that exists
 
     Raises:
-        InputError: numbers that are not finite, or a file that cannot be written
+        InputError: numbers that are not finite, or a file that exists or cannot be written
+        TrocarError: the disk is full
     """
-    text, path = overlay_text(overlay), Path(path).expanduser()
-    beside = ""
-    try:
-        handle, beside = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(beside, 0o666 & ~umask)
-        os.replace(beside, path)
-    except OSError as problem:
-        if beside:
-            Path(beside).unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
+    text = overlay_text(overlay)
+    with whole_file(path, overwrite) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
 
 
 def overlay_text(overlay: Overlay) -> str:

@@ -15,6 +15,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from trocar.errors import DescriptionError, InputError
+from trocar.inputs import MOST_LEVELS, excess_of, read_input
 
 Array = NDArray[np.float64]
 
@@ -39,6 +40,13 @@ UNITS: dict[str, dict[str, float]] = {
     "frequency": {"hz": 1.0},
 }
 
+#: Source: our own choice, 70 times the largest of ours; tomllib reads 1 MB within about 2 s.
+MOST_BYTES = 1_000_000
+#: A dotted key of too many parts, for which tomllib takes time that grows with their square.
+LONG_KEY = re.compile(
+    r"""(?:(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+)"""
+    f"{{{MOST_LEVELS + 1}}}"
+)
 #: A list of numbers as tomli_w writes it, one on each line.
 NUMBERS = re.compile(r"\[\n((?: *[-+.\w]+,\n)+) *\]")
 
@@ -273,9 +281,10 @@ def read_table(path: Path) -> Table:
 
     Raises:
         DescriptionError: the file is not there, or is not TOML; line and column are named
+        InputError: it is larger than MOST_BYTES
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_input(path, MOST_BYTES).decode()
     except (OSError, UnicodeDecodeError) as problem:
         raise DescriptionError(str(path), "", f"cannot be read: {problem}") from problem
     return parse_table(text, str(path))
@@ -287,10 +296,17 @@ def parse_table(text: str, file: str) -> Table:
     Raises:
         DescriptionError: it is not TOML; line and column are named
     """
+    if LONG_KEY.search(text):
+        raise DescriptionError(file, "", f"is nested too deeply; allowed: {MOST_LEVELS} levels")
     try:
-        return Table(tomllib.loads(text), file)
-    except tomllib.TOMLDecodeError as problem:
+        document = tomllib.loads(text)
+    except RecursionError as problem:
+        raise DescriptionError(file, "", "is not TOML: is nested too deeply") from problem
+    except ValueError as problem:  # also an integer of thousands of digits
         raise DescriptionError(file, "", f"is not TOML: {problem}") from problem
+    if excess := excess_of(document):
+        raise DescriptionError(file, "", excess)
+    return Table(document, file)
 
 
 def _placed(value: Any, file: str, path: str) -> Any:

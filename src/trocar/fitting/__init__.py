@@ -7,16 +7,18 @@ from trocar.fitting.hinge import (
     Axis,
     AxisDistance,
     HingeFit,
+    angle_sigma,
     axis_distance,
     fit_hinge,
     fit_hinge_least_squares,
     rough_hinge,
 )
-from trocar.fitting.linkage import SharedHinge, refine_hinges
+from trocar.fitting.linkage import SharedHinge, expected_hinges, refine_hinges
 from trocar.fitting.pivot import (
     LEAST_TURN,
     PivotFit,
     RestPose,
+    expected_pivot_sigma,
     fit_pivot,
     fit_pivot_in_body,
     rest_pose,
@@ -37,7 +39,10 @@ __all__ = [
     "RestPose",
     "SharedHinge",
     "WanderFit",
+    "angle_sigma",
     "axis_distance",
+    "expected_hinges",
+    "expected_pivot_sigma",
     "fit_hinge",
     "fit_hinge_least_squares",
     "fit_pivot",

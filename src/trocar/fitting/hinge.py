@@ -577,6 +577,43 @@ def moved_fit(
     )
 
 
+def hinge_covariance(fit: HingeFit, T_ab: Array, sigmas: tuple[float, float]) -> Array:
+    """Return the covariance that noise will give the free coordinates of a hinge, (9, 9).
+
+    Args:
+        fit: to poses without noise
+        T_ab: these poses, (n, 4, 4)
+        sigmas: noise that each body's pose will have, position [m] and rotation [rad]
+    """
+    model = HingeModel(fit.before, fit.after, fit.angles[fit.used])
+    found = residuals(model, T_ab[fit.used])
+    every = np.ones(int(fit.used.sum()), dtype=bool)
+    return normal(model, found, sigmas, fit.slides).step(every)[1]
+
+
+def angle_sigma(fit: HingeFit, T_ab: Array, sigmas: tuple[float, float]) -> Array:
+    """Return the standard deviation that noise will give each sample's angle, (n,) [rad].
+
+    Args:
+        fit: to poses without noise
+        T_ab: these poses, (n, 4, 4)
+        sigmas: noise that each body's pose will have, position [m] and rotation [rad]
+    """
+    model = HingeModel(fit.before, fit.after, fit.angles[fit.used])
+    found = residuals(model, T_ab[fit.used])
+    z = np.broadcast_to([0.0, 0.0, 1.0], found.lever.shape)
+    turn = np.concatenate([-np.cross(z, found.lever), -z], axis=1)[..., None]
+    size = np.linalg.norm(_whitened(turn, found.p, sigmas), axis=(1, 2))
+    return _spread(1.0 / size, fit.used, np.nan)
+
+
+def with_influence(fit: HingeFit, influence: Array) -> HingeFit:
+    """Return a fit with other errors of its free coordinates, (m, 9)."""
+    model = HingeModel(fit.before, fit.after, fit.angles)
+    influence_a, influence_b = _influences(model, influence)
+    return replace(fit, influence_a=influence_a, influence_b=influence_b)
+
+
 def _spread(values: NDArray[Any], tracked: Mask, missing: float) -> NDArray[Any]:
     """Put values of the tracked samples, (m, ...), among all, (n, ...)."""
     out = np.full((len(tracked), *values.shape[1:]), missing, dtype=values.dtype)

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.fitting.hinge import FREE, HingeFit, moved_fit
+from trocar.fitting.hinge import FREE, HingeFit, hinge_covariance, moved_fit, with_influence
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z, skew
 from trocar.geometry.se3 import inverse
 
@@ -92,6 +92,51 @@ def refine_hinges(
     Returns:
         the fits, with axes, angles and influences of the joint estimate
     """
+    cofactor, right = _normal_equations(T_c, hinges, sigmas)
+    influence = -right @ cofactor
+    ends = np.cumsum([len(hinge.columns) for hinge in hinges])[:-1]
+    return tuple(
+        _moved(hinge, inverse(T_c[:, hinge.a]) @ T_c[:, hinge.b], own, sigmas)
+        for hinge, own in zip(hinges, np.split(influence, ends, axis=1), strict=True)
+    )
+
+
+def expected_hinges(
+    T_c: Array, hinges: Sequence[SharedHinge], sigmas: tuple[float, float]
+) -> tuple[HingeFit, ...]:
+    """Return hinges with the errors that noise will make, not those that it has made.
+
+    Args:
+        T_c: poses of all bodies without noise, (n, bodies, 4, 4)
+        hinges: as `refine_hinges` has them
+        sigmas: noise that poses will have, position [m] and rotation [rad] per axis
+
+    Returns:
+        the fits as they are, whose influences are independent errors of one standard deviation, as
+        many as there are unknowns, in place of those of samples
+    """
+    cofactor, _ = _normal_equations(T_c, hinges, sigmas)
+    ends = np.cumsum([len(hinge.columns) for hinge in hinges])[:-1]
+    errors = np.split(np.linalg.cholesky(cofactor).T, ends, axis=1)
+    pins = [hinge for hinge in hinges if hinge.pin]
+    count = len(cofactor) + FREE * len(pins)
+    found: list[HingeFit] = []
+    for hinge, own in zip(hinges, errors, strict=True):
+        influence = np.zeros((count, FREE))
+        influence[: len(own), hinge.columns] = own
+        if hinge.pin:  # its direction is that of its own fit
+            alone = hinge_covariance(hinge.fit, inverse(T_c[:, hinge.a]) @ T_c[:, hinge.b], sigmas)
+            begin = len(own) + FREE * pins.index(hinge)
+            directions = np.linalg.cholesky(alone).T[:, [3, 4, 7, 8]]
+            influence[begin : begin + FREE, [3, 4, 7, 8]] = directions
+        found.append(with_influence(hinge.fit, influence))
+    return tuple(found)
+
+
+def _normal_equations(
+    T_c: Array, hinges: Sequence[SharedHinge], sigmas: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Return the inverse normal matrix, (columns, columns), and right sides, (n, columns)."""
     columns = sum(len(hinge.columns) for hinge in hinges)
     normal, right = np.zeros((columns, columns)), np.zeros((len(T_c), columns))
     for start in range(0, len(T_c), _CHUNK):
@@ -101,13 +146,7 @@ def refine_hinges(
         normal += np.tensordot(A, weighted, ((0, 1), (0, 1)))
         right[part] = np.einsum("kij,ki->kj", weighted, f)
     scale = 1.0 / np.sqrt(np.diag(normal))
-    cofactor = scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale
-    influence = -right @ cofactor
-    ends = np.cumsum([len(hinge.columns) for hinge in hinges])[:-1]
-    return tuple(
-        _moved(hinge, inverse(T_c[:, hinge.a]) @ T_c[:, hinge.b], own, sigmas)
-        for hinge, own in zip(hinges, np.split(influence, ends, axis=1), strict=True)
-    )
+    return scale[:, None] * np.linalg.inv(scale[:, None] * normal * scale) * scale, right
 
 
 def _weighed(

@@ -181,6 +181,26 @@ def fit_pivot_in_body(T_ca: ArrayLike, T_cb: ArrayLike) -> PivotFit:
     return replace(fit, sigma_post=np.sqrt(fit.sigma_post**2 + more))
 
 
+def expected_pivot_sigma(T_ca: ArrayLike, T_cb: ArrayLike, sigmas: tuple[float, float]) -> Array:
+    """Return the standard deviations that noise will give (tip, post), (6,) [m].
+
+    Args:
+        T_ca, T_cb: poses of both bodies without noise, as `fit_pivot_in_body` takes them
+        sigmas: noise that each pose will have, position [m] and rotation [rad] per axis
+    """
+    a, b = np.asarray(T_ca, dtype=np.float64), np.asarray(T_cb, dtype=np.float64)
+    fit, rest = fit_pivot_in_body(a, b), rest_pose(a)
+    T = (inverse(a if rest is None else rest.pose) @ b)[fit.used]
+    noise = _Noise(*sigmas, rest is None)
+    _, C = _linear(np.concatenate([fit.tip, fit.post]), T[:, :3, :3], T[:, :3, 3], noise)
+    flat = C.reshape(-1, 6)
+    variance = np.diag(np.linalg.inv(flat.T @ flat)).copy()
+    if rest is not None:
+        across = fit.post @ fit.post - fit.post**2
+        variance[3:] += (sigmas[0] ** 2 + sigmas[1] ** 2 * across) / len(a)
+    return np.sqrt(variance)
+
+
 def rest_pose(T_ca: ArrayLike) -> RestPose | None:
     """Average the pose of a body, outliers left out, if it does not move.
 

@@ -83,7 +83,7 @@ def fit_wander(
         np.array(legendre.legvander((2.0 * x - low - high) / (high - low), DEGREE), dtype=float)
         for x in (joint[used], places)
     )
-    share = np.linalg.pinv(basis)
+    share = np.asarray(np.linalg.pinv(basis), dtype=np.float64)
     weights = there @ share  # of the samples in the curve
     noise = centres - basis @ (share @ centres)
     noise *= np.sqrt(len(noise) / max(len(noise) - basis.shape[1], 1))

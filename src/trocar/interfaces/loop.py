@@ -17,6 +17,7 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameError
+from trocar.interfaces.commanders import Commanders
 from trocar.interfaces.inbox import Command, Inbox
 from trocar.interfaces.pace import Clock, Pace, Wakeup, WallClock, nearest_tick, whole_steps
 from trocar.interfaces.rate_limit import RateLimit, suffix
@@ -62,6 +63,7 @@ class Loop:
         on_apply: called with (tick, command) for every command that is applied, e.g. to record them
 
     Attributes:
+        commanders: which clients command each arm
         while_running: makes the context that `start` enters before the first tick, and that is left
             after the last; a recording is opened here, when every port is bound
     """
@@ -99,6 +101,7 @@ class Loop:
         self._publisher = Publisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
         self._rate_limit = RateLimit()
+        self.commanders = Commanders(self._clock.now)
         self.while_running: Callable[[], AbstractContextManager[object]] = nullcontext
 
     # What other threads may call.

@@ -1,4 +1,4 @@
-"""Which web pages may connect to the sockets of one run.
+"""Who may connect to the sockets of one run: web pages and programs.
 
 A browser lets every page open a WebSocket to 127.0.0.1. It sends the page's scheme, host and port
 in the header `Origin`, which scripts cannot change; programs that are not browsers send none.
@@ -8,57 +8,116 @@ machine serve other people's pages. And it shows the secret of this run, which s
 of the web viewer; the same-origin policy keeps every other page from reading that. A cookie would
 be no second check: browsers send the cookies of a host to all its ports. Pages that the user names
 with --origin need no secret.
+
+With --token, programs, pages that are named and whoever opens the web viewer show the token or the
+secret. The secret stands in a file that only the user can read, for programs of the same user.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import ipaddress
+import json
+import os
 import secrets
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
-from trocar.errors import InputError
+from trocar.errors import InputError, TrocarError
 
 #: Ports that browsers leave out of an origin. Source: RFC 6454, section 6.1.
 DEFAULT_PORTS = {"http": 80, "https": 443}
+#: Fewest characters of a token. Source: our own choice; 16 of base64 are 96 bits.
+SHORTEST_TOKEN = 16
 
 
 class PageAccess:
-    """Decide which web pages may connect to the sockets of one run.
+    """Decide which pages and programs may connect to the sockets of one run.
 
     Args:
         origins: pages of the user's own, as `http://localhost:3000`
+        token: what all others have to show; None: programs connect without one
 
     Attributes:
+        token: as given
         query: what the web viewer's page adds to the address of a socket: its secret
         viewer: origins of the web viewer; empty until it is served
 
     Raises:
-        InputError: an origin that no browser sends
+        InputError: an origin that no browser sends, or a short token
     """
 
-    def __init__(self, origins: Iterable[str] = ()) -> None:
+    def __init__(self, origins: Iterable[str] = (), token: str | None = None) -> None:
+        if token is not None and len(token) < SHORTEST_TOKEN:
+            raise InputError(
+                f"--token: got {len(token)} characters; allowed: at least {SHORTEST_TOKEN}, "
+                "e.g. python -c 'import secrets; print(secrets.token_urlsafe())'"
+            )
         self._named = frozenset(map(checked_origin, origins))
         self._secret = secrets.token_urlsafe()
-        self.query = f"page={self._secret}"
+        self.token = token
+        self.query = f"token={self._secret}"
         self.viewer: frozenset[str] = frozenset()
 
-    def objection(self, origin: str | None, path: str, viewer: Collection[str]) -> str | None:
-        """Say why a request to open a WebSocket is refused, or return None.
+    def objection(
+        self, path: str, headers: Mapping[str, str], viewer: Collection[str]
+    ) -> tuple[HTTPStatus, str] | None:
+        """Return why a request to open a WebSocket is refused, or None.
 
         Args:
-            origin: what the browser sent, or None
-            path: what is requested, with its query
+            path: what is requested, with its query; `?token=...` shows the token
+            headers: of the request; `Authorization: Bearer ...` shows the token, too
             viewer: origins that the web viewer's page has on this socket
         """
+        origin = headers.get("Origin")
         if origin is None or origin in self._named:
-            return None
+            if self.token is None or self.knows(path, headers):
+                return None
+            return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
         if origin not in viewer:
-            return "pages of other origins may not connect; --origin URL lets one of yours in\n"
-        if not same(self._secret, queried(path, "page")):
-            return "this page is of an earlier run: reload it\n"
-        return None
+            refusal = "pages of other origins may not connect; --origin URL lets one of yours in\n"
+            return HTTPStatus.FORBIDDEN, refusal
+        if self.knows(path, headers):
+            return None
+        return HTTPStatus.FORBIDDEN, "this page is of an earlier run: reload it\n"
+
+    def knows(self, path: str, headers: Mapping[str, str]) -> bool:
+        """Whether a request shows the token or the secret of this run."""
+        kind, _, bearer = headers.get("Authorization", "").partition("Bearer ")
+        shown = bearer.strip() if bearer and not kind else queried(path, "token")
+        return any(same(word, shown) for word in (self._secret, self.token) if word is not None)
+
+
+@contextlib.contextmanager
+def announced(addresses: Mapping[str, str]) -> Iterator[Path]:
+    """Keep a file with addresses that only this user can read, while the block lasts.
+
+    Args:
+        addresses: {name of a server: its address, with the secret of this run}
+
+    Raises:
+        TrocarError: the file cannot be written
+    """
+    runtime = os.environ.get("XDG_RUNTIME_DIR")
+    folder = (Path(runtime) if runtime else Path.home() / ".local" / "share") / "trocar"
+    path = folder / f"{os.getpid()}.json"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path.unlink(missing_ok=True)  # of a process that was killed and had our number
+        with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            json.dump({"pid": os.getpid(), **addresses}, file, indent=2)
+    except OSError as error:
+        raise TrocarError(
+            f"cannot write {path}, from which programs read the run's token: {error.strerror}; "
+            "set XDG_RUNTIME_DIR to a folder of yours, or leave out --token"
+        ) from error
+    try:
+        yield path
+    finally:
+        path.unlink(missing_ok=True)
 
 
 def checked_origin(url: str) -> str:

@@ -9,6 +9,7 @@ from collections import deque
 from typing import Protocol
 
 from trocar.errors import InputError
+from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 
@@ -102,6 +103,7 @@ class Pace:
         self._clock = clock
         self._period = period_s
         self.let_go_s = 0.0
+        self._rate_limit = RateLimit(LOG_PERIOD_S)
         self.restart()
 
     def restart(self) -> None:
@@ -142,7 +144,10 @@ class Pace:
         if lag > GIVE_UP_S:
             self.let_go_s += lag
             self._start += lag
-            _log.warning("%.1f s behind real time: skipping the delay", lag)
+            unsaid = self._rate_limit.due("lag", self._clock.now())
+            if unsaid is not None:
+                text = "%.1f s behind real time: skipping the delay%s"
+                _log.warning(text, lag, suffix(unsaid))
             lag = 0.0
         return int((lag + EARLY_S) // self._period) + 1
 

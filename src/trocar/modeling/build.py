@@ -36,6 +36,7 @@ from trocar.modeling import naming
 from trocar.modeling.geoms import LONE_MASK, OBJECTS, ContactMask, Geoms, contact_masks
 from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset
+from trocar.modeling.mujoco_log import log_mujoco_warnings
 from trocar.modeling.options import (
     IMPRATIO,
     ISLAND_JOINTS,
@@ -202,6 +203,7 @@ class Draft:
     """
 
     def __init__(self, rig: RigDescription, options: ModelOptions) -> None:
+        log_mujoco_warnings()
         self.spec, self._options = mujoco.MjSpec(), options
         self._geoms = Geoms(self.spec, options)
         self.meshes = self._geoms.meshes

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +26,7 @@ from trocar.descriptions.records import (
 )
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
-from trocar.geometry.se3 import transform
+from trocar.geometry.se3 import pose_difference, transform
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism, Motion
@@ -39,6 +40,9 @@ WORLD = "world"
 #: A passive coordinate's limits lie this much beyond what the joints make of it. Source: our own
 #: choice, so that rounding stops no loop. [rad or m]
 SLACK = 1e-3
+#: What a link between two joints takes from the link behind it, as a share of its mass and
+#: inertia: engines reject a moving link without any. Source: our own choice, a micro of the whole.
+SHARE = 1e-6
 #: Joint vectors that straight lines are fitted to, where a loop is no parallelogram.
 SAMPLES = 256
 #: A coordinate that moves less than this over a joint's range does not follow the joint [rad or m].
@@ -122,6 +126,21 @@ class LinkLoop:
     point_b: Array
 
 
+@dataclass(frozen=True)
+class LineError:
+    """How far frames stand from where closed loops have them, at most over the joints' ranges.
+
+    Attributes:
+        frame, worst: the frame that is farthest off, and how far [m]
+        tip, tip_angle: of the arm's tip [m, rad]
+    """
+
+    frame: str
+    worst: float
+    tip: float
+    tip_angle: float
+
+
 @dataclass(frozen=True, eq=False)
 class LinkModel:
     """A rig in the words of other simulators.
@@ -134,8 +153,8 @@ class LinkModel:
         start: coordinates of the rig's pose "start", {joint: rad or m}, passive ones included
         zero: those where each joint that moves on its own is at 0 and the loops are closed: 0 too,
             but for passive ones of a loop that is no parallelogram
-        line_errors: {arm: how far the worst frame stands from where it belongs when the loops'
-            coordinates follow straight lines [m]} of arms whose loops are no parallelograms
+        line_errors: {arm: how far frames stand from where they belong when the loops' coordinates
+            follow straight lines} of arms whose loops are no parallelograms
     """
 
     name: str
@@ -145,7 +164,7 @@ class LinkModel:
     loops: tuple[LinkLoop, ...]
     start: Mapping[str, float]
     zero: Mapping[str, float]
-    line_errors: Mapping[str, float]
+    line_errors: Mapping[str, LineError]
 
     def joint(self, name: str) -> LinkJoint:
         """Return the joint called `name`."""
@@ -190,7 +209,7 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
     loops: list[LinkLoop] = []
     start: dict[str, float] = {}
     zero: dict[str, float] = {}
-    errors: dict[str, float] = {}
+    errors: dict[str, LineError] = {}
     for place in rig.arms:
         found = _Reading.of(place, friction)
         for frame in place.arm.mechanism.frames:
@@ -200,18 +219,24 @@ def rig_links(rig: RigDescription, friction: str = "identified") -> LinkModel:
         start |= {found.joint_name(f): float(at[k]) for k, f in found.moving()}
         at = coordinates(place.arm.mechanism, np.zeros(len(place.arm.joints)))
         zero |= {found.joint_name(f): float(at[k]) for k, f in found.moving()}
-        if found.line_error:
+        if found.line_error is not None:
             errors[place.name] = found.line_error
     return LinkModel(
         rig.name, rig.title, tuple(links), tuple(joints), tuple(loops), start, zero, errors
     )
 
 
-def joint_values(model: LinkModel, own: Mapping[str, float]) -> dict[str, float]:
+def helper_link(link: Link, name: str) -> Link:
+    """Return a link of almost no mass, to stand between two joints before another."""
+    mass, inertia = SHARE * link.mass, SHARE * link.inertia
+    return replace(link, name=name, frame="", mass=mass, inertia=inertia, shapes=())
+
+
+def joint_values(model: LinkModel, own: Mapping[str, Any]) -> dict[str, Any]:
     """Return every joint's coordinate.
 
     Args:
-        own: coordinates of the joints that follow none [rad or m]
+        own: coordinates of the joints that follow none, (...) each [rad or m]
     """
     found = dict(own)
     for joint in model.joints:
@@ -220,19 +245,25 @@ def joint_values(model: LinkModel, own: Mapping[str, float]) -> dict[str, float]
     return found
 
 
-def link_poses(model: LinkModel, values: Mapping[str, float]) -> dict[str, Array]:
-    """Return where links stand in the world, {link: (4, 4)}.
+def link_poses(model: LinkModel, values: Mapping[str, Any]) -> dict[str, Array]:
+    """Return where links stand in the world, {link: (..., 4, 4)}.
 
     Args:
-        values: coordinates of all joints that move [rad or m]
+        values: coordinates of all joints that move, (...) each [rad or m]
     """
     found = {model.links[0].name: np.eye(4)}
     for joint in model.joints:
-        at = values.get(joint.name, 0.0)
-        turn = rotation_z(at if joint.kind == "revolute" else 0.0)
-        slide = np.array([0.0, 0.0, at if joint.kind == "prismatic" else 0.0])
-        found[joint.child] = found[joint.parent] @ joint.pose @ transform(turn, slide)
+        motion = joint_motion(joint.kind, values.get(joint.name, 0.0))
+        found[joint.child] = found[joint.parent] @ joint.pose @ motion
     return found
+
+
+def joint_motion(kind: Motion, at: Array | float) -> Array:
+    """Return the motion of a joint's child at coordinates (...) [rad or m], (..., 4, 4)."""
+    turn = rotation_z(at if kind == "revolute" else 0.0)
+    slide = np.zeros((*np.shape(at), 3))
+    slide[..., 2] = at if kind == "prismatic" else 0.0
+    return transform(turn, slide)
 
 
 def _fixed(name: str, parent: str, child: str, pose: Array) -> LinkJoint:
@@ -248,7 +279,7 @@ class _Reading:
     bodies: Mapping[str, list[Body]]
     offsets: Array
     ratios: Array
-    line_error: float
+    line_error: LineError | None
 
     @staticmethod
     def of(place: RigArm, friction: str) -> _Reading:
@@ -366,17 +397,26 @@ class _Reading:
         return self._massed(frame), frame.after[:3, :3] @ point + frame.after[:3, 3]
 
 
-def _lines(arm: ArmDescription) -> tuple[Array, Array, float]:
-    """Return the straight lines that coordinates follow: offsets, ratios, the worst miss [m].
+def range_samples(mechanism: Mechanism, seed: int) -> Array:
+    """Return joint positions over the whole range, denser towards its ends, (SAMPLES, n).
+
+    Least squares over them come near the least largest error, as at Chebyshev's nodes.
+    """
+    rng = np.random.default_rng(seed)
+    turn = rng.uniform(0.0, np.pi, (SAMPLES, len(mechanism.joints)))
+    return mechanism.lower + 0.5 * (1.0 - np.cos(turn)) * (mechanism.upper - mechanism.lower)
+
+
+def _lines(arm: ArmDescription) -> tuple[Array, Array, LineError | None]:
+    """Return the straight lines that coordinates follow, offsets and ratios, and their error.
 
     Where loops are no parallelograms, coordinates of the loops' frames follow the lines that fit
     them best over the whole range.
     """
     mechanism = arm.mechanism
     if loops_are_parallelograms(mechanism):
-        return np.zeros(len(mechanism.frames)), mechanism.ratios, 0.0
-    rng = np.random.default_rng(0)
-    q = rng.uniform(mechanism.lower, mechanism.upper, (SAMPLES, len(mechanism.joints)))
+        return np.zeros(len(mechanism.frames)), mechanism.ratios, None
+    q = range_samples(mechanism, 0)
     closed = coordinates(mechanism, q)
     table = np.hstack([np.ones((SAMPLES, 1)), q])
     moves = _moves(mechanism)
@@ -388,11 +428,22 @@ def _lines(arm: ArmDescription) -> tuple[Array, Array, float]:
         else:
             found[1:, k] = mechanism.ratios[k]
     true, straight = frame_poses(mechanism, closed), frame_poses(mechanism, table @ found)
-    off = max(
-        float(np.linalg.norm(true[k][..., :3, 3] - straight[k][..., :3, 3], axis=-1).max())
-        for k in true
-    )
-    return found[0], found[1:].T, off
+    pairs = {f.name: (true[k], straight[k]) for k, f in enumerate(mechanism.frames)}
+    error = line_error(pairs, mechanism.tip)
+    return found[0], found[1:].T, error
+
+
+def line_error(frames: Mapping[str, tuple[Array, Array]], tip: str) -> LineError:
+    """Return how far frames are off.
+
+    Args:
+        frames: {frame: (true, other) poses (k, 4, 4)}
+        tip: one of them
+    """
+    off = {name: pose_difference(*pair) for name, pair in frames.items()}
+    frame = max(off, key=lambda name: float(off[name][0].max()))
+    worst, (tip_off, tip_turn) = float(off[frame][0].max()), off[tip]
+    return LineError(frame, worst, float(tip_off.max()), float(tip_turn.max()))
 
 
 def _moves(mechanism: Mechanism) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ from trocar.descriptions.records import Shape
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.geometry.se3 import transform
 from trocar.modeling.geoms import capsule_about
-from trocar.modeling.links import SLACK, Link, LinkJoint, LinkModel
+from trocar.modeling.links import SHARE, SLACK, Link, LinkJoint, LinkModel, helper_link
 from trocar.modeling.markup import child, document, element, number, numbers
 
 Array = NDArray[np.float64]
@@ -27,9 +27,6 @@ Array = NDArray[np.float64]
 #: What stands for no limit, as URDF wants a number [N m, N, rad/s, m/s]. Source: our own choice,
 #: beyond what anything here does.
 UNLIMITED = 1000.0
-#: What a link between two joints takes from the link behind it, as a share of its mass and
-#: inertia: engines reject a moving link without any. Source: our own choice, a micro of the whole.
-SHARE = 1e-6
 #: Between a joint's own name and that of the one that it is to stand behind.
 BEHIND = "_and_"
 
@@ -176,17 +173,13 @@ def single_leaders(model: LinkModel) -> LinkModel:
             joints += [joint] if joint else []
             continue
         parts = list(_split(model, joint))
-        between = [replace(_share(link), name=part.child) for part in parts[:-1]]
+        between = [helper_link(link, part.child) for part in parts[:-1]]
         left = 1.0 - SHARE * len(between)
         links += [*between, replace(link, mass=left * link.mass, inertia=left * link.inertia)]
         joints += parts
         del start[joint.name]
         start |= {p.name: p.offset + sum(r * start[n] for n, r in p.follows) for p in parts}
     return replace(model, links=tuple(links), joints=tuple(joints), start=start)
-
-
-def _share(link: Link) -> Link:
-    return replace(link, frame="", mass=SHARE * link.mass, inertia=SHARE * link.inertia, shapes=())
 
 
 def _split(model: LinkModel, joint: LinkJoint) -> Iterator[LinkJoint]:

@@ -54,7 +54,7 @@ def entry_from_json(data: bytes) -> Entry:
             str(v["name"]),
             {str(key): restored(value) for key, value in v["values"].items()},
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise InputError(f"a command or event is damaged: {error}") from error
 
 

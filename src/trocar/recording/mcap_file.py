@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -49,6 +50,11 @@ SCHEMAS = {
 #: CDR, little endian. Source: DDS-XTYPES 1.3, section 7.6.
 ENCAPSULATION = b"\x00\x01\x00\x00"
 NANOSECONDS = 1_000_000_000
+#: The first and the last bytes of every MCAP file. Source: MCAP specification 1, "Magic".
+MAGIC = b"\x89MCAP0\r\n"
+#: The end of a file without summary: DataEnd and Footer, both without checksum, and MAGIC.
+#: Source: MCAP specification 1: opcode, length (8 bytes, little endian), content of each record.
+END = struct.pack("<BQ4xBQ20x", 0x0F, 4, 0x02, 20) + MAGIC
 
 
 class Cdr:
@@ -200,11 +206,31 @@ class Extra:
     data: bytes
 
 
+class _Stream:
+    """A binary file as mcap's Writer takes it, without a buffer.
+
+    A buffer would keep what a full disk refuses, and write it later, after the end of the file.
+    """
+
+    def __init__(self, raw: IO[bytes]) -> None:
+        self._raw = raw
+        self.tell, self.flush = raw.tell, raw.flush
+
+    def write(self, data: bytes) -> int:
+        left = memoryview(data)
+        while left:
+            left = left[self._raw.write(left) :]
+        return len(data)
+
+
 class McapFile:
     """Writes rows, commands, events and other messages of one recording.
 
+    After each chunk the file has an end, which the next chunk replaces: standard tools read the
+    file of a program that was killed.
+
     Args:
-        stream: a binary file, open for writing; `finish` closes it
+        stream: a binary file, open for writing; `finish` and `cut_off` close it
         about: metadata of the recording
         past: commands before the first row
 
@@ -216,10 +242,12 @@ class McapFile:
         self._stream = stream
         self._start, self._timestep = float(about["start_s"]), float(about["timestep_s"])
         self._every = max(1, round(MESSAGE_PERIOD_S / self._timestep))
-        self._writer: Any = mcap_library("recording").writer.Writer(stream)
+        #: Where the last two whole chunks end, and how many rows the file has there.
+        self._whole: list[tuple[int, int]] = []
+        self._writer: Any = mcap_library("recording").writer.Writer(_Stream(stream))
         self._writer.start("ros2", f"trocar {about['trocar']}")
         self._writer.add_metadata("trocar", dict(about))
-        self._writer.flush()
+        self._flush(0)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         entry = self._writer.register_schema("trocar.Entry", "jsonschema", ENTRY_SCHEMA.encode())
@@ -234,7 +262,7 @@ class McapFile:
             self._channels[topic] = self._writer.register_channel(topic, encoding, schema)
         self._layout: Layout | None = None
         self._newest = self._set_back = 0
-        self._flushed_row = self._instants_written = 0
+        self._instants_written = 0
         for command in past:
             self._add(PAST, self._nanoseconds(0), entry_json(command))
 
@@ -259,9 +287,8 @@ class McapFile:
                 )
             )
             self._add(STATES, self._nanoseconds(end - 1), packed)
-            if (end - self._flushed_row) * self._timestep >= CHUNK_S - 0.5 * self._timestep:
-                self._flushed_row = end
-                self._writer.flush()
+            if (end - self._whole[-1][1]) * self._timestep >= CHUNK_S - 0.5 * self._timestep:
+                self._flush(end)
 
     def add(self, extra: Extra) -> None:
         """Write a message of another source."""
@@ -275,8 +302,38 @@ class McapFile:
     def finish(self) -> None:
         """Write the summary and close the file."""
         self._writer.finish()
-        self._writer.flush()  # the writer's own buffer of a raw stream
         self._stream.close()
+
+    def cut_off(self) -> None:
+        """End a file that cannot be written any further after its last whole chunk, and close it.
+
+        On a full disk that chunk may have to make room for the end of the file.
+        """
+        with contextlib.suppress(OSError), self._stream:
+            while self._whole:
+                offset, _ = self._whole[-1]
+                self._stream.seek(offset)
+                self._stream.truncate()
+                try:
+                    _Stream(self._stream).write(END)
+                except OSError:
+                    self._whole.pop()
+                else:
+                    break
+
+    @property
+    def until(self) -> float:
+        """Simulation time of the last row in the file [s]."""
+        rows = self._whole[-1][1] if self._whole else 0
+        return self._start + max(rows - 1, 0) * self._timestep
+
+    def _flush(self, rows: int) -> None:
+        """End the chunk in progress, and the file, which has so many rows now."""
+        self._writer.flush()
+        offset = self._stream.tell()
+        _Stream(self._stream).write(END)
+        self._stream.seek(offset)
+        self._whole = [*self._whole[-1:], (offset, rows)]
 
     def _nanoseconds(self, row: int) -> int:
         """Return the log time of a row: simulated, going on over resets [ns]."""

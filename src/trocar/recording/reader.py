@@ -20,6 +20,7 @@ from trocar.recording.mcap_file import (
     COMMANDS,
     EVENTS,
     LAYOUT,
+    MAGIC,
     PAST,
     STATES,
     PackedRows,
@@ -29,9 +30,6 @@ from trocar.recording.mcap_file import (
 from trocar.simulation.journal import Entry
 
 Array = NDArray[np.float64]
-
-#: The first bytes of every MCAP file. Source: MCAP specification 1, "Magic".
-MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,6 +284,8 @@ class _Messages:
                     channel = channels[record.channel_id]
                     schema = schemas[channel.schema_id]
                     yield McapMessage(channel.topic, schema, record.log_time, record.data)
+                elif isinstance(record, mcap.records.Footer) and not record.summary_start:
+                    self.problem = "it breaks off: the program ended before its recording"
         except (mcap.exceptions.EndOfFile, mcap.exceptions.RecordLengthLimitExceeded):
             self.problem = "it breaks off: the file ends inside a record"
         except broken as error:

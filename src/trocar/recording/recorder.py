@@ -15,7 +15,8 @@ from typing import IO, Self
 import mujoco
 import numpy as np
 
-from trocar.errors import InputError
+from trocar.errors import InputError, RecordingError
+from trocar.outputs import locked_stream
 from trocar.recording.about import world_metadata
 from trocar.recording.layout import STATE, Rows, effective_gains, layout_of
 from trocar.recording.mcap_file import Extra, McapFile, mcap_library
@@ -109,6 +110,9 @@ class Sampler:
 class Recorder:
     """Records a world from when it is made until `stop`, or for a `with` block; see `record`.
 
+    After the recording has failed, as on a full disk, the world's `step` and `stop` raise a
+    RecordingError: a run that should be recorded does not go on unrecorded.
+
     Attributes:
         file: the file's name
         failure: why the file could not be written to its end; "" while all is well
@@ -127,25 +131,20 @@ class Recorder:
         other = recorder_of(world)
         if other is not None:
             raise InputError(f"{self.file}: the world is recorded into {other.file} now")
-        try:
-            stream = _opened(file, overwrite) if isinstance(file, str | Path) else file
-        except FileExistsError as error:
-            raise InputError(
-                f"{self.file}: exists already; allowed: a new file, or overwriting it"
-                " (--overwrite, overwrite=True)"
-            ) from error
-        except OSError as error:
-            raise _cannot_be_written(self.file, error) from error
+        stream = locked_stream(file, overwrite) if isinstance(file, str | Path) else file
         past = () if world.past.incomplete else tuple(world.past.entries)
         try:
             self._mcap = McapFile(stream, world_metadata(world), past)
         except OSError as error:
             with contextlib.suppress(OSError):
                 stream.close()
-            raise _cannot_be_written(self.file, error) from error
+            if isinstance(file, str | Path) and Path(file).is_file():
+                Path(file).unlink()  # this call made or emptied it
+            reason = error.strerror or str(error)
+            raise InputError(f"{self.file}: cannot be written: {reason}") from error
         self.failure = ""
         self.left_out = 0
-        self._world, self._stream, self._stopped = world, stream, False
+        self._world, self._stopped = world, False
         self._error: Exception | None = None
         self._room = threading.Semaphore(MOST_BLOCKS)
         self._queue: queue.SimpleQueue[tuple[Rows, Entries] | Extra | None] = queue.SimpleQueue()
@@ -153,7 +152,7 @@ class Recorder:
         self._thread.start()
         self._sampler = Sampler(world, self._take)
         _recorders[world] = self
-        atexit.register(self.stop)
+        atexit.register(self._stop_at_exit)
 
     @property
     def rows(self) -> int:
@@ -177,18 +176,18 @@ class Recorder:
         """End the recording and close the file; a second time nothing happens.
 
         Raises:
-            Exception: what stopped the writing thread, a full disk apart
+            RecordingError: the file ends before the recording does
         """
         if self._stopped:
             return
         self._stopped = True
-        atexit.unregister(self.stop)
+        atexit.unregister(self._stop_at_exit)
         del _recorders[self._world]
         self._sampler.stop()
         self._queue.put(None)
         self._thread.join()
-        if self._error is not None:
-            raise self._error
+        if self.failure:
+            raise self._failed() from self._error
 
     def __enter__(self) -> Self:
         return self
@@ -199,9 +198,15 @@ class Recorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.stop()
+        try:
+            self.stop()
+        except RecordingError:
+            if error is None:
+                raise
 
     def _take(self, rows: Rows, entries: Entries) -> None:
+        if self.failure and not self._stopped:
+            raise self._failed() from self._error
         self._room.acquire()
         self._queue.put((rows, entries))
 
@@ -218,26 +223,24 @@ class Recorder:
                     self._mcap.add(item)
                 else:
                     self._mcap.write(*item)
-            except OSError as error:
-                self._give_up(error.strerror or str(error))
-            except Exception as error:  # noqa: BLE001  raised again by `stop`
+            except Exception as error:  # noqa: BLE001  raised in the thread that steps the world
                 self._error = error
-                self._give_up(repr(error))
+                self._mcap.cut_off()
+                known = isinstance(error, OSError) and error.strerror
+                self.failure = str(known or repr(error))
             if item is None:
                 return
             if isinstance(item, tuple):
                 self._room.release()
 
-    def _give_up(self, why: str) -> None:
-        self.failure = why
-        with contextlib.suppress(OSError):  # its buffer cannot be written either
-            self._stream.close()
-        _log.warning(
-            "%s: cannot be written any further: %s; the simulation goes on unrecorded, and what was"
-            " written until then can be read",
-            self.file,
-            why,
-        )
+    def _failed(self) -> RecordingError:
+        return RecordingError(self.file, self._mcap.until, self.failure)
+
+    def _stop_at_exit(self) -> None:
+        try:
+            self.stop()
+        except RecordingError as error:
+            _log.error("%s", error)
 
 
 #: The recorder of each world that is recorded now.
@@ -260,17 +263,8 @@ def record(world: World, file: str | Path | IO[bytes], *, overwrite: bool = Fals
         overwrite: replace a file that exists
 
     Raises:
-        InputError: the file exists or cannot be written, or the world is recorded already
+        InputError: the file exists, is a symbolic link, or cannot be written, or the world is
+            recorded already
         MissingExtraError: the library for MCAP is not installed
     """
     return Recorder(world, file, overwrite=overwrite)
-
-
-def _cannot_be_written(file: str, error: OSError) -> InputError:
-    return InputError(f"{file}: cannot be written: {error.strerror or error}")
-
-
-def _opened(file: str | Path, overwrite: bool) -> IO[bytes]:
-    path = Path(file).expanduser()
-    device = path.exists() and not path.is_file()  # nothing is lost there
-    return path.open("wb" if overwrite or device else "xb")

@@ -17,6 +17,7 @@ from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError, TrocarError
 from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
+from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -187,18 +188,24 @@ def write_pictures(
     folder: Path,
     views: Sequence[View] = tuple(VIEWS),
     size: tuple[int, int] = (1200, 900),
+    *,
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write a rig's portraits into a folder, front.png and so on, and return their paths.
 
     Raises:
-        InputError: the folder cannot be written
-        TrocarError: there is no OpenGL to draw with
+        InputError: the folder cannot be written, or has such a file (without `overwrite`)
+        TrocarError: there is no OpenGL to draw with, or the disk is full
     """
-    images = {view: portrait(rig, view=view, size=size) for view in views}
+    paths: dict[View, Path] = {view: folder / f"{view}.png" for view in views}
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for view, image in images.items():
-            Image.fromarray(image).save(folder / f"{view}.png", optimize=True)
     except OSError as problem:
         raise InputError(f"{folder}: cannot be written: {problem.strerror}") from problem
-    return tuple(folder / f"{view}.png" for view in views)
+    for path in paths.values():
+        check_file(path, overwrite)
+    for view, path in paths.items():
+        image = portrait(rig, view=view, size=size)
+        with whole_file(path, overwrite) as part:
+            Image.fromarray(image).save(part, optimize=True)
+    return tuple(paths.values())

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
-from trocar.geometry.se3 import adjoint, check_transform, inverse, transform
+from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
@@ -21,7 +21,7 @@ from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
-from trocar.simulation.control import Clock, ControlState, JointControl
+from trocar.simulation.control import LARGEST, Clock, ControlState, JointControl
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
@@ -42,6 +42,7 @@ from trocar.simulation.masters import (
 )
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
+from trocar.simulation.objects import checked_pose
 from trocar.simulation.records import (
     ArmHealth,
     ArmSample,
@@ -86,6 +87,21 @@ def least_squares(A: Array, b: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=RCOND)[0], dtype=np.float64)
 
 
+@dataclass(frozen=True)
+class Expiry:
+    """When an effort or velocity set-point ends, unless another command comes before.
+
+    Attributes:
+        verb: that set it
+        timeout: given with it [s]
+        time: simulation time of the end [s]
+    """
+
+    verb: str
+    timeout: float
+    time: float
+
+
 @dataclass(frozen=True, eq=False)
 class ArmState:
     """What an arm keeps beside the physics and the servos, as `Arm.save` returns it.
@@ -104,6 +120,7 @@ class ArmState:
     base: tuple[Array, str] | None
     homing: tuple[Array, Array, bool, bool] | None
     gripper: tuple[bool, int, float | None] | None
+    expiry: Expiry | None = None
 
 
 class Arm:
@@ -132,6 +149,7 @@ class Arm:
         self._homing: Homing | None = None
         #: Active controllers by name; the efforts that were commanded, which theirs are added to.
         self._controllers: dict[str, Controller] = {}
+        self._expiry: Expiry | None = None
         self._lock: Array | None = None
         self._absolute = False
         self._reported: tuple[State, bool, bool] | None = None
@@ -198,30 +216,39 @@ class Arm:
         return self._ended(self.control.servo_relative(dq, self._own, "servo_jr"))
 
     @command
-    def servo_jv(self, v: ArrayLike) -> bool:
+    def servo_jv(self, v: ArrayLike, timeout_s: float | None = None) -> bool:
         """Let the set-points go on at velocities until the next command, each up to its limit.
 
         Args:
             v: (n,) [rad/s or m/s], the jaw not included; beyond a joint's velocity limit it is
                 clipped with a warning; zeros stop
+            timeout_s: as for `servo_jf`
 
         Returns:
             whether the command was accepted
         """
-        return self._ended(self.control.servo_velocity(v, self._own, "servo_jv"))
+        if not self._may_expire("servo_jv", timeout_s):
+            return False
+        accepted = self._ended(self.control.servo_velocity(v, self._own, "servo_jv"))
+        return self._expiring(accepted, "servo_jv", timeout_s)
 
     @command
-    def servo_jf(self, effort: ArrayLike) -> bool:
-        """Set the joints' efforts; they persist until the next command.
+    def servo_jf(self, effort: ArrayLike, timeout_s: float | None = None) -> bool:
+        """Set the joints' efforts; they persist until the next command or the time-out.
 
         Args:
             effort: (n,) [N m or N], the jaw not included. Joints in mode "effort" take theirs;
                 where none is, all joints are under effort control until the next position command
+            timeout_s: simulated time after which the arm holds where it is, with a warning, unless
+                another command of its motion was accepted before [s]; None: never, as on the dVRK
 
         Returns:
             whether the command was accepted
         """
-        return self._accept_effort(self.control.servo_effort(effort, self._own, "servo_jf"))
+        if not self._may_expire("servo_jf", timeout_s):
+            return False
+        accepted = self.control.servo_effort(effort, self._own, "servo_jf")
+        return self._expiring(self._accept_effort(accepted), "servo_jf", timeout_s)
 
     @command
     def move_jp(self, q: ArrayLike) -> Motion:
@@ -275,12 +302,13 @@ class Arm:
 
         Both in axes of the frame of `measured_cp`: p + dp, dR @ R.
         """
-        change = np.asarray(T, dtype=np.float64)
+        try:
+            change = checked_pose(self.name, T)
+        except InputError as problem:
+            self.control.rejections.warn("servo_cr pose", f"servo_cr: {problem}")
+            return False
         goal = self.setpoint_cp().T
-        if change.shape == (4, 4):
-            goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
-        else:
-            goal = change
+        goal = transform(change[:3, :3] @ goal[:3, :3], goal[:3, 3] + change[:3, 3])
         q = self._solved(goal, "servo_cr")
         return q is not None and self._ended(self.control.servo(q, None, self._own, "servo_cr"))
 
@@ -293,12 +321,15 @@ class Arm:
         return self._begun(self.control.move(q, [self._own], "move_cp"))
 
     @command
-    def servo_cf(self, wrench: ArrayLike, frame: WrenchFrame = "body") -> bool:
-        """Exert a wrench (force; torque), (6,) [N, N m], that persists until the next command.
+    def servo_cf(
+        self, wrench: ArrayLike, frame: WrenchFrame = "body", timeout_s: float | None = None
+    ) -> bool:
+        """Exert a wrench (force; torque), (6,) [N, N m], until the next command or the time-out.
 
         Args:
             wrench: what the arm exerts on its surroundings
             frame: "body": at the tip in its axes; "spatial": about the reference frame's origin
+            timeout_s: as for `servo_jf`
         """
         names = ("fx", "fy", "fz", "tx", "ty", "tz")
         components = self.control.rejections.vector(wrench, names, "servo_cf", "forces")
@@ -309,7 +340,10 @@ class Arm:
                 "servo_cf frame", f"servo_cf: got frame {frame!r}; allowed: {', '.join(FRAMES)}"
             )
             return False
-        return self._run_controller(CartesianForce(components, frame, self._absolute), "servo_cf")
+        if not self._may_expire("servo_cf", timeout_s):
+            return False
+        force = CartesianForce(components, frame, self._absolute)
+        return self._expiring(self._run_controller(force, "servo_cf"), "servo_cf", timeout_s)
 
     @command
     def set_cf_orientation_absolute(self, on: bool) -> None:
@@ -319,6 +353,13 @@ class Arm:
     @command
     def servo_ci(self, impedance: CartesianImpedance) -> bool:
         """Be a spring and damper about a pose, until the next command."""
+        try:
+            if not isinstance(impedance, CartesianImpedance):
+                raise InputError(f"got {impedance!r}; allowed: a CartesianImpedance")
+            impedance.check(LARGEST)
+        except InputError as problem:
+            self.control.rejections.warn("servo_ci values", f"servo_ci: {problem}")
+            return False
         return self._run_controller(impedance, "servo_ci")
 
     # ------------------------------------------------------------------ states
@@ -474,15 +515,17 @@ class Arm:
         """Change gains of a joint; those omitted stay.
 
         Raises:
-            InputError: a gain that is negative or not finite
+            InputError: a gain that is negative, not finite or larger than 1e6
             UnknownNameError: no such joint
         """
         row = self.motors.gains[self._index(joint)].copy()
         for column, value in enumerate((p, i, d)):
             if value is None:
                 continue
-            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value < np.inf:
-                raise InputError(f"{self.name}: {joint}: got gain {value!r}; allowed: 0 or more")
+            if not isinstance(value, (int, float, np.number)) or not 0.0 <= value <= LARGEST:
+                raise InputError(
+                    f"{self.name}: {joint}: got gain {value!r}; allowed: 0 to {LARGEST:g}"
+                )
             row[column] = value
         self.motors.set_gains(self._index(joint), row)
 
@@ -494,7 +537,7 @@ class Arm:
     @command
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
-        self.motors.compensate_gravity(on)
+        self.motors.compensate_gravity(bool(on))
 
     # ------------------------------------------------------------------ moves
 
@@ -549,10 +592,7 @@ class Arm:
         if T is None:
             self._base = None
             return
-        base = check_transform(T)
-        if base.shape != (4, 4):
-            raise InputError(f"{self.name}: got a pose of shape {base.shape}; allowed: (4, 4)")
-        self._base = base.copy(), frame_id or f"{self.name}_base"
+        self._base = checked_pose(self.name, T).copy(), frame_id or f"{self.name}_base"
 
     # ------------------------------------------------------------------ brakes of setup joints
 
@@ -668,7 +708,8 @@ class Arm:
     def report_state(self) -> None:
         """Enter the operating state into the journal, when it changed."""
         states = self._states
-        now = states.state, states.homed, self.busy or self._homing is not None
+        busy = bool(self.control.moves.legs) or self._homing is not None
+        now = states.state, states.homed, busy
         if now != self._reported:
             self._reported = now
             self.control.report("operating_state", state=now[0], is_homed=now[1], is_busy=now[2])
@@ -874,9 +915,7 @@ class Arm:
         structure = self.description.inverse_kinematics
         if not structure:
             raise InputError(f"{self.name}: has no inverse kinematics")
-        pose = check_transform(T)
-        if pose.shape != (4, 4):
-            raise InputError(f"{self.name}: got a pose of shape {pose.shape}; allowed: (4, 4)")
+        pose = checked_pose(self.name, T)
         start = self.control.setpoints(self._own) if seed is None else self._whole(seed)[self._own]
         mechanism, local = self.description.mechanism, self._in_own_frame(pose)
         if self._clock.frames.follows(self.name):
@@ -927,10 +966,17 @@ class Arm:
     @property
     def active(self) -> bool:
         """Whether set-points or efforts change from step to step."""
-        return self.control.moves.active or self._homing is not None or bool(self._controllers)
+        return (
+            self.control.moves.active
+            or self._homing is not None
+            or bool(self._controllers)
+            or self._expiry is not None
+        )
 
     def follow(self, time: float) -> None:
         """Advance the set-points of moves to a time, and renew the efforts of controllers."""
+        if self._expiry is not None and self._clock.time >= self._expiry.time - 1e-9:
+            self._expire(self._expiry)
         self.control.moves.follow(time)
         self.motors.follow()
         if self._controllers:
@@ -978,6 +1024,7 @@ class Arm:
             None if self._base is None else (self._base[0].copy(), self._base[1]),
             homing,
             None if gripper is None else (gripper.closed, gripper.pinches, gripper.since),
+            self._expiry,
         )
 
     def load(self, saved: ArmState) -> None:
@@ -997,7 +1044,7 @@ class Arm:
             self._homing = Homing(motion, way, np.array(kinds))
         if self.gripper is not None and saved.gripper is not None:
             self.gripper.closed, self.gripper.pinches, self.gripper.since = saved.gripper
-        self._reported = saved.told
+        self._reported, self._expiry = saved.told, saved.expiry
 
     def come_off(self) -> None:
         """End every move, controller and effort, before another tool is mounted."""
@@ -1055,7 +1102,8 @@ class Arm:
     def _ended(self, accepted: bool) -> bool:
         """End controllers after a position command that was accepted."""
         if accepted:
-            self._end_controllers()
+            if self._controllers or self._lock is not None or self._expiry is not None:
+                self._end_controllers()
             self.report_state()
         return accepted
 
@@ -1071,7 +1119,35 @@ class Arm:
         self._ended(not motion.done)
         return motion
 
+    def _may_expire(self, verb: str, timeout_s: float | None) -> bool:
+        """Return whether a time-out is usable, with a warning when not."""
+        number = isinstance(timeout_s, (int, float, np.number)) and not isinstance(timeout_s, bool)
+        usable = timeout_s is None or (number and 0.0 < timeout_s <= LARGEST)
+        if not usable:
+            self.control.rejections.warn(
+                f"{verb} timeout", f"{verb}: got timeout_s {timeout_s!r}; allowed: above 0, or None"
+            )
+        return usable
+
+    def _expiring(self, accepted: bool, verb: str, timeout_s: float | None) -> bool:
+        """Note when a set-point that was accepted ends."""
+        if accepted:
+            self._expiry = None
+            if timeout_s is not None:
+                timeout = float(timeout_s)
+                self._expiry = Expiry(verb, timeout, self._clock.time + timeout)
+        return accepted
+
+    def _expire(self, expiry: Expiry) -> None:
+        """End an effort or velocity set-point that nobody renewed; the jaw goes on."""
+        self._stop(self._own)
+        self.control.rejections.warn(
+            f"{expiry.verb} timeout",
+            f"{expiry.verb}: no set-point for {expiry.timeout:g} s; the arm holds where it is",
+        )
+
     def _end_controllers(self) -> None:
+        self._expiry = None
         if self._controllers:
             self._controllers.clear()
         if self._lock is not None:
@@ -1089,15 +1165,19 @@ class Arm:
         motion.finish(reached)
         return motion
 
-    def _stop(self) -> None:
-        """End everything under way; stay at the set-points, or where joints were free."""
+    def _stop(self, part: slice | None = None) -> None:
+        """End what some joints (all when omitted) do; stay at the set-points, or where they were.
+
+        Joints that were under effort control stay where they are measured.
+        """
+        part = self._all if part is None else part
         self._abandon_homing()
         self._end_controllers()
-        self.control.under_position(self._all)
-        self.control.moves.end(self._all)
-        self.motors.velocity[:] = 0.0
+        self.control.under_position(part)
+        self.control.moves.end(part)
+        self.motors.velocity[part] = 0.0
         self.motors.follow()
-        self.control.exert(np.zeros(len(self.joint_names)), self._all, "hold")
+        self.control.exert(np.zeros(part.stop - part.start), part, "hold")
         self.report_state()
 
     def _settle(self) -> None:
@@ -1253,6 +1333,7 @@ class Arm:
         self._effort = np.zeros_like(self._effort)
         if not locked and not self.control.servo_effort(self._effort, self._own, verb):
             return False
+        self._expiry = None
         self._controllers["wrench"] = controller
         self._begin_master_controllers(controller)
         self._apply_controllers()

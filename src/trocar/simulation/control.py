@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 #: A command moves a joint whose brake is locked when its target is farther than this from the
 #: set-point. Source: our own choice; below it a reading that is sent back. [rad or m]
 BRAKE_SLACK = 1e-4
+#: A number farther from zero is a mistake. Source: our own choice, far beyond every joint, effort
+#: and gain of the robots, and far below what arithmetic cannot hold.
+LARGEST = 1e6
 #: The same warning comes once in this much simulated time. Source: our own choice. [s]
 WARNING_PERIOD_S = 2.0
 
@@ -115,7 +118,7 @@ class Rejections:
         allowed = f"{len(names)} numbers for {', '.join(names)}"
         try:
             array = np.asarray(values)
-        except (TypeError, ValueError):  # rows of unequal length
+        except (TypeError, ValueError, OverflowError):  # rows of unequal length
             array = np.asarray(None)
         if array.shape != (len(names),):
             got = f"of shape {array.shape}" if array.dtype.kind in "iuf" else "that are no numbers"
@@ -127,10 +130,11 @@ class Rejections:
                 f"{verb}: got {what} {array.tolist()!r}; allowed: {allowed}",
             )
             return None
-        if not np.isfinite(array).all():
+        if not (np.abs(array) <= LARGEST).all():  # NaN is not either
             self.warn(
                 f"{verb} {what} finite",
-                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers",
+                f"{verb}: got {what} {array.tolist()}; allowed: finite numbers, magnitude up to"
+                f" {LARGEST:g}",
             )
             return None
         return array.astype(np.float64)
@@ -279,6 +283,8 @@ class JointControl:
         self.under_position(part)
         self.moves.end(part)
         self.motors.position[part] = inside
+        if v is not None:
+            speed = self._slowed(speed, part, verb)
         self.motors.velocity[part] = np.where(moves, speed, 0.0)
         self.motors.follow()
         return True
@@ -288,13 +294,11 @@ class JointControl:
         requested = self.rejections.vector(v, self.joint_names[part], verb, "velocities")
         if requested is None or self._immobile(part, verb):
             return False
-        most = self.moves.velocity_max[part]
-        if (np.abs(requested) > most).any():
-            self.rejections.warn(f"{verb} limit", f"{verb}: velocity clipped to the limits")
+        inside = self._slowed(requested, part, verb)
         self.under_position(part)
         self.moves.end(part)
         self.motors.velocity[part] = 0.0
-        speed = np.where(self.motors.locked[part], 0.0, np.clip(requested, -most, most))
+        speed = np.where(self.motors.locked[part], 0.0, inside)
         if speed.any():
             limits = self.lower[part], self.upper[part]
             self.moves.drift = Drift(part, self.setpoints(part), speed, *limits, self._clock.time)
@@ -495,6 +499,18 @@ class JointControl:
             return False
         self.rejections.warn(f"{verb} stuck", f"{verb}: {why}")
         return True
+
+    def _slowed(self, speed: Array, part: slice, verb: str) -> Array:
+        """Return velocities inside the joints' limits; warn where they were beyond."""
+        most = self.moves.velocity_max[part]
+        inside = np.clip(speed, -most, most)
+        if (inside != speed).any():
+            names = zip(self.joint_names[part], inside != speed, strict=True)
+            beyond = ", ".join(name for name, clipped in names if clipped)
+            self.rejections.warn(
+                f"{verb} {beyond} speed", f"{verb}: {beyond}: velocity clipped to the limit"
+            )
+        return inside
 
     def _allowed(
         self, target: Array, part: slice, verb: str

@@ -12,7 +12,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry.rotations import rotation_vector_from_matrix
+from trocar.errors import InputError
+from trocar.geometry.rotations import check_rotation, rotation_vector_from_matrix
 
 Array = NDArray[np.float64]
 #: "body": at the tip in the tip's axes; "spatial": about the reference frame's origin in its axes.
@@ -105,6 +106,13 @@ class HalfPlaneGains:
     deadband: Array = field(default_factory=_zeros)
 
 
+#: Fields of `CartesianImpedance` and of `HalfPlaneGains`.
+SIDES = tuple(
+    f"{of}_{way}" for of in ("position", "orientation") for way in ("positive", "negative")
+)
+GAINS = ("p", "d", "bias", "deadband")
+
+
 @dataclass(frozen=True, eq=False)
 class CartesianImpedance:
     """A spring, damper and bias about a pose, in the frame of measured_cp.
@@ -126,6 +134,27 @@ class CartesianImpedance:
     position_negative: HalfPlaneGains = field(default_factory=HalfPlaneGains)
     orientation_positive: HalfPlaneGains = field(default_factory=HalfPlaneGains)
     orientation_negative: HalfPlaneGains = field(default_factory=HalfPlaneGains)
+
+    def check(self, largest: float) -> None:
+        """Check every number.
+
+        Raises:
+            InputError: one that is not finite or larger, a wrong shape, axes that are no rotation,
+                a deadband below 0
+        """
+        check_rotation(self.force_orientation, "force_orientation")
+        check_rotation(self.torque_orientation, "torque_orientation")
+        vectors: dict[str, Array] = {"force_position": self.force_position}
+        for side in SIDES:
+            gains = getattr(self, side)
+            vectors |= {f"{side}.{name}": getattr(gains, name) for name in GAINS}
+        for name, value in vectors.items():
+            if np.shape(value) != (3,) or not (np.abs(value) <= largest).all():
+                raise InputError(
+                    f"{name}: got {value!r}; allowed: 3 finite numbers, magnitude up to {largest:g}"
+                )
+            if name.endswith("deadband") and np.min(value) < 0.0:
+                raise InputError(f"{name}: got {value!r}; allowed: 0 or more")
 
     def act(self, now: TipState) -> Action:
         """Return the joint efforts of springs and dampers where the arm is now."""

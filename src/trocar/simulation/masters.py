@@ -136,7 +136,7 @@ def check_orientation(value: ArrayLike) -> Array:
     """
     try:
         given = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         given = np.zeros(0)
     if given.shape == (3, 3):
         return check_rotation(given, "orientation")

@@ -75,7 +75,8 @@ class Motors:
         if self.welded:
             self._still[0] = self.position
             return self._still.copy()
-        self._refresh()
+        if self._revision != self._servos.revision:
+            self._refresh()
         found = self._read.dot(self._servos.state()).reshape(3, -1)
         effort = found[2]
         np.minimum(effort, self._limits, out=effort)
@@ -202,14 +203,12 @@ class Motors:
 
     def _refresh(self) -> None:
         """Refresh this arm's rows of READ after a change."""
-        servos = self._servos
-        if self._revision != servos.revision:
-            read, limits = servos.matrix()
-            rows, count = np.arange(self.index.rows.start, self.index.rows.stop), len(limits)
-            self._read = read[np.concatenate([rows, rows + count, rows + 2 * count])]
-            self._limits = limits[self.index.rows]
-            self._opposite = -self._limits
-            self._revision = servos.revision
+        read, limits = self._servos.matrix()
+        rows, count = np.arange(self.index.rows.start, self.index.rows.stop), len(limits)
+        self._read = read[np.concatenate([rows, rows + count, rows + 2 * count])]
+        self._limits = limits[self.index.rows]
+        self._opposite = -self._limits
+        self._revision = self._servos.revision
 
     def _put(self, q: Array, v: Array) -> None:
         where = coordinates(self.arm.mechanism, q)

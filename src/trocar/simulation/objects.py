@@ -21,8 +21,8 @@ Index = NDArray[np.intp]
 
 #: The frame of objects' poses: that of the rig, which its arms stand in.
 FRAME = "world"
-#: No object is put farther from the origin. Source: our own choice; MuJoCo calls a position of
-#: 1e10 diverged. [m]
+#: No object or tip is put farther from the origin. Source: our own choice; MuJoCo calls a position
+#: of 1e10 diverged. [m]
 FARTHEST_M = 1e3
 
 
@@ -107,7 +107,7 @@ class SceneObject:
         Raises:
             InputError: no pose, or one too far away; nothing changes
         """
-        at = _checked(self.name, T)
+        at = checked_pose(self.name, T)
         self._qpos[:3] = at[:3, 3]
         self._qpos[3:] = quaternion_from_matrix(at[:3, :3])
         self._qvel[:] = 0.0
@@ -145,10 +145,15 @@ class Objects:
         )
 
 
-def _checked(name: str, T: ArrayLike) -> Array:
+def checked_pose(name: str, T: ArrayLike) -> Array:
+    """Return a pose that is given to an object or an arm, (4, 4).
+
+    Raises:
+        InputError: no pose, or one too far away
+    """
     try:
         at = check_transform(T, f"{name}: pose")
-    except (TypeError, ValueError) as problem:
+    except (TypeError, ValueError, OverflowError) as problem:
         raise InputError(f"{name}: got the pose {T!r}; allowed: (4, 4) finite numbers") from problem
     if at.shape != (4, 4):
         raise InputError(f"{name}: got a pose of shape {at.shape}; allowed: (4, 4)")

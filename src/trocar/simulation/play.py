@@ -9,12 +9,27 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.records import ArmDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
+from trocar.simulation.control import LARGEST
 from trocar.simulation.records import Recording
 from trocar.simulation.servos import EFFORT, READ_STATE, SET, Servos
 
 Array = NDArray[np.float64]
+
+
+#: Velocities of a table, and of `set_state`, are at most so many times the limits that moves keep
+#: to, and FASTEST where these have none: recordings of fast motion are faster than moves. Source:
+#: our own choice; joints that are put to much faster motion diverge.
+FASTER = 10.0
+FASTEST = 100.0
+
+
+def fastest(arm: ArmDescription) -> Array:
+    """Return the largest velocities that tables and states of an arm may have, (n,)."""
+    most = np.array([joint.velocity_max for joint in arm.joints])
+    return np.where(np.isfinite(most), FASTER * most, FASTEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +68,7 @@ class Player:
             UnknownNameError: no such arm
             InputError: wrong shape, NaN or infinity; an arm that cannot follow
         """
-        rows = {len(np.atleast_1d(p)) for p in positions.values()}
+        rows = {1 if np.isscalar(p) else len(p) for p in positions.values()}
         if len(rows) != 1 or rows == {0}:
             raise InputError(
                 f"play: got tables of {sorted(rows)} rows; allowed: one length, above 0"
@@ -82,6 +97,13 @@ class Player:
             setpoints[:, used, 0] = inside
             if name in velocities:
                 speed = _checked(name, velocities[name], target.shape, "velocities")
+                most = fastest(d.arm)
+                if (np.abs(speed) > most).any():
+                    row = int(np.argmax((np.abs(speed) > most).any(axis=1)))
+                    raise InputError(
+                        f"play: {name}: got velocities {speed[row].tolist()} in row {row}; allowed:"
+                        f" up to {most.tolist()}"
+                    )
                 setpoints[:, used, 1] = speed
             if name in efforts:
                 effort = _checked(name, efforts[name], target.shape, "efforts")
@@ -159,13 +181,15 @@ class Player:
 def _checked(name: str, values: Array, shape: tuple[int, int], what: str) -> Array:
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"play: {name}: got {what} that are no numbers") from None
     if array.shape != shape:
         raise InputError(f"play: {name}: got {what} of shape {array.shape}; allowed: {shape}")
-    if not np.isfinite(array).all():
-        row = int(np.argmin(np.isfinite(array).all(axis=1)))
+    inside = (np.abs(array) <= LARGEST).all(axis=1)  # NaN is not
+    if not inside.all():
+        row = int(np.argmin(inside))
         raise InputError(
-            f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}"
+            f"play: {name}: {what} must be finite, got {array[row].tolist()} in row {row}; allowed:"
+            f" magnitude up to {LARGEST:g}"
         )
     return array

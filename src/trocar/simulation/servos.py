@@ -19,8 +19,10 @@ POSITION, EFFORT, SET = 0, 1, 2
 #: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
 #: (measured). [N m s/rad or N s/m]
 HOLDING_DAMPING = 1e12
+#: What determines gains, brakes and limits in the model.
+WRITTEN = ("modes", "gains", "limit", "locked", "powered")
 #: What servos keep beside the physics state.
-SAVED = ("modes", "gains", "limit", "locked", "powered", "balanced", "commanded", "holding")
+SAVED = (*WRITTEN, "balanced", "commanded", "holding")
 #: The part of the physics state that joints are read from, in this order.
 READ_STATE = int(
     mujoco.mjtState.mjSTATE_QPOS
@@ -110,6 +112,7 @@ class Servos:
         self._limits = np.zeros(0)
         self._tolerance = np.zeros(0)
         self._read_revision = -1
+        self._written: tuple[bytes, ...] = ()
 
     # ------------------------------------------------------------------ read
 
@@ -171,7 +174,11 @@ class Servos:
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
 
     def apply(self) -> None:
-        """Write modes, gains, brakes and limits into the model."""
+        """Write modes, gains, brakes and limits into the model, where they changed."""
+        now = tuple(getattr(self, name).tobytes() for name in WRITTEN)
+        if now == self._written:
+            return
+        self._written = now
         self.revision += 1
         model, table = self._model, self.table
         gains, still = self.gains * self.servoed[:, None], self.locked | (self.modes == SET)

@@ -29,7 +29,7 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.play import Player
+from trocar.simulation.play import Player, fastest
 from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSample,
@@ -59,6 +59,11 @@ SETPOINT_STEPS = 1
 APART = ("self", "rig", "calibration")
 #: Everything that a physics step depends on, what sleeps apart.
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+#: The part of it that a physics step changes.
+STEPPED = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_WARMSTART)
+#: `set_state` puts joints beyond their limits by this part of their range at most, as stops give
+#: way. Source: our own choice; loops that are put much farther away diverge.
+BEYOND = 0.1
 #: Arguments with few values.
 CHOICES = {
     "control": ("dvrk", "paper"),
@@ -421,15 +426,19 @@ class World:
 
         Raises:
             UnknownNameError: no such arm
-            InputError: no (n,) finite numbers, or an arm that is welded into the model
+            InputError: no (n,) finite numbers, one farther beyond a limit than a tenth of the
+                joint's range or faster than ten times its limit, or an arm that is welded into the
+                model
         """
         arm = self.arm(name)
         if arm.motors.welded:
             raise InputError(f"{name}: is welded into the model")
-        place = _checked_state(name, q, len(arm.joint_names), "positions")
+        slack = BEYOND * (arm.upper - arm.lower)
+        place = _checked_state(name, q, (arm.lower - slack, arm.upper + slack), "positions")
         speed = np.zeros(len(place))
         if v is not None:
-            speed = _checked_state(name, v, len(place), "velocities")
+            most = fastest(arm.description)
+            speed = _checked_state(name, v, (-most, most), "velocities")
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
@@ -630,7 +639,7 @@ class World:
         self.joints = model.joints
         self.servos = Servos(self.joints, self._model, self._data)
         self.frames = Frames(self.rig, self.joints, self._model, self._data)
-        self._before = np.zeros(mujoco.mj_stateSize(self._model, INTEGRATION))
+        self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         self._build += 1
 
     def _motors(self, name: str) -> Motors:
@@ -668,7 +677,7 @@ class World:
                     self._supervise()
             run = min(left, self._renewal - since)
             left -= run
-            mujoco.mj_getState(model, data, self._before, INTEGRATION)
+            mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
                 count = run if run < stride else stride
                 mujoco.mj_step(model, data, count)
@@ -724,7 +733,7 @@ class World:
 
     def _diverged(self) -> None:
         """Repeat the last steps, one by one, to name what left the numbers first."""
-        mujoco.mj_setState(self._model, self._data, self._before, INTEGRATION)
+        mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
         self._bad[:] = 0
         for _ in range(self._renewal):
             mujoco.mj_step(self._model, self._data)
@@ -809,13 +818,18 @@ def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) 
         raise InputError(f"World: got a model and {what}; allowed: options of build")
 
 
-def _checked_state(name: str, values: Array, count: int, what: str) -> Array:
+def _checked_state(name: str, values: Array, ends: tuple[Array, Array], what: str) -> Array:
+    low, high = ends
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
-    if array.shape != (count,) or not np.isfinite(array).all():
-        raise InputError(f"{name}: got {what} {values!r}; allowed: {count} finite numbers")
+    if array.shape != low.shape or not np.isfinite(array).all():
+        raise InputError(f"{name}: got {what} {values!r}; allowed: {len(low)} finite numbers")
+    if not ((low <= array) & (array <= high)).all():
+        raise InputError(
+            f"{name}: got {what} {array.tolist()}; allowed: {low.tolist()} to {high.tolist()}"
+        )
     return array
 
 

@@ -115,7 +115,7 @@ def test_a_small_sweep_is_warned_of_and_a_tiny_one_refused() -> None:
     robot = random_robot(3, True, 1e-3)
     found = calibrate(swept(robot, 0.06, noise=1.0), psm())
     assert any("swept by 0.1" in text for text in found.warnings)
-    with pytest.raises(InputError, match=r"swept by 0\.0\d+ rad; allowed: 0\.05"):
+    with pytest.raises(InputError, match=r"swept by 0\.0\d+ rad; allowed: 0\.05 rad"):
         calibrate(swept(robot, 0.02, noise=0.1), psm())
 
 

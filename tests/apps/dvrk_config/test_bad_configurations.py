@@ -262,9 +262,9 @@ def test_devices_of_a_lab_are_left_out_and_named(tmp_path: Path) -> None:
 def test_nothing_is_written_over_unless_asked_for(tmp_path: Path) -> None:
     path = lab.lab(tmp_path / "in")
     import_dvrk(path, tmp_path / "rig.toml")
-    with pytest.raises(InputError, match="exists; allowed: a new file, or --force"):
+    with pytest.raises(InputError, match="exists already; allowed: a new file, or --overwrite"):
         import_dvrk(path, tmp_path / "rig.toml")
-    import_dvrk(path, tmp_path / "rig.toml", Options(force=True))
+    import_dvrk(path, tmp_path / "rig.toml", Options(overwrite=True))
     with pytest.raises(InputError, match=r"a rig file with extension .toml"):
         import_dvrk(path, tmp_path / "rig.json")
     with pytest.raises(InputError, match="no such file"):

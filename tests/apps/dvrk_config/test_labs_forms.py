@@ -66,8 +66,8 @@ def test_a_kinematic_file_of_version_1_holds_the_arm_and_its_instrument(tmp_path
     files = {"system-lab.json": console, "psm-large-needle-driver.json": file}
     found = import_dvrk(lab.write(tmp_path / "in", files), tmp_path / "rig.toml")
     assert found.files == (str(tmp_path / "rig.toml"),)  # the arm and the instrument are trocar's
-    assert (found.agreement.chains, found.unknown) == (1, ())
-    assert found.agreement.chain_m < 1e-9
+    assert (found.agreement["chains"].count, found.unknown) == (1, ())
+    assert found.agreement["chains"].metres < 1e-9
 
 
 @pytest.mark.parametrize(("kind", "key"), [("SUJ_Fixed", "kinematic"), ("SUJ_fixed", "arm_file")])
@@ -86,7 +86,7 @@ def test_fixed_mounts_are_imported_with_and_without_the_dvrk_s_file(
         files["arm/suj-fixed-simulated.json"] = {"arms": mounts}
     found = import_dvrk(lab.write(tmp_path / "in", files), tmp_path / "rig.toml")
     assert {arm.name for arm in found.rig.arms} == {"PSM1", "PSM2", "PSM3", "ECM"}
-    assert found.agreement.base_m < 1e-9
+    assert found.agreement["bases"].metres < 1e-9
     apart = found.rig.arm("PSM1").pose[:3, 3] - found.rig.arm("ECM").pose[:3, 3]
     assert apart[1] == pytest.approx(1.0, abs=0.2)  # the rest: where their bases are
 
@@ -177,7 +177,7 @@ def test_setup_joints_are_imported_alone_and_without_simulated_positions(tmp_pat
         folder = tmp_path / generation
         found = import_dvrk(lab.write(folder, files), folder / "rig.toml")
         assert [arm.arm.type for arm in found.rig.arms] == ["SUJ"] * 4
-        assert found.agreement.setup_m < 1e-9
+        assert found.agreement["setup_joints"].metres < 1e-9
 
 
 def test_setup_joints_of_another_count_start_at_zero(tmp_path: Path) -> None:

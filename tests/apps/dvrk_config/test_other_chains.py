@@ -21,6 +21,8 @@ def one_arm(folder: Path, kind: str, rows: list[dict[str, Any]]) -> Path:
     arm = {"kinematic": "mine.json", "generation": "Classic"}
     if kind == "PSM":
         arm |= {"tool_detection": "FIXED", "tool": "LARGE_NEEDLE_DRIVER:400006"}
+    else:
+        arm |= {"endoscope": "Classic_SD_STRAIGHT"}
     system = {"arms": [{"name": kind, "type": kind, "arm_file": "arm.json"}]}
     mine = {"DH": {"convention": "modified", "joints": rows}}
     return lab.write(folder, {"system-lab.json": system, "arm.json": arm, "mine.json": mine})
@@ -38,7 +40,7 @@ def test_a_psm_of_other_lengths_is_serial_and_reaches_where_its_file_says(tmp_pa
     for q in rng.uniform(arm.mechanism.lower, arm.mechanism.upper, (10, 7)):
         tip = lab.chain([*rows, *lab.TOOL["Classic"]], q[:6]) @ lab.TOOLTIP
         np.testing.assert_allclose(pose(arm.mechanism, q), tip, atol=1e-9)
-    assert found.agreement.chain_m < 1e-9
+    assert found.agreement["chains"].metres < 1e-9
     world = World(found.rig)
     world.arm("PSM").servo_jp(np.array([0.1, 0.1, 0.13, 0.0, 0.0, 0.0]))
     world.step(500)

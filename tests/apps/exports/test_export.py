@@ -62,26 +62,26 @@ def test_an_empty_folder_is_filled(tmp_path, rig):
     assert everything(tmp_path) == ["model.txt", "parts", "parts/part.txt"]
 
 
-@pytest.mark.parametrize("force", [False, True])
-def test_what_fails_half_way_leaves_nothing(tmp_path, rig, force):
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_fails_half_way_leaves_nothing(tmp_path, rig, overwrite):
     with pytest.raises(TrocarError, match="half way"):
-        export(rig, "fails", tmp_path / "new" / "folder", force=force)
+        export(rig, "fails", tmp_path / "new" / "folder", overwrite=overwrite)
     assert everything(tmp_path) == []
 
 
 def test_a_folder_with_something_in_it_is_left_alone(tmp_path, rig):
     (tmp_path / "thesis.tex").write_text("years", encoding="utf-8")
-    with pytest.raises(InputError, match=r"not empty \(got thesis.tex\); allowed: .*--force"):
+    with pytest.raises(InputError, match=r"not empty \(got thesis.tex\); allowed: .*--overwrite"):
         export(rig, "plain", tmp_path)
     assert everything(tmp_path) == ["thesis.tex"]
 
 
-def test_force_replaces_what_has_the_same_name_and_nothing_else(tmp_path, rig):
+def test_overwriting_replaces_what_has_the_same_name_and_nothing_else(tmp_path, rig):
     (tmp_path / "thesis.tex").write_text("years", encoding="utf-8")
     (tmp_path / "model.txt").write_text("old", encoding="utf-8")
     (tmp_path / "parts").mkdir()
     (tmp_path / "parts" / "stale.txt").write_text("old", encoding="utf-8")
-    export(rig, "plain", tmp_path, force=True)
+    export(rig, "plain", tmp_path, overwrite=True)
     assert everything(tmp_path) == ["model.txt", "parts", "parts/part.txt", "thesis.tex"]
     assert (tmp_path / "model.txt").read_text(encoding="utf-8") != "old"
     assert (tmp_path / "thesis.tex").read_text(encoding="utf-8") == "years"
@@ -99,7 +99,7 @@ def test_an_entry_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, rig, mo
 
     monkeypatch.setattr(Path, "rename", refuse)
     with pytest.raises(InputError, match="cannot be written: Permission denied"):
-        export(rig, "plain", tmp_path, force=True)
+        export(rig, "plain", tmp_path, overwrite=True)
     assert everything(tmp_path) == ["model.txt", "parts"]
     assert (tmp_path / "model.txt").read_text(encoding="utf-8") == "old"
 
@@ -107,7 +107,7 @@ def test_an_entry_that_cannot_be_replaced_leaves_all_as_it_was(tmp_path, rig, mo
 def test_a_file_is_no_folder(tmp_path, rig):
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(InputError, match="is not a folder; allowed"):
-        export(rig, "plain", tmp_path / "file", force=True)
+        export(rig, "plain", tmp_path / "file", overwrite=True)
     with pytest.raises(InputError, match="cannot be written: Not a directory"):
         export(rig, "plain", tmp_path / "file" / "below")
 

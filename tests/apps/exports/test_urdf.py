@@ -49,8 +49,16 @@ def test_a_general_loop_is_told_to_be_a_straight_line(tmp_path, skew_overlay, rn
     (warning,) = export(rig, "urdf", tmp_path).warnings
     off = rig_links(rig).line_errors["PSM1"]
     assert warning.startswith("PSM1: its loops are not parallelograms")
-    assert f"{1e3 * off:.3f} mm" in warning
+    assert f"{1e3 * off.worst:.3f} mm at {off.frame} (--fit-tip" in warning
+    assert f"{1e3 * off.tip:.3f} mm and {1e3 * off.tip_angle:.2f} mrad at the tip" in warning
     assert warning in (tmp_path / "README.md").read_text(encoding="utf-8")
+
+
+def test_a_tip_is_fitted_in_a_urdf_of_a_calibrated_arm_alone(tmp_path) -> None:
+    (warning,) = export(find_rig("ecm"), "urdf", tmp_path / "a", Options(fit_tip=True)).warnings
+    assert warning == "--fit-tip: nothing to fit, for all loops are parallelograms"
+    with pytest.raises(InputError, match=r"--fit-tip: got True .*allowed: with --format urdf"):
+        export(find_rig("ecm"), "sdf", tmp_path / "b", Options(fit_tip=True))
 
 
 @pytest.mark.parametrize("package", ["", "scope"])

@@ -114,13 +114,9 @@ def by_pinocchio(file: Path, tree: LinkModel) -> Reading:
 
 def by_drake(file: Path, tree: LinkModel) -> Reading:
     """Read with Drake, where a mimic is a constraint of the solver: coordinates are ours."""
-    pytest.importorskip("pydrake", reason="Drake is not installed (extra judges)")
-    from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-    from pydrake.systems.framework import DiagramBuilder
-
-    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), time_step=1e-3)
-    Parser(plant).AddModels(file)
+    drake = pytest.importorskip("pydrake.all", reason="Drake is not installed (extra judges)")
+    plant, _ = drake.AddMultibodyPlantSceneGraph(drake.DiagramBuilder(), time_step=1e-3)
+    drake.Parser(plant).AddModels(file)
     plant.Finalize()
     context = plant.CreateDefaultContext()
     bodies = {}

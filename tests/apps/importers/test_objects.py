@@ -124,5 +124,5 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not empty"):
         import_file(tmp_path / "box.stl", out)
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
-    import_file(tmp_path / "box.stl", out, Options(force=True))
+    import_file(tmp_path / "box.stl", out, Options(overwrite=True))
     assert sorted(p.name for p in out.iterdir()) == ["box.toml", "meshes", "mine.txt"]

@@ -48,7 +48,7 @@ def test_a_set_point_takes_few_calls_from_json_to_the_inbox() -> None:
 
 def test_a_set_point_takes_few_calls_from_the_text_frame_to_the_inbox() -> None:
     served = Served(wanted=())
-    client = Client(cast("Any", Wire()))
+    client = Client(cast("Any", Wire()), {})
     conversation = Conversation(served.core, ThreadPoolExecutor(1))
     text = json.dumps({"op": "publish", "topic": "/PSM1/servo_jp", "msg": SENT})
 

@@ -109,10 +109,22 @@ def test_a_stamp_that_goes_back_is_refused_until_the_stream_was_silent():
     assert send("PSM1/move_jp", stamped(joints(*HOME), (5, 0)), "a")  # another topic
     served.run(0.02)
     np.testing.assert_allclose(setpoints(served), HOME)
-    (warning,) = served.messages("PSM1/warning")
-    assert "older than" in warning["data"]
+    older, shared = (warning["data"] for warning in served.messages("PSM1/warning"))
+    assert "older than" in older and shared.startswith("b commands PSM1 beside a")
     served.clock.time += 10.0
     assert send("PSM1/servo_jp", stamped(joints(*FAR), (1, 0)), "a")
+
+
+def test_a_client_whose_clock_is_set_back_an_hour_commands_again_within_three_seconds():
+    served = Served(wanted=())
+    send = served.core.receive
+    assert send("PSM1/servo_jp", stamped(joints(*HOME), (7200, 0)), "a")
+    accepted = []
+    for k in range(60):  # it goes on at 20 Hz
+        served.clock.time += 0.05
+        accepted.append(send("PSM1/servo_jp", stamped(joints(*FAR), (3600 + k, 0)), "a"))
+    assert not accepted[0] and not accepted[19]  # a second is no silence
+    assert accepted[-1]
 
 
 @pytest.mark.parametrize("stamp", [(-1, 0), (1.5, 0), "now", (1,), (10**30, True)])

@@ -210,8 +210,9 @@ def test_a_lab_file_with_another_reference_arm_is_imported_with_it(
 ) -> None:
     files = {"arm/suj.json": {"reference_arm": "PSM3", "arms": lab.SI}}
     found = import_dvrk(lab.lab(tmp_path / "in", "Si", files), tmp_path / "rig.toml")
-    assert found.agreement.setups == 4
-    assert max(found.agreement.setup_m, found.agreement.setup_rad) < ROUNDING
+    gap = found.agreement["setup_joints"]
+    assert gap.count == 4
+    assert max(gap.metres, gap.radians) < ROUNDING
     served = Served(str(tmp_path / "rig.toml"), world={"collisions": False}, rate_hz=1000.0)
     setups = {s["name"]: s for s in lab.SI}
     cart = Cart(served, setups, [*lab.PSM_SI, *lab.TOOL["Si"]], lab.ECM_SI)

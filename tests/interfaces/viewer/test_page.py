@@ -160,6 +160,16 @@ def test_gains_are_posted_when_the_typing_is_over(desk: Desk, server: LocalServe
     assert len(desk.posted) == 1
 
 
+def test_the_page_names_the_clients_that_command_the_arm(server: LocalServer) -> None:
+    world = World("psm")
+    loop = Loop(world)
+    arm = ArmControls(server.gui, loop, read_arm(world, "PSM1"), world.snapshot())
+    for shown in ("none", "/alice", "/alice, /bob"):
+        arm.follow(world.snapshot())
+        assert arm.clients.value == shown
+        loop.commanders.claim("PSM1", "/bob" if shown == "/alice" else "/alice")
+
+
 def test_fingers_squeeze_a_gripper_and_let_it_go(server: LocalServer) -> None:
     world, posted = World("mtm"), []
     loop: Any = SimpleNamespace(post=posted.append)

@@ -84,11 +84,11 @@ def test_localhost_means_the_loopback_address() -> None:
 
 
 @pytest.mark.usefixtures("strangers")
-def test_of_somebody_who_hangs_up_before_a_word_nothing_is_told(
+def test_of_somebody_who_hangs_up_or_sends_no_http_nothing_is_told(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     with serving("127.0.0.1", 0, "test") as server:
-        for said in (b"", b"GE"):
+        for said in (b"", b"GE", b"\x16\x03\x01" * 100 + b"\r\n\r\n", b"GET / HTTP/9\r\n\r\n"):
             with socket.create_connection((server.get_host(), server.get_port())) as stranger:
                 stranger.sendall(said)
         with urllib.request.urlopen(address(server), timeout=10) as answer:

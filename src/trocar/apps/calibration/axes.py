@@ -202,15 +202,22 @@ def check_span(file: str, hinge: Hinge, span: float) -> None:
 
 def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, HingeFit]:
     """Weigh all hinges together: each body's poses tell of every hinge that it carries."""
-    hinges = [linkage.hinge(name) for name in fits]
-    bodies = list(dict.fromkeys(body for h in hinges for body in (h.body_a, h.body_b)))
-    shared = [
-        SharedHinge(bodies.index(h.body_a), bodies.index(h.body_b), fits[h.name], h.closure)
-        for h in hinges
-    ]
+    bodies, shared = joined_hinges(linkage, fits)
     poses = np.stack([tracks.poses[body] for body in bodies], axis=1)
     sigmas = _noise(fits)
     return dict(zip(fits, refine_hinges(poses, shared, sigmas), strict=True))
+
+
+def joined_hinges(
+    linkage: Linkage, fits: Mapping[str, HingeFit]
+) -> tuple[list[str], list[SharedHinge]]:
+    """Return the bodies that hinges join, and each hinge by the places of its two among them."""
+    hinges = [linkage.hinge(name) for name in fits]
+    bodies = list(dict.fromkeys(body for h in hinges for body in (h.body_a, h.body_b)))
+    return bodies, [
+        SharedHinge(bodies.index(h.body_a), bodies.index(h.body_b), fits[h.name], h.closure)
+        for h in hinges
+    ]
 
 
 def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> None:

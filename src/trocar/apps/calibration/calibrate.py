@@ -168,7 +168,7 @@ def calibrate(
             f"{arm.name}: its loops are not parallelograms; allowed: closure 'general'"
         )
     closure = closure or ("parallelogram" if parallel else "general")
-    asked = Asked(arm, loops, remote_centre_of(arm, loops), closure, *_plan(arm), names)
+    asked = Asked(arm, loops, remote_centre_of(arm, loops), closure, *planned_figures(arm), names)
     tracks, missing = chosen_bodies(tracks, loops, asked.centre, names)
     try:
         seen_axes = _measure(asked, tracks, rcm_tracks, watch)
@@ -491,7 +491,7 @@ def first_positions(axes: Axes, home: Home) -> Array:
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0], dtype=np.float64)
 
 
-def _plan(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
+def planned_figures(arm: ArmDescription) -> tuple[dict[str, Pair], dict[str, tuple[Pair, Pair]]]:
     """Return which distances and angles are wanted, by hinges."""
     plan = arm.calibration or default_plan(arm.mechanism)
     name = plan.axes

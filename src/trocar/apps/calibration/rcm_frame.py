@@ -18,6 +18,7 @@ from trocar.apps.calibration.axes import LEAST_SAMPLES, BaseAxis, Value, slopes
 from trocar.apps.calibration.linkage import bodies_of, unskew
 from trocar.apps.calibration.tracks import Tracks
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.axis_lines import TOWARDS, axes_frame
 from trocar.errors import InputError
 from trocar.fitting import (
     LEAST_SPAN,
@@ -35,9 +36,6 @@ from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-#: Where the direction from the pitch axis to the centre points in the paper's frame.
-#: Source: closed-loop paper, Table 7. The sense of the axis across both is not told; it is ours.
-TOWARDS: dict[str, tuple[float, float, float]] = {"PSM": (0.0, -1.0, 0.0), "ECM": (1.0, 0.0, 0.0)}
 # Source: our own choice; a start that is still for so long gives the zero of the angles. [s], [rad]
 _STILL_S, _STILL_RAD = 0.5, 0.01
 
@@ -208,27 +206,6 @@ def _senses(
         " signs of the pitch angle and of the axes across the yaw axis may be reversed"
     )
     return (first, 1.0), (words,)
-
-
-def axes_frame(x: Array, sense: float, towards: Array) -> Array:
-    """Return the frame of the first two joint axes, (4, 4).
-
-    Args:
-        x: the centre, then point and direction of the pitch axis, then of the yaw axis, (15,)
-        sense: +1 or -1, by which the pitch axis is told along the description's
-        towards: where in the paper's frame the centre lies, (3,)
-    """
-    centre, g, h, y, k = x.reshape(5, 3)
-    z = sense * h
-    # The point of the pitch axis nearest to the yaw axis.
-    across = np.cross(k, np.cross(h, k))
-    origin = g + h * float((y - g) @ across / (h @ across))
-    up = k - (k @ z) * z
-    up *= np.sign(up @ (centre - origin)) / np.linalg.norm(up)
-    side = np.cross(z, up)
-    across_axes = np.column_stack([up, side, z])
-    drawn = np.column_stack([towards, np.cross([0.0, 0.0, 1.0], towards), [0.0, 0.0, 1.0]])
-    return transform(across_axes @ drawn.T, origin)
 
 
 @dataclass(frozen=True, eq=False)

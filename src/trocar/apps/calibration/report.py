@@ -28,30 +28,33 @@ MM = 1e3
 PLACES = 61
 
 
-def check_report(folder: str | Path) -> Path:
+def check_report(folder: str | Path, overwrite: bool = False) -> Path:
     """Return where a report goes, before anything is computed for it.
 
     Raises:
-        InputError: the folder is none
+        InputError: the folder is a file, or holds a report that may not be replaced
         MissingExtraError: matplotlib is not installed
     """
-    return pages.page_in(folder, PURPOSE)
+    return pages.page_in(folder, PURPOSE, overwrite)
 
 
-def write_report(folder: str | Path, found: Calibration, arm: ArmDescription) -> Path:
+def write_report(
+    folder: str | Path, found: Calibration, arm: ArmDescription, *, overwrite: bool = False
+) -> Path:
     """Write `index.html` into a folder and return its path.
 
     Args:
         folder: is made where it is not there
         found: what is reported
         arm: the description that was calibrated
+        overwrite: replace a report that is there
 
     Raises:
         InputError: the file cannot be written
         MissingExtraError: matplotlib is not installed
     """
-    path = check_report(folder)
-    pages.write(path, pages.document(f"Calibration: {found.arm}", _body(found, arm)))
+    path = check_report(folder, overwrite)
+    pages.write(path, pages.document(f"Calibration: {found.arm}", _body(found, arm)), overwrite)
     return path
 
 

@@ -130,13 +130,16 @@ def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Ro
 def mechanism_of(robot: Robot) -> Mechanism:
     """Return the linkage of a robot as a mechanism; with tilted axes its closing pins slide."""
     found = rebuilt(robot.linkage, robot.linkage.mechanism, robot.moved, robot.tilts)
-    if not robot.tilts:
-        return found
-    known = {frame.name: frame for frame in found.frames}
+    return with_pins(found) if robot.tilts else found
+
+
+def with_pins(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose closing pins slide, as axes that lean need."""
+    known = {frame.name: frame for frame in mechanism.frames}
     return replace(
-        found,
-        frames=(*found.frames, *(pin_frame(closure, known) for closure in found.closures)),
-        closures=tuple(pinned(closure) for closure in found.closures),
+        mechanism,
+        frames=(*mechanism.frames, *(pin_frame(closure, known) for closure in mechanism.closures)),
+        closures=tuple(pinned(closure) for closure in mechanism.closures),
     )
 
 

@@ -13,46 +13,62 @@ from numpy.typing import NDArray
 
 from trocar.apps.dvrk_config.arms import largest_gap, last_row
 from trocar.apps.dvrk_config.setup_joints import CART
-from trocar.apps.dvrk_config.system import Lab, LabArm, SetupArm
+from trocar.apps.dvrk_config.system import TOOL_TIP, Chain, Lab, LabArm, SetupArm
+from trocar.cameras.records import bend
 from trocar.descriptions import RigDescription
 from trocar.descriptions.places import Places
+from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import pose
 
 Array = NDArray[np.float64]
 
+#: From the tip of an endoscope (x left, y up, z ahead) to its picture (x right, y down, z ahead).
+T_TIP_IMAGE = transform(rotation_z(np.pi), np.zeros(3))
+
 
 @dataclass(frozen=True)
-class Agreement:
-    """Largest differences over random joint positions.
+class Gap:
+    """Largest differences of one kind of pose or limit over random joint positions.
 
     Attributes:
-        bases, chains: of how many arms the file says where they stand, and has the chain
-        setups: of how many setup joints the file has the chain
-        base_m, base_rad: of the arms' bases in the frame that the file gives them in
-        chain_m, chain_rad: of the end of the arms' chains in their bases
-        setup_m, setup_rad: of measured_cp and local/measured_cp of setup joints
+        count: of how many arms the files have it
+        metres, radians: the largest differences
     """
 
-    bases: int
-    chains: int
-    setups: int
-    base_m: float
-    base_rad: float
-    chain_m: float
-    chain_rad: float
-    setup_m: float
-    setup_rad: float
+    count: int
+    metres: float
+    radians: float
 
 
-def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
-    """Compare a rig with the files, at random positions of all joints."""
+def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> dict[str, Gap]:
+    """Compare a rig with the files, at random positions of all joints.
+
+    Returns:
+        "bases" of arms on the cart or in their base_frame; "chains" in the arms' bases; "tips",
+        measured with endoscope or instrument, likewise; "cameras" against the endoscopes' tips;
+        "setup_joints", their measured_cp and local/measured_cp; "limits" of joints
+    """
     rng = np.random.default_rng(0)
     placed = {arm.name: arm.arm for arm in rig.arms}
     arms = [arm for arm in lab.arms if arm.name in placed]
     setups = {setup.name: setup for setup in lab.setup}
-    chained = [setup for setup in lab.setup if setup.chain is not None]
-    bases, chains, poses = [np.zeros(2)], [np.zeros(2)], [np.zeros(2)]
+    found: dict[str, dict[str, list[Array]]] = {
+        kind: {} for kind in ("bases", "chains", "tips", "cameras", "setup_joints", "limits")
+    }
+
+    def note(kind: str, name: str, gap: Array) -> None:
+        found[kind].setdefault(name, []).append(gap)
+
+    for arm in arms:
+        if arm.chain is not None:
+            note("limits", arm.name, _limit_gap(arm.chain, rig, arm.name))
+    cameras = {camera.arm: camera for camera in rig.cameras if camera.kind == "endoscope"}
+    for arm in arms:
+        if arm.endoscope is not None:
+            image = cameras[arm.name].pose @ bend(cameras[arm.name].angle)
+            expected = arm.endoscope.T_row_tip @ T_TIP_IMAGE
+            note("cameras", arm.name, largest_gap(image, expected))
     for _ in range(count):
         q = {
             name: rng.uniform(arm.mechanism.lower, arm.mechanism.upper)
@@ -60,19 +76,56 @@ def agreement(lab: Lab, rig: RigDescription, count: int = 20) -> Agreement:
         }
         places = Places(rig, q.__getitem__)
         for arm in arms:
-            bases.append(_base_gap(arm, setups, places, rig.reference_arm, q))
+            own, at = placed[arm.name], q[arm.name]
+            if arm.carrier or arm.frame:
+                note("bases", arm.name, _base_gap(arm, setups, places, rig.reference_arm, q))
             if arm.chain is not None:
-                end = arm.chain.tip(q[arm.name][: arm.chain.moving])
-                chains.append(largest_gap(last_row(placed[arm.name], q[arm.name]), end))
-        for setup in chained:
+                end = arm.chain.tip(at[: arm.chain.moving])
+                note("chains", arm.name, largest_gap(last_row(own, at), end))
+            if arm.endoscope is not None or arm.instrument is not None:
+                gap = largest_gap(pose(own.mechanism, at), _tip(arm, rig, at))
+                note("tips", arm.name, gap)
+        for setup in lab.setup:
+            if setup.chain is None:
+                continue
             name = f"SUJ_{setup.name}"
             local = pose(placed[name].mechanism, q[name])
             frame, _ = places.base_pose(name, rig.reference_arm)
-            poses.append(largest_gap(local, setup.base(q[name])))
-            poses.append(largest_gap(frame @ local, _published(setup, lab, rig, q)))
-    gaps = [float(v) for found in (bases, chains, poses) for v in np.max(found, axis=0)]
-    stand = sum(bool(arm.carrier or arm.frame) for arm in arms)
-    return Agreement(stand, sum(arm.chain is not None for arm in arms), len(chained), *gaps)
+            note("setup_joints", name, largest_gap(local, setup.base(q[name])))
+            published = _published(setup, lab, rig, q)
+            note("setup_joints", name, largest_gap(frame @ local, published))
+    return {kind: _largest(by_name) for kind, by_name in found.items()}
+
+
+def _largest(by_name: Mapping[str, list[Array]]) -> Gap:
+    gaps = [gap for each in by_name.values() for gap in each]
+    metres, radians = np.max([np.zeros(2), *gaps], axis=0).tolist()
+    return Gap(len(by_name), metres, radians)
+
+
+def _limit_gap(chain: Chain, rig: RigDescription, name: str) -> Array:
+    """Return how far limits of joints are from those of the rows, (2,) [m, rad]."""
+    gap, rows = np.zeros(2), [row for row in chain.rows if row.moves]
+    for row, joint in zip(rows, rig.arm(name).arm.joints, strict=False):
+        for given, own in ((row.qmin, joint.lower), (row.qmax, joint.upper)):
+            turns = int(row.type == "revolute")
+            gap[turns] = max(gap[turns], 0.0 if given is None else abs(given - own))
+    return gap
+
+
+def _tip(arm: LabArm, rig: RigDescription, q: Array) -> Array:
+    """Return the tip of an arm in its base as its files have it, (4, 4).
+
+    What no file has is the rig's own: the rows of an arm, and an instrument.
+    """
+    own = rig.arm(arm.name).arm
+    row = last_row(own, q) if arm.chain is None else arm.chain.tip(q[: arm.chain.moving])
+    if arm.endoscope is not None:
+        return row @ arm.endoscope.T_row_tip
+    if arm.instrument is not None:
+        tool = Chain("modified", arm.instrument.rows[:3])
+        return row @ tool.tip(q[own.own_joints - 3 : own.own_joints]) @ np.array(TOOL_TIP)
+    return pose(own.mechanism, q)
 
 
 def _base_gap(
@@ -100,7 +153,7 @@ def _published(setup: SetupArm, lab: Lab, rig: RigDescription, q: Mapping[str, A
     mtsIntuitiveResearchKitSUJSi.cpp, update_forward_kinematics.
     """
     held = setup.base(q[f"SUJ_{setup.name}"])
-    on = {arm.carrier: arm.name for arm in lab.arms if arm.carrier}
+    on = {arm.carrier: arm for arm in lab.arms if arm.carrier}
     if lab.reference_arm not in on or setup.name == lab.reference_arm:
         return held
     holder = on[lab.reference_arm]
@@ -108,4 +161,4 @@ def _published(setup: SetupArm, lab: Lab, rig: RigDescription, q: Mapping[str, A
     at = q[f"SUJ_{reference.name}"]
     own = rig.arm(f"SUJ_{reference.name}").arm.mechanism
     base = pose(own, at) if reference.chain is None else reference.base(at)
-    return inverse(base @ pose(rig.arm(holder).arm.mechanism, q[holder])) @ held
+    return inverse(base @ _tip(holder, rig, q[holder.name])) @ held

@@ -17,6 +17,7 @@ from trocar.apps.dvrk_config.files import DhRow
 from trocar.apps.dvrk_config.system import SAME_LENGTH, Chain, Gains, Instrument, LabArm
 from trocar.descriptions import ArmDescription, load_arm, names
 from trocar.descriptions.catalogue import document
+from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
 from trocar.descriptions.table import toml_text
 from trocar.errors import DescriptionError
 from trocar.geometry.rotations import rotation_z
@@ -121,8 +122,8 @@ def pose_entries(T: Array) -> Document:
 
 #: Chains that differ by less are the same [m, rad]: 1.5708 for 90 degrees makes 4e-6.
 SAME_CHAIN = 3e-5
-#: The last rows of the dVRK's PSM and ECM are turned by this about the shaft from trocar's: as a
-#: tool's frames begin (psm.toml), and by the tooltip rotation of an ECM (ecm.toml) [rad].
+#: The last row of the dVRK's PSM is turned by this about the shaft from trocar's, as the frames of
+#: a tool begin (psm.toml) [rad].
 ROW_TURN = -np.pi / 2.0
 #: Gains of an Si where no file has them. Source: share/pid/sawControllersPID-{PSM,ECM}-Si.json.
 SI_GAINS = {
@@ -157,7 +158,11 @@ STAND_IN_ARM: tuple[tuple[str, tuple[tuple[Point, Point, float], ...], float], .
     ("insertion", (((0.0, -0.055, 0.36), (0.0, -0.02, 0.40), 0.028),), 0.3),
 )
 #: What an endoscope adds: its shaft, from its end outward.
-STAND_IN_SCOPE = ("roll", (((0.0, 0.0, 0.005), (0.0, 0.0, 0.40), 0.006),), 1.0)
+STAND_IN_SCOPE = ((0.0, 0.0, 0.005), (0.0, 0.0, 0.40), 0.006)
+#: The endoscope that trocar's ECM holds. Source: ecm.toml.
+OWN_ENDOSCOPE = ENDOSCOPES["Classic_SD_STRAIGHT"]
+#: Of a shaft that reaches past the ECM's own. Source: ecm.toml. [m]
+SCOPE_RADIUS = 0.005
 #: Links of setup joints: mass, and radius of links and of the hubs about their axes [kg, m].
 LINK_MASS, LINK_RADIUS, HUB_RADIUS = 4.0, 0.038, 0.055
 #: How far ahead of the remote centre the last link ends: where the arm's base is [m].
@@ -212,6 +217,9 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
         _add_bodies(found, base, arm)
         changed = True
         files.stand_ins.append(arm.name)
+    if arm.endoscope is not None and arm.endoscope != OWN_ENDOSCOPE:
+        _set_endoscope(found, arm.endoscope, source)
+        changed = True
     changed |= set_gains(found, arm.gains, source)
     entry: dict[str, Any] = {"description": own}
     if changed:
@@ -245,6 +253,20 @@ def _tool_entry(arm: LabArm, tool: str, files: Files) -> str:
     return str(Path(tool).resolve()) if tool.endswith(".toml") else tool
 
 
+def _set_endoscope(found: Document, scope: EndoscopeType, source: str) -> None:
+    """Give an ECM's document the tip, mass and length of an endoscope."""
+    tip = next(frame for frame in found["frame"] if frame["name"] == "tip")
+    without(tip, "xyz")
+    bend = round(math.degrees(scope.bend), 9)
+    tip |= {"rpy_deg": [bend, 0.0, -90.0], "source": f"{source}: endoscope {scope.name}"}
+    body = next(body for body in found["body"] if body["frame"] == "roll")
+    body |= {"mass_kg": scope.mass, "source": f"{body['source']}; mass: SAW's {scope.name}"}
+    if scope.reach:
+        tip["xyz_m"] = [0.0, 0.0, scope.reach]
+        end = _capsule(np.eye(4), (0.0, 0.0, 0.0), (0.0, 0.0, scope.reach), SCOPE_RADIUS)
+        body["shape"].append({**end, "material": "steel"})
+
+
 def _own_name(arm: LabArm) -> str:
     """Return the arm of trocar's that this one is, by its kind, generation and side."""
     if arm.type == "MTM":
@@ -259,9 +281,10 @@ def last_row(arm: ArmDescription, q: Array) -> Array:
         arm: trocar's, with or without an instrument
         q: of all of its joints, (n,) [rad or m]
     """
-    T = pose(arm.mechanism, q, "insertion" if arm.type == "PSM" else None)
-    turn = 0.0 if arm.type == "MTM" else -ROW_TURN
-    return T @ transform(rotation_z(turn), np.zeros(3))
+    if arm.type == "PSM":
+        turn = transform(rotation_z(-ROW_TURN), np.zeros(3))
+        return pose(arm.mechanism, q, "insertion") @ turn
+    return pose(arm.mechanism, q, "roll" if arm.type == "ECM" else None)
 
 
 def largest_gap(one: Array, other: Array) -> Array:
@@ -361,7 +384,8 @@ def arm_bodies(mechanism: Mechanism, scope: bool) -> list[Document]:
     """
     at = poses(mechanism, np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, None), "rcm")
     found: list[Document] = []
-    for frame, capsules, mass in (*STAND_IN_ARM, *([STAND_IN_SCOPE] if scope else [])):
+    shaft = ("roll", (STAND_IN_SCOPE,), OWN_ENDOSCOPE.mass)
+    for frame, capsules, mass in (*STAND_IN_ARM, *([shaft] if scope else [])):
         ends = inverse(at[frame])
         shapes = [_capsule(ends, start, stop, radius) for start, stop, radius in capsules]
         found.append({"frame": frame, "mass_kg": mass, "source": STAND_IN, "shape": shapes})

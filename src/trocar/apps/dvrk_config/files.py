@@ -27,7 +27,10 @@ from typing import (
 import msgspec
 
 from trocar.errors import DescriptionError
+from trocar.inputs import excess_of, read_input
 
+#: Source: our own choice; the largest of the dVRK have some 20 kB.
+MOST_BYTES = 2_000_000
 #: Keys that describe the file itself.
 METADATA = ("$id", "$version", "$schema", "id", "version", "comment", "comments")
 #: Folders of the dVRK's `share`. Source: sawIntuitiveResearchKit share/.
@@ -159,14 +162,7 @@ class ArmFile(Entries):
     generation: Literal["Classic", "Si"] | None = None
     tool_detection: Literal["AUTOMATIC", "MANUAL", "FIXED"] = "AUTOMATIC"
     tool: str = ""
-    # Source: schema dvrk-ecm; the first are those of older files.
-    endoscope: Literal[
-        "STRAIGHT", "UP", "DOWN", "SD_STRAIGHT", "SD_UP", "SD_DOWN", "HD_STRAIGHT", "HD_UP",
-        "HD_DOWN", "NONE", "Classic_SD_STRAIGHT",
-        "Classic_SD_UP", "Classic_SD_DOWN", "Classic_HD_STRAIGHT", "Classic_HD_UP",
-        "Classic_HD_DOWN", "Si_HD_STRAIGHT", "Si_HD_UP", "Si_HD_DOWN", "Custom_STRAIGHT",
-        "Custom_UP", "Custom_DOWN",
-    ] | None = None  # fmt: skip
+    endoscope: str = ""
 
 
 class BaseFrame(Entries):
@@ -454,7 +450,7 @@ def parse_json(path: Path) -> dict[str, Any]:
         raise DescriptionError(file, "", f"got {name}; allowed: finite numbers")
 
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_input(path, MOST_BYTES).decode("utf-8-sig")
         # Strings stay; of comments only the line breaks stay, for the lines of error messages.
         text = re.sub(
             r'("(?:\\.|[^"\\])*")|//[^\n]*|/\*.*?(?:\*/|\Z)',
@@ -470,6 +466,10 @@ def parse_json(path: Path) -> dict[str, Any]:
         raise DescriptionError(file, "", f"cannot be read: {problem}") from problem
     except RecursionError as problem:
         raise DescriptionError(file, "", "is not JSON: nested too deeply") from problem
+    except ValueError as problem:  # an integer of thousands of digits
+        raise DescriptionError(file, "", f"is not JSON: {problem}") from problem
+    if excess := excess_of(data):
+        raise DescriptionError(file, "", excess)
     if not isinstance(data, dict):
         raise DescriptionError(file, "", "is not a JSON object; allowed: {...} at the top level")
     return cast(dict[str, Any], data)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,17 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.dvrk_config.agreement import Agreement, agreement
+from trocar.apps.dvrk_config.agreement import Gap, agreement
 from trocar.apps.dvrk_config.arms import Document, Files, arm_entry, known, pose_entries
 from trocar.apps.dvrk_config.setup_joints import CART, setup_entry
 from trocar.apps.dvrk_config.system import Lab, LabArm, SetupArm, read_system
 from trocar.descriptions import RigDescription, load_arm, load_rig
 from trocar.descriptions.catalogue import DATA
+from trocar.descriptions.endoscopes import EndoscopeType
 from trocar.descriptions.records import DISPLAY, REFERENCE_ARM
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import transform
+from trocar.outputs import check_file, whole_folder
 
 Array = NDArray[np.float64]
 
@@ -45,8 +46,6 @@ COLUMN = {
         )
     ],
 }  # fmt: skip
-#: How endoscopes are bent [deg]. Source: mtsIntuitiveResearchKitECM.cpp, 30 degrees.
-BENT = {"STRAIGHT": 0.0, "NONE": 0.0, "UP": -30.0, "DOWN": 30.0}
 #: How high the lowest arm of a frame of the lab's stands [m]. Source: our own choice.
 LOW = 0.3
 
@@ -59,13 +58,13 @@ class Options:
         share: folders where files are looked for, too
         tools: {PSM: instrument} in place of the file's
         literal: take angles as they are printed: 1.5708, 0.7853
-        force: write over what is there
+        overwrite: replace existing files
     """
 
     share: tuple[Path, ...] = ()
     tools: tuple[tuple[str, str], ...] = ()
     literal: bool = False
-    force: bool = False
+    overwrite: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +78,7 @@ class Imported:
         warnings: what is probably a mistake in the files
         idle: entries that have no counterpart in a simulation, "FILE: KEY, ..."
         unknown: entries that no version of the dVRK has, "FILE: KEY"
-        agreement: how far the rig is from the file
+        agreement: {kind of pose or limit: how far the rig is from the files}
     """
 
     rig: RigDescription
@@ -88,7 +87,7 @@ class Imported:
     warnings: tuple[str, ...]
     idle: tuple[str, ...]
     unknown: tuple[str, ...]
-    agreement: Agreement
+    agreement: Mapping[str, Gap]
 
 
 def import_dvrk(system: str | Path, target: str | Path, options: Options | None = None) -> Imported:
@@ -104,7 +103,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
         InputError: a target that is there already, or cannot be written
     """
     chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
-    _check_target(file, chosen.force)
+    _check_target(file, chosen.overwrite)
     if not path.is_file():
         raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json")
     lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
@@ -112,17 +111,14 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     for name, _ in chosen.tools:
         if name not in psms:
             raise UnknownNameError("PSM", name, psms, str(path))
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".import.", dir=file.parent) as place:
-        files = Files(Path(place), re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
+    with whole_folder(file.parent, overwrite=True) as place:
+        files = Files(place, re.sub(r"[^A-Za-z0-9_]+", "_", file.stem))
         document = rig_document(lab, dict(chosen.tools), files)
         (files.folder / file.name).write_text(toml_text(document), encoding="utf-8")
         gap = agreement(lab, load_rig(files.folder / file.name))
         names = [file.name, *files.names]
         for name in names[1:]:
-            _check_target(file.parent / name, chosen.force)
-        for name in reversed(names):
-            os.replace(files.folder / name, file.parent / name)
+            _check_target(file.parent / name, chosen.overwrite)
     written = tuple(str(file.parent / name) for name in names)
     if files.stand_ins:
         names = ", ".join(dict.fromkeys(files.stand_ins))
@@ -133,11 +129,11 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     return Imported(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)
 
 
-def _check_target(file: Path, force: bool) -> None:
+def _check_target(file: Path, overwrite: bool) -> None:
     if file.suffix != ".toml":
         raise InputError(f"{file}: allowed: a rig file with extension .toml")
-    if file.exists() and not force:
-        raise InputError(f"{file}: exists; allowed: a new file, or --force to overwrite it")
+    if file.parent.is_dir():
+        check_file(file, overwrite)
 
 
 def rig_document(lab: Lab, tools: dict[str, str], files: Files) -> Document:
@@ -274,7 +270,11 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     if classic:
         rig["pose"].append(_test(model, placed))
         rig["test_sine"] = model["test_sine"]
-    rig["camera"] = [_endoscope(arm, files) for arm in lab.arms if arm.type == "ECM"]
+    rig["camera"] = [
+        _endoscope(arm.name, arm.endoscope)
+        for arm in lab.arms
+        if arm.endoscope is not None and arm.name in placed
+    ]
     rig["camera"] += [view for view in model.get("camera", []) if view["name"] == "room" and cart]
     rig["teleop"] = [
         _teleop(teleop.kind, teleop.masters, teleop.slave, dict(teleop.given), teleop.place)
@@ -290,21 +290,15 @@ def _whole(lab: Lab, entries: list[Document], files: Files, console: bool) -> Do
     return {key: value for key, value in rig.items() if value != []}
 
 
-def _endoscope(arm: LabArm, files: Files) -> Document:
-    """Return the camera at the end of an ECM: how it is bent, and how fine its pictures are."""
-    bent = BENT[arm.endoscope.rpartition("_")[2] or "STRAIGHT"]
-    if bent:
-        files.notes.append(
-            f"{arm.name}: {arm.endoscope}: its images are rotated by {abs(bent):g} degrees; the"
-            " ECM's measured_cp, and the PSMs' relative to it, are those of a straight scope"
-        )
-    camera: Document = {"name": "endoscope", "kind": "endoscope", "arm": arm.name}
-    if arm.name != "ECM":
-        camera["name"] = f"endoscope_{arm.name}"
-    camera["preset"] = "dvrk_sd_640x480" if "SD_" in arm.endoscope else "hd_1280x720"
-    if bent:
-        camera["angle_deg"] = bent
-    return {**camera, "source": f"endoscope {arm.endoscope or 'not named'} of the lab's file"}
+def _endoscope(arm: str, scope: EndoscopeType) -> Document:
+    """Return the camera at the tip of an ECM's endoscope."""
+    camera: Document = {"name": "endoscope", "kind": "endoscope", "arm": arm}
+    if arm != "ECM":
+        camera["name"] = f"endoscope_{arm}"
+    camera["preset"] = "dvrk_sd_640x480" if "_SD_" in scope.name else "hd_1280x720"
+    if scope.bend:
+        camera["angle_deg"] = round(float(np.degrees(scope.bend)), 9)
+    return {**camera, "source": f"endoscope {scope.name} of the lab's file"}
 
 
 def _test(model: Document, placed: set[str]) -> Document:

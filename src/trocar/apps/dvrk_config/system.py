@@ -33,6 +33,7 @@ from trocar.apps.dvrk_config.files import (
     parse_json,
 )
 from trocar.descriptions import names
+from trocar.descriptions.endoscopes import ENDOSCOPES, EndoscopeType
 from trocar.descriptions.records import REFERENCE_ARM
 from trocar.errors import DescriptionError
 from trocar.geometry.dh import modified_dh, standard_dh
@@ -171,7 +172,7 @@ class LabArm:
         chain: its kinematics, None where they are the dVRK's own and were not found
         tool: "" where the file leaves it open
         instrument: the tool's own file, None where it is not here
-        endoscope: of an ECM
+        endoscope: of an ECM, None of others
         gains: {joint: (P, I, D)}, empty where no file has them
         carrier: name of the setup arm that holds it, "" of others
         frame, pose: the frame that its base stands in and T_frame_base (4, 4); "", None of others
@@ -184,7 +185,7 @@ class LabArm:
     chain: Chain | None
     tool: str
     instrument: Instrument | None
-    endoscope: str
+    endoscope: EndoscopeType | None
     gains: Mapping[str, Gains]
     carrier: str = ""
     frame: str = ""
@@ -402,7 +403,10 @@ class _Reader:
         generation = arm.generation or meant
         fixed = kind == "PSM" and entry.name not in self._tools
         tool, instrument = self._tool(file, entry) if fixed else ("", None)
-        endoscope = (arm.endoscope or "") if kind == "ECM" else ""
+        endoscope = _endoscope(file) if kind == "ECM" else None
+        if endoscope and arm.endoscope != endoscope.name:
+            named = arm.endoscope or arm.kinematic
+            self._notes.append(f"{entry.name}: endoscope {named!r} is taken as {endoscope.name}")
         gains = self._gains(place, entry, kind, generation)
         return LabArm(
             entry.name, kind, generation, file.name if not file.prefix else arm.kinematic, chain,
@@ -628,6 +632,22 @@ def _teleop_parameters(entry: TeleopParameters | None) -> dict[str, float | bool
         if scaling is not None and getattr(scaling, key) is not None:
             given[f"gripper_{key}_rad"] = getattr(scaling, key)
     return given
+
+
+def _endoscope(file: JsonFile[ArmFile]) -> EndoscopeType:
+    """Return the endoscope of an ECM's file, which the dVRK, too, refuses without one.
+
+    Files of version 2.0 and before name no generation: HD_UP, UP. Those of version 1 name a
+    kinematic file, ecm-straight.json.
+    """
+    got = file.entries.endoscope
+    if not got and file.prefix and "straight" in file.entries.kinematic.lower():
+        got = "STRAIGHT"
+    for name in (got, f"Classic_{got}", f"Classic_SD_{got}"):
+        if name in ENDOSCOPES:
+            return ENDOSCOPES[name]
+    problem = f"got {got!r}" if got else "is missing"
+    raise file.fail("endoscope", f"{problem}; allowed: {', '.join(ENDOSCOPES)}")
 
 
 def _given(entry: ArmEntry, *keys: str) -> str:

@@ -11,7 +11,6 @@ from trocar.apps.exports.mjcf import write_mjcf
 from trocar.apps.exports.sdf import write_sdf
 from trocar.apps.exports.task import Format, Options, Task
 from trocar.apps.exports.urdf import write_urdf
-from trocar.apps.folders import check_folder, whole_folder
 from trocar.descriptions import RigDescription, load_arm, load_rig, names, rig_with_tool
 from trocar.descriptions.calibrated import calibrated_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
@@ -19,11 +18,14 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.links import rig_links
 from trocar.modeling.markup import lxml_etree
 from trocar.modeling.mesh_files import mesh_names
+from trocar.outputs import check_folder, whole_folder
 
 #: {name after --format: the format}
 FORMATS: dict[str, Format] = {
     "mjcf": Format("MJCF: MuJoCo, as MuJoCo Menagerie has robots", write_mjcf),
-    "urdf": Format("URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package",)),
+    "urdf": Format(
+        "URDF: ROS, RViz, pinocchio, Drake, MuJoCo, yourdfpy", write_urdf, ("package", "fit_tip")
+    ),
     "sdf": Format("SDF: Gazebo, Drake", write_sdf, ("sdf_version",)),
 }
 
@@ -56,7 +58,7 @@ def export(
     folder: str | Path,
     options: Options | None = None,
     *,
-    force: bool = False,
+    overwrite: bool = False,
 ) -> Export:
     """Write a rig in a format.
 
@@ -65,7 +67,7 @@ def export(
         format: one of `FORMATS`
         folder: where; a new folder, or an empty one
         options: see `Options`
-        force: replace what the folder has under the same names
+        overwrite: replace what the folder has under the same names
 
     Raises:
         UnknownNameError: no such format
@@ -83,10 +85,10 @@ def export(
                 f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
                 f" --format {' or '.join(takers)}"
             )
-    check_folder(Path(folder).expanduser(), force)
+    check_folder(folder, overwrite)
     lxml_etree()
     model = rig_links(rig)
-    with whole_folder(Path(folder), force) as built:
+    with whole_folder(folder, overwrite) as built:
         task = Task(model, rig, built, mesh_names(model), chosen)
         warnings = FORMATS[format].write(task)
         files = sorted(p.relative_to(built).as_posix() for p in built.rglob("*") if p.is_file())

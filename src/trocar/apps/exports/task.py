@@ -22,10 +22,12 @@ class Options:
 
     Attributes:
         package: URDF: name of the ROS package that the folder becomes; "" for relative paths
+        fit_tip: URDF: fit the chain of a calibrated arm to its tip
         sdf_version: SDF: "1.9", "1.7" or "1.11"
     """
 
     package: str = ""
+    fit_tip: bool = False
     sdf_version: str = "1.9"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -20,6 +21,7 @@ from trocar.apps.exports.task import (
 from trocar.errors import InputError
 from trocar.modeling.links import LinkModel, link_poses
 from trocar.modeling.mesh_files import seen_materials
+from trocar.modeling.tip_chain import fit_tips
 from trocar.modeling.urdf import late_leaders, urdf, urdf_tree
 
 #: Names that ROS 1 and ROS 2 both accept. Source: REP 144, "Naming Rules".
@@ -49,6 +51,8 @@ def write_urdf(task: Task) -> tuple[str, ...]:
             f"--package: got {package!r}; allowed: a lower-case letter, then lower-case letters,"
             " digits and underscores (REP 144)"
         )
+    if task.options.fit_tip:
+        task = replace(task, model=fit_tips(task.model, task.rig))
     prefix = f"package://{package}/meshes" if package else "meshes"
     places = {mesh: f"{prefix}/{stem}.obj" for mesh, stem in task.meshes.items()}
     write_meshes(task.meshes, task.folder / "meshes", seen_materials(task.model))
@@ -80,11 +84,17 @@ def _write(path: Path, content: bytes) -> None:
 
 def _warnings(task: Task) -> tuple[str, ...]:
     found = list(left_out(task.rig))
+    fitted = task.options.fit_tip
+    how = "helper joints fit the chain to the tip" if fitted else "passive joints mimic linearly"
     found += [
-        f"{arm}: its loops are not parallelograms; passive joints mimic linearly, and the largest"
-        f" frame error is {1e3 * off:.3f} mm"
-        for arm, off in task.model.line_errors.items()
+        f"{arm}: its loops are not parallelograms, and no tree moves as they do: {how}; off by up"
+        f" to {1e3 * error.tip:.3f} mm and {1e3 * error.tip_angle:.2f} mrad at the tip,"
+        f" {1e3 * error.worst:.3f} mm at {error.frame}"
+        + ("" if fitted else " (--fit-tip fits the chain to the tip)")
+        for arm, error in task.model.line_errors.items()
     ]
+    if fitted and not task.model.line_errors:
+        found.append("--fit-tip: nothing to fit, for all loops are parallelograms")
     found += [
         f"{follower} mimics {leader}, later in alphabetical order: pinocchio rejects this"
         for follower, leader in late_leaders(urdf_tree(task.model))

@@ -14,6 +14,7 @@ from PIL import Image
 from trocar.apps.filming.layers import picture
 from trocar.apps.trials import paper_sine
 from trocar.errors import InputError, MissingExtraError, TrocarError
+from trocar.outputs import whole_file
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -63,14 +64,20 @@ def kind_of(path: Path) -> str:
 
 
 def take_picture(
-    capture: Callable[[], Any], path: Path, *, eye: str = "both", show: str = "colour"
+    capture: Callable[[], Any],
+    path: Path,
+    *,
+    eye: str = "both",
+    show: str = "colour",
+    overwrite: bool = False,
 ) -> tuple[int, int]:
     """Write what a camera sees now, and return the picture's width and height [px].
 
     Args:
         capture: returns a frame
-        path: ends in one of PICTURES; what is there is written over
+        path: ends in one of PICTURES
         eye, show: as of `show.picture`
+        overwrite: replace a file that exists
 
     Raises:
         InputError: a path that cannot be written, or what cannot be shown
@@ -78,10 +85,8 @@ def take_picture(
     if kind_of(path) != "picture":
         raise InputError(f"{path}: allowed for an image: {', '.join(PICTURES)}")
     found = picture(capture(), eye, show)
-    try:
-        Image.fromarray(found).save(path)
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be written: {problem.strerror or problem}") from problem
+    with whole_file(path, overwrite) as part:
+        Image.fromarray(found).save(part)
     return found.shape[1], found.shape[0]
 
 
@@ -95,6 +100,7 @@ def film(
     motion: str = "instruments",
     eye: str = "both",
     show: str = "colour",
+    overwrite: bool = False,
     progress: Progress | None = None,
 ) -> tuple[int, int, int]:
     """Write a video of a world, and return its width, height [px] and how many pictures it has.
@@ -104,11 +110,12 @@ def film(
     Args:
         world: is moved; it begins as it stands
         capture: returns a frame of the world as it is
-        path: ends in one of VIDEOS; what is there is written over
+        path: ends in one of VIDEOS
         duration_s: simulated time [s]
         rate_hz: pictures a second
         motion: as of `motions.mover`
         eye, show: as of `show.picture`
+        overwrite: replace a file that exists
         progress: told after each picture
 
     Raises:
@@ -127,7 +134,7 @@ def film(
     first = picture(capture(), eye, show)
     size = first.shape[1], first.shape[0]
     begin = world.time
-    with video(path, size, rate_hz) as add:
+    with video(path, size, rate_hz, overwrite=overwrite) as add:
         add(first)
         for number in range(1, count):
             move(begin + number / rate_hz)
@@ -139,56 +146,54 @@ def film(
 
 @contextmanager
 def video(
-    path: Path, size: tuple[int, int], rate_hz: float
+    path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
     """Yield a function that appends a picture (h, w, 3) to a video, until the block ends.
 
     Args:
-        path: of the file, which is replaced
+        path: of the file
         size: width, height [px]; an odd one loses a column or a row
         rate_hz: pictures a second
+        overwrite: replace a file that exists
 
     Raises:
         MissingExtraError: the extra `video` is not installed
-        InputError: the path cannot be written
+        InputError: the path exists or cannot be written
         TrocarError: ffmpeg failed, as on a full disk
     """
     try:
         import imageio_ffmpeg
     except ImportError as error:
         raise MissingExtraError("imageio-ffmpeg", "video", "writing videos") from error
-    try:
-        path.open("wb").close()
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
     width, height = (side // 2 * 2 for side in size)  # H.264 keeps colours for two pixels at once
     library: Any = imageio_ffmpeg  # its rates may be fractions, whatever its annotations say
-    writer = library.write_frames(
-        str(path),
-        (width, height),
-        fps=rate_hz,
-        quality=QUALITY,
-        macro_block_size=2,
-        ffmpeg_log_level="error",
-    )
-    writer.send(None)
     count = 0
+    with whole_file(path, overwrite) as part:
+        writer = library.write_frames(
+            str(part),
+            (width, height),
+            fps=rate_hz,
+            quality=QUALITY,
+            macro_block_size=2,
+            ffmpeg_log_level="error",
+        )
+        writer.send(None)
 
-    def add(one: NDArray[np.uint8]) -> None:
-        nonlocal count
-        count += 1
-        writer.send(np.ascontiguousarray(one[:height, :width]))
+        def add(one: NDArray[np.uint8]) -> None:
+            nonlocal count
+            count += 1
+            writer.send(np.ascontiguousarray(one[:height, :width]))
 
-    try:
         try:
-            yield add
-        finally:
-            writer.close()
-        written, _ = imageio_ffmpeg.count_frames_and_secs(str(path))
-    except (OSError, RuntimeError) as problem:
-        raise _incomplete(path, count) from problem
-    if written != count:
-        raise _incomplete(path, count)
+            try:
+                yield add
+            finally:
+                writer.close()
+            written, _ = imageio_ffmpeg.count_frames_and_secs(str(part))
+        except (OSError, RuntimeError) as problem:
+            raise _incomplete(path, count) from problem
+        if written != count:
+            raise _incomplete(path, count)
 
 
 def _incomplete(path: Path, count: int) -> TrocarError:

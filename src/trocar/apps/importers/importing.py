@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.folders import check_folder, whole_folder
 from trocar.apps.importers.mechanism import Layout, lay_out
 from trocar.apps.importers.meshes import FORMATS, check_size, hull_of, load_surface, solid_of
 from trocar.apps.importers.mjcf import read_mjcf
@@ -34,6 +33,7 @@ from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.mechanism import Frame
+from trocar.outputs import check_folder, whole_folder
 
 Array = NDArray[np.float64]
 Kind = Literal["arm", "prop"]
@@ -58,7 +58,7 @@ class Options:
         hull: take the convex hull of a mesh
         packages: folders that hold what package:// names
         passive: joints that loops determine
-        force: write over what is there
+        overwrite: replace existing files
     """
 
     name: str = ""
@@ -68,7 +68,7 @@ class Options:
     hull: bool = False
     packages: tuple[Path, ...] = ()
     passive: tuple[str, ...] = ()
-    force: bool = False
+    overwrite: bool = False
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
         MissingExtraError: a library of the extras export or convex is not installed
     """
     chosen, source, target = options or Options(), Path(path), Path(folder)
-    check_folder(target.expanduser(), chosen.force)
+    check_folder(target, chosen.overwrite)
     model = _read(source, chosen)
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", chosen.name or model.name).strip("_")
     if not name:
@@ -140,7 +140,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
     shapes = [shape for body in bodies for shape in body.shapes]
     if layout is None and not shapes:
         raise ImportFileError(model.file, "has no shapes; allowed: a file with at least one shape")
-    with whole_folder(target, chosen.force) as built:
+    with whole_folder(target, chosen.overwrite) as built:
         _write(built, head, layout, bodies)
     return Imported(
         name,
@@ -211,24 +211,25 @@ def _write(
         (folder / name).write_text(obj_text(mesh), encoding="utf-8")
     file = folder / f"{head['name']}.toml"
     document = {"schema": 1, **head} | ({} if layout is None else _arm_rows(layout))
+    if layout is not None:
+        # The same speed for each joint, from what its motor feels at home.
+        bare = [{**row, "shape": None} for row in rows]  # without meshes to read
+        file.write_text(toml_text(document | {"body": bare}), encoding="utf-8")
+        arm = load_arm(file)
+        felt = apparent_inertias(arm, arm.pose("home"))
+        control = {
+            "source": "our own choice: what closes each joint's loop in a tenth of a second;"
+            " trocar tune makes better ones",
+            "gravity_compensation": True,
+            "pid": {
+                joint.name: [float(inertia * SERVO_RATE**2), 0.0, float(2.0 * inertia * SERVO_RATE)]
+                for joint, inertia in zip(arm.joints, felt, strict=True)
+            },
+        }
+        document["control"] = {"dvrk": control}
     file.write_text(toml_text(document | {"body": rows}), encoding="utf-8")
-    if layout is None:
-        return
-    arm = load_arm(file)
-    # The same speed for each joint, from what its motor feels at home.
-    felt = apparent_inertias(arm, arm.pose("home"))
-    control = {
-        "source": "our own choice: what closes each joint's loop in a tenth of a second;"
-        " trocar tune makes better ones",
-        "gravity_compensation": True,
-        "pid": {
-            joint.name: [float(inertia * SERVO_RATE**2), 0.0, float(2.0 * inertia * SERVO_RATE)]
-            for joint, inertia in zip(arm.joints, felt, strict=True)
-        },
-    }
-    document |= {"body": rows, "control": {"dvrk": control}}
-    file.write_text(toml_text(document), encoding="utf-8")
-    load_arm(file)
+    if layout is not None:
+        load_arm(file)
 
 
 #: What a moving link weighs that the file gives no mass, and the radius of the ball that it is

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.importers.model import ImportFileError
-from trocar.descriptions.meshes import MOST_TRIANGLES, Mesh
+from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem
 from trocar.errors import InputError, MissingExtraError
 
 Array = NDArray[np.float64]
@@ -63,6 +63,12 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
         raise ImportFileError(str(path), f"unknown format; allowed: {', '.join(FORMATS)}")
     if not path.is_file():
         raise ImportFileError(str(path), "no such file")
+    if path.stat().st_size > MOST_BYTES:
+        raise ImportFileError(str(path), f"is larger than {1e-6 * MOST_BYTES:g} MB")
+    with path.open("rb") as file:
+        problem = lfs_problem(file.read(1024))
+    if problem:
+        raise ImportFileError(str(path), problem)
     try:
         found = trimesh.load(path, force="mesh", process=False)
     except Exception as problem:  # trimesh's readers raise whatever they meet

@@ -5,6 +5,7 @@ A body with several joints becomes as many links, one behind the other.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,11 +26,13 @@ from trocar.apps.importers.model import (
     nearest_material,
     solid,
 )
+from trocar.apps.importers.xml_tree import XmlNode, read_xml
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.kinematics.mechanism import Motion
+from trocar.modeling.mujoco_log import log_mujoco_warnings
 
 Array = NDArray[np.float64]
 
@@ -42,17 +45,66 @@ KINDS: dict[int, Motion] = {
 WORLD = "world"
 
 
+#: Numbers of a file from which MuJoCo makes data: {element: attributes}, and how many the product
+#: of them may ask for; those of `replicate` are multiplied by those around it, too.
+#: Source: our own choice: a height field of 1000 x 1000, textures of 4096 x 4096, and more bodies
+#: than a robot has. MuJoCo itself allocates whatever is asked for.
+MOST_MADE = {
+    "hfield": (("nrow", "ncol"), 1_000_000),
+    "replicate": (("count",), 1_000),
+    "composite": (("count",), 10_000),
+    "flexcomp": (("count",), 10_000),
+    "texture": (("width", "height"), 1 << 24),
+}
+#: The same of each attribute of `size` but `memory`, which is of the simulation.
+MOST_OF_SIZE = 10_000
+
+
 def read_mjcf(path: Path) -> Model:
     """Read a model.
 
     Raises:
-        ImportFileError: MuJoCo refuses it, or it has a ball joint, a weld, a tendon or a flex
+        ImportFileError: MuJoCo refuses it, or it has a ball joint, a weld, a tendon or a flex, or
+            would be too large
     """
+    _check_made(path, read_xml(path), 1, frozenset({path.resolve()}))
+    log_mujoco_warnings()
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
         raise ImportFileError(str(path), f"rejected by MuJoCo: {problem}") from problem
     return _Reader(model, str(path)).read(path.stem)
+
+
+def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path]) -> None:
+    """Check how much a file and those that it includes ask MuJoCo to make."""
+    if node.tag in ("include", "model") and (name := node.attribute("file", "")):
+        file = (path.parent / name).resolve()
+        if file not in seen and file.is_file():  # else MuJoCo says what is wrong
+            _check_made(file, read_xml(file), around, seen | {file})
+        return
+    if node.tag == "size":
+        for name, text in node.attributes().items():
+            if name != "memory" and _product(text) > MOST_OF_SIZE:
+                raise node.fail(f"{name}: got {text[:40]}; allowed: up to {MOST_OF_SIZE}")
+    if node.tag in MOST_MADE:
+        names, most = MOST_MADE[node.tag]
+        product = _product(" ".join(node.attribute(name, "") for name in names))
+        if node.tag == "replicate":
+            around = product = max(product, 1) * around
+        if product > most:
+            raise node.fail(f"{' x '.join(names)}: got {product:g}; allowed: up to {most}")
+    for child in node.children():
+        _check_made(path, child, around, seen)
+
+
+def _product(text: str) -> float:
+    """Return the product of the numbers of a text, without what is none and MuJoCo rejects."""
+    product = 1.0
+    for word in text.split():
+        with suppress(ValueError):
+            product *= abs(float(word))
+    return product
 
 
 class _Reader:

@@ -12,11 +12,15 @@ from numpy.typing import NDArray
 
 from trocar.apps.importers.meshes import load_surface
 from trocar.apps.importers.model import ImportFileError, ModelJoint, mesh_shape, solid
+from trocar.descriptions.meshes import Mesh, lfs_problem
 from trocar.descriptions.records import Shape
+from trocar.inputs import read_input
 from trocar.modeling.markup import lxml_etree
 
 Array = NDArray[np.float64]
 
+#: Source: our own choice; the largest of MuJoCo Menagerie has 0.2 MB.
+MOST_BYTES = 16_000_000
 #: Infinite in SDF is any larger number than this. Source: sdformat, joint axis limits (1e16).
 UNLIMITED = 1e15
 
@@ -81,6 +85,10 @@ class XmlNode:
             raise self.fail(f"lacks the attribute {key!r}")
         return str(value)
 
+    def attributes(self) -> dict[str, str]:
+        """Return all attributes."""
+        return {str(key): str(value) for key, value in self._element.attrib.items()}
+
     def numbers(self, count: int, text: str | None = None) -> Array:
         """Return numbers from a text, by default the one inside, (count,)."""
         words = (self.text() if text is None else text).split()
@@ -118,7 +126,10 @@ def read_xml(path: Path) -> XmlNode:
     etree = lxml_etree("reading robot files")
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     try:
-        return XmlNode(etree.fromstring(path.read_bytes(), parser), str(path))
+        data = read_input(path, MOST_BYTES)
+        if problem := lfs_problem(data):
+            raise ImportFileError(str(path), problem)
+        return XmlNode(etree.fromstring(data, parser), str(path))
     except OSError as problem:
         raise ImportFileError(str(path), f"cannot be read: {problem.strerror}") from problem
     except etree.XMLSyntaxError as problem:
@@ -174,6 +185,8 @@ class MeshFinder:
     def __init__(self, path: Path, packages: tuple[Path, ...]) -> None:
         self._folder = path.resolve().parent
         self._packages = packages
+        #: {file and scale: its triangles}: a link is often seen and touched as the same mesh.
+        self._read: dict[tuple[Path, tuple[float, ...]], Mesh] = {}
 
     def find(self, node: XmlNode, uri: str) -> Path:
         """Return the file that a URI or relative path names.
@@ -187,7 +200,8 @@ class MeshFinder:
         elif scheme == "file":
             places = [Path(rest)]
         elif scheme in ("package", "model"):
-            name, _, inside = rest.partition("/")
+            name, _, inside = rest.strip("/").partition("/")
+            inside = inside.lstrip("/")  # model://ecm//meshes/base_link.STL of dvrk_env
             above = [*self._packages, self._folder, *self._folder.parents]
             places = [p / name / inside for p in above]
             places += [p / inside for p in above if p.name == name or (p / "package.xml").is_file()]
@@ -211,10 +225,11 @@ class MeshFinder:
         if kind.tag == "mesh":
             uri = kind.child("uri")
             name = kind.attribute("filename") if uri is None else uri.text()
-            surface = load_surface(
-                self.find(uri or kind, name), kind.figures("scale", 3, (1, 1, 1))
-            )
-            return mesh_shape(pose, surface, material)
+            path, scale = self.find(uri or kind, name), kind.figures("scale", 3, (1, 1, 1))
+            key = path, tuple(scale.tolist())
+            if key not in self._read:
+                self._read[key] = load_surface(path, scale)
+            return mesh_shape(pose, self._read[key], material)
         if kind.tag == "box":
             sizes = kind.figures("size", 3).tolist()
         else:

@@ -2,13 +2,14 @@
 
 from trocar.apps.mocap.robots import broken, perturbed, worn
 from trocar.apps.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
-from trocar.apps.mocap.writers import write_tracks
+from trocar.apps.mocap.writers import check_tracks, write_tracks
 
 __all__ = [
     "MocapSettings",
     "Noise",
     "SimulatedTracks",
     "broken",
+    "check_tracks",
     "perturbed",
     "simulate_tracks",
     "worn",

@@ -283,6 +283,7 @@ def simulate_tracks(
         "T_camera_root": camera.tolist(),
         "parts_s": {part: list(span) for part, span in told.parts.items()},
         "swings_rad": told.swings,
+        "sweeps_s": {joints: list(span) for joints, span in told.spans.items()},
         "settings": asdict(wanted),
     }
     return SimulatedTracks(times, seen, told.q, wanted.rate_hz, truth)

@@ -42,11 +42,13 @@ class Sweep:
         q: (n, n_joints) [rad or m]
         parts: {"still" | "axes" | "rcm": (from, to)} [s]
         swings: {part: {joint: amplitude}} [rad]
+        spans: {joints that move at once, as "yaw + pitch": (from, to)} [s]
     """
 
     q: Array
     parts: dict[str, tuple[float, float]]
     swings: dict[str, dict[str, float]]
+    spans: dict[str, tuple[float, float]]
 
 
 def sweep(
@@ -79,6 +81,7 @@ def sweep(
     start = np.clip(start, mechanism.lower, mechanism.upper)
     q = np.tile(start, (len(times), 1))
     spans, swings = {"still": (0.0, STILL_S)}, {}
+    together: dict[tuple[float, float], list[str]] = {}
     begin = STILL_S
     for number, part in enumerate(parts):
         end = (number + 1) * duration_s
@@ -99,8 +102,9 @@ def sweep(
             r = np.clip(np.minimum(since, length - since) / RAMP_S, 0.0, 1.0)
             q[:, joint] += r**3 * (10.0 - 15.0 * r + 6.0 * r**2) * away
             swings[part][name] = swing
+            together.setdefault((from_s, from_s + length), []).append(name)
         begin = end
-    return Sweep(q, spans, swings)
+    return Sweep(q, spans, swings, {" + ".join(n): span for span, n in together.items()})
 
 
 def has_remote_centre(arm: ArmDescription) -> bool:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from trocar.apps.mocap.simulate import SimulatedTracks
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
+from trocar.outputs import check_file, whole_file
 
 Array = NDArray[np.float64]
 
@@ -28,41 +27,42 @@ MOTIVE_COLUMNS = (
 )  # fmt: skip
 
 
-def write_tracks(path: str | Path, tracks: SimulatedTracks, layout: Format = "tidy") -> Path:
+def write_tracks(
+    path: str | Path, tracks: SimulatedTracks, layout: Format = "tidy", *, overwrite: bool = False
+) -> Path:
     """Write tracks, and the truth into a file of the same name with .truth.json at its end.
 
-    Nothing is written half.
-
     Args:
-        path: is written over where it is there
+        path: a new file
         tracks: from `simulate_tracks`
         layout: "tidy" keeps every digit, "motive" has six decimals as Motive has
+        overwrite: replace files that exist
 
     Returns:
         the path of the truth
 
     Raises:
-        InputError: another layout, or a path that cannot be written
+        InputError: another layout, or a path that exists or cannot be written
+        TrocarError: the disk is full
     """
     if layout not in FORMATS:
         raise InputError(f"format: got {layout!r}; allowed: {', '.join(FORMATS)}")
     lines = _tidy(tracks) if layout == "tidy" else _motive(tracks, Path(path).stem)
-    truth = Path(f"{path}.truth.json")
-    _put(Path(path), "\n".join(lines) + "\n")
-    _put(truth, json.dumps(tracks.truth, indent=2) + "\n")
+    file, truth = check_tracks(path, overwrite)
+    for target, text in ((file, "\n".join(lines)), (truth, json.dumps(tracks.truth, indent=2))):
+        with whole_file(target, overwrite) as part:
+            part.write_text(text + "\n", encoding="utf-8", newline="")
     return truth
 
 
-def _put(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="")
-        os.replace(part, path)
-    except OSError as problem:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
-        raise InputError(f"{path}: cannot be written: {problem.strerror}") from problem
+def check_tracks(path: str | Path, overwrite: bool = False) -> tuple[Path, Path]:
+    """Return the paths of tracks and their truth, before anything is simulated for them.
+
+    Raises:
+        InputError: one of them exists (without `overwrite`) or cannot be written
+    """
+    file = check_file(path, overwrite)
+    return file, check_file(f"{file}.truth.json", overwrite)
 
 
 def _columns(pose: Array) -> tuple[Array, Array, Array]:

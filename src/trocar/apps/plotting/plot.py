@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trocar.apps import pages
 from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, WARNING, new_figure, png
 from trocar.errors import InputError, UnknownNameError
+from trocar.outputs import check_file, whole_file
 from trocar.recording import ArmStates, Recorded, open_recording
 from trocar.simulation.journal import Entry
 
@@ -127,6 +128,8 @@ def plot(
     out: str | Path | None = None,
     arm: str | None = None,
     joint: str | None = None,
+    *,
+    overwrite: bool = False,
 ) -> PlotReport:
     """Draw positions, errors and efforts of a recording.
 
@@ -136,11 +139,12 @@ def plot(
             each PNG has the arm's name at the end of its own
         arm: this arm alone; every arm that moved when omitted
         joint: this joint alone
+        overwrite: replace files that exist
 
     Raises:
         LogError: no recording, or one without states
         UnknownNameError: no such arm or joint
-        InputError: another kind of file, or one that cannot be written
+        InputError: another kind of file, or one that exists or cannot be written
         MissingExtraError: PNG, and matplotlib is not installed
     """
     target = Path(out if out is not None else file).expanduser()
@@ -162,11 +166,11 @@ def plot(
             own = target.with_name(f"{target.stem}-{name}{target.suffix}")
             times = warnings_of(recorded, name)
             files[own if len(chosen) > 1 else target] = png(arm_figure(states, which, title, times))
+    for path in files:
+        check_file(path, overwrite)
     for path, data in files.items():
-        try:
-            path.write_bytes(data)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        with whole_file(path, overwrite) as part:
+            part.write_bytes(data)
     arms = tuple(states.arm.name for states, _ in chosen)
     return PlotReport(tuple(map(str, files)), arms, recorded.problem)
 

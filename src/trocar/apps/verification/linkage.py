@@ -13,6 +13,7 @@ from trocar.apps.trials import TICK_S, loop_health, paper_sine, periods_per_tick
 from trocar.apps.verification.subject import MARKERS, Subject, Sweep, exact
 from trocar.descriptions.axis_lines import Line, home_lines, line_distance
 from trocar.descriptions.calibration_plan import axis_links, default_plan
+from trocar.descriptions.paper import TABLE6, TABLE6_SPREAD_M
 from trocar.fitting import HingeFit, fit_hinge
 from trocar.geometry.se3 import inverse
 from trocar.kinematics import forward
@@ -158,33 +159,6 @@ def _flips(name: str, kept: bool) -> Figure:
 
 
 Array = NDArray[np.float64]
-
-#: {type of arm: {axes: distance}}, of the hardware [m]. Source: closed-loop paper, Table 6.
-TABLE6: dict[str, dict[str, float]] = {
-    "PSM": {
-        "3-4": 0.0958,
-        "3-6": 0.1487,
-        "4-c1": 0.1500,
-        "6-c1": 0.0961,
-        "3-7": 0.1842,
-        "6-8": 0.5152,
-        "7-c2": 0.5166,
-        "6-7": 0.0365,
-    },
-    "ECM": {
-        "3-4": 0.0373,
-        "3-6": 0.3047,
-        "4-c1": 0.3038,
-        "6-c1": 0.0380,
-        "3-7": 0.3416,
-        "6-8": 0.3392,
-        "7-c2": 0.3409,
-        "6-7": 0.0374,
-    },
-}
-#: How far the lengths that the paper's own models have are from what it measured: 3-6 of the PSM,
-#: 0.150 m against 0.1487 m, the hundredth for rounding. Source: closed-loop paper, Tables 4 and 6.
-TABLE6_SPREAD_M = 1.31e-3
 
 #: How far a distance in motion may be from that of the kinematics: play of the loops.
 #: Source: a hundred times the gap that is allowed to a loop. [m]

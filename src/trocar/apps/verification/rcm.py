@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,47 +10,20 @@ from numpy.typing import NDArray
 
 from trocar.apps.figures import Figure, Part
 from trocar.apps.verification.subject import MARKERS, Drive, Subject, Sweep
+from trocar.descriptions.axis_lines import TOWARDS, axes_frame
 from trocar.descriptions.calibration_plan import link_of
+from trocar.descriptions.paper import TABLE7, TABLE7_ERROR_M
 from trocar.fitting import PivotFit, fit_hinge, fit_pivot
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
 
-Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class PaperRcm:
-    """A row of Table 7: where the remote centre is, and the RMS of where it was seen [m]."""
-
-    position: Vector
-    rms: Vector
-
-
-#: {type of arm: (hardware, the paper's simulation)}. The positions are printed in mm, and so are
-#: the RMS errors, whatever the garbled head of the table says. Source: closed-loop paper, Table 7.
-TABLE7: dict[str, tuple[PaperRcm, PaperRcm]] = {
-    "PSM": (
-        PaperRcm((-1.49e-3, -516.11e-3, 2.19e-3), (0.62e-3, 0.62e-3, 0.31e-3)),
-        PaperRcm((0.56e-3, -518.60e-3, 0.93e-3), (0.85e-3, 1.91e-3, 1.08e-3)),
-    ),
-    "ECM": (
-        PaperRcm((341.11e-3, -0.08e-3, -3.39e-3), (3.72e-3, 2.45e-3, 1.33e-3)),
-        PaperRcm((338.44e-3, -0.05e-3, -0.54e-3), (2.17e-3, 1.14e-3, 0.85e-3)),
-    ),
-}
-#: How far the paper's simulation is from its hardware [m]. Source: closed-loop paper, 4.2.
-TABLE7_ERROR_M = {"PSM": 3.46e-3, "ECM": 3.91e-3}
-
 #: Most RMS without servo error. Source: the project's own goal. [m]
 MOST_RMS_M = 1e-5
 #: Noise of the poses' rotations: a simulation measures nothing, so the estimate is plain least
 #: squares, the paper's equation 4. Source: our own choice, below any mechanism's play. [rad]
 ROUNDING_RAD = 1e-9
-#: Noise is told to 4 % of its RMS, whose square is 0.3 of that. Source: our own measurement, tracks
-#: of 1000 to 6000 samples.
-NOISE_SHARE = 0.3
 TOLD: dict[Drive, str] = {"set": "no servo error", "servo": "with servos"}
 
 
@@ -85,13 +59,13 @@ def has_remote_centre(mechanism: Mechanism) -> bool:
     return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
 
 
-def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None = None) -> Part:
+def rcm(subject: Subject, sweeps: tuple[Sweep, ...], beside: Sequence[Figure] = ()) -> Part:
     """Estimate the remote centre from the motion of the link that carries the insertion.
 
     Args:
         subject: the arm
         sweeps: of yaw and pitch over their ranges
-        as_measured: over the ranges of the tracks that a calibrated arm comes from
+        beside: what a calibrated arm has beside its hardware (`hardware.beside_hardware`)
     """
     title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
     if not sweeps:
@@ -99,7 +73,7 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None =
         return Part("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
     figures = [figure for each in clouds for figure in _figures(subject, each)]
-    figures += _measured(subject, as_measured)
+    figures += beside
     notes = [
         "Position relative to the pitch axis, in the frame of the first two joint axes at home. Of"
         " a PSM y is along the yaw axis, of an ECM x; z is along the pitch axis. Estimated by pivot"
@@ -107,10 +81,10 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...], as_measured: Sweep | None =
         " insertion.",
         "The paper's equation 5 lacks the 1/n that its Table 7 needs; it is in ours.",
     ]
-    notes.append(f"Swept: {_swept(subject, sweeps[0])}, 95 % of the joint range.")
+    notes.append(f"Swept: {swept_ranges(subject, sweeps[0])}, 95 % of the joint range.")
     if subject.calibrated:
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
-    if _general(subject):
+    if is_general(subject):
         notes.append("General four-bar loops have no fixed remote centre: its motion is stated.")
     return Part("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
 
@@ -152,29 +126,14 @@ def _table7_frame(subject: Subject, motion: Sweep, at: dict[str, Array], centre:
     yaw = fit_hinge(inverse(at[root]) @ at[yaw_link] @ MARKERS)
     pitch = fit_hinge(inverse(at[yaw_link]) @ at[pitch_link] @ MARKERS)
     home = at[yaw_link][0]
-    along = _towards(yaw.direction_a, centre - yaw.point_a)
     side = home[:3, :3] @ _rising(pitch.direction_a, pitch.angles, motion, mechanism)
-    origin = _nearest(_moved(home, pitch.point_a), side, yaw.point_a, along)
-    if subject.arm.type == "ECM":
-        x, z = along, side - (side @ along) * along
-        z /= np.linalg.norm(z)
-        axes = np.stack([x, np.cross(z, x), z])
-    else:
-        y, z = -along, side - (side @ along) * along
-        z /= np.linalg.norm(z)
-        axes = np.stack([np.cross(y, z), y, z])
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = axes, -axes @ origin
-    return frame
+    x = np.concatenate([centre, _moved(home, pitch.point_a), side, yaw.point_a, yaw.direction_a])
+    return inverse(axes_frame(x, 1.0, np.array(TOWARDS.get(subject.arm.type, TOWARDS["PSM"]))))
 
 
 def _driven(mechanism: Mechanism, joint: str) -> str:
     """Return the link that a joint's motor turns."""
     return mechanism.joints[mechanism.joint_index[joint]].drive[0][0]
-
-
-def _towards(direction: Array, there: Array) -> Array:
-    return direction if direction @ there >= 0.0 else -direction
 
 
 def _rising(direction: Array, angles: Array, motion: Sweep, mechanism: Mechanism) -> Array:
@@ -184,19 +143,12 @@ def _rising(direction: Array, angles: Array, motion: Sweep, mechanism: Mechanism
     return direction * np.sign(np.cov(angles[used], pitch[used])[0, 1])
 
 
-def _nearest(point: Array, direction: Array, other: Array, other_direction: Array) -> Array:
-    """Return the point of a line that is nearest to another, both through unit directions."""
-    cosine = float(direction @ other_direction)
-    between = other - point
-    along = (between @ direction - cosine * (between @ other_direction)) / (1.0 - cosine**2)
-    return point + along * direction
-
-
 def _moved(T: Array, points: Array) -> Array:
     return points @ T[:3, :3].T + T[:3, 3]
 
 
-def _general(subject: Subject) -> bool:
+def is_general(subject: Subject) -> bool:
+    """Tell whether a calibrated arm's loops are four-bars with any sides."""
     return subject.arm.overlay is not None and subject.arm.overlay.closure == "general"
 
 
@@ -220,7 +172,7 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
             Figure(f"{told}: RMS {axis}", float(found.rms[index]), "m", shown="mm",
                    paper=paper, paper_simulation=theirs, source=source)
         )  # fmt: skip
-    bounded = found.drive == "set" and not _general(subject)
+    bounded = found.drive == "set" and not is_general(subject)
     figures.append(
         Figure(f"{told}: RMS distance", found.rms_distance, "m", shown="mm",
                upper=MOST_RMS_M if bounded else None,
@@ -242,36 +194,8 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     return figures
 
 
-def _swept(subject: Subject, motion: Sweep) -> str:
+def swept_ranges(subject: Subject, motion: Sweep) -> str:
     """Return between which positions yaw and pitch were told to go."""
     index = subject.arm.mechanism.joint_index
     told = {name: motion.commanded[:, index[name]] for name in ("yaw", "pitch")}
     return ", ".join(f"{name} {q.min():.2f} to {q.max():.2f} rad" for name, q in told.items())
-
-
-def _measured(subject: Subject, as_measured: Sweep | None) -> list[Figure]:
-    """State how far the tracks of a calibrated arm had the remote centre wander, beside ours."""
-    overlay = subject.arm.overlay
-    found = {} if overlay is None else overlay.measured.get("rcm", {})
-    rms = found.get("rms_m")
-    if overlay is None or not isinstance(rms, float):
-        return []
-    file = overlay.source.get("file", overlay.file)
-    source = f"measured, noise included: {file}"
-    figures = [Figure("measured: RMS distance", rms, "m", shown="mm", source=source)]
-    wander = found.get("wander_rms_m")
-    if isinstance(wander, float):
-        source = f"measured, what noise alone would make taken off as squares: {file}"
-        if isinstance(noise := found.get("noise_rms_m"), float):
-            source += f"; less than {1e3 * NOISE_SHARE * noise:.2g} mm may be noise still"
-        figures.append(Figure("measured without noise: RMS distance", wander, "m", shown="mm",
-                              source=source))  # fmt: skip
-    if as_measured is not None:
-        source = (
-            f"ours, over the range of the tracks: {_swept(subject, as_measured)}; no servo error"
-        )
-        figures.append(
-            Figure("over the measured range: RMS distance",
-                   cloud(subject, as_measured).rms_distance, "m", shown="mm", source=source)
-        )  # fmt: skip
-    return figures

@@ -15,12 +15,13 @@ from trocar.apps import pages
 from trocar.apps.drawing import EFFORT, ERROR, MEASURED, SETPOINT, new_figure, svg
 from trocar.apps.figures import Part, figure_rows
 from trocar.apps.pages import Cell
-from trocar.apps.verification.linkage import TABLE6_SPREAD_M, Fold
-from trocar.apps.verification.rcm import TABLE7, Cloud
+from trocar.apps.verification.linkage import Fold
 from trocar.apps.verification.rcm import TOLD as RUNS
+from trocar.apps.verification.rcm import Cloud
 from trocar.apps.verification.tracking import TOLD as GAINS
 from trocar.apps.verification.tracking import Track
 from trocar.apps.verification.verify import Verification
+from trocar.descriptions.paper import TABLE6_SPREAD_M, TABLE7
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -205,30 +206,31 @@ PAPER = (
 )
 
 
-def check_report(folder: str | Path) -> Path:
+def check_report(folder: str | Path, overwrite: bool = False) -> Path:
     """Return where a report goes, before anything is measured for it.
 
     Raises:
-        InputError: the folder is none
+        InputError: the folder is a file, or holds a report that may not be replaced
         MissingExtraError: matplotlib is not installed
     """
-    return pages.page_in(folder, PURPOSE)
+    return pages.page_in(folder, PURPOSE, overwrite)
 
 
-def write_report(folder: str | Path, found: Verification) -> str:
+def write_report(folder: str | Path, found: Verification, *, overwrite: bool = False) -> str:
     """Write a page with everything that was verified, and return its path.
 
     Args:
         folder: where index.html goes; is made when it is not there
         found: what to tell
+        overwrite: replace a report that is there
 
     Raises:
         InputError: it cannot be written
         MissingExtraError: matplotlib is not installed
     """
-    target = check_report(folder)
+    target = check_report(folder, overwrite)
     page = pages.document("Verification of the simulation", _body(found))
-    pages.write(target, page)
+    pages.write(target, page, overwrite)
     return str(target)
 
 

@@ -32,11 +32,13 @@ class Subject:
         name: as the user gave it: a built-in arm or a TOML file
         arm: its description, calibration included
         words: options that choose it on the command line
+        nominal: its description without the calibration; None: the arm is nominal itself
     """
 
     name: str
     arm: ArmDescription
     words: tuple[str, ...] = ()
+    nominal: ArmDescription | None = None
 
     @property
     def calibrated(self) -> bool:

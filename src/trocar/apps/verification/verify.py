@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.apps.figures import Figure, Part
-from trocar.apps.trials import compiled_poses, random_positions
+from trocar.apps.verification.formats import formats
+from trocar.apps.verification.hardware import beside_hardware
 from trocar.apps.verification.linkage import axes, closure
 from trocar.apps.verification.rcm import has_remote_centre, rcm
 from trocar.apps.verification.subject import (
@@ -22,35 +23,6 @@ from trocar.apps.verification.tracking import realtime, tracking
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay, read_overlay
 from trocar.errors import InputError
-from trocar.geometry.se3 import pose_difference
-from trocar.kinematics import forward
-
-#: Random poses at which formats are compared, and the largest deviation of a frame [m, rad].
-POSES, SEED, FORMAT_LIMIT = 100, 6, 1e-9
-
-
-def formats(subject: Subject) -> Part:
-    """Compare every frame of the compiled MJCF with the kinematics, at random joint positions."""
-    arm, command = subject.arm, subject.command("formats")
-    title = "Formats: one description, the same frames"
-    if not subject.simulated:
-        note = f"{arm.name}: unknown masses or gains, no model"
-        return Part("formats", subject.name, title, (), command, (note,))
-    q = random_positions(arm, SEED, POSES)
-    analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
-    found = compiled_poses(arm, q)
-    off = [pose_difference(poses, analytic[frame]) for frame, poses in found.items()]
-    metres, radians = (max(float(each[k].max()) for each in off) for k in range(2))
-    label = f"MJCF, {len(found)} frames at {POSES} poses"
-    source = (
-        "limit: both sides compute in float64 over some twenty products; MuJoCo places the bodies"
-    )
-    figures = (
-        Figure(f"{label}: position", metres, "m", FORMAT_LIMIT, shown="nm", source=source),
-        Figure(f"{label}: rotation", radians, "rad", FORMAT_LIMIT, shown="urad", source=source),
-    )
-    return Part("formats", subject.name, title, figures, command)
-
 
 #: What can be verified, in display order.
 PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
@@ -123,12 +95,13 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
         overlays[overlay.arm] = (overlay, str(file))
     subjects: list[Subject] = []
     for name in map(str, arms or list(overlays) or ARMS):
-        arm = load_arm(name)
+        arm, nominal = load_arm(name), None
         words: tuple[str, ...] = ("--arm", name)
         if arm.name in overlays:
             overlay, file = overlays.pop(arm.name)
-            arm, words = apply_overlay(arm, overlay), (*words, "--calibration", file)
-        subjects.append(Subject(name, arm, words))
+            nominal, words = arm, (*words, "--calibration", file)
+            arm = apply_overlay(arm, overlay)
+        subjects.append(Subject(name, arm, words, nominal))
     for other, (_, file) in overlays.items():
         known = ", ".join(s.arm.name for s in subjects)
         raise InputError(f"{file}: got an overlay of {other!r}; allowed: one of {known}")
@@ -153,8 +126,8 @@ def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part
         able = centred and subject.simulated
         ranges = measured_ranges(subject) if able else {}
         if ranges:
-            say(f"{name}: a sweep over the measured range")
-        again = sweep(subject, "set", ranges) if ranges else None
+            say(f"{name}: sweeps over the measured range")
+        again = beside_hardware(subject, ranges) if able else []
         yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
     if "axes" in parts:
         able = subject.simulated and bool(swept_joints(subject.arm.mechanism))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.endoscopes import ENDOSCOPES
 from trocar.descriptions.mounting import fitting_tools
 from trocar.descriptions.records import ArmDescription, RigArm
 from trocar.interfaces.crtk import build
@@ -69,15 +70,6 @@ Reader = Callable[[Message, ArmDescription], Verb]
 #: Does a verb of an arm in place of the arm: (its name, the arguments, the world).
 Act = Callable[[str, Mapping[str, Any], "World"], object]
 
-#: Source: SAW mtsIntuitiveResearchKitEndoscopeTypes.cdg.
-ENDOSCOPES = (
-    "NONE",
-    *(
-        f"{kind}_{way}"
-        for kind in ("Classic_SD", "Classic_HD", "Si_HD")
-        for way in ("STRAIGHT", "UP", "DOWN")
-    ),
-)
 NO_TOOL = ("", "none", "NONE")
 
 # ---------------------------------------------------------------------- messages from readings

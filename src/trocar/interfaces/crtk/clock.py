@@ -20,9 +20,10 @@ SECOND = 1_000_000_000
 
 #: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
 FIRST_NS = SECOND
-#: A stream of messages that was silent for this long may begin anew with older stamps, as a bag
-#: does that is played again. Source: our own choice. [s]
-SILENCE_S = 5.0
+#: A stream without an accepted message for this long may begin anew with older stamps, as a bag
+#: does that is played again, or a client whose clock was set back. Source: our own choice, so that
+#: such a client is back within 5 s. [s]
+SILENCE_S = 2.0
 #: Streams that are remembered. Source: our own choice: many times what a lab has.
 STREAMS = 1024
 

@@ -15,11 +15,16 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
+from math import inf
 from types import MappingProxyType
 from typing import Any, Protocol
 
+import msgspec
+import numpy as np
+
 from trocar.descriptions import RigDescription
 from trocar.errors import InputError, TrocarError, UnknownNameError
+from trocar.interfaces.commanders import IDLE_S
 from trocar.interfaces.crtk import console, images, tf
 from trocar.interfaces.crtk.arm_topics import arm_topics
 from trocar.interfaces.crtk.clock import FIRST_NS, Mode, StampCheck, Stamper
@@ -32,7 +37,7 @@ from trocar.interfaces.crtk.sampler import Sampler
 from trocar.interfaces.crtk.scene import scene_topics
 from trocar.interfaces.crtk.services import Services, service_rows
 from trocar.interfaces.crtk.topic import Emit, Message, Read, Service, Topic, by_name, prefix
-from trocar.interfaces.inbox import Command
+from trocar.interfaces.inbox import AT_ONCE, Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
 from trocar.interfaces.rate_limit import RateLimit, suffix
@@ -45,6 +50,13 @@ RATE_HZ = 220.0
 CAMERA_RATE_HZ = 60.0
 #: Source: our own choice, the control rate that clients of the dVRK reach. [Hz]
 RATE_MAX_HZ = 1000.0
+#: Effort and velocity set-points of a client end after so much simulated time without another.
+#: Source: MoveIt Servo's default of `incoming_command_timeout`. The dVRK has none: its arms repeat
+#: the last effort in every period (SAW 2.4, mtsIntuitiveResearchKitArm.cpp, control_servo_jf); its
+#: watchdog of 30 ms (mtsIntuitiveResearchKit.h, WatchdogTimeout) is that of the controllers. [s]
+SETPOINT_TIMEOUT_S = 0.1
+#: {verb: its set-point}, of verbs with a time-out.
+EXPIRING = {"servo_jf": "effort", "servo_cf": "wrench", "servo_jv": "v"}
 #: Made for its first subscriber, since its meshes are written too.
 DESCRIPTION = "robot_description"
 
@@ -106,6 +118,10 @@ class Core:
         compat: names of older interfaces to serve as well
         pictures: what draws for the cameras; None: there are no topics of cameras
         components: served beside the arms
+        exclusive: reject commands for an arm that another client commands, all but `AT_ONCE`
+        setpoint_timeout_s: simulated time after which an arm holds that a client commanded by an
+            effort, a wrench or velocities other than zero, and that got no further command [s];
+            0: never, as on the dVRK
 
     Attributes:
         loop, rate_hz, camera_rate_hz: as given
@@ -124,11 +140,19 @@ class Core:
         compat: Sequence[str] = (),
         components: Sequence[Component] = (),
         pictures: Pictures | None = None,
+        exclusive: bool = False,
+        setpoint_timeout_s: float = SETPOINT_TIMEOUT_S,
     ) -> None:
+        if not 0.0 <= setpoint_timeout_s < inf:
+            raise InputError(
+                f"set-point time-out: got {setpoint_timeout_s:g} s; allowed: 0 or more"
+            )
+        self._setpoint_timeout_s = setpoint_timeout_s
         for name, got in (("rate", rate_hz), ("camera rate", camera_rate_hz)):
             if not 0.0 < got <= RATE_MAX_HZ:
                 raise InputError(f"{name}: got {got:g} Hz; allowed: above 0 to {RATE_MAX_HZ:g} Hz")
         self.loop, self.rate_hz, self.camera_rate_hz = loop, rate_hz, camera_rate_hz
+        loop.commanders.exclusive = exclusive
         self.compat, self._components = tuple(compat), tuple(components)
         rig, self._arms = loop.world.rig, loop.world.arms
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
@@ -229,7 +253,8 @@ class Core:
         Args:
             name: the topic
             message: its fields
-            peer: who sent it, for the log
+            peer: the client that sent it; "" for one inside the simulator, to which neither
+                `exclusive` nor the time-out of set-points applies
 
         Returns:
             whether it was accepted; a rejected one changes nothing, and is reported on the arm's
@@ -244,6 +269,12 @@ class Core:
                 self._stamps.check((topic.name, peer), sent, self.loop.now)
             found = topic.read(message, self._arms[topic.arm].description if topic.arm else None)
             for command in (found,) if isinstance(found, Command) else found:
+                if peer and command.arm in self._arms and command.verb not in AT_ONCE:
+                    others = self.loop.commanders.claim(command.arm, peer)
+                    if others:
+                        self._share(command.arm, peer, others)
+                    if command.verb in EXPIRING and self._setpoint_timeout_s:
+                        command = expiring(command, self._setpoint_timeout_s)
                 if not self.loop.post(command):
                     raise RefusedError("full", "too many pending commands")
             if sent is not None:
@@ -256,6 +287,10 @@ class Core:
             self.refuse(topic, name, "cannot be read", peer)
             return False
         return True
+
+    def disconnected(self, peer: str) -> None:
+        """Note that a client has left: it commands no arm any longer; from any thread."""
+        self.loop.commanders.left(peer)
 
     def press(self, pedal: str, pressed: bool) -> bool:
         """Press or release a foot pedal ("clutch", "camera", "coag", ...), as if by hand.
@@ -327,6 +362,24 @@ class Core:
 
     # ------------------------------------------------------------------ inside
 
+    def _share(self, arm: str, peer: str, others: Sequence[str]) -> None:
+        """Report that several clients command an arm.
+
+        Raises:
+            RefusedError: arms are exclusive
+        """
+        if self.loop.commanders.exclusive:
+            raise RefusedError(
+                "exclusive",
+                f"{arm} is commanded by {', '.join(others)}; allowed (--exclusive): disable and"
+                f" pause, and the rest once it disconnects or sends nothing for {IDLE_S:g} s",
+            )
+        unsaid = self._rate_limit.due((arm, "commanders"), self.loop.now)
+        if unsaid is not None:
+            text = f"{peer} commands {arm} beside {', '.join(others)}: the newest command counts"
+            _log.warning("%s%s", text, suffix(unsaid))
+            self.emit(f"{self.prefixes[arm]}/warning", {"data": text + suffix(unsaid)})
+
     def _report(self, command: Command, reason: str) -> None:
         """Report a command that was rejected when it was applied."""
         if command.topic:
@@ -396,6 +449,16 @@ class Core:
         else:
             if rig is self._described:
                 self.emit(DESCRIPTION, {"data": text})
+
+
+def expiring(command: Command, timeout_s: float) -> Command:
+    """Return an effort or velocity command with a time-out; one of zeros as it is.
+
+    Without efforts an arm is free, without velocities it stands: neither needs a client.
+    """
+    if not np.any(command.kwargs.get(EXPIRING[command.verb], 0.0)):
+        return command
+    return msgspec.structs.replace(command, kwargs={**command.kwargs, "timeout_s": timeout_s})
 
 
 def topic_table(

@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError
+from trocar.simulation.control import LARGEST
 
 Array = NDArray[np.float64]
 Message = Mapping[str, Any]
 
-#: A number farther from zero is a mistake. Source: our own choice, far beyond every joint, pose,
-#: effort and gain of the robot, and far below what arithmetic cannot hold.
-LARGEST = 1e6
 #: A vector that is longer is not looked at. Source: our own choice.
 LONGEST = 256
 #: Text that is kept or repeated is at most this long. Source: our own choice.
@@ -155,7 +153,8 @@ def joints(message: Any, field: str, names: Sequence[str]) -> Array:
 
 def joints_or_none(message: Any, field: str, names: Sequence[str]) -> Array | None:
     """Return as `joints` does, None where the list is empty or missing."""
-    value = message.get(field) if isinstance(message, Mapping) else None
+    mapping = type(message) is dict or isinstance(message, Mapping)
+    value = message.get(field) if mapping else None
     if value is None or (hasattr(value, "__len__") and len(value) == 0):
         return None
     return joints(message, field, names)

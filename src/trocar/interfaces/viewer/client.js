@@ -17,7 +17,7 @@
   // A page that was left open has the secret of a run that is over.
   async function reloadInANewRun() {
     try {
-      const page = await (await fetch("/")).text();
+      const page = await (await fetch(location.href)).text();
       if (!page.includes(query)) location.reload();
     } catch {
       // Nothing is served: viser's client goes on asking.

@@ -29,7 +29,7 @@ from trocar.interfaces.viewer.scene import (
     stage,
     tips_of,
 )
-from trocar.interfaces.viewer.server import LocalServer, address, run_there, serving
+from trocar.interfaces.viewer.server import LocalServer, entrance, run_there, serving
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -203,7 +203,7 @@ def serve(
         with page.notices.listening(), closing(loop), suppress(KeyboardInterrupt):
             loop.start(duration_s)
             if on_ready is not None:
-                on_ready(address(server))
+                on_ready(entrance(server))
             try:
                 while not loop.wait(PERIOD_S):
                     run_there(server, page.refresh)

@@ -294,6 +294,7 @@ class ArmControls:
 
     Attributes:
         sliders: of its joints
+        clients: names of those that command the arm
         instrument: the choice of a tool; None for an arm that takes none
         gains: {joint: its gains}
     """
@@ -306,6 +307,7 @@ class ArmControls:
         self._folders = gui.add_folder(f"{info.name} joints"), gui.add_folder("Control")
         with self._folders[0]:
             self._state = gui.add_text("State", initial_value=state_line(arm), disabled=True)
+            self.clients = gui.add_text("Clients", initial_value=NONE, disabled=True)
             self._buttons("Power", POWER, lambda name: self._post(POWER[name]))
             self.sliders = JointSliders(gui, loop, info, arm)
             names = sorted(info.poses, key=lambda name: name != HOME)
@@ -336,6 +338,9 @@ class ArmControls:
         arm = now.arms[self._info.name]
         if (line := state_line(arm)) != self._state.value:
             self._state.value = line
+        clients = ", ".join(self._loop.commanders.of(self._info.name)) or NONE
+        if clients != self.clients.value:
+            self.clients.value = clients
         self.sliders.follow(arm)
         scope = self._scope.value
         index = 0 if scope == ALL_JOINTS else [j.name for j in self._info.joints].index(scope)

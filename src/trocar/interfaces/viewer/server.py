@@ -20,28 +20,35 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
+from urllib.parse import urlencode
 
 import viser
 import viser.infra._infra as viser_infra
 import websockets
 from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import WebSocketException
 from websockets.http11 import Request, Response
 
 from trocar.errors import InputError, TrocarError
-from trocar.interfaces.origins import PageAccess, names_loopback
+from trocar.interfaces.connections import Connections
+from trocar.interfaces.origins import PageAccess, names_loopback, queried
+from trocar.interfaces.rate_limit import without_repeats
 
 T = TypeVar("T")
 
-#: The logger and message by which websockets reports clients that hang up before their request, as
-#: browsers and port scanners do.
+#: The logger and message by which websockets reports clients that hang up before their request or
+#: send none that is HTTP, as browsers and port scanners do.
 _handshakes = logging.getLogger("websockets.server")
 HUNG_UP = "opening handshake failed"
+
+#: How long the page, 0.8 MB, may take to a browser through a slow ssh. Source: our own choice. [s]
+PAGE_S = 60.0
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
@@ -69,6 +76,7 @@ class ClientPage:
 
     def __init__(self, access: PageAccess, sockets: Sequence[str] = ()) -> None:
         self._access = access
+        self._connections = Connections("web viewer")
         self.nonce = secrets.token_urlsafe()
         self._html = self._with_our_script(CLIENT.read_text(encoding="utf-8"))
         self._headers = {
@@ -92,22 +100,39 @@ class ClientPage:
                 "the port with ssh\n",
             )
         if request.headers.get("Upgrade", "").lower() == "websocket":
-            origin = request.headers.get("Origin")
-            refusal = self._access.objection(origin, request.path, {f"http://{host}"})
+            refusal = self._access.objection(request.path, request.headers, {f"http://{host}"})
             if refusal is None:
-                return None
-            return self._text(connection, HTTPStatus.FORBIDDEN, refusal)
+                return self._connections.admit(connection)
+            return self._text(connection, *refusal)
         path, _, query = request.path.partition("?")
         if path not in ("/", "/index.html"):
             return self._text(connection, HTTPStatus.NOT_FOUND, "there is only /\n")
-        if query:
-            response = self._text(connection, HTTPStatus.FOUND, "the page takes no parameters\n")
-            response.headers["Location"] = "/"
+        ours = ""
+        if self._access.token is not None:
+            if not self._access.knows(request.path, request.headers):
+                told = "open the address that trocar printed, with its ?token=...\n"
+                return self._text(connection, HTTPStatus.UNAUTHORIZED, told)
+            ours = urlencode({"token": shown}) if (shown := queried(request.path, "token")) else ""
+        if query != ours:
+            text = "the page takes no parameters but the token\n"
+            response = self._text(connection, HTTPStatus.FOUND, text)
+            response.headers["Location"] = f"/?{ours}" if ours else "/"
             return response
         response = self._text(connection, HTTPStatus.OK, self._html)
         del response.headers["Content-Type"]
         response.headers["Content-Type"] = "text/html; charset=utf-8"
         return response
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Keyword arguments of websockets' `serve`: answers, and bounds."""
+        patience = {"open_timeout": PAGE_S, "close_timeout": PAGE_S}
+        return {**self._connections.options, **patience, "process_request": self.respond}
+
+    @property
+    def entrance(self) -> str:
+        """What follows the server's address in the address of the page."""
+        return "" if self._access.token is None else f"/?{self._access.query}"
 
     def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
         response = connection.respond(status, text)
@@ -173,7 +198,7 @@ class LocalServer(viser.ViserServer):
 
     def __init__(self, host: str, port: int, label: str, page: ClientPage) -> None:
         self.page = page
-        with _answered_by(page.respond):
+        with _served_with(page.options):
             super().__init__(host=host, port=port, label=label, verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
@@ -185,12 +210,10 @@ _constructing = threading.Lock()
 
 
 @contextlib.contextmanager
-def _answered_by(
-    respond: Callable[[ServerConnection, Request], Response | None],
-) -> Iterator[None]:
-    """Let viser open its port with our answers to requests in place of its own.
+def _served_with(ours: Mapping[str, Any]) -> Iterator[None]:
+    """Let viser open its port with our keyword arguments of websockets' `serve`.
 
-    viser listens before its constructor returns, and has no option for other answers.
+    viser listens before its constructor returns, and has no option for them.
 
     Raises:
         TrocarError: this version of viser opens its port in another way
@@ -199,7 +222,7 @@ def _answered_by(
 
     def serve_ours(*args: Any, **options: Any) -> serve:
         opened.append(1)
-        return serve(*args, **{**options, "process_request": respond})
+        return serve(*args, **{**options, **ours})
 
     theirs = SimpleNamespace(server=SimpleNamespace(serve=serve_ours))
     with _constructing:
@@ -244,7 +267,8 @@ def serving(
         if port not in (0, server.get_port()):  # taken in between: viser went on to the next
             raise _taken(host, port)
         access.viewer = frozenset((address(server), f"http://localhost:{server.get_port()}"))
-        yield server
+        with without_repeats():
+            yield server
     finally:
         with _quiet():
             server.stop()
@@ -257,6 +281,11 @@ def address(server: LocalServer) -> str:
     return f"http://{f'[{host}]' if ':' in host else host}:{server.get_port()}"
 
 
+def entrance(server: LocalServer) -> str:
+    """Return the address to open, with the secret of the run where there is a token."""
+    return address(server) + server.page.entrance
+
+
 def _checked_host(host: str) -> str:
     if host not in LOOPBACK:
         raise InputError(
@@ -267,10 +296,10 @@ def _checked_host(host: str) -> str:
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
-    """Drop reports of clients that hung up; what else fails in a handshake is a defect."""
+    """Drop reports of what clients did; what else fails in a handshake is a defect."""
     problem = record.exc_info[1] if record.exc_info else None
-    ended = isinstance((problem and problem.__cause__) or problem, EOFError | ConnectionError)
-    return not (ended and record.getMessage() == HUNG_UP)
+    theirs = isinstance(problem, WebSocketException | EOFError | ConnectionError)
+    return not (theirs and record.getMessage() == HUNG_UP)
 
 
 @contextlib.contextmanager

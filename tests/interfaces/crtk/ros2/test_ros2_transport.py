@@ -112,6 +112,9 @@ class Box:
     def take(self) -> list[DdsSample]:
         return self._taken
 
+    def participant_of(self, writer: int) -> int:
+        return writer
+
 
 def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
     orders = Topic("PSM1/state_command", "crtk_msgs/StringStamped", "sub")

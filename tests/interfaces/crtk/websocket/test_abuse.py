@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -19,6 +20,7 @@ from websockets.exceptions import ConnectionClosed, InvalidMessage, InvalidStatu
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
+from trocar.interfaces import connections
 from trocar.interfaces.crtk.transports.websocket import server
 from trocar.interfaces.origins import PageAccess
 
@@ -72,7 +74,7 @@ def test_a_page_that_is_named_can(served: Served) -> None:
 
 
 def test_the_token_is_asked_for_on_the_wire() -> None:
-    with closing(Served(token=TOKEN)) as guarded:
+    with closing(Served(pages=PageAccess(token=TOKEN))) as guarded:
         for url, headers in (
             (guarded.url, {}),
             (f"{guarded.url}/?token=wrong", {}),
@@ -143,11 +145,11 @@ def test_a_trajectory_ratio_too_small_for_any_move_is_refused_and_the_simulator_
     assert moves_on(served)
 
 
-def test_a_reader_that_sleeps_misses_old_states_and_no_memory_grows(
+def test_a_reader_that_sleeps_misses_old_states_gets_the_newest_and_no_memory_grows(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "MOST_BUFFERED", 4096)
-    monkeypatch.setattr(server, "SEND_BUFFER", 4096)
+    monkeypatch.setattr(connections, "MOST_BUFFERED", 4096)
+    monkeypatch.setattr(connections, "SEND_BUFFER", 4096)
     talk = meet(max_queue=1)
     talk.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     for name, topic in served.core.topics.items():
@@ -155,22 +157,73 @@ def test_a_reader_that_sleeps_misses_old_states_and_no_memory_grows(
             talk.send(op="subscribe", topic=f"/{name}")
     assert until(lambda: len(served.transport.wanted()) > 5)
     ours = next(iter(served.transport.clients))
-    assert until(lambda: ours.outbox.lost > 100)
-    assert len(ours.outbox) <= server.MOST_WAITING + len(served.core.topics)
-    assert "too slowly" in talk.hear_op("status")["msg"]
+    assert until(lambda: ours._connection.paused)
+    asleep = served.loop.latest.time
+    assert until(lambda: served.loop.latest.time > asleep + 0.5)
+    buffered = ours._connection.transport.get_write_buffer_size()
+    assert buffered < 4096 + 64 * 1024  # one batch of states beyond the bound
+    told = r"reads too slowly: the states of \d\d+ periods and 0 other messages"
+    talk.hear_until(lambda it: it["op"] == "status" and bool(re.search(told, it["msg"])))
+    js = talk.hear_on(JS)
+    assert js["header"]["stamp"]["secs"] > 0
 
 
-def test_a_client_that_never_answers_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "PING_S", 0.2)
-    monkeypatch.setattr(server, "PONG_S", 0.2)
+class Silent:
+    """A client that subscribes to every topic and never reads."""
+
+    def __init__(self, served: Served) -> None:
+        self.socket = socket.socket()
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        self.socket.connect(("127.0.0.1", served.transport.port))
+        self.socket.sendall(HANDSHAKE)
+        assert b"101 Switching" in self.socket.recv(len("HTTP/1.1 101 Switching"))
+        for name in served.core.topics:
+            self.socket.sendall(masked(json.dumps({"op": "subscribe", "topic": name})))
+
+    def read_slowly(self) -> None:
+        """Take a little of what waits."""
+        self.socket.recv(512)
+
+
+@pytest.fixture
+def crowded(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    """A server for few clients, which loses patience soon."""
+    monkeypatch.setattr(connections, "MOST_BUFFERED", 4096)
+    monkeypatch.setattr(connections, "SEND_BUFFER", 4096)
+    monkeypatch.setattr(connections, "MOST_CLIENTS", 3)
+    monkeypatch.setattr(connections, "LOOK_S", 0.05)
+    monkeypatch.setattr(connections, "STALE_S", 0.4)
+    monkeypatch.setattr(connections, "GONE_S", 1.0)
     with closing(Served()) as served:
-        port = served.transport.port
-        with socket.create_connection(("127.0.0.1", port)) as half_open:
-            half_open.sendall(HANDSHAKE)
-            assert b"101 Switching" in half_open.recv(4096)
-            half_open.sendall(masked(json.dumps({"op": "subscribe", "topic": JS})))
-            assert until(lambda: bool(served.transport.wanted()))
-            assert gone(served)
+        yield served
+
+
+def test_a_client_that_subscribes_and_never_reads_is_let_go_and_one_that_reads_slowly_stays(
+    crowded: Served, caplog: pytest.LogCaptureFixture
+) -> None:
+    silent, slow, idle = Silent(crowded), Silent(crowded), Talk(crowded.url)
+    with silent.socket, slow.socket, closing(idle.socket):
+        assert until(lambda: len(crowded.transport.clients) == 3)
+        while len(crowded.transport.clients) == 3:
+            slow.read_slowly()
+            time.sleep(0.01)
+        port = silent.socket.getsockname()[1]
+        left = {client.peer for client in crowded.transport.clients}
+        assert len(left) == 2 and f"127.0.0.1:{port}" not in left
+        assert f"websocket: disconnected 127.0.0.1:{port}, which read nothing for 1 s" in (
+            caplog.text
+        )
+        idle.wait_for_server()
+
+
+def test_clients_that_never_read_make_room_for_a_newcomer(
+    crowded: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connections, "GONE_S", 1000.0)
+    silent = [Silent(crowded) for _ in range(3)]
+    assert until(lambda: _gets_in(crowded))
+    for it in silent:
+        it.socket.close()
 
 
 HANDSHAKE = (
@@ -202,7 +255,7 @@ def test_what_is_no_websocket_is_turned_away(served: Served, junk: bytes) -> Non
 def test_no_more_than_so_many_clients_come_in(
     served: Served, meet: Callable[..., Talk], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server, "MOST_CLIENTS", 2)
+    monkeypatch.setattr(connections, "MOST_CLIENTS", 2)
     first, _ = meet(), meet()
     with pytest.raises(InvalidStatus) as caught:
         meet()
@@ -212,25 +265,30 @@ def test_no_more_than_so_many_clients_come_in(
     meet()
 
 
-def test_connections_that_say_nothing_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_connections_that_say_nothing_keep_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There are a few of them at most: the oldest end first, and a newcomer comes in."""
     monkeypatch.setattr(server, "OPEN_S", 1000.0)
-    monkeypatch.setattr(server, "MOST_CLIENTS", 1)
-    monkeypatch.setattr(server, "MOST_STRANGERS", 3)
+    monkeypatch.setattr(connections, "MOST_CLIENTS", 1)
+    monkeypatch.setattr(connections, "MOST_STRANGERS", 3)
     with closing(Served()) as served, contextlib.ExitStack() as stack:
         address = ("127.0.0.1", served.transport.port)
         silent = [stack.enter_context(socket.create_connection(address)) for _ in range(6)]
-        silent[-1].settimeout(PATIENCE_S)
-        with contextlib.suppress(ConnectionResetError):
-            assert silent[-1].recv(1) == b""
-        for it in silent:
-            it.close()
-        assert until(lambda: _gets_in(served))
+        talk = Talk(served.url)
+        talk.wait_for_server()
+        talk.socket.close()
+        for it in silent[:3]:
+            it.settimeout(PATIENCE_S)
+            with contextlib.suppress(ConnectionResetError):
+                assert it.recv(1) == b""
+        silent[-1].setblocking(False)
+        with pytest.raises(BlockingIOError):
+            silent[-1].recv(1)
 
 
 def _gets_in(served: Served) -> bool:
     try:
         Talk(served.url).socket.close()
-    except (OSError, InvalidMessage, ConnectionClosed):
+    except (OSError, InvalidMessage, InvalidStatus, ConnectionClosed):
         return False
     return True
 

@@ -32,16 +32,7 @@ class Wire:
         self.written: list[bytes] = []
         self.state = State.OPEN
         self.remote_address = ("127.0.0.1", 1)
-        self.transport = self
-
-    def get_extra_info(self, _: str) -> Wire:
-        return self
-
-    def setsockopt(self, *_: int) -> None:
-        pass
-
-    def get_write_buffer_size(self) -> int:
-        return 0
+        self.transport, self.paused = self, False
 
     def write(self, data: bytes) -> None:
         self.written.append(data)
@@ -93,7 +84,7 @@ def test_thousands_of_random_requests_raise_nothing_and_move_nothing(
     async def ask() -> None:
         with ThreadPoolExecutor(1) as workers:
             conversation = Conversation(core, workers)
-            client = Client(cast("Any", wire))
+            client = Client(cast("Any", wire), {})
             for _ in range(REQUESTS):
                 choice = values(core, rng)
                 document = {key: choice[rng.integers(len(choice))] for key in keys}
@@ -127,11 +118,11 @@ def test_a_message_is_encoded_once_for_everybody(core: Core) -> None:
 
 def test_the_last_of_a_throttled_topic_comes_in_the_end(core: Core) -> None:
     wire = Wire()
-    client = Client(cast("Any", wire))
+    client = Client(cast("Any", wire), {})
     topic = core.topics["PSM1/status"]
     client.subscribe(topic.name, Subscribe(topic="/PSM1/status", throttle_rate=1000.0))
     for moment, text in ((10.0, "one"), (10.1, "two"), (10.2, "three")):
-        client.deliver([Frame(topic, {"data": text})], moment)
+        client.deliver([Frame(topic, {"data": text})], [], moment)
     client.tend(10.9)
     assert [text for text in (b"one", b"two", b"three") if text in b"".join(wire.written)] == [
         b"one"

@@ -11,6 +11,7 @@ from trocar.interfaces.crtk.transports.websocket.server import Access
 from trocar.interfaces.origins import PageAccess
 
 TOKEN = "0123456789abcdef"
+GUARDED = PageAccess(token=TOKEN)
 HERE = {"Host": "127.0.0.1:9090"}
 
 
@@ -18,7 +19,7 @@ HERE = {"Host": "127.0.0.1:9090"}
 def test_beyond_this_machine_a_token_is_needed(host: str) -> None:
     with pytest.raises(InputError, match=rf"--host {host}: .*--token"):
         Access(host)
-    Access(host, TOKEN)
+    Access(host, GUARDED)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "::1", "localhost"])
@@ -31,7 +32,7 @@ def test_a_short_token_is_refused(token: str) -> None:
     with pytest.raises(
         InputError, match=rf"--token: got {len(token)} characters; allowed: at least 16"
     ):
-        Access("127.0.0.1", token)
+        PageAccess(token=token)
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ def test_a_short_token_is_refused(token: str) -> None:
     ],
 )
 def test_the_token_opens(path: str, headers: dict[str, str]) -> None:
-    assert Access("0.0.0.0", TOKEN).objection(path, headers) is None
+    assert Access("0.0.0.0", GUARDED).objection(path, headers) is None
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_the_token_opens(path: str, headers: dict[str, str]) -> None:
 )
 @pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
 def test_nothing_else_does(host: str, path: str, headers: dict[str, str]) -> None:
-    objection = Access(host, TOKEN).objection(path, HERE | headers)
+    objection = Access(host, GUARDED).objection(path, HERE | headers)
     assert objection is not None
     assert objection[0] == 401
     assert TOKEN not in objection[1]
@@ -72,13 +73,14 @@ def test_nothing_else_does(host: str, path: str, headers: dict[str, str]) -> Non
 def test_the_token_is_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
     compared: list[tuple[bytes, bytes]] = []
     monkeypatch.setattr(hmac, "compare_digest", lambda *pair: compared.append(pair))
-    Access("0.0.0.0", TOKEN).objection("/?token=guess", {})
-    assert compared == [(TOKEN.encode(), b"guess")]
+    Access("0.0.0.0", GUARDED).objection("/?token=guess", {})
+    assert (TOKEN.encode(), b"guess") in compared
+    assert len(compared) == 2  # with the secret of the run, too
 
 
 def test_pages_of_other_sites_are_refused_even_with_the_token() -> None:
     headers = {"Origin": "https://example.org", "Host": "robot:9090"}
-    objection = Access("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", headers)
+    objection = Access("0.0.0.0", GUARDED).objection(f"/?token={TOKEN}", headers)
     assert objection is not None
     assert objection[0] == 403
 
@@ -88,18 +90,20 @@ def test_a_name_that_another_site_lets_lead_here_does_not_help(token: str | None
     """A site may let its own name mean 127.0.0.1 (DNS rebinding)."""
     headers = {"Host": "example.org:9090"}
     for more in ({}, {"Origin": "http://example.org:9090"}):
-        objection = Access("127.0.0.1", token).objection(f"/?token={TOKEN}", headers | more)
+        objection = Access("127.0.0.1", PageAccess(token=token)).objection(
+            f"/?token={TOKEN}", headers | more
+        )
         assert objection is not None
         assert objection[0] == 403
 
 
 @pytest.mark.parametrize("host", ["robot:9090", "192.168.1.7:9090", "robot.lab.example"])
 def test_beyond_this_machine_it_may_have_any_name(host: str) -> None:
-    assert Access("0.0.0.0", TOKEN).objection(f"/?token={TOKEN}", {"Host": host}) is None
+    assert Access("0.0.0.0", GUARDED).objection(f"/?token={TOKEN}", {"Host": host}) is None
 
 
 def test_a_page_that_is_named_needs_the_token_alone() -> None:
-    door = Access("0.0.0.0", TOKEN, PageAccess(["http://robot:8000/"]))
+    door = Access("0.0.0.0", PageAccess(["http://robot:8000/"], TOKEN))
     headers = {"Host": "robot:9090", "Origin": "http://robot:8000"}
     assert door.objection(f"/?token={TOKEN}", headers) is None
     assert (door.objection("/", headers) or (0,))[0] == 401
@@ -107,17 +111,17 @@ def test_a_page_that_is_named_needs_the_token_alone() -> None:
     assert (door.objection(f"/?token={TOKEN}", other) or (0,))[0] == 403
 
 
-def test_the_page_of_the_viewer_needs_the_secret_of_the_run_and_the_token() -> None:
-    access = PageAccess()
+@pytest.mark.parametrize("token", [None, TOKEN])
+def test_the_page_of_the_viewer_needs_the_secret_of_the_run(token: str | None) -> None:
+    access = PageAccess(token=token)
     headers = HERE | {"Origin": "http://127.0.0.1:8080"}
-    shown = f"{access.query}&token={TOKEN}"
-    door = Access("127.0.0.1", TOKEN, access)
-    assert (door.objection(f"/?{shown}", headers) or (0,))[0] == 403  # it is not served yet
+    door = Access("127.0.0.1", access)
+    assert (door.objection(f"/?{access.query}", headers) or (0,))[0] == 403  # not served yet
     access.viewer = frozenset({"http://127.0.0.1:8080"})
-    assert door.objection(f"/?{shown}", headers) is None
-    for path, status in (
-        (f"/?token={TOKEN}", 403),
-        (f"/?page=wrong&token={TOKEN}", 403),
-        (f"/?{access.query}", 401),
-    ):
-        assert (door.objection(path, headers) or (0,))[0] == status
+    assert door.objection(f"/?{access.query}", headers) is None
+    for path in ("/", "/?token=wrong", f"/?{PageAccess().query}"):
+        assert (door.objection(path, headers) or (0,))[0] == 403
+
+
+def test_a_program_of_the_same_user_shows_the_secret_in_place_of_the_token() -> None:
+    assert Access("0.0.0.0", GUARDED).objection(f"/?{GUARDED.query}", {}) is None

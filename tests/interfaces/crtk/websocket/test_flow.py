@@ -34,27 +34,22 @@ def test_a_throttle_does_not_catch_up_after_a_rest() -> None:
     assert not throttle.passes(100.5)
 
 
-def test_states_replace_each_other_and_events_all_count_in_their_order() -> None:
-    outbox = Outbox(capacity=10)
-    outbox.put_state("a", b"a1")
-    outbox.put(b"first")
-    outbox.put_state("b", b"b1")
-    outbox.put(b"second")
-    outbox.put_state("a", b"a2")
-    assert outbox.lost == 1
-    assert outbox.take(1000) == [b"first", b"b1", b"second", b"a2"]
-    assert not outbox
-
-
-def test_the_oldest_event_goes_when_too_many_wait() -> None:
+def test_what_waits_leaves_in_order_and_the_oldest_goes_beyond_the_capacity() -> None:
     outbox = Outbox(capacity=3)
     for k in range(5):
         outbox.put(b"%d" % k)
     assert outbox.lost == 2
-    assert outbox.take(2) == [b"2", b"3"]
-    assert outbox.take(2) == [b"4"]
-    outbox.put(b"5")
-    assert outbox.take(1) == [b"5"]
+    assert [outbox.take(), outbox.take()] == [b"2", b"3"]
+    outbox.put(b"56")
+    assert [outbox.take(), outbox.take()] == [b"4", b"56"]
+    assert not outbox
+
+
+def test_what_is_larger_than_the_capacity_does_not_wait() -> None:
+    outbox = Outbox(capacity=3)
+    outbox.put(b"much too long")
+    assert not outbox
+    assert outbox.lost == 1
 
 
 @pytest.mark.parametrize("size", [0, 125, 126, 65_535, 65_536, 200_000])

@@ -224,7 +224,14 @@ class Stepped:
         self._loop = Loop(world, speed="max", tick_s=tick_s, clock=self._clock)
         components = parts(self._loop)
         self._alone = not components
-        self.core = Core(self._loop, clock="sim", first_ns=FIRST_NS, components=components, **rates)
+        self.core = Core(
+            self._loop,
+            clock="sim",
+            first_ns=FIRST_NS,
+            components=components,
+            setpoint_timeout_s=0.0,  # as on the dVRK: a script ends with its simulation
+            **rates,
+        )
         self.bus = Bus(self._later)
         self.core.attach(self.bus)
         self._beat = Beat(self.core.rate_hz)
@@ -351,7 +358,8 @@ class Live:
     ) -> None:
         self.world, self._begin = world, begin
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
-        self.core = Core(self.loop, components=parts(self.loop), **rates)
+        components = parts(self.loop)
+        self.core = Core(self.loop, components=components, setpoint_timeout_s=0.0, **rates)
         self.bus = Bus(self._later)
         self.core.attach(self.bus)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()

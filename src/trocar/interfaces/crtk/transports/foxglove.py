@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from contextlib import ExitStack
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
 from trocar.interfaces.origins import PageAccess
+from trocar.interfaces.rate_limit import without_repeats
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
@@ -144,6 +146,7 @@ class FoxgloveTransport:
         self._context: Any = None
         self._server: Any = None
         self._writer: Any = None
+        self._life = ExitStack()
 
     @property
     def greeting(self) -> str:
@@ -160,6 +163,7 @@ class FoxgloveTransport:
             InputError: the port is taken or forbidden, or the file cannot be written
         """
         self._core = core
+        self._life.enter_context(without_repeats())  # the SDK has a line for each lost client
         self._context = context = self._sdk.Context()  # the server alone does not keep it
         self._simulated = core.stamper.mode == "sim"
         served = [t for t in core.topics.values() if t.direction == "pub" and not t.later]
@@ -173,6 +177,7 @@ class FoxgloveTransport:
 
     def close(self) -> None:
         """Let go of clients and the port, and end the file."""
+        self._life.close()
         if self._server is not None:
             stop = threading.Thread(target=self._server.stop, name="trocar-foxglove", daemon=True)
             stop.start()

@@ -330,6 +330,15 @@ class Reader:
             quick.ddsi_serdata_unref(sample)
         return found
 
+    def participant_of(self, writer: int) -> int:
+        """Return the handle of the participant that a writer belongs to; 0 when it is gone."""
+        found = self._lib.quick.dds_get_matched_publication_data(self.entity, writer)
+        if not found:
+            return 0
+        participant = int(Endpoint.from_address(found).participant)
+        self._lib.quick.dds_builtintopic_free_endpoint(found)
+        return participant
+
     def user_data_of(self, writer: int) -> bytes | None:
         """Return the USER_DATA of who wrote, None when it is gone."""
         found = self._lib.quick.dds_get_matched_publication_data(self.entity, writer)

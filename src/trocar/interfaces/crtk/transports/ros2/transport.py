@@ -174,6 +174,7 @@ class Ros2Transport:
         self._wanted: frozenset[str] = frozenset()
         self._writers: dict[str, Writer] = {}
         self._topics: dict[int, Topic] = {}
+        self._peers: dict[int, str] = {}
         self._services: dict[int, Service] = {}
         self._older: bool | None = None
         self._bus: Bus | None = None
@@ -325,7 +326,7 @@ class Ros2Transport:
 
     def take(self, readers: Iterable[Reader]) -> set[Reader]:
         """Hand what waits to the core in the order of writing; return who may have more."""
-        arrived: list[tuple[int, Topic, DdsSample]] = []
+        arrived: list[tuple[int, Topic, bytes, str]] = []
         more: set[Reader] = set()
         for reader in readers:
             found = reader.take()
@@ -334,13 +335,20 @@ class Ros2Transport:
             service = self._services.get(reader.entity)
             if service is None:
                 topic = self._topics[reader.entity]
-                arrived += [(taken.written_ns, topic, taken) for taken in found]
+                arrived += [(s.written_ns, topic, s.payload, self._peer(reader, s)) for s in found]
             else:
                 for taken in found:
                     self._workers.submit(service.answer, taken)
-        for _, topic, taken in sorted(arrived, key=itemgetter(0)):
-            self._receive(topic, taken.payload, f"ROS 2 {taken.writer:x}")
+        for _, topic, payload, peer in sorted(arrived, key=itemgetter(0)):
+            self._receive(topic, payload, peer)
         return more
+
+    def _peer(self, reader: Reader, taken: DdsSample) -> str:
+        """Name the node's participant: a client has a writer for each topic."""
+        if taken.writer not in self._peers:
+            participant = reader.participant_of(taken.writer)
+            self._peers[taken.writer] = f"ROS 2 {participant or taken.writer:x}"
+        return self._peers[taken.writer]
 
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
         try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from trocar.interfaces.crtk.transports.websocket.server import PORT, WebSocketTransport
@@ -30,7 +29,9 @@ OPTIONS = {
         "default": "127.0.0.1",
         "help": "WebSocket address (default: 127.0.0.1); other addresses require --token",
     },
-    "--token": {"help": "token required from WebSocket clients (default: $TROCAR_TOKEN)"},
+    "--token": {
+        "help": "token required by the WebSocket and the web viewer (default: $TROCAR_TOKEN)"
+    },
 }
 
 
@@ -38,7 +39,4 @@ def open_transport(options: Mapping[str, Any], pages: PageAccess) -> WebSocketTr
     """Return the transport, unless --no-websocket."""
     if options["no_websocket"]:
         return None
-    token = options["token"]
-    if token is None:
-        token = os.environ.get("TROCAR_TOKEN") or None
-    return WebSocketTransport(options["host"], options["websocket_port"], token, pages)
+    return WebSocketTransport(options["host"], options["websocket_port"], pages)

@@ -11,16 +11,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
-import socket
 import threading
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from http import HTTPStatus
-from typing import TYPE_CHECKING, Any
-from urllib.parse import urlencode
+from typing import TYPE_CHECKING, Any, cast
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
@@ -29,6 +27,7 @@ from websockets.http11 import Response
 from websockets.protocol import State
 
 from trocar.errors import InputError, TrocarError
+from trocar.interfaces.connections import Connection, Connections
 from trocar.interfaces.crtk.messages import (
     MessageError,
     MessageType,
@@ -56,7 +55,8 @@ from trocar.interfaces.crtk.transports.websocket.protocol import (
     read_request,
     same_type,
 )
-from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback, queried, same
+from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback
+from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
@@ -66,18 +66,10 @@ _log = logging.getLogger("trocar")
 
 #: Where clients of rosbridge look by themselves.
 PORT = 9090
-#: Fewest characters of a token. Source: our own choice; 16 of base64 are 96 bits.
-SHORTEST_TOKEN = 16
 
 # Of all clients. Source: our own choice.
-MOST_CLIENTS = 64
-#: Connections, beyond the clients', that have sent nothing yet.
-MOST_STRANGERS = 64
-#: Larger messages end the connection. [bytes]
-LARGEST_MESSAGE = 1_000_000
-#: Intervals of pings, and patience for pongs, closing and opening handshakes: a half-open
-#: connection is gone after 15 s. [s]
-PING_S, PONG_S, CLOSE_S, OPEN_S = 5.0, 10.0, 1.0, 5.0
+#: Patience for opening and closing handshakes. [s]
+OPEN_S, CLOSE_S = 5.0, 1.0
 #: Time between two looks at what clients have not taken yet. [s]
 TEND_S = 0.01
 #: Threads that wait for services, and how long a service may take. [s]
@@ -86,11 +78,8 @@ WORKERS, SERVICE_S = 4, 10.0
 FAREWELL_S = 5.0
 
 # Of one client. Source: our own choice.
-#: What the system has not taken yet before messages wait in the outbox, and what it keeps for a
-#: slow client: about 0.1 s of the full cart at 220 Hz; Linux's 4 MB are two seconds of it. [bytes]
-MOST_BUFFERED = SEND_BUFFER = 256 * 1024
-#: Events and answers that wait for a slow client.
-MOST_WAITING = 256
+#: Events and answers that wait for a slow client. [bytes]
+MOST_WAITING = 4_000_000
 #: Topics of a client, and subscriptions to a topic: three times those of the full cart.
 MOST_SUBSCRIPTIONS = 1024
 #: Messages a second and in a burst, five arms driven at 1 kHz; one counts for each 1600 bytes.
@@ -108,32 +97,25 @@ WARN_EVERY_S = 1.0
 
 @dataclass(frozen=True)
 class Access:
-    """Decide which clients may connect: programs on this machine, pages of this run, a token.
+    """Decide which clients may connect.
 
     Args:
         host: address that is listened on
-        token: what a client has to show, or None on the loopback address
-        pages: which web pages may connect
+        pages: which pages and programs may connect
 
     Raises:
-        InputError: the host can be reached from elsewhere and there is no token, or a short one
+        InputError: the host can be reached from elsewhere and there is no token
     """
 
     host: str = "127.0.0.1"
-    token: str | None = None
     pages: PageAccess = field(default_factory=PageAccess)
 
     def __post_init__(self) -> None:
-        if self.token is None and not is_loopback(self.host):
+        if self.pages.token is None and not is_loopback(self.host):
             raise InputError(
                 f"--host {self.host}: other machines could move the arms; set a "
                 "--token (or TROCAR_TOKEN), or leave out --host and "
                 "forward the port with ssh"
-            )
-        if self.token is not None and len(self.token) < SHORTEST_TOKEN:
-            raise InputError(
-                f"--token: got {len(self.token)} characters; allowed: at least {SHORTEST_TOKEN}, "
-                "e.g. python -c 'import secrets; print(secrets.token_urlsafe())'"
             )
 
     def objection(self, path: str, headers: Mapping[str, str]) -> tuple[HTTPStatus, str] | None:
@@ -142,24 +124,15 @@ class Access:
         Beyond the loopback address any name may lead here, and the token is required.
 
         Args:
-            path: requested, with its query; `?token=...` shows the token
-            headers: of the request; `Authorization: Bearer ...` shows the token, too
+            path: requested, with its query
+            headers: of the request
         """
         if is_loopback(self.host) and not names_loopback(headers.get("Host", "")):
             return HTTPStatus.FORBIDDEN, "Host: allowed: localhost or a loopback address\n"
-        refusal = self.pages.objection(headers.get("Origin"), path, self.pages.viewer)
-        if refusal is not None:
-            return HTTPStatus.FORBIDDEN, refusal
-        if self.token is None:
-            return None
-        kind, _, bearer = headers.get("Authorization", "").partition("Bearer ")
-        shown = bearer.strip() if bearer and not kind else queried(path, "token")
-        if same(self.token, shown):
-            return None
-        return HTTPStatus.UNAUTHORIZED, "show the token: ?token=... or Authorization: Bearer\n"
+        return self.pages.objection(path, headers, self.pages.viewer)
 
 
-# ---------------------------------------------------------------------- rates and queues
+# ---------------------------------------------------------------------- rates
 
 
 class Bucket:
@@ -200,49 +173,33 @@ class Throttle:
 
 
 class Outbox:
-    """Keep what a slow client has not taken yet, in order, without growing.
+    """Keep events and answers for a slow client in order; beyond a size the oldest go.
 
-    States of one topic replace each other; events and answers all count until `capacity` of them
-    wait, then the oldest goes. `lost` counts what goes.
+    Args:
+        capacity: size beyond which the oldest go, and are counted in `lost` [bytes]
     """
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._waiting: OrderedDict[Hashable, bytes] = OrderedDict()
-        self._ordered: OrderedDict[int, None] = OrderedDict()
-        self._posted = 0
-        self.lost = 0
+        self._waiting: deque[bytes] = deque()
+        self._size = self.lost = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put_state(self, topic: str, frame: bytes) -> None:
-        """Let the newest state of a topic wait in place of an older one."""
-        if self._waiting.pop(topic, None) is not None:
-            self.lost += 1
-        self._waiting[topic] = frame
-
     def put(self, frame: bytes) -> None:
         """Let an event or an answer wait."""
-        if len(self._ordered) >= self._capacity:
-            oldest, _ = self._ordered.popitem(last=False)
-            del self._waiting[oldest]
+        self._waiting.append(frame)
+        self._size += len(frame)
+        while self._size > self._capacity:
+            self.take()
             self.lost += 1
-        self._posted += 1
-        self._ordered[self._posted] = None
-        self._waiting[self._posted] = frame
 
-    def take(self, most: int) -> list[bytes]:
-        """Take the oldest up to about so many bytes, and at least one."""
-        taken: list[bytes] = []
-        size = 0
-        while self._waiting and size < most:
-            key, frame = self._waiting.popitem(last=False)
-            if isinstance(key, int):
-                del self._ordered[key]
-            taken.append(frame)
-            size += len(frame)
-        return taken
+    def take(self) -> bytes:
+        """Take the oldest."""
+        frame = self._waiting.popleft()
+        self._size -= len(frame)
+        return frame
 
 
 # ---------------------------------------------------------------------- messages
@@ -262,10 +219,12 @@ class Frame:
 
     Attributes:
         replaceable: whether a newer message of the topic makes this one worthless
+        number: of its batch
     """
 
     def __init__(self, topic: Topic, message: Message | bytes) -> None:
         self.topic, self.replaceable = topic, topic.rate != "event"
+        self.number = 0
         self._message = message
         self._frames: dict[str, bytes] = {}
 
@@ -310,15 +269,19 @@ class Subscription:
 class Client:
     """One connection, touched in the server's own thread only.
 
+    States wait for no client: one that reads on gets the newest.
+
+    Args:
+        connection: to the client
+        newest: the newest state of each topic; it belongs to the server
+
     Attributes:
         subscriptions: by the topic's name without a slash
         refused: messages beyond the rate
     """
 
-    def __init__(self, connection: ServerConnection) -> None:
-        self._connection = connection
-        wire: socket.socket = connection.transport.get_extra_info("socket")
-        wire.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+    def __init__(self, connection: Connection, newest: Mapping[str, Frame]) -> None:
+        self._connection, self._newest = connection, newest
         self.peer = "{}:{}".format(*connection.remote_address[:2])
         self.subscriptions: dict[str, Subscription] = {}
         self.outbox = Outbox(MOST_WAITING)
@@ -326,6 +289,8 @@ class Client:
         self.level: Level = "warning"
         self._rate = Bucket(MESSAGES_PER_S)
         self._warned: dict[str, float] = {}
+        self._missed: int | None = None
+        self._periods = 0
 
     def may_send(self, size: int) -> bool:
         """Whether a message of so many bytes is within the client's rate; count it if not."""
@@ -356,24 +321,27 @@ class Client:
         else:
             found.settle()
 
-    def deliver(self, frames: Sequence[Frame], now: float) -> None:
-        """Send the subscribed messages of a batch, in one write."""
-        ready: list[tuple[Frame, str]] = []
+    def deliver(self, frames: Sequence[Frame], events: Sequence[Frame], now: float) -> None:
+        """Send the subscribed messages of a batch, in one write; to a slow client events alone."""
+        if not self._ready:
+            self._missed = frames[0].number if self._missed is None else self._missed
+            frames = events
+        due: list[tuple[Frame, str]] = []
         for frame in frames:
             found = self.subscriptions.get(frame.topic.name)
             if found is None:
                 continue
             if found.throttle.passes(now):
                 found.held = None
-                ready.append((frame, found.name))
+                due.append((frame, found.name))
             else:
                 found.held = frame
-        if ready:
-            self._send(ready)
+        if due:
+            self.send(b"".join([frame.named(name) for frame, name in due]))
 
     def send(self, data: bytes) -> None:
-        """Send one answer, or let it wait its turn."""
-        if self._open and not self.outbox and self._room > 0:
+        """Send messages, or let them wait their turn."""
+        if self._ready:
             self._connection.transport.write(data)
         else:
             self.outbox.put(data)
@@ -393,34 +361,33 @@ class Client:
         return True
 
     def tend(self, now: float) -> None:
-        """Send what waited long enough, and report what did not fit."""
-        for found in [s for s in self.subscriptions.values() if s.held]:
-            if found.held and found.throttle.passes(now):
-                frame, found.held = found.held, None
-                self._send([(frame, found.name)])
-        while self.outbox and self._open and self._room > 0:
-            self._connection.transport.write(b"".join(self.outbox.take(self._room)))
-        lost = self.outbox.lost
-        if lost and self.warn("slow", f"client reads too slowly: {lost} messages dropped"):
-            self.outbox.lost = 0
-
-    @property
-    def _open(self) -> bool:
-        return self._connection.state is State.OPEN
-
-    @property
-    def _room(self) -> int:
-        return MOST_BUFFERED - self._connection.transport.get_write_buffer_size()
-
-    def _send(self, frames: list[tuple[Frame, str]]) -> None:
-        if self._open and not self.outbox and self._room > 0:
-            self._connection.transport.write(b"".join([f.named(name) for f, name in frames]))
+        """Send what waited long enough, and report what a slow client has missed."""
+        while self.outbox and self._reads:
+            self._connection.transport.write(self.outbox.take())
+        if self.outbox or not self._reads:
             return
-        for frame, name in frames:
-            if frame.replaceable:
-                self.outbox.put_state(frame.topic.name, frame.named(name))
-            else:
-                self.outbox.put(frame.named(name))
+        if self._missed is not None:
+            since, self._missed = self._missed, None
+            found = [self._newest[name] for name in self.subscriptions if name in self._newest]
+            if missed := [frame for frame in found if frame.number >= since]:
+                self._periods += max(frame.number for frame in missed) - since
+                self.deliver(missed, [], now)
+        for held in [s for s in self.subscriptions.values() if s.held]:
+            if held.held and held.throttle.passes(now):
+                frame, held.held = held.held, None
+                self.send(frame.named(held.name))
+        if self._periods or self.outbox.lost:
+            what = f"the states of {self._periods} periods and {self.outbox.lost} other messages"
+            if self.warn("slow", f"client reads too slowly: {what} dropped"):
+                self._periods = self.outbox.lost = 0
+
+    @property
+    def _reads(self) -> bool:
+        return self._connection.state is State.OPEN and not self._connection.paused
+
+    @property
+    def _ready(self) -> bool:
+        return self._reads and not self.outbox and self._missed is None
 
 
 # ---------------------------------------------------------------------- requests
@@ -461,6 +428,10 @@ class Conversation:
                 topic = self._core.topics.get(plain(getattr(request, "topic", "")))
                 if topic is not None and isinstance(request, Publish):
                     self._core.refuse(topic, topic.name, words, client.peer)
+
+    def disconnected(self, client: Client) -> None:
+        """Note that a client has left."""
+        self._core.disconnected(client.peer)
 
     def _act(self, client: Client, request: AnyRequest) -> None:
         match request:
@@ -565,30 +536,21 @@ def _by_name(kind: MessageType, args: Mapping[str, Any] | list[Any]) -> Mapping[
 # ---------------------------------------------------------------------- server
 
 
-class _Connection(ServerConnection):
-    """A connection that ends at once when too many others have sent nothing yet."""
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        super().connection_made(transport)
-        if len(self.server.handlers) > MOST_CLIENTS + MOST_STRANGERS:
-            self.transport.abort()
-
-
 class WebSocketTransport:
     """Serve the rosbridge protocol in a thread of its own.
 
     Args:
         host: address to listen on
         port: port to listen on; 0 takes any free one
-        token: what clients have to show; required beyond the loopback address
-        pages: which web pages may connect; when omitted, none
+        pages: which pages and programs may connect; when omitted, programs; beyond the loopback
+            address it has a token
 
     Attributes:
         port: the one that is listened on, once started
         clients: who is connected; touched in the server's own thread only
 
     Raises:
-        InputError: no token beyond the loopback address, or a short one, or no such port
+        InputError: no token beyond the loopback address, or no such port
     """
 
     name = "websocket"
@@ -597,14 +559,17 @@ class WebSocketTransport:
         self,
         host: str = "127.0.0.1",
         port: int = PORT,
-        token: str | None = None,
         pages: PageAccess | None = None,
     ) -> None:
         if not 0 <= port <= 65535:
             raise InputError(f"got port {port}; allowed: 1 to 65535, or 0 for any free port")
-        self._access = Access(host, token, pages or PageAccess())
+        self._access = Access(host, pages or PageAccess())
         self.port = port
         self.clients: set[Client] = set()
+        self._connections = Connections("websocket")
+        self._newest: dict[str, Frame] = {}
+        self._batches = 0
+        self._rate_limit = RateLimit(LOG_PERIOD_S)
         self._wanted: frozenset[str] = frozenset()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._thread: threading.Thread | None = None
@@ -618,15 +583,15 @@ class WebSocketTransport:
 
     @property
     def viewer_address(self) -> str:
-        """The address with the credentials that the web viewer shows."""
-        query = self._access.pages.query
-        token = self._access.token
-        return f"{self.address}/?{query}" + (f"&{urlencode({'token': token})}" if token else "")
+        """The address with the secret that the web viewer shows."""
+        return f"{self.address}/?{self._access.pages.query}"
 
     @property
     def greeting(self) -> str:
         """The line that is printed at the start."""
-        return f"{self.address}  (rosbridge{', with the token' if self._access.token else ''})"
+        return (
+            f"{self.address}  (rosbridge{', with the token' if self._access.pages.token else ''})"
+        )
 
     def start(self, core: Core) -> None:
         """Listen.
@@ -689,15 +654,11 @@ class WebSocketTransport:
             self._listen,
             self._access.host,
             self.port,
-            create_connection=_Connection,
             process_request=self._admit,
-            compression=None,
-            max_size=LARGEST_MESSAGE,
-            ping_interval=PING_S,
-            ping_timeout=PONG_S,
-            close_timeout=CLOSE_S,
             open_timeout=OPEN_S,
+            close_timeout=CLOSE_S,
             server_header="trocar",
+            **self._connections.options,
             # keeps the library's remarks about strangers off the terminal
             logger=logging.Logger("trocar.websocket", logging.CRITICAL),
         ) as listening:
@@ -710,12 +671,10 @@ class WebSocketTransport:
         objection = self._access.objection(request.path, request.headers)
         if objection is not None:
             return connection.respond(*objection)
-        if len(self.clients) >= MOST_CLIENTS:
-            return connection.respond(503, f"{MOST_CLIENTS} clients are connected already\n")
-        return None
+        return self._connections.admit(connection)
 
     async def _listen(self, connection: ServerConnection) -> None:
-        client = Client(connection)
+        client = Client(cast(Connection, connection), self._newest)
         self.clients.add(client)
         try:
             async for text in connection:
@@ -729,6 +688,7 @@ class WebSocketTransport:
             pass
         finally:
             self.clients.discard(client)
+            self._conversation.disconnected(client)
             self._look()
 
     def _look(self) -> None:
@@ -737,23 +697,30 @@ class WebSocketTransport:
 
     def _deliver(self, frames: Sequence[Frame]) -> None:
         now = time.monotonic()
+        self._batches += 1
+        for frame in frames:
+            frame.number = self._batches
+            if frame.replaceable:
+                self._newest[frame.topic.name] = frame
+        events = [frame for frame in frames if not frame.replaceable]
         for client in self.clients:
-            with _logged():
-                client.deliver(frames, now)
+            with self._logged():
+                client.deliver(frames, events, now)
 
     async def _tend(self) -> None:
         while True:
             await asyncio.sleep(TEND_S)
             now = time.monotonic()
             for client in self.clients:
-                with _logged():
+                with self._logged():
                     client.tend(now)
 
-
-@contextlib.contextmanager
-def _logged() -> Iterator[None]:
-    """Log a message that cannot be sent, and go on with the others."""
-    try:
-        yield
-    except TrocarError as error:
-        _log.error("websocket: %s", error)
+    @contextlib.contextmanager
+    def _logged(self) -> Iterator[None]:
+        """Log a message that cannot be sent, and go on with the others."""
+        try:
+            yield
+        except TrocarError as error:
+            unsaid = self._rate_limit.due(str(error), time.monotonic())
+            if unsaid is not None:
+                _log.error("websocket: %s%s", error, suffix(unsaid))

@@ -1,0 +1,94 @@
+"""Simulate arms that touch a block of known points, and write their joint readings.
+
+Bases stand at random places and joints read wrong by random offsets. With --boards each arm holds a
+board before a camera instead. The files are those of trocar calibrate --from kinematics; the ground
+truth is written to FILE.truth.json.
+"""
+
+from __future__ import annotations
+
+import math
+from argparse import ArgumentParser, Namespace
+
+from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.output import print_result
+from trocar.errors import InputError
+
+SUMMARY = "simulate arms touching known points"
+ORDER = 85
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "--arm",
+        action="append",
+        required=True,
+        metavar="NAME=ARM",
+        help="arm by its name in the files, and its description: built-in or TOML file"
+        " (repeatable), e.g. PSM1=psm",
+    )
+    parser.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="TOML file to write; a CSV beside it"
+    )
+    parser.add_argument(
+        "--boards", action="store_true", help="views of a board on the tip in place of touches"
+    )
+    parser.add_argument(
+        "--count", type=int, default=30, metavar="N", help="readings of each arm (default: 30)"
+    )
+    parser.add_argument(
+        "--noise-mm",
+        type=number,
+        default=0.2,
+        metavar="MM",
+        help="noise of a place along each axis, 1 sigma (default: 0.2)",
+    )
+    parser.add_argument(
+        "--noise-deg",
+        type=number,
+        default=0.05,
+        metavar="DEG",
+        help="noise of a board's rotation about each axis, 1 sigma (default: 0.05)",
+    )
+    parser.add_argument(
+        "--offset-deg",
+        type=number,
+        default=1.0,
+        metavar="DEG",
+        help="joints read wrong by up to this, those that slide by 1 mm for each degree"
+        " (default: 1)",
+    )
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
+    add_overwrite(parser, "existing output files")
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Simulate, write, and print what was written."""
+    from trocar.apps.mocap.touches import TouchSettings, write_touches
+    from trocar.descriptions import load_arm
+
+    arms = {}
+    for text in args.arm:
+        name, given, description = text.partition("=")
+        if not (name and given and description) or name in arms:
+            raise InputError(f"--arm: got {text!r}; allowed: NAME=ARM, each name once")
+        arms[name] = (description, load_arm(description))
+    settings = TouchSettings(
+        count=args.count,
+        noise_m=1e-3 * args.noise_mm,
+        noise_rad=math.radians(args.noise_deg),
+        offset_rad=math.radians(args.offset_deg),
+        offset_m=1e-3 * args.offset_deg,
+        boards=args.boards,
+        seed=args.seed,
+    )
+    truth = write_touches(args.output, arms, settings, args.overwrite)
+    what = "views of a board" if args.boards else "touches"
+    print_result(
+        args,
+        {"file": args.output, "truth": truth},
+        lambda: f"{args.output}: {args.count} {what} of {', '.join(arms)}",
+    )
+    return 0

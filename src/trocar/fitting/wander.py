@@ -85,8 +85,8 @@ def fit_wander(
     )
     share = np.asarray(np.linalg.pinv(basis), dtype=np.float64)
     weights = there @ share  # of the samples in the curve
-    noise = centres - basis @ (share @ centres)
-    noise *= np.sqrt(len(noise) / max(len(noise) - basis.shape[1], 1))
+    freed = len(centres) / max(len(centres) - basis.shape[1], 1)
+    noise: Array = np.sqrt(freed) * (centres - basis @ (share @ centres))
     in_base = np.einsum("kji,kj->ki", back[:, :3, :3], noise)
 
     # What the noise of each sample does to tip and post, and to the curve.
@@ -122,7 +122,7 @@ def fit_wander(
         influence=influence,
         widened=widened,
     )
-    left = float(np.sqrt(np.mean(np.sum(noise**2, axis=1))))
+    left = float(np.linalg.norm(noise)) / float(np.sqrt(count))
     return WanderFit(found, left, places, weights @ centres - post, curve_sigma)
 
 

@@ -295,6 +295,23 @@ def test_a_damaged_block_is_said_and_what_lies_before_is_read(tmp_path: Path) ->
     assert recorded.rows in (400, 800)
 
 
+def test_a_file_with_damaged_bytes_is_read_or_rejected(tmp_path: Path) -> None:
+    world, file, rng = World("psm"), tmp_path / "run.mcap", np.random.default_rng(0)
+    with record(world, file):
+        world.step(50)
+    whole, rejected = np.frombuffer(file.read_bytes(), np.uint8), 0
+    for _ in range(3000):
+        data = whole.copy()
+        count = rng.choice((1, 4, 32))
+        data[rng.integers(len(data), size=count)] = rng.integers(256, size=count)
+        file.write_bytes(data.tobytes())
+        try:
+            open_recording(file)
+        except LogError:
+            rejected += 1
+    assert 0 < rejected < 3000
+
+
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [

@@ -134,7 +134,16 @@ def test_the_lock_is_told(world, arm):
 
 
 @pytest.mark.parametrize(
-    "bad", [np.zeros(4), np.ones((3, 3)), np.diag([1, 1, -1.0]), [1, 0, 0], "up", [np.nan] * 4]
+    "bad",
+    [
+        np.zeros(4),
+        np.ones((3, 3)),
+        np.diag([1, 1, -1.0]),
+        [1, 0, 0],
+        "up",
+        [np.nan] * 4,
+        [1e200] * 4,
+    ],
 )
 def test_what_is_no_orientation_is_rejected_with_a_warning(arm, bad):
     assert not arm.lock_orientation(bad)

@@ -31,6 +31,9 @@ from trocar.simulation.journal import Entry
 
 Array = NDArray[np.float64]
 
+#: What Python raises for damaged lengths and texts, memory for a length of terabytes among it.
+UNREADABLE = ValueError, struct.error, MemoryError, OverflowError
+
 
 @dataclass(frozen=True, eq=False)
 class Recorded:
@@ -180,8 +183,11 @@ def open_recording(path: str | Path) -> Recorded:
     about, problem = messages.about, messages.problem
     if not rows:
         raise LogError(file, f"holds no states{f' ({problem})' if problem else ''}")
-    start = float(about["start_s"])
-    end = start + (rows - 1) * float(about["timestep_s"])
+    try:
+        start = float(about["start_s"])
+        end = start + (rows - 1) * float(about["timestep_s"])
+    except (KeyError, ValueError) as error:
+        raise LogError(file, f"cannot be understood: start or time step: {error}") from error
     return Recorded(file, about, tuple(past), tuple(entries), layouts, rows, start, end, problem)
 
 
@@ -215,7 +221,7 @@ def mcap_topics(path: str | Path) -> dict[str, str]:
                     schemas[record.id] = record.name
                 elif isinstance(record, mcap.records.Channel):
                     found[record.topic] = record.schema_id
-        except (mcap.exceptions.McapError, ValueError, struct.error):
+        except (*UNREADABLE, mcap.exceptions.McapError):
             return {}
     return {topic: schemas.get(schema, "") for topic, schema in found.items()}
 
@@ -271,7 +277,7 @@ class _Messages:
         schemas: dict[int, str] = {0: ""}
         channels: dict[int, Any] = {}
         reader = mcap.stream_reader.StreamReader(stream, record_size_limit=size, validate_crcs=True)
-        broken = mcap.exceptions.McapError, mcap.zstandard.ZstdError, ValueError, struct.error
+        broken = (*UNREADABLE, mcap.exceptions.McapError, mcap.zstandard.ZstdError)
         try:
             for record in reader.records:
                 if isinstance(record, mcap.records.Metadata) and record.name == "trocar":

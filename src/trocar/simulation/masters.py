@@ -7,6 +7,7 @@ three joints stay free.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,7 +141,7 @@ def check_orientation(value: ArrayLike) -> Array:
         given = np.zeros(0)
     if given.shape == (3, 3):
         return check_rotation(given, "orientation")
-    if given.shape == (4,) and abs(float(np.linalg.norm(given)) - 1.0) < UNIT_TOLERANCE:
+    if given.shape == (4,) and abs(math.hypot(*given) - 1.0) < UNIT_TOLERANCE:
         return matrix_from_quaternion(given / np.linalg.norm(given))
     raise InputError(
         f"orientation: got {value!r}; allowed: a rotation matrix (3, 3), or a unit quaternion wxyz"

@@ -15,6 +15,7 @@ from trocar.apps.dvrk_config import Options, import_dvrk
 from trocar.apps.dvrk_config.agreement import agreement
 from trocar.apps.dvrk_config.system import read_system
 from trocar.descriptions import RigDescription, load_rig
+from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.simulation import World
 
@@ -345,3 +346,19 @@ def test_two_endoscopes_and_the_older_words_of_a_console(tmp_path: Path) -> None
     world = World(found.rig)
     assert world.arm("PSM1").measured_cp().frame_id == "ECM"  # whichever comes first in the file
     assert {camera.name for camera in found.rig.cameras} >= {"endoscope", "endoscope_ECM2"}
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("nan")])
+def test_a_base_that_is_not_finite_is_refused_at_once(tmp_path: Path, value: float) -> None:
+    """LAPACK's decomposition does not return from infinite elements."""
+    pose = [
+        [value, 0.0, 0.0, 0.0],
+        [0.0, 1.0, 0.0, 0.0],
+        [0.0, 0.0, 1.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0],
+    ]
+    base = {"reference_frame": "cart", "transform": pose}
+    arm = {"name": "PSM1", "type": "PSM", "arm_file": "psm.json", "base_frame": base}
+    path = lab.write(tmp_path, {"system-lab.json": {"arms": [arm]}, "psm.json": {}})
+    with pytest.raises(DescriptionError, match="allowed: finite numbers"):
+        import_dvrk(path, tmp_path / "rig.toml")

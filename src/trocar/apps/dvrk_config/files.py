@@ -8,6 +8,7 @@ sawIntuitiveResearchKit share/schemas, and the files of share and of labs before
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -382,7 +383,7 @@ class Sources:
             beside.parents[k - 1] for k, part in enumerate(beside.parts[::-1], 1) if part == first
         ]
         folders = [*self.folders, *own]
-        exact = next((f / name for f in folders if (f / name).is_file()), None)
+        exact = next((f / name for f in folders if os.path.isfile(f / name)), None)
         if exact is not None:
             return exact
         for folder in folders:

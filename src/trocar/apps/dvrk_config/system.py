@@ -777,6 +777,8 @@ def _row(row: DhRow, literal: bool) -> DhRow:
 def _pose(file: JsonFile[Any], key: str, rows: tuple[tuple[float, ...], ...]) -> Array:
     """Return a (4, 4) matrix that must be a pose."""
     T = np.array(rows)
+    if not np.isfinite(T).all():
+        raise file.fail(key, f"got {T.tolist()}; allowed: finite numbers")
     if not np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], atol=1e-9):
         raise file.fail(key, f"got {T[3].tolist()} as the last row; allowed: [0, 0, 0, 1]")
     return transform(_rotation(file, key, T[:3, :3]), T[:3, 3])
@@ -785,6 +787,8 @@ def _pose(file: JsonFile[Any], key: str, rows: tuple[tuple[float, ...], ...]) ->
 def _rotation(file: JsonFile[Any], key: str, rows: Any) -> Array:
     """Return the rotation next to a matrix that was printed with few decimals."""
     R = np.array(rows)
+    if not np.isfinite(R).all():  # LAPACK does not return from infinite elements
+        raise file.fail(key, f"got {R.tolist()}; allowed: finite numbers")
     U, sizes, V = np.linalg.svd(R)
     if np.abs(sizes - 1.0).max() > SKEW or np.linalg.det(R) < 0.0:
         raise file.fail(

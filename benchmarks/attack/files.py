@@ -1,0 +1,166 @@
+"""Damaged files of every format that trocar reads: read, or refused with one clear error."""
+
+from __future__ import annotations
+
+import logging
+import random
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.attack import Tally
+from trocar.apps.calibration import read_tracks
+from trocar.apps.calibration.touches import read_touches
+from trocar.apps.dvrk_config import import_dvrk
+from trocar.apps.follow import open_bag
+from trocar.apps.follow.logs import read_log
+from trocar.apps.importers import import_file
+from trocar.apps.mocap import MocapSettings, simulate_tracks, write_tracks
+from trocar.apps.mocap.touches import TouchSettings, write_touches
+from trocar.apps.samples import write_samples
+from trocar.descriptions import load_arm, load_rig
+from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
+from trocar.errors import TrocarError
+from trocar.recording import open_recording, record
+from trocar.simulation import World
+
+#: A file that takes longer to read or to refuse has failed. Source: the project's goal. [s]
+LONGEST_S = 5.0
+#: What takes the place of numbers, and of other pieces of a text.
+NUMBERS = ("nan", "-inf", "1e999", "9" * 5000, "-0", "1e-320", "0x10", '"1"', "[]", "true", "")
+PIECES = ("[" * 20_000, '"' * 3, "\x00", "\ufeff", "../" * 50, "a" * 100_000, "=", "{", "<a>", ",")
+
+#: How a file is read: its path, and a folder for what is made of it.
+Read = Callable[[Path, Path], object]
+
+
+def attack(seed: int, seconds: float) -> Tally:
+    """Damage valid files in random ways and read them."""
+    rng, tally = random.Random(seed), Tally("files")
+    logging.getLogger("trocar").setLevel(logging.CRITICAL + 1)
+    end = time.monotonic() + seconds
+    with tempfile.TemporaryDirectory() as folder:
+        samples = written(Path(folder) / "samples")
+        for file, read in samples:  # an undamaged file that is refused would try nothing
+            read(file, _empty(Path(folder) / "out"))
+        while time.monotonic() < end:
+            file, read = rng.choice(samples)
+            there = _empty(Path(folder) / "case")
+            shutil.copytree(file.parent, there, dirs_exist_ok=True)
+            damaged = there / file.name
+            how = damage(damaged, rng)
+            tally.tried += 1
+            begun = time.monotonic()
+            try:
+                read(damaged, _empty(Path(folder) / "out"))
+            except TrocarError:
+                pass
+            except Exception as error:  # noqa: BLE001  whatever else comes is the finding
+                tally.failed.append(f"case {tally.tried}, {file.name}, {how}: {error!r:.300}")
+            if time.monotonic() - begun > LONGEST_S:
+                took = f"took {time.monotonic() - begun:.1f} s"
+                tally.failed.append(f"case {tally.tried}, {file.name}, {how}: {took}")
+    return tally
+
+
+def written(folder: Path) -> list[tuple[Path, Read]]:
+    """Write one small valid file of each format, each in a folder of its own, with its reader."""
+    folder.mkdir(parents=True)
+    psm, found = load_arm("psm"), list[tuple[Path, Read]]()
+
+    def add(name: str, read: Read, make: Callable[[Path], object]) -> None:
+        own = folder / str(len(found))
+        own.mkdir()
+        make(own / name)
+        found.append((own / name, read))
+
+    def copied(source: Path) -> Callable[[Path], object]:
+        return partial(shutil.copy, source)
+
+    given = folder / "given"
+    given.mkdir()
+    write_samples(given)
+    data = Path(psm.file).parent.parent
+    add("rig.toml", lambda file, _: load_rig(file), copied(data / "rigs" / "psm.toml"))
+    add("arm.toml", lambda file, _: load_arm(file), copied(Path(psm.file)))
+    add(
+        "overlay.toml",
+        lambda file, _: read_overlay(file),
+        lambda file: write_overlay(file, Overlay("psm")),
+    )
+    made = simulate_tracks(psm, MocapSettings("kinematic", duration_s=6.0, rate_hz=10.0))
+    for layout in ("tidy", "motive"):
+        add(
+            f"{layout}.csv",
+            lambda file, _: read_tracks(file),
+            lambda file, layout=layout: write_tracks(file, made, layout),
+        )
+    touches = TouchSettings(count=6)
+    add(
+        "touches.toml",
+        lambda file, _: read_touches(file),
+        lambda file: write_touches(file, {"PSM1": ("psm", psm)}, touches),
+    )
+    add("rec.mcap", lambda file, _: open_recording(file), _record)
+    readers: dict[str, Read] = {
+        ".urdf": lambda file, out: import_file(file, out / "made"),
+        ".csv": lambda file, _: read_log(file, psm),
+        ".bag": lambda file, _: open_bag(file),
+    }
+    for path in sorted(p for p in given.iterdir() if p.suffix in readers):
+        add(path.name, readers[path.suffix], copied(path))
+    lab = given / "lab"
+    system = next(iter(sorted(lab.glob("system*.json"))), None)
+    if system is not None:
+        found.append((system, lambda file, out: import_dvrk(file, out / "rig.toml")))
+    return found
+
+
+def _record(file: Path) -> None:
+    world = World("psm")
+    with record(world, file):
+        world.arm("PSM1").servo_jp(np.zeros(6))
+        world.step(50)
+
+
+def damage(file: Path, rng: random.Random) -> str:
+    """Change a file in one random way; return which."""
+    data = bytearray(file.read_bytes())
+    way = rng.choice(("bytes", "cut", "twice", "number", "piece", "line", "empty"))
+    if way == "bytes":
+        for _ in range(rng.choice((1, 4, 32))):
+            data[rng.randrange(len(data))] = rng.randrange(256)
+    elif way == "cut":
+        del data[rng.randrange(len(data)) :]
+    elif way == "twice":
+        at = rng.randrange(len(data))
+        data[at:at] = data[at : at + rng.randrange(1, 4096)]
+    elif way == "empty":
+        data.clear()
+    else:
+        text = data.decode("utf-8", "replace")
+        if way == "number" and (places := list(re.finditer(r"-?\d+(\.\d+)?", text))):
+            at = rng.choice(places)
+            text = text[: at.start()] + rng.choice(NUMBERS) + text[at.end() :]
+        elif way == "line":
+            lines = text.splitlines(keepends=True)
+            lines.insert(rng.randrange(len(lines)), lines.pop(rng.randrange(len(lines))))
+            text = "".join(lines)
+        else:
+            at = rng.randrange(len(text))
+            text = text[:at] + rng.choice(PIECES) + text[at:]
+        data = bytearray(text.encode("utf-8", "replace"))
+    file.write_bytes(data)
+    return way
+
+
+def _empty(folder: Path) -> Path:
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    return folder

@@ -2,8 +2,9 @@
 
 startup: time to the help and to the first motion. recording: cost of recording the full cart in
 motion. interface: what a client in another process sees of a simulator. scope: pictures of the
-endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours of the cart in motion
-(7 minutes each on one core).
+endoscope a second, beside MuJoCo's own renderer and in real time. calibration: accuracy and
+intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
+hours of the cart in motion (7 minutes each on one core).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -19,7 +20,7 @@ from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
 
-NAMES = ("startup", "recording", "interface", "scope", "soak")
+NAMES = ("startup", "recording", "interface", "scope", "calibration", "soak")
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -39,6 +40,9 @@ def main(words: Sequence[str] | None = None) -> int:
         type=float,
         metavar="S",
         help="time of each pass or subscription (recording, scope: 4; interface: 10; soak: 3600)",
+    )
+    parser.add_argument(
+        "--robots", type=int, default=40, metavar="N", help="of calibration: of each kind (40)"
     )
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
     parser.add_argument(
@@ -61,9 +65,9 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
     try:
-        for value in (args.duration, args.passes, args.live):
+        for value in (args.duration, args.passes, args.live, args.robots):
             if value is not None and not 0.0 < value < float("inf"):
-                raise InputError("--duration, --live and --passes: allowed: above 0")
+                raise InputError("--duration, --live, --passes and --robots: allowed: above 0")
         if args.output is not None and "soak" not in args.name:
             raise InputError("--output: allowed with soak only")
         each = () if args.duration is None else (args.duration,)
@@ -87,6 +91,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             onlooker = "" if args.no_browser else None
             found += scope(*each or (4.0,), watch, args.live, onlooker)
+        if "calibration" in args.name:
+            from benchmarks.calibration import calibration
+
+            found += calibration(args.robots, watch)
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

@@ -31,6 +31,7 @@ UNITS: dict[str, dict[str, float]] = {
     "force": {"n": 1.0},
     "angular damping": {"nms": 1.0},
     "linear damping": {"ns_per_m": 1.0},
+    "linear stiffness": {"n_per_m": 1.0},
     "angular stiffness": {"nm_per_rad": 1.0},
     "angular velocity": {"rad_s": 1.0, "deg_s": math.pi / 180.0},
     "linear velocity": {"m_s": 1.0},

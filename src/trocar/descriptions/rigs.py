@@ -147,7 +147,7 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         raise table.fail("pose", f"got {again!r} a second time")
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
-    sensors = read_sensors(table.tables("sensor"), arms)
+    sensors = read_sensors(table.tables("sensor"), arms, props, bands)
     teleops = read_teleops(table.tables("teleop"), arms)
     cameras = read_cameras(table.tables("camera"), arms)
     share = _read_test_share(table)

@@ -173,6 +173,8 @@ def extend(spec: mujoco.MjSpec, path: str) -> None:
         raise DescriptionError(
             path, "extend_spec", "added an actuator or a keyframe; allowed: all else"
         )
+    for part in (*spec.bodies, *spec.joints):  # what stands still is found by its name elsewhere
+        part.name = part.name or f"extension/{part.id}"
 
 
 def run_script(path: str, name: str) -> Any:

@@ -128,6 +128,14 @@ class ObjectKinematics:
                 found[k, :3], found[k, 3:] = twist[:3], here[:3, :3].T @ twist[3:]
         return found
 
+    def coordinates(self, qpos: Array, qvel: Array) -> Array:
+        """Return coordinate and rate of each hinge or slide, NaN of other joints, (n, 2)."""
+        found = np.full((len(self.joints), 2), np.nan)
+        for k, row in enumerate(self.joints):
+            if row.kind in ("hinge", "slide"):
+                found[k] = qpos[row.qpos.start], qvel[row.qvel.start]
+        return found
+
     def _matrices(self, qpos: Array) -> list[Array]:
         """Return the pose of each object in the world, (..., 4, 4) each."""
         found: list[Array] = []

@@ -38,6 +38,7 @@ class ObjectStates:
         quaternions: wxyz, (n, 4)
         linear: velocity of the frame's origin in the world, (n, 3) [m/s]
         spin: angular velocity in the object's own axes, (n, 3) [rad/s]
+        joint: coordinate and rate of a hinge or slide, NaN of others, (n, 2) [rad or m, per s]
     """
 
     names: tuple[str, ...]
@@ -46,6 +47,7 @@ class ObjectStates:
     quaternions: Array
     linear: Array
     spin: Array
+    joint: Array
 
     @property
     def angular(self) -> Array:
@@ -200,8 +202,9 @@ class Objects:
         """Return where all of them are."""
         at = self.kinematics.poses(self._data.qpos)
         v = self.kinematics.velocities(self._data.qpos, self._data.qvel)
-        now = float(self._data.time)
-        return ObjectStates(tuple(self.by_name), now, at[:, :3], at[:, 3:], v[:, :3], v[:, 3:])
+        joint = self.kinematics.coordinates(self._data.qpos, self._data.qvel)
+        parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], joint
+        return ObjectStates(tuple(self.by_name), float(self._data.time), *parts)
 
 
 def checked_pose(name: str, T: ArrayLike) -> Array:

@@ -477,7 +477,7 @@ class TensionReading(SensorReading):
 
     Attributes:
         length: through all its points [m]
-        tension: 0 while it is slack [N]
+        tension: 0 while it is slack, its damping apart [N]
     """
 
     length: float

@@ -44,10 +44,13 @@ def prop_joint(prop: str, kind: str) -> str:
 
 
 def band(name: str) -> str:
-    """Return the name of an elastic band's tendon."""
-    return f"band/{name}"
+    """Return the name of an elastic band's tendon, in models and in files."""
+    return f"band_{name}"
 
 
 def band_site(name: str, number: int) -> str:
-    """Return the name of the site at a point of an elastic band."""
-    return f"band/{name}/{number}"
+    """Return the name of the site at a point of an elastic band.
+
+    Files keep it: a tendon refers to its sites by names that cannot be changed.
+    """
+    return f"band_{name}_{number}"

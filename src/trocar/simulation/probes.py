@@ -249,6 +249,8 @@ class Probes:
     def _touched(self, mine: Bodies) -> mujoco.MjData:
         """Return where the contacts of some bodies stand; those of what sleeps are worked out."""
         trees = self._model.body_treeid[mine[: self._model.nbody]]
+        if (trees < 0).all():  # what stands still: everything that sleeps may lie on it
+            trees = np.arange(self._model.ntree)
         if not (self._data.tree_asleep[trees[trees >= 0]] >= 0).any():
             return self._acted()
         scratch = self._copied()  # is never stepped, so nothing in it falls asleep

@@ -21,6 +21,7 @@ from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
+from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
@@ -575,7 +576,9 @@ class World:
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
         shown = self.frames.shadow
-        return Snapshot(self.time, shown.xpos.copy(), shown.xquat.copy(), found, self._build)
+        bands = band_poses(self.rig, self._model, shown)
+        at, turn = np.concatenate([shown.xpos, bands[0]]), np.concatenate([shown.xquat, bands[1]])
+        return Snapshot(self.time, at, turn, found, self._build)
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""

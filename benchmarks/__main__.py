@@ -3,7 +3,7 @@
 startup: time to the help and to the first motion. recording: cost of recording the full cart in
 motion. interface: what a client in another process sees of a simulator. scope: pictures of the
 endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours of the cart in motion
-(7 minutes each on one core).
+(7 minutes each on one core). laws: momentum, friction, soft pads and elastic bands of props.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -19,7 +19,7 @@ from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
 
-NAMES = ("startup", "recording", "interface", "scope", "soak")
+NAMES = ("startup", "recording", "interface", "scope", "soak", "laws")
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -87,6 +87,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             onlooker = "" if args.no_browser else None
             found += scope(*each or (4.0,), watch, args.live, onlooker)
+        if "laws" in args.name:
+            from benchmarks.laws import laws
+
+            found += laws()
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

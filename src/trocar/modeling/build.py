@@ -44,6 +44,7 @@ from trocar.modeling.options import (
     STIFF_STEPS,
     STILL_M_S,
     STOP_STEPS,
+    TOLERANCE,
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, soften
@@ -261,6 +262,7 @@ class Draft:
         if objects:
             option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
             option.sleep_tolerance = STILL_M_S
+            option.tolerance = TOLERANCE
 
     def _add_arm(
         self, place: RigArm, mount: Anchor, mask: ContactMask, group: int

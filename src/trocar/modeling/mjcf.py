@@ -147,6 +147,7 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
     option, usual = cast(Any, spec.option), cast(Any, mujoco.MjSpec().option)
     # Sleeping is a choice of the scene.
     option.enableflags, option.sleep_tolerance = usual.enableflags, usual.sleep_tolerance
+    option.tolerance = usual.tolerance
     if not variant.mjx:
         return
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

@@ -32,9 +32,13 @@ name = "start"
 ECM = [0, 0, 0.1, 0]
 """
 #: Balls in flight that two bands pull together, so that they collide.
-FLIGHT = {"one": (2.0, [0.0, 0.0, 5.0]), "two": (6.0, [0.09, 0.01, 5.0]), "three": (3.0, [0, 0.1, 5])}
-#: Friction coefficients, masses on pads [g] and their stiffness [N/m], masses on bands [g] and their
-#: stiffness [N/m].
+FLIGHT = {
+    "one": (2.0, [0.0, 0.0, 5.0]),
+    "two": (6.0, [0.09, 0.01, 5.0]),
+    "three": (3.0, [0, 0.1, 5]),
+}
+#: Friction coefficients; masses on pads and stiffness of these; masses on bands and stiffness of
+#: these [g, N/m].
 FRICTION = (0.1, 0.3, 0.6, 1.0)
 PADS = ((5.0, 50.0), (50.0, 50.0), (50.0, 500.0), (500.0, 2000.0))
 BANDS = ((10.0, 20.0), (50.0, 20.0), (50.0, 200.0))

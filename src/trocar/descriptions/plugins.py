@@ -1,4 +1,4 @@
-"""What installed packages add by entry points: arms, tools, rigs, props, scenes, tasks, controllers.
+"""What installed packages add by entry points: arms, tools, props, controllers and others.
 
 A package registers a name in the group `trocar.KIND`, see docs/extending.md.
 """
@@ -46,7 +46,7 @@ def load_registered(kind: Kind, name: str) -> Any:
     entry = known[name]
     try:
         return entry.load()
-    except Exception as problem:  # noqa: BLE001  it is code of others
+    except Exception as problem:
         raise InputError(
             f"entry point trocar.{kind} {name!r} of {_package(entry)}: cannot be loaded from"
             f" {entry.value}: {type(problem).__name__}: {problem}"

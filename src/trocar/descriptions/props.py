@@ -136,7 +136,7 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
             if not lower <= 0.0 <= upper or lower == upper:
                 raise row.fail(
                     "lower",
-                    f"got {lower:g} to {upper:g}; allowed: a range with 0, where the prop is placed",
+                    f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement",
                 )
         rest = row.quantity("rest", measure, default=0.0)
     joint = PropJoint(

@@ -501,7 +501,9 @@ class Tension(SensorDescription):
     def read(cls, row: SensorTable) -> Tension:
         """Return the sensor of a table."""
         if row.head["arm"]:
-            raise row.table.fail("arm", f"got {row.head['arm']!r}; allowed: none, a band has no arm")
+            raise row.table.fail(
+                "arm", f"got {row.head['arm']!r}; allowed: none, a band has no arm"
+            )
         noise = {"length": row.noise("length"), "tension": row.noise("force")}
         return cls(**row.head, noise=noise, band=row.band("band"))
 

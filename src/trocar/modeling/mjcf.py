@@ -18,7 +18,6 @@ from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.errors import TrocarError
-from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.kinematics.forward import coordinates, pose, poses
 from trocar.modeling import naming
 from trocar.modeling.build import SERVO_INPUTS, SITE_RADIUS_M, Draft, effort_limit, preset

@@ -46,9 +46,7 @@ def add_prop(
     on = joint.on if joint is not None else ""
     carrier = cast(mujoco.MjsBody, spec.body(on) if on else spec.worldbody)
     at = inverse(poses[on]) @ prop.pose if on else prop.pose
-    body = carrier.add_body(
-        name=prop.name, pos=at[:3, 3], quat=quaternion_from_matrix(at[:3, :3])
-    )
+    body = carrier.add_body(name=prop.name, pos=at[:3, 3], quat=quaternion_from_matrix(at[:3, :3]))
     if joint is not None:
         _add_joint(body, prop.name, joint, timestep)
         if on:
@@ -113,7 +111,9 @@ def soften(spec: mujoco.MjSpec, geoms: Geoms, timestep: float) -> None:
         pliant = yields[one.body] + yields[two.body]
         if not pliant:  # both stand still
             continue
-        pair = cast(Any, spec.add_pair(name=f"soft_{number}", geomname1=names[0], geomname2=names[1]))
+        pair = cast(
+            Any, spec.add_pair(name=f"soft_{number}", geomname1=names[0], geomname2=names[1])
+        )
         slide, spin, roll = _friction(one.geom, two.geom)
         pair.condim, pair.friction = one.geom.condim, [slide, slide, spin, roll, roll]
         impedance = _impedance(pliant * timestep**2 / softness)
@@ -160,14 +160,14 @@ def extend(spec: mujoco.MjSpec, path: str) -> None:
     """Call `extend_spec(spec)` of a rig's Python file.
 
     Raises:
-        DescriptionError: the file has no such function, it raises, or it adds actuators or keyframes
+        DescriptionError: the file has no such function, raises, or adds actuators or keyframes
     """
     before = len(spec.actuators), len(spec.keys)
     try:
         run_script(path, "extend_spec")(spec)
     except DescriptionError:
         raise
-    except Exception as problem:  # noqa: BLE001  it is code of others
+    except Exception as problem:
         raise script_error(path, problem) from problem
     if before != (len(spec.actuators), len(spec.keys)):
         raise DescriptionError(
@@ -184,13 +184,15 @@ def run_script(path: str, name: str) -> Any:
         DescriptionError: it cannot be read, raises, or has no such function
     """
     try:
-        with open(path, "rb") as file:  # noqa: PTH123  compiled as Python reads it, with its coding
+        with open(path, "rb") as file:
             code = compile(file.read(), path, "exec")
         names: dict[str, Any] = {"__name__": name, "__file__": path}
-        exec(code, names)  # noqa: S102  a rig's own file
+        exec(code, names)
     except SyntaxError as problem:
-        raise DescriptionError(path, f"line {problem.lineno}", f"is no Python: {problem.msg}") from None
-    except Exception as problem:  # noqa: BLE001  it is code of others
+        raise DescriptionError(
+            path, f"line {problem.lineno}", f"is no Python: {problem.msg}"
+        ) from None
+    except Exception as problem:
         raise script_error(path, problem) from problem
     if not callable(names.get(name)):
         known = ", ".join(key for key, value in names.items() if callable(value)) or "none"

@@ -382,7 +382,7 @@ class Arm:
         made = load_registered("controllers", str(name))
         try:
             controller: Controller = made(**(settings or {}))
-        except Exception as problem:  # noqa: BLE001  it is code of others
+        except Exception as problem:
             what = f"{type(problem).__name__}: {problem}"
             raise InputError(f"controller {name}: got {settings!r}: {what}") from problem
         if not callable(getattr(controller, "act", None)):

@@ -5,6 +5,8 @@ So all that is drawn is rigid, whatever draws it.
 
 from __future__ import annotations
 
+import itertools
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +69,7 @@ def band_poses(
         names = [naming.band_site(band.name, k) for k in range(len(band.points))]
         points = data.site_xpos[[model.site(name).id for name in names]]
         rod = band.rest_length * STRETCH / RODS
-        for start, end in zip(points[:-1], points[1:], strict=True):
+        for start, end in itertools.pairwise(points):
             length = float(np.linalg.norm(end - start))
             along = (end - start) / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
             ahead = min(0.5 * rod, 0.5 * length)

@@ -86,7 +86,7 @@ class Registered:
         try:
             action = self.inner.act(now)
             efforts = np.asarray(action.effort, dtype=np.float64)
-        except Exception as problem:  # noqa: BLE001  it is code of others
+        except Exception as problem:
             what = f"{type(problem).__name__}: {problem}"
             raise ControllerError(f"controller {self.name}: {what}") from problem
         if efforts.shape != now.q.shape or not np.isfinite(efforts).all():

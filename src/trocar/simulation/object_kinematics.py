@@ -148,7 +148,11 @@ class ObjectKinematics:
                 motion = transform(np.eye(3), q * joint.axis)
             else:
                 ball = row.kind == "ball"
-                turn = matrix_from_quaternion(q) if ball else matrix_from_rotation_vector(q * joint.axis)
+                turn = (
+                    matrix_from_quaternion(q)
+                    if ball
+                    else matrix_from_rotation_vector(q * joint.axis)
+                )
                 motion = transform(turn, joint.point - turn @ joint.point)
             placed = row.pose @ motion
             found.append(found[row.on] @ placed if row.on >= 0 else placed)

@@ -72,7 +72,9 @@ class Scripts:
             InputError: a script is being called
         """
         if self._inside:
-            raise InputError(f"{verb}: got a call by the script of {self._inside}; allowed: outside")
+            raise InputError(
+                f"{verb}: got a call by the script of {self._inside}; allowed: outside"
+            )
 
     @contextmanager
     def _called(self, name: str) -> Iterator[None]:

@@ -175,9 +175,7 @@ class Core:
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
         scripted = {prop.name: f"scene/{prop.name}" for prop in rig.objects if prop.script}
         heard = {**self.prefixes, **scripted}
-        self._sampler = Sampler(
-            loop, heard, self.stamper, rate_hz, self._samples, self._report
-        )
+        self._sampler = Sampler(loop, heard, self.stamper, rate_hz, self._samples, self._report)
         self._publishing = Publishing(topics, self.prefixes)
         self._waiting: list[Transport] = []
         self._running: tuple[Transport, ...] = ()

@@ -156,7 +156,9 @@ def _step(message: Mapping[str, Any], _: object) -> Command:
 
 def _push(name: str, message: Mapping[str, Any], _: object) -> Command:
     _check_frame(message)
-    return Command(name, "servo_cf", {"wrench": wrench(message, "wrench")}, f"scene/{name}/servo_cf")
+    return Command(
+        name, "servo_cf", {"wrench": wrench(message, "wrench")}, f"scene/{name}/servo_cf"
+    )
 
 
 def _put_joint(name: str, message: Mapping[str, Any], _: object) -> Command:

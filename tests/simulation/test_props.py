@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import pickle
 from pathlib import Path
@@ -18,7 +17,7 @@ from trocar.descriptions import load_rig
 from trocar.errors import DescriptionError, InputError
 from trocar.modeling.mesh_files import obj
 from trocar.modeling.mjcf import POSITION, mjcf_document
-from trocar.recording import read_recording, record
+from trocar.recording import record
 from trocar.simulation import Batch, ProximityReading, World
 from trocar.simulation.scripts import FUNCTION
 
@@ -94,14 +93,13 @@ def test_a_pendulum_swings_with_its_period(tmp_path: Path) -> None:
 
 
 def test_a_limit_stops_a_joint(world: World) -> None:
-    slider = world.object("slider")
-    slider.servo_cf([100.0, 0, 0, 0, 0, 0])
-    largest = 0.0
-    for _ in range(100):
-        world.object("slider").servo_cf([1.0, 0, 0, 0, 0, 0])
+    pendulum = world.object("pendulum")
+    pendulum.servo_cf([-1.0, 0, 0, 0, 0, 0])
+    swung: list[float] = []
+    for _ in range(300):
         world.step()
-        largest = max(largest, float(slider.measured_js().position[0]))
-    assert 0.039 < largest < 0.0405 or largest < 0.0405
+        swung.append(float(pendulum.measured_js().position[0]))
+    assert max(swung) == pytest.approx(np.deg2rad(50), abs=0.03)
 
 
 def test_a_force_accelerates_an_object_by_newton_until_a_reset(tmp_path: Path) -> None:
@@ -118,7 +116,7 @@ def test_a_force_accelerates_an_object_by_newton_until_a_reset(tmp_path: Path) -
 def test_a_force_wakes_an_object_that_sleeps(world: World) -> None:
     world.step(1500)
     weight = world.object("weight")
-    tree = world.mj_model.body("weight").treeid[0]
+    tree = world.mj_model.body_treeid[world.mj_model.body("weight").id]
     assert world.mj_data.tree_asleep[tree] >= 0
     weight.servo_cf([1.0, 0, 0, 0, 0, 0])
     world.step(20)
@@ -160,14 +158,15 @@ def test_a_saved_state_goes_on_to_the_last_bit_with_scripts_and_bands(world: Wor
 def test_a_recording_of_scripted_and_jointed_objects_repeats_to_the_last_bit(
     world: World, tmp_path: Path
 ) -> None:
+    heard: list[str] = []
+    world.listen(lambda entry: heard.append(entry.name))
     with record(world, tmp_path / "play.mcap"):
         world.step(60)
         world.object("pendulum").set_jp([-1.0])
         world.step(60)
-    read = read_recording(tmp_path / "play.mcap")
-    assert [e.name for e in read.entries if e.kind == "command"] == ["set_jp"]
     report = repeat(tmp_path / "play.mcap")
     assert report.identical, report.difference
+    assert heard == ["set_jp"]  # what the script commands is commanded again by the script
 
 
 def test_a_script_that_raises_is_named_and_the_simulation_goes_on(
@@ -247,15 +246,8 @@ def test_a_rig_s_own_file_adds_to_the_model(tmp_path: Path) -> None:
     file.write_text('extend_spec = "more.py"\n' + file.read_text(encoding="utf-8"))
     world = World(file)
     world.step(100)
-    fallen = (
-        float(world.mj_data.joint("extension/" + str(world.mj_model.njnt - 1)).qpos[2])
-        if False
-        else float(
-            world.mj_data.qpos[
-                world.mj_model.jnt_qposadr[world.mj_model.body("extra").jntadr[0]] + 2
-            ]
-        )
-    )
+    joint = world.mj_model.body("extra").jntadr[0]
+    fallen = float(world.mj_data.qpos[world.mj_model.jnt_qposadr[joint] + 2])
     assert fallen == pytest.approx(2.0 - 0.5 * GRAVITY * 0.1 * 0.101, rel=1e-9)
     for source, problem in (
         ("def extend_spec(spec): spec.nothing()\n", "more.py: line 1: AttributeError"),
@@ -298,7 +290,6 @@ def test_mjcf_keeps_joints_bands_and_softness_and_other_files_say_what_they_lack
     said = " ".join(left_out(rig))
     for lost in ("pendulum", "rubber", "pad", "slider", "shake.py"):
         assert lost in said, lost
-    assert json.dumps(said)
 
 
 def test_bands_are_drawn_from_point_to_point(world: World) -> None:

@@ -53,7 +53,8 @@ def example(site: Path) -> Path:
     return site
 
 
-def test_the_example_package_adds_an_arm_a_tool_a_rig_and_a_prop(example: Path) -> None:
+@pytest.mark.usefixtures("example")
+def test_the_example_package_adds_an_arm_a_tool_a_rig_and_a_prop() -> None:
     assert "long_psm" in names("arms") and "BLUNT_DRIVER:1" in names("tools")
     rig = load_rig("example_bench")
     assert rig.arms[0].arm.name == "long_psm" and rig.arms[0].arm.tool == "BLUNT_DRIVER:1"
@@ -65,7 +66,8 @@ def test_the_example_package_adds_an_arm_a_tool_a_rig_and_a_prop(example: Path) 
     assert not task.done(World(rig)) and set(registered("scenes")) == {"example_scene"}
 
 
-def test_an_arm_follows_a_registered_controller(example: Path) -> None:
+@pytest.mark.usefixtures("example")
+def test_an_arm_follows_a_registered_controller() -> None:
     world = World("example_bench")
     arm = world.arm("PSM1")
     assert arm.use_controller("float", {"damping": 2.0})
@@ -119,7 +121,8 @@ def test_one_name_of_two_packages_is_an_error(site: Path) -> None:
         names("rigs")
 
 
-def test_an_unknown_prop_lists_the_registered_ones(example: Path, tmp_path: Path) -> None:
+@pytest.mark.usefixtures("example")
+def test_an_unknown_prop_lists_the_registered_ones(tmp_path: Path) -> None:
     text = Path(load_rig("psm").file).read_text(encoding="utf-8")
     file = tmp_path / "mine.toml"
     file.write_text(f'{text}\n[[prop]]\nname = "p"\ndescription = "dumbell"\n')

@@ -37,12 +37,27 @@ def bob(more: str = "", ball: str = BALL % "") -> str:
 @pytest.mark.parametrize(
     ("more", "problem"),
     [
-        (bob('joint = { kind = "screw" }'), r"joint.kind: got 'screw'; allowed: hinge, slide, ball"),
-        (bob('joint = { kind = "hinge", on = "pots" }'), r"joint.on: got 'pots'; allowed: world, .*post"),
-        (bob('joint = { kind = "hinge", axis = [0, 0, 0] }'), r"axis: got \[0.0, 0.0, 0.0\]; allowed: a dir"),
-        (bob('joint = { kind = "hinge", lower_deg = 5, upper_deg = 9 }'), "lower: got 0.087.*around 0"),
+        (
+            bob('joint = { kind = "screw" }'),
+            r"joint.kind: got 'screw'; allowed: hinge, slide, ball",
+        ),
+        (
+            bob('joint = { kind = "hinge", on = "pots" }'),
+            r"joint.on: got 'pots'; allowed: world, .*post",
+        ),
+        (
+            bob('joint = { kind = "hinge", axis = [0, 0, 0] }'),
+            r"axis: got \[0.0, 0.0, 0.0\]; allowed: a dir",
+        ),
+        (
+            bob('joint = { kind = "hinge", lower_deg = 5, upper_deg = 9 }'),
+            "lower: got 0.087.*around 0",
+        ),
         (bob('joint = { kind = "slide", damping_nms = 1 }'), "joint.damping_nms: unknown key"),
-        (bob('joint = { kind = "slide", damping_ns_per_m = -1 }'), "damping: got -1; allowed: 0 or more"),
+        (
+            bob('joint = { kind = "slide", damping_ns_per_m = -1 }'),
+            "damping: got -1; allowed: 0 or more",
+        ),
         (bob('joint = { kind = "ball", lower_deg = -5 }'), "lower_deg: unknown key"),
         (bob('before_step = "no.py"'), "before_step: got 'no.py'; allowed: a Python file"),
         (bob(ball=BALL % ", friction = -0.1"), "friction: got -0.1; allowed: 0 or more"),
@@ -62,7 +77,10 @@ def bob(more: str = "", ball: str = BALL % "") -> str:
             f'[[prop]]\nname = "p"\nshape = [{BALL % ", density_kg_per_m3 = 9"}]\n',
             "movable: is missing; .* no density",
         ),
-        (bob() + BAND + 'point = [{ prop = "post" }, { prop = "bib" }]', r"got 'bib'; allowed: .*bob"),
+        (
+            bob() + BAND + 'point = [{ prop = "post" }, { prop = "bib" }]',
+            r"got 'bib'; allowed: .*bob",
+        ),
         (bob() + BAND + 'point = [{ prop = "bob" }]', "point: got 1; allowed: two points"),
         (bob() + BAND + 'point = [{ prop = "post" }, { prop = "post" }]', "that stand still"),
         (bob() + BAND.replace("5", "0") + ENDS, "stiffness: got 0; allowed: above 0"),
@@ -72,7 +90,7 @@ def bob(more: str = "", ball: str = BALL % "") -> str:
         ('[[sensor]]\nname = "s"\nkind = "imu"\nprop = "pots"\n', "got 'pots'; .* allowed: .*post"),
         ('[[sensor]]\nname = "s"\nkind = "imu"\narm = "PSM1"\nprop = "post"\n', "contradicts arm"),
     ],
-)  # fmt: skip
+)
 def test_a_fault_is_one_clear_error(more: str, problem: str, tmp_path: Path) -> None:
     with pytest.raises(DescriptionError, match=problem):
         rig_with(tmp_path, more)
@@ -80,7 +98,7 @@ def test_a_fault_is_one_clear_error(more: str, problem: str, tmp_path: Path) -> 
 
 def test_shapes_of_two_densities_weigh_as_the_sum_of_both(tmp_path: Path) -> None:
     shapes = (
-        '{ kind = "box", center_mm = [10, 0, 0], size_mm = [20, 20, 20], density_kg_per_m3 = 1000 },'
+        '{ kind = "box", center_mm = [10, 0, 0], size_mm = [20, 20, 20], density_g_per_cm3 = 1 },'
         '{ kind = "box", center_mm = [-10, 0, 0], size_mm = [20, 20, 20], density_g_per_cm3 = 3 }'
     )
     (found,) = rig_with(tmp_path, bob(ball=shapes).replace("mass_g = 5", "")).objects

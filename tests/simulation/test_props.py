@@ -18,7 +18,7 @@ from trocar.errors import DescriptionError, InputError
 from trocar.modeling.mesh_files import obj
 from trocar.modeling.mjcf import POSITION, mjcf_document
 from trocar.recording import record
-from trocar.simulation import Batch, ProximityReading, World
+from trocar.simulation import Batch, ContactsReading, ProximityReading, World
 from trocar.simulation.scripts import FUNCTION
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "props" / "play.toml"
@@ -126,14 +126,14 @@ def test_a_force_wakes_an_object_that_sleeps(world: World) -> None:
 @pytest.mark.parametrize(
     ("name", "verb", "value", "problem"),
     [
-        ("pendulum", "set_cp", np.eye(4), "pendulum: set_cp: the object is on a hinge; allowed: set_jp"),
+        ("pendulum", "set_cp", np.eye(4), "set_cp: the object is on a hinge; allowed: set_jp"),
         ("ball1", "set_jp", [0.1], "ball1: set_jp: the object is free; allowed: set_cp"),
         ("pendulum", "set_jp", [3.0], "set_jp: got 3; allowed: -2.26893 to 0.872665"),
         ("tray", "set_jp", [1.0, 0.0, 0.0, 1.0], "allowed: a unit quaternion"),
         ("ball1", "servo_cf", [1.0, 2.0], "allowed: 6 finite numbers"),
         ("ball1", "servo_cf", [1e9, 0, 0, 0, 0, 0], "allowed: up to 100 N and 10 N m"),
     ],
-)  # fmt: skip
+)
 def test_what_an_object_cannot_do_is_rejected_and_nothing_changes(
     world: World, name: str, verb: str, value: object, problem: str
 ) -> None:
@@ -183,9 +183,8 @@ def test_a_script_that_raises_is_named_and_the_simulation_goes_on(
     world.listen(lambda entry: heard.append(f"{entry.source} {entry.values.get('text', '')}"))
     with caplog.at_level(logging.WARNING):
         world.step(50)
-    expected = (
-        f"{tmp_path / 'script.py'}: line 4: RuntimeError: enough; thing is scripted no longer"
-    )
+    said = "line 4: RuntimeError: enough; thing is scripted no longer"
+    expected = f"{tmp_path / 'script.py'}: {said}"
     assert heard == [f"thing {expected}"] and expected in caplog.text
     assert world.time == pytest.approx(0.05) and world.save().scripts == ()
     world.reset()
@@ -261,7 +260,9 @@ def test_a_rig_s_own_file_adds_to_the_model(tmp_path: Path) -> None:
 
 def test_sensors_on_props_see_what_is_there(world: World) -> None:
     world.step(1000)
-    scale = world.sensor("scale").contacts
+    reading = world.sensor("scale")
+    assert isinstance(reading, ContactsReading)
+    scale = reading.contacts
     assert {c.other for c in scale} == {"weight"}
     load = sum(c.force for c in scale)
     np.testing.assert_allclose(load, [0, 0, -GRAVITY * world.object("weight").mass], atol=1e-3)

@@ -5,7 +5,8 @@ motion. interface: what a client in another process sees of a simulator. scope: 
 endoscope a second, beside MuJoCo's own renderer and in real time. calibration: accuracy and
 intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
-operator with and without virtual fixtures.
+operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
+of props.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -21,7 +22,7 @@ from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
 
-NAMES = ("startup", "recording", "interface", "scope", "calibration", "soak", "assistance")
+NAMES = ("startup", "recording", "interface", "scope", "calibration", "soak", "assistance", "laws")
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -102,6 +103,10 @@ def main(words: Sequence[str] | None = None) -> int:
             from benchmarks.calibration import calibration
 
             found += calibration(args.robots, watch)
+        if "laws" in args.name:
+            from benchmarks.laws import laws
+
+            found += laws()
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

@@ -202,7 +202,7 @@ def test_a_free_arm_with_broken_loops_stays_where_it_is():
 def test_a_load_on_the_tip_is_read_off_the_motors_of_broken_loops():
     world = World("psm", calibration=broken_psm(), friction="paper", tip_load_n=10.0)
     arm = world.arm("PSM1")
-    world.set_state("PSM1", [0.2, 0.6, 0.12, 0.1, 0.2, -0.1, 0.0])
+    world.set_state("PSM1", np.array([0.2, 0.6, 0.12, 0.1, 0.2, -0.1, 0.0]))
     world.step(2000)
     J, state = arm.jacobian("spatial"), arm.measured_js()
     # Independent of both: differences of the closed kinematics.

@@ -34,7 +34,6 @@ UNITS: dict[str, dict[str, float]] = {
     "linear damping": {"ns_per_m": 1.0},
     "linear stiffness": {"n_per_m": 1.0},
     "angular stiffness": {"nm_per_rad": 1.0},
-    "linear stiffness": {"n_per_m": 1.0},
     "angular velocity": {"rad_s": 1.0, "deg_s": math.pi / 180.0},
     "linear velocity": {"m_s": 1.0},
     "angular acceleration": {"rad_s2": 1.0, "deg_s2": math.pi / 180.0},

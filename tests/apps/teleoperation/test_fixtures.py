@@ -117,7 +117,7 @@ def test_servo_cp_is_filtered_and_a_recording_repeats_it(tmp_path: Path) -> None
     base[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     base[:3, 3] = [0.1, 0.2, 0.3]
     arm.set_base_frame(base, "table")
-    start = arm.measured_cp().T
+    start = T = arm.measured_cp().T
     with record(world, tmp_path / "run.mcap"):
         for k in range(200):
             T = start.copy()

@@ -2,8 +2,11 @@
 
 startup: time to the help and to the first motion. recording: cost of recording the full cart in
 motion. interface: what a client in another process sees of a simulator. scope: pictures of the
-endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours of the cart in motion
-(7 minutes each on one core). dynamics: efforts predicted along recordings of real arms.
+endoscope a second, beside MuJoCo's own renderer and in real time. calibration: accuracy and
+intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
+hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
+operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
+of props. dynamics: efforts predicted along recordings of real arms.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -20,7 +23,17 @@ from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
 
-NAMES = ("startup", "recording", "interface", "scope", "soak", "dynamics")
+NAMES = (
+    "startup",
+    "recording",
+    "interface",
+    "scope",
+    "calibration",
+    "soak",
+    "assistance",
+    "laws",
+    "dynamics",
+)
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
 
@@ -41,7 +54,13 @@ def main(words: Sequence[str] | None = None) -> int:
         metavar="S",
         help="time of each pass or subscription (recording, scope: 4; interface: 10; soak: 3600)",
     )
+    parser.add_argument(
+        "--robots", type=int, default=40, metavar="N", help="of calibration: of each kind (40)"
+    )
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
+    parser.add_argument(
+        "--seeds", type=int, default=50, metavar="N", help="of assistance: trials of each (50)"
+    )
     parser.add_argument(
         "--transport",
         action="append",
@@ -58,7 +77,7 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--no-browser", action="store_true", help="of scope: a program loads the page instead"
     )
-    parser.add_argument("-o", "--output", metavar="PNG", help="of soak: plot its windows")
+    parser.add_argument("-o", "--output", metavar="PNG", help="of soak, assistance: plot it")
     parser.add_argument(
         "--recordings",
         metavar="DIR",
@@ -68,11 +87,14 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
     try:
-        for value in (args.duration, args.passes, args.live):
+        for value in (args.duration, args.passes, args.live, args.robots):
             if value is not None and not 0.0 < value < float("inf"):
-                raise InputError("--duration, --live and --passes: allowed: above 0")
-        if args.output is not None and "soak" not in args.name:
-            raise InputError("--output: allowed with soak only")
+                raise InputError("--duration, --live, --passes and --robots: allowed: above 0")
+        drawn = {"soak", "assistance"} & set(args.name)
+        if args.output is not None and len(drawn) != 1:
+            raise InputError("--output: allowed with soak or assistance only")
+        if args.seeds < 2:
+            raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
         found: list[Figure] = []
         if "startup" in args.name:
@@ -94,6 +116,14 @@ def main(words: Sequence[str] | None = None) -> int:
 
             onlooker = "" if args.no_browser else None
             found += scope(*each or (4.0,), watch, args.live, onlooker)
+        if "calibration" in args.name:
+            from benchmarks.calibration import calibration
+
+            found += calibration(args.robots, watch)
+        if "laws" in args.name:
+            from benchmarks.laws import laws
+
+            found += laws()
         if "dynamics" in args.name:
             from benchmarks.dynamics import dynamics
 
@@ -109,6 +139,13 @@ def main(words: Sequence[str] | None = None) -> int:
             found += soaked.figures
             if args.output is not None:
                 Path(args.output).write_bytes(draw(soaked.windows))
+        if "assistance" in args.name:
+            from benchmarks import assistance as assisted
+
+            results = assisted.assistance(args.seeds, watch)
+            found += assisted.figures(results)
+            if args.output is not None:
+                Path(args.output).write_bytes(assisted.draw(results))
     except TrocarError as error:
         print(f"benchmarks: error: {error}", file=sys.stderr)
         return 2 if isinstance(error, InputError) else 1

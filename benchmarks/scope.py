@@ -20,6 +20,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.interface import arrivals
+from benchmarks.mujoco_renderer import Reference
 from trocar.apps.figures import Figure
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
@@ -29,7 +30,6 @@ from trocar.interfaces.loop import SERVER_TICK_S, Loop
 from trocar.interfaces.pictures import Pictures, Shot
 from trocar.interfaces.viewer import serve
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
-from trocar.rendering.reference import Reference
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import Snapshot

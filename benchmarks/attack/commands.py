@@ -344,6 +344,8 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "name": any_arm,
     "set_tool_type.name": any_tool,
     "tool": any_tool,
+    "use_controller.name": chosen("", "nobody"),
+    "settings": chosen({}, {"gain": float("nan")}),
     "state_command.name": chosen("enable", "disable", "home", "unhome", "pause", "resume", "fly"),
     "move_to.name": any_pose,
     "seed": chosen(0, 1, -1, 2**40),

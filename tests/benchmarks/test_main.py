@@ -47,4 +47,4 @@ def test_a_soak_is_plotted(tmp_path: Path) -> None:
 
 def test_a_plot_of_another_benchmark_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["startup", "-o", "x.png"]) == 2
-    assert "--output: allowed with soak only" in capsys.readouterr().err
+    assert "--output: allowed with soak or assistance only" in capsys.readouterr().err

@@ -172,9 +172,14 @@ def test_exchanged_links_of_a_small_linkage_are_refused_by_a_smaller_bound(
 
 def test_the_papers_robot_takes_no_tracks(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["calibrate", "some.csv", "--from", "paper", "--arm", "psm"]) == 2
-    assert "--from paper: got TRACKS some.csv; allowed without it" in capsys.readouterr().err
+    assert (
+        "--from paper: got TRACKS some.csv; allowed: --from paper without TRACKS"
+        in capsys.readouterr().err
+    )
     assert main(["calibrate", "--arm", "psm"]) == 2
-    assert "TRACKS is missing; allowed without it: --from paper, --plan" in capsys.readouterr().err
+    assert (
+        "TRACKS is missing; allowed: a file, or --from paper or --plan" in capsys.readouterr().err
+    )
 
 
 def test_a_plan_is_a_table_a_document_and_a_page(
@@ -217,7 +222,7 @@ def test_readings_of_the_arms_themselves_register_their_bases(
     for wrong, text in (
         (
             [*words, "--overwrite", "--arm", "psm"],
-            "--from kinematics: got --arm psm; allowed without it",
+            "--from kinematics: got --arm psm; allowed: --from kinematics without --arm",
         ),
         (["calibrate", "--from", "kinematics"], "the TOML file of touches is missing"),
         (["calibrate", "tracks.csv"], "--arm is missing"),

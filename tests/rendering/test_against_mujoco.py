@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks.mujoco_renderer import Reference
 from trocar.descriptions.cameras import load_camera
 from trocar.rendering import Channels, Renderer, StereoFrame
-from trocar.rendering.reference import Reference
 from trocar.simulation import World
 
 pytestmark = pytest.mark.usefixtures("opengl")

@@ -9,6 +9,7 @@ import pytest
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.overlay_records import ClosurePatch, Overlay
+from trocar.kinematics import pose
 from trocar.simulation import World
 
 WORLD_DOWN = np.array([0.0, 0.0, -1.0])
@@ -196,3 +197,23 @@ def test_a_free_arm_with_broken_loops_stays_where_it_is():
     before = arm.measured_js().position
     world.step(5000)
     assert np.abs(arm.measured_js().position - before).max() < 1e-3  # rad or m
+
+
+def test_a_load_on_the_tip_is_read_off_the_motors_of_broken_loops():
+    world = World("psm", calibration=broken_psm(), friction="paper", tip_load_n=10.0)
+    arm = world.arm("PSM1")
+    world.set_state("PSM1", np.array([0.2, 0.6, 0.12, 0.1, 0.2, -0.1, 0.0]))
+    world.step(2000)
+    J, state = arm.jacobian("spatial"), arm.measured_js()
+    # Independent of both: differences of the closed kinematics.
+    mechanism, step = world.rig.arm("PSM1").arm.mechanism, 1e-6
+    column = []
+    for sign in (1.0, -1.0):
+        q = np.append(state.position, 0.0)
+        q[1] += sign * step
+        column.append(pose(mechanism, q)[:3, 3])
+    slope = (column[0] - column[1]) / (2.0 * step)
+    tip = pose(mechanism, np.append(state.position, 0.0))[:3, 3]
+    np.testing.assert_allclose(J[:3, 1] + np.cross(J[3:, 1], tip), slope, atol=1e-6)
+    force = arm.measured_cf("spatial").force
+    assert np.linalg.norm(force) == pytest.approx(10.0, rel=0.05)

@@ -58,15 +58,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         dest="source",
         choices=("tracks", "kinematics", "paper"),
         default="tracks",
-        help="source: motion-capture tracks; kinematics: arms' own joint readings while they touch"
-        " known points or hold a board before a camera (TRACKS is their TOML file, see trocar"
-        " touches); or the closed-loop paper's figures of its own robots (Tables 6 and 7; psm and"
-        " ecm, without TRACKS) (default: tracks)",
+        help="tracks: motion capture (default); kinematics: joint readings of arms that touch known"
+        " points or hold a board in front of a camera (TRACKS is a TOML file as of trocar touches);"
+        " paper: Tables 6 and 7 of the closed-loop paper (psm and ecm, without TRACKS)",
     )
     parser.add_argument(
         "--arm",
         metavar="ARM",
-        help="built-in arm (see trocar list arms) or TOML file; required, but for --from"
+        help="built-in arm (see trocar list arms) or TOML file; required except with --from"
         " kinematics",
     )
     parser.add_argument("-o", "--output", metavar="OVERLAY", help="overlay file to write")
@@ -96,8 +95,8 @@ def _add_plan(group: _ArgumentGroup) -> None:
     group.add_argument(
         "--plan",
         action="store_true",
-        help="predict the standard deviations of a recording, without TRACKS: each figure, and"
-        " with each sweep twice as long; --report draws them",
+        help="predict the standard deviations of a recording as planned and with each sweep twice"
+        " as long, without TRACKS; --report draws them",
     )
     group.add_argument(
         "--duration",
@@ -121,14 +120,14 @@ def _add_plan(group: _ArgumentGroup) -> None:
         "--marker-noise-mm",
         type=number,
         metavar="MM",
-        help="with --plan: noise of a marker along each axis, 1 sigma (default:"
+        help="with --plan: position noise of a marker per axis, 1 sigma (default:"
         f" {PLAN['marker_noise_mm']:g})",
     )
     group.add_argument(
         "--markers",
         type=int,
         metavar="N",
-        help=f"with --plan: markers of a cluster (default: {PLAN['markers']})",
+        help=f"with --plan: markers per cluster (default: {PLAN['markers']})",
     )
     group.add_argument(
         "--spread-mm",
@@ -157,7 +156,7 @@ def run(args: Namespace) -> int:
     if args.source == "paper":
         return _paper(args)
     if args.tracks is None:
-        raise InputError("calibrate: TRACKS is missing; allowed without it: --from paper, --plan")
+        raise InputError("calibrate: TRACKS is missing; allowed: a file, or --from paper or --plan")
     if args.report:
         check_report(args.report, args.overwrite)
     if args.output:
@@ -183,7 +182,7 @@ def run(args: Namespace) -> int:
 
 
 def _check_unplanned(args: Namespace) -> None:
-    """Reject options of a plan where nothing is planned."""
+    """Reject options of --plan without --plan."""
     for name in PLAN:
         if getattr(args, name) is not None:
             raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
@@ -236,7 +235,7 @@ def _registration(found: Mapping[str, Base], document: dict[str, Any]) -> str:
         for joint, v in base.offsets.items()
     ]  # fmt: skip
     left = "; ".join(
-        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm per axis left"
+        f"{name}: {base.readings} readings, {1e3 * base.position_rms:.3f} mm RMS residual per axis"
         for name, base in found.items()
     )
     return "\n\n".join(
@@ -249,14 +248,16 @@ def _registration(found: Mapping[str, Base], document: dict[str, Any]) -> str:
 
 
 def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:
-    """Reject options that mean nothing here."""
+    """Reject options that do not apply."""
     for given in (name for name in options if getattr(args, name) is not None):
         name = "TRACKS" if given == "tracks" else f"--{given}"
-        raise InputError(f"{what}: got {name} {getattr(args, given)}; allowed without it")
+        raise InputError(
+            f"{what}: got {name} {getattr(args, given)}; allowed: {what} without {name}"
+        )
 
 
 def _plan(args: Namespace) -> int:
-    """Predict what a recording will be worth."""
+    """Predict the standard deviations of a recording."""
     from trocar.apps.calibration import Tracks
     from trocar.apps.calibration.budget import error_budget, pose_noise, write_budget
     from trocar.apps.calibration.report import check_report
@@ -316,7 +317,7 @@ def _budget(found: Budget, budgets: dict[float, Budget]) -> str:
 
 
 def _paper(args: Namespace) -> int:
-    """Rebuild the robot that the paper measured."""
+    """Fit a geometry to the figures of the paper."""
     from trocar.apps.calibration.twin import paper_twin
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay

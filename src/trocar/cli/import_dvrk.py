@@ -76,7 +76,7 @@ def run(args: Namespace) -> int:
         (arm.name, Path(arm.arm.file).stem, arm.arm.tool or "-", arm.on or "world")
         for arm in found.rig.arms
     ]
-    print(table(("arm", "description", "tool", "stands on"), rows))
+    print(table(("arm", "description", "tool", "carrier"), rows))
     for teleop in found.rig.teleops:
         move = "moves" if len(teleop.masters) == 1 else "move"
         print(f"  {' and '.join(teleop.masters)} {move} {teleop.slave}, scale {teleop.scale:g}")

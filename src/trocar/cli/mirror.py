@@ -213,5 +213,5 @@ def _text(report: MirrorReport) -> str:
         ]
         for name, arm in report.arms.items()
     ]
-    head = ["arm", "heard", "[Hz]", "lag [ms]", "at most", "silences", "beyond limits"]
+    head = ["arm", "messages", "[Hz]", "lag [ms]", "max", "silences", "beyond limits"]
     return f"{report.source}: {report.duration_s:.2f} s\n" + table(head, rows)

@@ -1,7 +1,7 @@
 """The program `trocar`: table of subcommands, error messages, exit status.
 
 Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted; 141 the
-reader of standard output went away.
+reader of standard output closed it.
 """
 
 from __future__ import annotations

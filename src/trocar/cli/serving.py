@@ -30,6 +30,7 @@ from trocar.cli.worlds import (
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
+    from trocar.apps.fixtures import Fixtures
     from trocar.apps.teleoperation.session import Session
     from trocar.interfaces.crtk import Transport
     from trocar.interfaces.origins import PageAccess
@@ -89,6 +90,12 @@ def add_serving(parser: ArgumentParser) -> None:
         help="simulated time after which an arm holds when a client sends no further effort, wrench"
         " or velocity (default: 0.1; 0 = never, as on the dVRK)",
     )
+    assistance = parser.add_argument_group("assistance (docs/assistance.md)")
+    assistance.add_argument(
+        "--fixture",
+        metavar="FILE",
+        help="virtual fixtures, TOML file: forces at masters, and a filter of servo_cp",
+    )
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)
@@ -103,7 +110,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
         session: teleoperation by devices of this machine; None: clients drive the rig's masters
 
     Raises:
-        InputError: port, host or token is not usable, or nothing is served
+        InputError: port, host, token or fixture is not usable, or nothing is served
         DivergedError: the simulation diverged
     """
     from trocar.interfaces import Loop
@@ -118,6 +125,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             "got --no-page and --no-websocket, so nothing is served; leave out one of them, or use"
             " --headless"
         )
+    fixtures = _fixtures(world, args)
     shared = bool(transports) or session is not None
     if session is None and shared and not args.no_page:
         from trocar.apps.teleoperation.session import Session
@@ -127,6 +135,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
     tick_s = max(1, round(SERVER_TICK_S / world.timestep)) * world.timestep if shared else None
     loop = Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
     loop.while_running = recording(world, args)
+    if fixtures is not None:
+        loop.filter_command = fixtures.filter_command
+        if not shared:
+            fixtures.check_masters(())
 
     def greet(*addresses: str) -> None:
         first, *others = (*addresses, *(str(getattr(t, "greeting", t.name)) for t in transports))
@@ -155,7 +167,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
                 clock=args.clock,
                 compat=args.compat,
                 pictures=pictures,
-                components=components(loop) if session is None else session.components(loop),
+                components=(components if session is None else session.components)(loop, fixtures),
                 exclusive=args.exclusive,
                 **{name: value for name, value in given.items() if value is not None},
             )
@@ -190,6 +202,16 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             access=access,
         )
         loop.wait()
+
+
+def _fixtures(world: World, args: Namespace) -> Fixtures | None:
+    """Return the virtual fixtures of --fixture."""
+    if args.fixture is None:
+        return None
+    from trocar.apps.fixtures import Fixtures
+    from trocar.descriptions.fixtures import read_fixtures
+
+    return Fixtures(world, read_fixtures(args.fixture))
 
 
 @dataclass(frozen=True)

@@ -197,13 +197,13 @@ def _sections(arm: Document) -> Iterator[str]:
             for j in arm["joints"]
         ),
     )
-    yield "Frames: where each stands in its parent at q = 0\n" + table(
-        ["frame", "parent", "moves", "placed"],
+    yield "Frames: pose in the parent at q = 0\n" + table(
+        ["frame", "parent", "motion", "pose"],
         ([f["name"], f["parent"] or "-", _motion(f), _place(f)] for f in arm["frames"]),
     )
     if arm["closures"]:
-        yield "Loops: where their hinges are, and where they would flatten\n" + table(
-            ["hinge", "on [m]", "and on [m]", "flat at", "below", "above", "from the limits [rad]"],
+        yield "Loops: points of the hinges, and singular joint positions\n" + table(
+            ["hinge", "on [m]", "and on [m]", "joint", "singular below", "above", "margin [rad]"],
             (
                 [
                     c["name"],
@@ -286,7 +286,7 @@ def _sections(arm: Document) -> Iterator[str]:
 def _motion(frame: Document) -> str:
     verb = {"fixed": "fixed", "revolute": "turns by ", "prismatic": "slides by "}[frame["motion"]]
     if frame["motion"] != "fixed" and not frame["couplings"]:
-        return "slides as its loop has it"
+        return "slides by its loop"
     return verb + _sum(frame["couplings"]) if frame["couplings"] else verb
 
 

@@ -65,6 +65,8 @@ def run(args: Namespace) -> int:
         raise InputError(f"--tip-load: got {args.tip_load:g}; allowed: 0 N or more")
     if args.json and not args.headless:
         raise InputError("--json: allowed with --headless only, which prints a report")
+    if args.fixture is not None and args.headless:
+        raise InputError("--fixture: not allowed with --headless, which takes no commands")
     world = make_world(args, args.tip_load)
     if not args.headless:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)

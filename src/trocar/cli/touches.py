@@ -1,7 +1,7 @@
 """Simulate arms that touch a block of known points, and write their joint readings.
 
-Bases stand at random places and joints read wrong by random offsets. With --boards each arm holds a
-board before a camera instead. The files are those of trocar calibrate --from kinematics; the ground
+Poses of the bases and offsets of the joint readings are random. With --boards each arm holds a
+board in front of a camera instead. trocar calibrate --from kinematics reads the files; the ground
 truth is written to FILE.truth.json.
 """
 
@@ -25,14 +25,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         required=True,
         metavar="NAME=ARM",
-        help="arm by its name in the files, and its description: built-in or TOML file"
+        help="name of an arm in the files, and its description: built-in or TOML file"
         " (repeatable), e.g. PSM1=psm",
     )
     parser.add_argument(
-        "-o", "--output", required=True, metavar="FILE", help="TOML file to write; a CSV beside it"
+        "-o", "--output", required=True, metavar="FILE", help="TOML file to write, with a CSV file"
     )
     parser.add_argument(
-        "--boards", action="store_true", help="views of a board on the tip in place of touches"
+        "--boards", action="store_true", help="simulate views of a board on the tip, not touches"
     )
     parser.add_argument(
         "--count", type=int, default=30, metavar="N", help="readings of each arm (default: 30)"
@@ -42,22 +42,21 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=number,
         default=0.2,
         metavar="MM",
-        help="noise of a place along each axis, 1 sigma (default: 0.2)",
+        help="position noise per axis, 1 sigma (default: 0.2)",
     )
     parser.add_argument(
         "--noise-deg",
         type=number,
         default=0.05,
         metavar="DEG",
-        help="noise of a board's rotation about each axis, 1 sigma (default: 0.05)",
+        help="rotation noise of a board per axis, 1 sigma (default: 0.05)",
     )
     parser.add_argument(
         "--offset-deg",
         type=number,
         default=1.0,
         metavar="DEG",
-        help="joints read wrong by up to this, those that slide by 1 mm for each degree"
-        " (default: 1)",
+        help="largest offset of joint readings, of prismatic joints in mm (default: 1)",
     )
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
     add_overwrite(parser, "existing output files")

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from trocar.descriptions.arms import ToolDescription, read_arm, read_tool
 from trocar.descriptions.calibrated import Calibration, One, calibrated, calibrated_rig
+from trocar.descriptions.plugins import registered, registered_file
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.table import Table, read_table
@@ -19,9 +20,15 @@ DATA = Path(__file__).parent / "data"
 
 
 def names(shelf: Shelf) -> tuple[str, ...]:
-    """Return the names of the built-in arms, tools, rigs or cameras, sorted."""
+    """Return the names of the built-in arms, tools, rigs or cameras, sorted, then registered ones.
+
+    Raises:
+        InputError: two installed packages register one name
+    """
     found = sorted(path.stem for path in (DATA / shelf).glob("*.toml"))
-    return tuple(_tool_name(stem) if shelf == "tools" else stem for stem in found)
+    named = [_tool_name(stem) if shelf == "tools" else stem for stem in found]
+    others = () if shelf == "cameras" else registered(shelf)
+    return (*named, *(name for name in sorted(others) if name not in named))
 
 
 def load_arm(
@@ -131,6 +138,8 @@ def _find(shelf: Shelf, name: str | Path) -> Path:
             raise DescriptionError(str(name), "", "there is no such file")
         return path
     path = DATA / shelf / f"{text.replace(':', '_')}.toml"
+    if shelf != "cameras" and not path.is_file() and text in registered(shelf):
+        return registered_file(shelf, text)
     if text not in names(shelf) or not path.is_file():
         more = _why_not(text) if shelf == "tools" else ""
         raise UnknownNameError(shelf[:-1], text, names(shelf), more=more)

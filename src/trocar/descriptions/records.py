@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 #: What of a drawn solid collides: nothing, its convex pieces, or a box or capsule about them all.
 Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
+PropJointKind = Literal["hinge", "slide", "ball"]
 
 #: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
@@ -49,6 +50,9 @@ class Shape:
         weigh: counts for mass properties that come from the shape
         mesh: the triangles of a mesh, which weighs nothing; what collides is its convex hull
         visible: whether it is looked at
+        friction: sliding coefficient; None: as all shapes that give none
+        density: [kg/m^3]; None: its body has a mass of its own
+        stiffness: normal force per depth at each contact point of a soft shape; None: rigid [N/m]
     """
 
     kind: ShapeKind
@@ -61,6 +65,9 @@ class Shape:
     hull: Literal["same", "capsule"] = "same"
     mesh: Mesh | None = None
     visible: bool = True
+    friction: float | None = None
+    density: float | None = None
+    stiffness: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,6 +330,32 @@ class Movable:
 
 
 @dataclass(frozen=True, eq=False)
+class PropJoint:
+    """A joint between two props, or between a prop and the world; vectors in the prop's frame.
+
+    Attributes:
+        kind: "hinge", "slide" or "ball"
+        on: name of the prop that carries it, "" for the world
+        point: of the axis, or the centre of a ball, (3,) [m]
+        axis: unit vector, (3,); a ball has none
+        lower, upper: limits of the coordinate, which is 0 where the prop is placed [rad or m]
+        damping: [N m s/rad or N s/m]
+        stiffness, rest: of a spring: effort = stiffness (rest - coordinate); the spring of a ball
+            turns it back to where it is placed [N m/rad or N/m; rad or m]
+    """
+
+    kind: PropJointKind
+    on: str
+    point: Array
+    axis: Array
+    lower: float
+    upper: float
+    damping: float
+    stiffness: float
+    rest: float
+
+
+@dataclass(frozen=True, eq=False)
 class Prop:
     """A body that stands in the world, or one that lies there until something moves it.
 
@@ -331,12 +364,39 @@ class Prop:
         pose: T_world_prop, where a movable one begins (4, 4)
         shapes: what it looks like and collides with
         movable: None of one that stands still
+        joint: of a movable prop; None: it is free
+        script: path of the Python file whose `before_step` is called, "" for none
     """
 
     name: str
     pose: Array
     shapes: tuple[Shape, ...]
     movable: Movable | None = None
+    joint: PropJoint | None = None
+    script: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """An elastic band through points of props; it pulls and never pushes.
+
+    Attributes:
+        name: what it is called
+        points: (prop, point in its frame (3,) [m]) of each, in the order of the band
+        rest_length: the length up to which it is slack [m]
+        stiffness: tension per length beyond that [N/m]
+        damping: tension per speed of the length, also while it is slack [N s/m]
+        radius: of its drawing [m]
+        material: name of a row in `materials`
+    """
+
+    name: str
+    points: tuple[tuple[str, Array], ...]
+    rest_length: float
+    stiffness: float
+    damping: float
+    radius: float
+    material: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -355,6 +415,8 @@ class RigDescription:
         teleops: which master moves which arm, in the order of the file
         cameras: what `World.cameras` tells of, in the order of the file
         reference_arm: arm on setup joints whose tip frame the poses of the others are in
+        bands: elastic bands between props
+        extension: path of the Python file whose `extend_spec` adds to the model, "" for none
     """
 
     name: str
@@ -370,6 +432,8 @@ class RigDescription:
     teleops: tuple[TeleopDescription, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     reference_arm: str = REFERENCE_ARM
+    bands: tuple[Band, ...] = ()
+    extension: str = ""
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import cast, get_args
@@ -14,29 +13,16 @@ from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.cameras import read_cameras
 from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
-from trocar.descriptions.inertial import merged
+from trocar.descriptions.props import read_bands, read_props, read_script
 from trocar.descriptions.records import (
     DISPLAY,
     REFERENCE_ARM,
     ArmDescription,
     BaseFrame,
-    Body,
-    Movable,
-    Prop,
     RigArm,
     RigDescription,
-    Shape,
 )
 from trocar.descriptions.sensors import read_sensors
-from trocar.descriptions.shapes import (
-    read_body,
-    read_drawn,
-    read_inertia,
-    read_mass,
-    read_shape,
-    read_touches,
-)
-from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
 from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
 from trocar.geometry.se3 import inverse
@@ -132,106 +118,6 @@ def _angles(row: Table) -> dict[str, float]:
     return found
 
 
-#: Name of the rig itself as a source of commands.
-RESERVED = ("world",)
-#: What a part of a topic's name may be. Source: ROS 1 and ROS 2, "Names".
-OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
-#: Thinner than this share of its length, a mesh has no volume. Source: our own choice; MuJoCo
-#: rejects hulls without volume.
-FLAT = 1e-6
-
-
-def read_prop(row: Table) -> Prop:
-    """Return a prop: shapes in the rig's own file, or bodies in a file of its own.
-
-    Raises:
-        DescriptionError: naming file, key, what was got and what is allowed
-    """
-    name, at = row.text("name"), read_pose(row)
-    moves = row.flag("movable", False)
-    if not moves and (row.has("mass", "mass") or "inertia_kgm2" in row):
-        raise row.fail("movable", "is missing; a prop that stands still has no mass")
-    movable: Movable | None = None
-    if "description" in row:
-        bodies = _read_bodies(row)
-        shapes = tuple(shape for body in bodies for shape in body.shapes)
-        if moves:
-            movable = _from_bodies(row, bodies)
-    else:
-        solid = read_drawn(row)
-        touches = read_touches(row, solid)
-        drawn = () if solid is None else seen_and_touched(solid, touches)
-        shapes = (*drawn, *(read_shape(s) for s in row.tables("shape")))
-        if moves:
-            mass = read_mass(row)
-            movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
-    if moves:
-        _check_touchable(row, shapes)
-    row.text("source", "")
-    row.done()
-    return Prop(name, at, shapes, movable)
-
-
-def check_object_name(table: Table, name: str, arms: Iterable[str]) -> None:
-    """Reject the name of a movable prop that commands and topics could not distinguish from others.
-
-    Raises:
-        DescriptionError: what was got and what is allowed
-    """
-    if not OBJECT_NAME.fullmatch(name):
-        raise table.fail(
-            "prop.name",
-            f"got {name!r}; allowed for a movable prop: a letter, then letters, digits and _",
-        )
-    if name in (*arms, *RESERVED):
-        raise table.fail("prop.name", f"got {name!r}, which is an arm or the world itself")
-
-
-def _read_bodies(row: Table) -> list[Body]:
-    """Return the bodies of a prop's own file, whose path is relative to the rig's folder."""
-    table = read_table(Path(row.file).parent / row.text("description"))
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-    for key in ("name", "title", "source"):
-        table.text(key, "")
-    bodies = [read_body(body, table.file) for body in table.tables("body")]
-    if not bodies:
-        raise table.fail("body", "is missing; a prop needs at least one body")
-    table.done()
-    return bodies
-
-
-def _from_bodies(row: Table, bodies: list[Body]) -> Movable:
-    """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
-    mass, com, inertia = merged(bodies)
-    total = read_mass(row) if row.has("mass", "mass") else mass
-    return Movable(total, com, inertia * total / mass, bodies[0].inertia_from)
-
-
-def _check_touchable(row: Table, shapes: tuple[Shape, ...]) -> None:
-    """Reject an object that would fall through everything, or whose hull has no volume."""
-    touching = [shape for shape in shapes if shape.collide]
-    if not touching:
-        raise row.fail(
-            "movable",
-            "got true, but no shape of the prop collides and it would fall through everything;"
-            " allowed: with a shape that has collide = true, or a solid with touches = true",
-        )
-    for shape in touching:
-        if shape.mesh is not None and _is_flat(shape.mesh.vertices):
-            raise row.fail(
-                "movable",
-                f"got true, but the mesh {shape.mesh.name!r} that collides is flat and has no"
-                " volume; allowed: a solid body, or a box, capsule, cylinder or sphere",
-            )
-
-
-def _is_flat(vertices: Array) -> bool:
-    """Tell whether points lie in one plane, as far as their length lets one say."""
-    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
-    return len(spread) < 3 or bool(spread[2] <= FLAT * spread[0])
-
-
 #: Reads an arm by name (or path beside the rig) with a tool's name.
 ArmLoader = Callable[[str, str | None], ArmDescription]
 
@@ -253,25 +139,25 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         arms.append(_read_arm(row, (arms, display), load_arm))
     if not arms:
         raise table.fail("arm", "is missing; a rig needs at least one arm")
-    props = tuple(read_prop(row) for row in table.tables("prop"))
+    props = read_props(table.tables("prop"), [arm.name for arm in arms])
+    bands = read_bands(table.tables("band"), props)
     poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
-    for key, found in (("prop", [p.name for p in props]), ("pose", _names(table, "pose"))):
-        for again in {n for n in found if found.count(n) > 1}:
-            raise table.fail(key, f"got {again!r} a second time")
-    for prop in (prop for prop in props if prop.movable is not None):
-        check_object_name(table, prop.name, [arm.name for arm in arms])
+    found = _names(table, "pose")
+    for again in {n for n in found if found.count(n) > 1}:
+        raise table.fail("pose", f"got {again!r} a second time")
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
-    sensors = read_sensors(table.tables("sensor"), arms)
+    sensors = read_sensors(table.tables("sensor"), arms, props, bands)
     teleops = read_teleops(table.tables("teleop"), arms)
     cameras = read_cameras(table.tables("camera"), arms)
     share = _read_test_share(table)
     reference = table.text("reference_arm", REFERENCE_ARM)
+    extension = read_script(table, "extend_spec")
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    rig = RigDescription(name, title, source, str(path), *parts, reference)
+    rig = RigDescription(name, title, source, str(path), *parts, reference, bands, extension)
     if "reference_arm" in table and reference not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
         raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")

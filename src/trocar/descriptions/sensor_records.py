@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol, TypedDict
 
 import numpy as np
@@ -54,8 +54,10 @@ class SensorDescription:
     Attributes:
         kind: name of the kind, as files have it
         armless: whether a sensor of this kind may be on no arm
+        on_props: whether it may be on a prop instead of an arm
         name: of the sensor
         arm: name of the arm it is on, "" for none
+        prop: name of the prop it is on, "" for none
         rate: samples per second, 0 for one each time that it is read [Hz]
         source: where the numbers are from
         noise: {value: standard deviation} of its noise, in SI
@@ -63,12 +65,14 @@ class SensorDescription:
 
     kind: ClassVar[str]
     armless: ClassVar[bool] = False
+    on_props: ClassVar[bool] = False
 
     name: str
     arm: str
     rate: float
     source: str
     noise: Mapping[str, float]
+    prop: str = field(default="", kw_only=True)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -135,7 +139,7 @@ class Contact:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A place on an arm: T_frame_place (4, 4)."""
+    """A place on an arm's frame, or on a prop where `arm` is "": T_frame_place (4, 4)."""
 
     arm: str
     frame: str
@@ -174,7 +178,7 @@ class Physics(Protocol):
         ...
 
     def bodies(self, arm: str = "", frame: str = "") -> Bodies:
-        """Return the bodies on a frame and beyond it, all of an arm, or everything."""
+        """Return the bodies on a frame and beyond it, all of an arm, a prop's, or everything."""
         ...
 
     def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
@@ -185,7 +189,7 @@ class Physics(Protocol):
         """Return force and torque on some bodies from outside, at a place in its axes."""
         ...
 
-    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float]:
+    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float, str]:
         """Return the distance from a place towards another to a body, and that of the places.
 
         Args:
@@ -194,8 +198,12 @@ class Physics(Protocol):
 
         Returns:
             distance, below 0 where it reaches behind the start, inf when nothing lies between the
-            places; from place to place [m]
+            places; from place to place [m]; name of the body, "" for nothing
         """
+        ...
+
+    def band(self, name: str) -> tuple[float, float]:
+        """Return the length of an elastic band and its tension [m, N]."""
         ...
 
     def motion(self, at: Place) -> PlaceMotion:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.frames import read_pose
-from trocar.descriptions.records import ArmDescription, RigArm
+from trocar.descriptions.records import ArmDescription, Band, Prop, RigArm
 from trocar.descriptions.sensor_records import (
     Contact,
     Physics,
@@ -36,40 +36,55 @@ class SensorHead(TypedDict):
     arm: str
     rate: float
     source: str
+    prop: str
 
 
 class SensorTable:
-    """A `[[sensor]]` table and the arm that its sensor is on.
+    """A `[[sensor]]` table and the arm or prop that its sensor is on.
 
     Args:
         table: the table
-        arms: of the rig
-        armless: whether the sensor may be on no arm
+        arms, props, bands: of the rig
+        kind: of the sensor: whether it may be on no arm, and on a prop
 
     Attributes:
         table: the table
         head: the arguments that every sensor takes, noise apart
 
     Raises:
-        DescriptionError: no name, no such arm, or a rate that is not above 0
+        DescriptionError: no name, no such arm or prop, or a rate that is not above 0
     """
 
-    def __init__(self, table: Table, arms: Sequence[RigArm], armless: bool) -> None:
+    def __init__(
+        self,
+        table: Table,
+        arms: Sequence[RigArm],
+        props: Sequence[Prop],
+        bands: Sequence[Band],
+        kind: type[SensorDescription],
+    ) -> None:
         name = table.text("name")
         if not name:
             raise table.fail("name", "got an empty text; allowed: a name")
         rate = table.quantity("rate", "frequency", default=0.0)
         if rate <= 0.0 and table.has("rate", "frequency"):
             raise table.fail("rate_hz", f"got {rate:g}; allowed: above 0")
-        owner = table.text("arm", "" if armless else None)
+        prop = table.text("prop", "") if kind.on_props else ""
+        owner = table.text("arm", "" if kind.armless or prop else None)
         self.table = table
         self.head: SensorHead = {
             "name": name,
             "arm": owner,
             "rate": rate,
             "source": table.text("source", ""),
+            "prop": prop,
         }
-        if owner or not armless:
+        self._bands = [band.name for band in bands]
+        if prop:
+            if owner:
+                raise table.fail("prop", f"contradicts arm = {owner!r}; give one of them")
+            self._check("prop", prop, [p.name for p in props], "this rig has no such prop")
+        elif owner or not kind.armless:
             self._check("arm", owner, [a.name for a in arms], "this rig has no such arm")
         self._arm = next((a.arm for a in arms if a.name == owner), None)
 
@@ -90,10 +105,18 @@ class SensorTable:
         return joint
 
     def frame(self, key: str, default: str | None = None) -> str:
-        """Return the name of a frame of the arm."""
+        """Return the name of a frame of the arm, or the prop that the sensor is on."""
+        if self.head["prop"]:
+            return self.head["prop"]
         known, frame = self.mechanism(key).frame_index, self.table.text(key, default)
         self._check(key, frame, known, f"{self.head['arm']} has no such frame")
         return frame
+
+    def band(self, key: str) -> str:
+        """Return the name of an elastic band of the rig."""
+        name = self.table.text(key)
+        self._check(key, name, self._bands, "this rig has no such band")
+        return name
 
     def noise(self, dimension: str) -> float:
         """Return a standard deviation in SI, 0 when absent."""
@@ -104,7 +127,8 @@ class SensorTable:
 
     def _check(self, key: str, name: str, known: Iterable[str], missing: str) -> None:
         if name not in known:
-            raise self.table.fail(key, f"got {name!r}; {missing}; allowed: {', '.join(known)}")
+            allowed = ", ".join(known) or "none"
+            raise self.table.fail(key, f"got {name!r}; {missing}; allowed: {allowed}")
 
 
 # ------------------------------------------------------------------ joint_effort
@@ -224,28 +248,29 @@ class ContactsReading(SensorReading):
 
 @dataclass(frozen=True, eq=False)
 class Contacts(SensorDescription):
-    """The contacts of an arm, of a frame and what hangs on it, or of everything.
+    """The contacts of an arm, of a frame and what hangs on it, of a prop, or of everything.
 
     Attributes:
-        frame: of the arm, "" for all of it
+        frame: of the arm, "" for all of it; the prop
     """
 
     kind: ClassVar[str] = "contacts"
     armless: ClassVar[bool] = True
+    on_props: ClassVar[bool] = True
 
     frame: str
 
     @classmethod
     def read(cls, row: SensorTable) -> Contacts:
         """Return the sensor of a table."""
-        given = row.table.raw("frame") is not None
+        given = row.table.raw("frame") is not None or bool(row.head["prop"])
         frame = row.frame("frame") if given else ""
         return cls(**row.head, noise={"force": row.noise("force")}, frame=frame)
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame,) if self.frame else ()
+        return (self.frame,) if self.arm and self.frame else ()
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ContactsReading:
         """Return the contacts of the last physics step."""
@@ -269,15 +294,17 @@ class ProximityReading(SensorReading):
     Attributes:
         distance: from the first pad to what lies between the pads, inf when nothing does [m]
         gap: from pad to pad [m]
+        body: what lies there, "" for nothing
     """
 
     distance: float
     gap: float
+    body: str
 
 
 @dataclass(frozen=True, eq=False)
 class Proximity(SensorDescription):
-    """A ray from one frame to another, such as between the pads of a jaw.
+    """A ray from one frame to another, such as between the pads of a jaw, or across a prop.
 
     Attributes:
         frame, pose: where the ray begins: T_frame_sensor (4, 4)
@@ -285,6 +312,7 @@ class Proximity(SensorDescription):
     """
 
     kind: ClassVar[str] = "proximity"
+    on_props: ClassVar[bool] = True
 
     frame: str
     pose: Array
@@ -294,7 +322,9 @@ class Proximity(SensorDescription):
     @classmethod
     def read(cls, row: SensorTable) -> Proximity:
         """Return the sensor of a table; between the pads of a jaw unless frames are named."""
-        pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
+        pads: list[str] = []
+        if not row.head["prop"]:
+            pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
         frame = row.frame("frame", pads[0] if pads else None)
         to_frame = row.frame("to_frame", next((pad for pad in pads if pad != frame), None))
         start = row.table.vector("xyz", 3, "length")
@@ -304,22 +334,25 @@ class Proximity(SensorDescription):
             frame=frame,
             pose=transform(np.eye(3), start),
             to_frame=to_frame,
-            to_point=row.table.vector("to_xyz", 3, "length", default=start.copy()),
+            to_point=row.table.vector(
+                "to_xyz", 3, "length", default=None if row.head["prop"] else start.copy()
+            ),
         )
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame, self.to_frame)
+        return (self.frame, self.to_frame) if self.arm else ()
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ProximityReading:
         """Return the distance now."""
         start = Place(self.arm, self.frame, self.pose)
         end = Place(self.arm, self.to_frame, transform(np.eye(3), self.to_point))
-        distance, gap = physics.ray(start, end, physics.bodies(self.arm))
+        own = physics.bodies(self.arm, "" if self.arm else self.frame)
+        distance, gap, body = physics.ray(start, end, own)
         distance = max(0.0, float(self.noisy("distance", distance, rng)))
         head = self.head(physics, self.name, {"distance": "m", "gap": "m"})
-        return ProximityReading(**head, distance=distance, gap=gap)
+        return ProximityReading(**head, distance=distance, gap=gap, body=body)
 
 
 # ------------------------------------------------------------------ imu
@@ -348,6 +381,7 @@ class Imu(SensorDescription):
     """
 
     kind: ClassVar[str] = "imu"
+    on_props: ClassVar[bool] = True
 
     frame: str
     pose: Array
@@ -365,7 +399,7 @@ class Imu(SensorDescription):
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame,)
+        return (self.frame,) if self.arm else ()
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ImuReading:
         """Return the velocity now and the acceleration of the last physics step."""
@@ -404,6 +438,7 @@ class Twist(SensorDescription):
     """
 
     kind: ClassVar[str] = "twist"
+    on_props: ClassVar[bool] = True
 
     frame: str
     pose: Array
@@ -421,7 +456,7 @@ class Twist(SensorDescription):
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame,)
+        return (self.frame,) if self.arm else ()
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> TwistReading:
         """Return the velocity now."""
@@ -433,13 +468,68 @@ class Twist(SensorDescription):
         )
 
 
+# ------------------------------------------------------------------ tension
+
+
+@dataclass(frozen=True, eq=False)
+class TensionReading(SensorReading):
+    """The state of an elastic band.
+
+    Attributes:
+        length: through all its points [m]
+        tension: 0 while it is slack, its damping apart [N]
+    """
+
+    length: float
+    tension: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tension(SensorDescription):
+    """The tension of an elastic band.
+
+    Attributes:
+        band: its name
+    """
+
+    kind: ClassVar[str] = "tension"
+    armless: ClassVar[bool] = True
+
+    band: str
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Tension:
+        """Return the sensor of a table."""
+        if row.head["arm"]:
+            raise row.table.fail(
+                "arm", f"got {row.head['arm']!r}; allowed: none, a band has no arm"
+            )
+        noise = {"length": row.noise("length"), "tension": row.noise("force")}
+        return cls(**row.head, noise=noise, band=row.band("band"))
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> TensionReading:
+        """Return length and tension now."""
+        length, tension = physics.band(self.band)
+        return TensionReading(
+            **self.head(physics, self.band, {"length": "m", "tension": "N"}),
+            length=float(self.noisy("length", length, rng)),
+            tension=float(self.noisy("tension", tension, rng)),
+        )
+
+
 # ------------------------------------------------------------------ all of them
 
+_CLASSES = (JointEffort, TipWrench, Contacts, Proximity, Imu, Twist, Tension)
 #: {kind: its class}, in the order in which errors list them.
-KINDS = {kind.kind: kind for kind in (JointEffort, TipWrench, Contacts, Proximity, Imu, Twist)}
+KINDS = {kind.kind: kind for kind in _CLASSES}
 
 
-def read_sensors(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[SensorDescription, ...]:
+def read_sensors(
+    rows: Iterable[Table],
+    arms: Sequence[RigArm],
+    props: Sequence[Prop] = (),
+    bands: Sequence[Band] = (),
+) -> tuple[SensorDescription, ...]:
     """Return a rig's sensors.
 
     Raises:
@@ -448,15 +538,10 @@ def read_sensors(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[SensorD
     """
     found: list[SensorDescription] = []
     for table in rows:
-        sensor = _read_sensor(table, arms)
+        kind = KINDS[table.text("kind", allowed=tuple(KINDS))]
+        sensor = kind.read(SensorTable(table, arms, props, bands, kind))
+        table.done()
         if sensor.name in [other.name for other in found]:
             raise table.fail("name", f"got {sensor.name!r} a second time")
         found.append(sensor)
     return tuple(found)
-
-
-def _read_sensor(table: Table, arms: Sequence[RigArm]) -> SensorDescription:
-    kind = KINDS[table.text("kind", allowed=tuple(KINDS))]
-    sensor = kind.read(SensorTable(table, arms, kind.armless))
-    table.done()
-    return sensor

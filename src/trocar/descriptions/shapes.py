@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from collections.abc import Sequence
+from typing import Literal, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,9 +62,39 @@ def read_shape(table: Table) -> Shape:
         weigh=table.flag("weigh", True),
         hull=cast(Literal["same", "capsule"], table.text("hull", "same", ("same", "capsule"))),
         visible=table.flag("visible", True),
+        density=_positive(table, "density", "density"),
+        **_read_surface(table),
     )
+    if shape.density is not None and not shape.weigh:
+        raise table.fail("density", "contradicts weigh = false; give one of them")
     table.done()
     return shape
+
+
+class _Surface(TypedDict):
+    friction: float | None
+    stiffness: float | None
+
+
+def _read_surface(table: Table) -> _Surface:
+    """Return what a shape gives of its contacts."""
+    friction = table.number("friction") if "friction" in table else None
+    table.raw("friction")
+    if friction is not None and friction < 0.0:
+        raise table.fail("friction", f"got {friction:g}; allowed: 0 or more")
+    return {
+        "friction": friction,
+        "stiffness": _positive(table, "stiffness", "linear stiffness"),
+    }
+
+
+def _positive(table: Table, name: str, dimension: str) -> float | None:
+    if not table.has(name, dimension):
+        return None
+    value = table.quantity(name, dimension)
+    if value <= 0.0:
+        raise table.fail(name, f"got {value:g}; allowed: above 0")
+    return value
 
 
 def _read_mesh_shape(table: Table, material: str) -> Shape:
@@ -78,6 +109,7 @@ def _read_mesh_shape(table: Table, material: str) -> Shape:
     turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
     at = table.vector("center", 3, "length", default=np.zeros(3))
     collide, visible = table.flag("collide", False), table.flag("visible", True)
+    surface = _read_surface(table)
     table.done()
     return Shape(
         "mesh",
@@ -88,6 +120,7 @@ def _read_mesh_shape(table: Table, material: str) -> Shape:
         weigh=False,
         mesh=mesh,
         visible=visible,
+        **surface,
     )
 
 
@@ -98,11 +131,11 @@ def read_body(table: Table, part: str) -> Body:
         DescriptionError: an impossible body (mass, positive definiteness, triangle inequality)
     """
     frame = table.text("frame")
-    mass = read_mass(table)
     solid = read_drawn(table)
     touches = read_touches(table, solid)
     drawn = () if solid is None else seen_and_touched(solid, touches)
     shapes = (*drawn, *map(read_shape, table.tables("shape")))
+    mass = read_mass(table, shapes)
     com, inertia, origin = read_inertia(table, solid, shapes, mass)
     source = table.text("source", "")
     table.done()
@@ -110,8 +143,25 @@ def read_body(table: Table, part: str) -> Body:
     return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 
-def read_mass(table: Table) -> float:
-    """Return the mass that a body must have [kg]."""
+def read_mass(table: Table, shapes: tuple[Shape, ...] = ()) -> float:
+    """Return the mass that a body must have, or that of its shapes by their densities [kg].
+
+    Raises:
+        DescriptionError: no mass, one that is not above 0, one beside densities, or densities of
+            some shapes only
+    """
+    weighed = [shape for shape in shapes if shape.weigh]
+    dense = [shape for shape in weighed if shape.density is not None]
+    if dense and table.has("mass", "mass"):
+        raise table.fail("mass", "contradicts the density of a shape; give one of them")
+    if dense and len(dense) < len(weighed):
+        raise table.fail(
+            "shape",
+            f"got a density of {len(dense)} of {len(weighed)} shapes that weigh; allowed: of all,"
+            " of none, or weigh = false",
+        )
+    if dense:
+        return float(densities(dense) @ [volume(shape) for shape in dense])
     mass = table.quantity("mass", "mass")
     if mass <= 0.0:
         raise table.fail("mass_kg", f"got {mass:g}; allowed: above 0")
@@ -198,18 +248,26 @@ def impossible(inertia: Array) -> str:
 
 
 def mass_properties(shapes: list[Shape], mass: float) -> tuple[Array, Array]:
-    """Return (com (3,), inertia about it (3, 3)) of uniform solids that weigh `mass` together."""
-    volumes = np.array([volume(s) for s in shapes])
-    density = mass / volumes.sum()
+    """Return (com (3,), inertia about it (3, 3)) of solids that weigh `mass` together.
+
+    Each is uniform, of its own density where shapes have one.
+    """
+    shares = np.array([volume(s) for s in shapes]) * densities(shapes)
+    masses = mass / shares.sum() * shares
     centres = np.stack([s.pose[:3, 3] for s in shapes])
-    com = volumes @ centres / volumes.sum()
+    com = shares @ centres / shares.sum()
     inertia = np.zeros((3, 3))
-    for shape, size, centre in zip(shapes, volumes, centres, strict=True):
+    for shape, weight, centre in zip(shapes, masses, centres, strict=True):
         turn = shape.pose[:3, :3]
         offset = centre - com
         own = turn @ np.diag(unit_inertia(shape)) @ turn.T
-        inertia += density * size * (own + offset @ offset * np.eye(3) - np.outer(offset, offset))
+        inertia += weight * (own + offset @ offset * np.eye(3) - np.outer(offset, offset))
     return com, inertia
+
+
+def densities(shapes: Sequence[Shape]) -> Array:
+    """Return the density of each shape, 1 where it has none, (n,) [kg/m^3]."""
+    return np.array([1.0 if s.density is None else s.density for s in shapes])
 
 
 def volume(shape: Shape) -> float:

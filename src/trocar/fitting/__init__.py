@@ -25,6 +25,7 @@ from trocar.fitting.pivot import (
     white_noise,
 )
 from trocar.fitting.robust import GROSS_M, not_gross
+from trocar.fitting.wander import WanderFit, fit_wander
 
 __all__ = [
     "GROSS_M",
@@ -37,6 +38,7 @@ __all__ = [
     "PivotFit",
     "RestPose",
     "SharedHinge",
+    "WanderFit",
     "angle_sigma",
     "axis_distance",
     "expected_hinges",
@@ -45,6 +47,7 @@ __all__ = [
     "fit_hinge_least_squares",
     "fit_pivot",
     "fit_pivot_in_body",
+    "fit_wander",
     "likely_cause",
     "not_gross",
     "refine_hinges",

@@ -46,4 +46,6 @@ def widening(influence: Array) -> float:
     deviation = 1.0 / np.sqrt(count * independent * NEIGHBOURS)
     if correlation[:NEIGHBOURS].mean() < SIGNIFICANT * deviation:
         return 1.0
-    return float(np.sqrt(1.0 + 2.0 * np.cumsum(correlation).max()))
+    grown = 1.0 + 2.0 * float(np.cumsum(correlation).max())
+    # A fit takes a share of the noise: about two unknowns for each of its residuals.
+    return float(np.sqrt(grown / max(1.0 - 2.0 * grown / count, 0.5)))

@@ -66,6 +66,7 @@ class Loop:
         commanders: which clients command each arm
         while_running: makes the context that `start` enters before the first tick, and that is left
             after the last; a recording is opened here, when every port is bound
+        filter_command: returns what is applied in place of a command
     """
 
     def __init__(
@@ -103,6 +104,7 @@ class Loop:
         self._rate_limit = RateLimit()
         self.commanders = Commanders(self._clock.now)
         self.while_running: Callable[[], AbstractContextManager[object]] = nullcontext
+        self.filter_command: Callable[[Command], Command] = lambda command: command
 
     # What other threads may call.
 
@@ -319,7 +321,7 @@ class Loop:
             if command.arm == WORLD and command.act is None and command.verb in LOOP_VERBS:
                 self._obey(command)
             else:
-                command.apply(self._world)
+                self.filter_command(command).apply(self._world)
         except DivergedError:
             raise
         except TrocarError as error:

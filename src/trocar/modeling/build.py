@@ -20,7 +20,6 @@ from trocar.descriptions.records import (
     ArmDescription,
     Body,
     JointDescription,
-    Prop,
     RigArm,
     RigDescription,
 )
@@ -45,8 +44,10 @@ from trocar.modeling.options import (
     STIFF_STEPS,
     STILL_M_S,
     STOP_STEPS,
+    TOLERANCE,
     ModelOptions,
 )
+from trocar.modeling.props import add_band, add_prop, extend, soften
 
 Array = NDArray[np.float64]
 
@@ -65,6 +66,12 @@ DIGESTED = (
     "geom_size",
     "geom_contype",
     "geom_conaffinity",
+    "geom_friction",
+    "jnt_stiffness",
+    "tendon_stiffness",
+    "tendon_damping",
+    "tendon_lengthspring",
+    "pair_solref",
 )
 #: Degrees of freedom up to which MuJoCo Warp takes dense models. Source: its `put_model`, 4.0.0.
 WARP_DENSE = 60
@@ -213,14 +220,25 @@ class Draft:
         if options.standalone and len(rig.arms) == 1 and not rig.props:
             self.masks = {"": LONE_MASK, rig.arms[0].name: LONE_MASK}
         world = Anchor(cast(mujoco.MjsBody, self.spec.worldbody), np.eye(4))
+        poses = {prop.name: prop.pose for prop in rig.props}
         for prop in rig.props:
-            self._add_prop(prop, self.masks[OBJECTS if prop.movable else ""])
+            body = add_prop(self.spec, prop, poses, options.timestep)
+            if prop.movable is not None:
+                _set_mass(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
+            mask = self.masks[OBJECTS if prop.movable else ""]
+            for number, shape in enumerate(prop.shapes):
+                self._geoms.add(body, f"{prop.name}/{number}", shape, mask)
+        for band in rig.bands:
+            add_band(self.spec, band)
         anchors: dict[str, dict[str, Anchor]] = {}
         for group, arm in enumerate(rig.arms, start=1):
             mount = anchors[arm.on][arm.frame] if arm.on else world
             at = Anchor(mount.body, mount.pose @ arm.pose)
             anchors[arm.name] = self._add_arm(arm, at, self.masks[arm.name], group)
         self._set_islands(len(rig.objects))
+        if rig.extension:
+            extend(self.spec, rig.extension)
+        soften(self.spec, self._geoms, options.timestep)
 
     def _set_solver(self) -> None:
         compiler, option = cast(Any, self.spec.compiler), cast(Any, self.spec.option)
@@ -244,18 +262,7 @@ class Draft:
         if objects:
             option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
             option.sleep_tolerance = STILL_M_S
-
-    def _add_prop(self, prop: Prop, mask: ContactMask) -> None:
-        """Add a body that stands in the world, or a free one."""
-        world = cast(mujoco.MjsBody, self.spec.worldbody)
-        body = world.add_body(
-            name=prop.name, pos=prop.pose[:3, 3], quat=quaternion_from_matrix(prop.pose[:3, :3])
-        )
-        if prop.movable is not None:
-            body.add_freejoint(name=naming.free_joint(prop.name))
-            _set_mass(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
-        for number, shape in enumerate(prop.shapes):
-            self._geoms.add(body, f"{prop.name}/{number}", shape, mask)
+            option.tolerance = TOLERANCE
 
     def _add_arm(
         self, place: RigArm, mount: Anchor, mask: ContactMask, group: int

@@ -80,6 +80,15 @@ def contact_masks(rig: RigDescription) -> dict[str, ContactMask]:
     return {**met, OBJECTS: ContactMask(own, everyone)}
 
 
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A shape that may touch others: its geom, and the name of its body."""
+
+    geom: mujoco.MjsGeom
+    shape: Shape
+    body: str
+
+
 class Geoms:
     """Adds shapes to the bodies of a model.
 
@@ -89,11 +98,13 @@ class Geoms:
 
     Attributes:
         meshes: {name in the model: mesh}, each mesh once however often it is used
+        surfaces: what may touch
     """
 
     def __init__(self, spec: mujoco.MjSpec, options: ModelOptions) -> None:
         self._spec, self._options = spec, options
         self.meshes: dict[str, Mesh] = {}
+        self.surfaces: list[Surface] = []
 
     def add(self, body: mujoco.MjsBody, name: str, shape: Shape, mask: ContactMask) -> None:
         """Add massless geoms for a shape where it collides or, by the options, is seen."""
@@ -136,6 +147,10 @@ class Geoms:
         )
         if mask is not None:
             set_contact(geom, self._options)
+            if shape.friction is not None:  # prevails over shapes that give none
+                geom.friction, geom.priority = [shape.friction, *geom.friction[1:]], 1
+            if mask.contype or mask.conaffinity:
+                self.surfaces.append(Surface(geom, shape, body.name))
 
     def _mesh(self, mesh: Mesh, convex: bool) -> str:
         """Return a mesh's name in the model; different meshes of one name are numbered.

@@ -18,7 +18,6 @@ from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.errors import TrocarError
-from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.kinematics.forward import coordinates, pose, poses
 from trocar.modeling import naming
 from trocar.modeling.build import SERVO_INPUTS, SITE_RADIUS_M, Draft, effort_limit, preset
@@ -122,14 +121,13 @@ def mjcf_document(
     draft = Draft(rig, options)
     spec = draft.spec
     spec.modelname, spec.meshdir = file_name(rig), MESH_FOLDER
-    hinges = [joint.name for joint in spec.joints]
     _set_options(spec, variant)
     if variant.servo == "position":
         _compensate_gravity(spec, rig)
     else:
         _brake(spec, rig)
     _set_servos(spec, rig, variant)
-    qpos, ctrl = _home(rig, variant, hinges)
+    qpos, ctrl = _home(rig, variant, spec.compile())
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl)
     _classify(draft, rig, options, variant)
     _rename(spec, rig)
@@ -148,6 +146,7 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
     option, usual = cast(Any, spec.option), cast(Any, mujoco.MjSpec().option)
     # Sleeping is a choice of the scene.
     option.enableflags, option.sleep_tolerance = usual.enableflags, usual.sleep_tolerance
+    option.tolerance = usual.tolerance
     if not variant.mjx:
         return
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
@@ -258,6 +257,10 @@ def _rename(spec: mujoco.MjSpec, rig: RigDescription) -> None:
         *spec.bodies[1:], *spec.sites, *spec.actuators, *spec.sensors, *spec.equalities
     ):  # fmt: skip
         part.name = plain(part.name)
+    for geom in spec.geoms:
+        geom.name = plain(geom.name)
+    for pair in spec.pairs:
+        pair.geomname1, pair.geomname2 = plain(pair.geomname1), plain(pair.geomname2)
 
 
 def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant: Variant) -> None:
@@ -314,7 +317,9 @@ def _classify_geoms(
         if geom.group == VISUAL_GROUP:
             geom.classname = visual
             continue
-        owner = owners[int(geom.contype), int(geom.conaffinity)]
+        owner = owners.get((int(geom.contype), int(geom.conaffinity)))
+        if owner is None:  # the rig's own file added it
+            continue
         if owner not in classes:
             made = draft.spec.add_default(f"{owner or 'prop'}_collision", collision)
             made.geom.contype, made.geom.conaffinity = geom.contype, geom.conaffinity
@@ -322,28 +327,25 @@ def _classify_geoms(
         geom.classname = classes[owner]
 
 
-def _home(rig: RigDescription, variant: Variant, hinges: list[str]) -> tuple[Array, Array]:
+def _home(rig: RigDescription, variant: Variant, model: mujoco.MjModel) -> tuple[Array, Array]:
     """Return `qpos` and `ctrl` of the rig's pose "start": loops closed, and servos that hold it.
 
     Args:
         rig: its description
         variant: of the file
-        hinges: names of its joints, in their order
+        model: the file's, with the names of the description
     """
     start = rig.poses["start"]
-    at = {p.name: coordinates(p.arm.mechanism, start[p.name]) for p in rig.arms}
-    free = {naming.free_joint(prop.name): prop.pose for prop in rig.objects}
-    qpos: list[Array] = []
-    for name in hinges:
-        if name in free:
-            stands = free[name]
-            qpos += [stands[:3, 3], quaternion_from_matrix(stands[:3, :3])]
-        else:
-            owner, _, frame = name.partition("/")
-            index = rig.arm(owner).arm.mechanism.frame_index[frame]
-            qpos.append(at[owner][index : index + 1])
+    qpos = model.qpos0.copy()  # has objects where they are placed
+    for place in rig.arms:
+        mechanism = place.arm.mechanism
+        at = coordinates(mechanism, start[place.name])
+        for frame, index in mechanism.frame_index.items():
+            if mechanism.frames[index].motion != "fixed":
+                hinge = model.joint(naming.scoped(place.name, frame))
+                qpos[hinge.qposadr[0]] = at[index]
     ctrl = [value for place in rig.arms for value in _inputs(rig, place, variant)]
-    return np.concatenate(qpos), np.array(ctrl)
+    return qpos, np.array(ctrl)
 
 
 def _inputs(rig: RigDescription, place: RigArm, variant: Variant) -> list[float]:

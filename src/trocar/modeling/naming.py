@@ -36,3 +36,21 @@ def guard(arm: str, closure: str) -> str:
 def free_joint(prop: str) -> str:
     """Return the name of the six degrees of freedom of a prop that can be moved."""
     return f"{prop}/free"
+
+
+def prop_joint(prop: str, kind: str) -> str:
+    """Return the name of the joint between a prop and what carries it."""
+    return f"{prop}/{kind}"
+
+
+def band(name: str) -> str:
+    """Return the name of an elastic band's tendon, in models and in files."""
+    return f"band_{name}"
+
+
+def band_site(name: str, number: int) -> str:
+    """Return the name of the site at a point of an elastic band.
+
+    Files keep it: a tendon refers to its sites by names that cannot be changed.
+    """
+    return f"band_{name}_{number}"

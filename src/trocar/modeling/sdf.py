@@ -411,7 +411,7 @@ def add_shape(
             collision = child(link, "collision", {"name": f"{own}_collision"})
             add_pose(collision, part.pose, frame)
             _add_geometry(collision, part, meshes)
-            _add_friction(collision)
+            _add_friction(collision, shape)
 
 
 def _capsule(shape: Shape) -> tuple[Shape, ...]:
@@ -447,10 +447,11 @@ def _add_material(visual: Any, name: str) -> None:
     child(material, "specular", text=exact([row.gloss] * 3 + [1.0]))
 
 
-def _add_friction(collision: Any) -> None:
+def _add_friction(collision: Any, shape: Shape) -> None:
+    slide = CONTACT_FRICTION[0] if shape.friction is None else shape.friction
     ode = child(child(child(collision, "surface"), "friction"), "ode")
     for tag in ("mu", "mu2"):
-        child(ode, tag, text=exact(CONTACT_FRICTION[:1]))
+        child(ode, tag, text=exact([slide]))
 
 
 def _add_sun(parent: Any) -> None:

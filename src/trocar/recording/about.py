@@ -7,6 +7,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, cast
 
 import mujoco
@@ -22,8 +23,10 @@ from trocar.simulation import World
 #: Version of the trocar channels and metadata; the reader rejects every other one.
 FORMAT = 3
 
-#: Fields that were added to the records later: left out of the fingerprint where they are None.
-YOUNGER = {"movable"}
+#: Fields that were added to the records later: left out of the fingerprint where they are empty.
+YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop"}
+#: Fields that name Python files, whose content counts; left out likewise.
+SCRIPTS = {"script", "extension"}
 #: Fields that motion does not depend on: origins, titles, cameras.
 REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras"}
 
@@ -75,9 +78,12 @@ def _pieces(value: object) -> list[bytes]:
         fields = [f.name for f in dataclasses.fields(value) if f.name not in REMARKS]
         found = [type(value).__name__.encode()]
         for name in fields:
-            if name in YOUNGER and getattr(value, name) is None:
+            part = getattr(value, name)
+            if name in YOUNGER | SCRIPTS and part in (None, (), ""):
                 continue
-            found += [name.encode(), *_pieces(getattr(value, name))]
+            if name in SCRIPTS:
+                part = Path(part).read_text(encoding="utf-8")
+            found += [name.encode(), *_pieces(part)]
         return found
     if isinstance(value, np.ndarray):
         array = cast("np.ndarray[Any, Any]", value)

@@ -13,6 +13,7 @@ from trocar.geometry.se3 import inverse
 from trocar.modeling import naming
 from trocar.modeling.joints import INPUTS
 from trocar.simulation import World
+from trocar.simulation.object_kinematics import ObjectKinematics
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -25,7 +26,7 @@ STATE = int(
     | mujoco.mjtState.mjSTATE_ACT
     | mujoco.mjtState.mjSTATE_CTRL
 )
-#: x, y, z and the quaternion xyzw, counted from the first coordinate of a free joint.
+#: x, y, z and the quaternion xyzw, from position and quaternion wxyz.
 POSE_ORDER = np.array([0, 1, 2, 4, 5, 6, 3])
 #: The values of each joint that a recording keeps, in this order.
 QUANTITIES = ("position", "velocity", "effort", "setpoint")
@@ -69,7 +70,7 @@ class Layout:
         live: joints that have a servo, (s,)
         servos, integrals: columns in a row of their three inputs, (3, s), and of their integrals
         objects: names of the movable props
-        places: columns of their positions and quaternions xyzw, (objects, 7)
+        kinematics: poses of the movable props from their coordinates
         frame_ids: the frame of each arm's tip pose, (a,)
         sites: at the tips, then where they are seen from, (2 a,)
         before: poses of these in the frames, (a, 4, 4)
@@ -85,7 +86,7 @@ class Layout:
     servos: Index
     integrals: Index
     objects: tuple[str, ...]
-    places: Index
+    kinematics: ObjectKinematics
     frame_ids: tuple[str, ...]
     sites: Index
     before: Array
@@ -147,6 +148,16 @@ def tip_poses(layout: Layout, scratch: mujoco.MjData, states: Array) -> Array:
     return np.concatenate([tips[..., :3, 3], np.roll(quaternions, -1, axis=-1)], axis=-1)
 
 
+def object_poses(layout: Layout, states: Array) -> Array:
+    """Return position and quaternion xyzw of every movable prop in the world, (k, objects, 7) [m].
+
+    Args:
+        layout: of the states
+        states: (k, size)
+    """
+    return layout.kinematics.poses(states[:, 1 : 1 + layout.model.nq])[..., POSE_ORDER]
+
+
 def layout_of(world: World, number: int) -> Layout:
     """Return the layout of a world's rows as its model and base frames are now."""
     model, table = world.mj_model, world.joints
@@ -168,7 +179,6 @@ def layout_of(world: World, number: int) -> Layout:
         drive[arm.columns], rate[arm.columns] = table.drive[rows], table.rate[rows]
         live += range(arm.columns.start, arm.columns.stop)
     servos = np.arange(len(table))
-    objects = [one.place for one in world.objects.values()]
     views = [arm.pose_view() for arm in world.arms.values()]
     tips = [model.site(naming.frame_site(name, "tip")).id for name in world.arms]
     return Layout(
@@ -182,7 +192,7 @@ def layout_of(world: World, number: int) -> Layout:
         act + model.na + INPUTS * servos + np.arange(INPUTS)[:, None],
         act + servos,
         tuple(world.objects),
-        1 + np.array(objects, np.intp).reshape(-1, 1) + POSE_ORDER,
+        ObjectKinematics(world.rig, model),
         tuple(frame for _, _, frame in views),
         np.array([*tips, *(site for site, _, _ in views)], np.intp),
         np.stack([before for _, before, _ in views]),

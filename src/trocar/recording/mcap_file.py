@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.recording.entries import entry_json
-from trocar.recording.layout import QUANTITIES, Layout, Rows, joint_values, tip_poses
+from trocar.recording.layout import (
+    QUANTITIES,
+    Layout,
+    Rows,
+    joint_values,
+    object_poses,
+    tip_poses,
+)
 from trocar.simulation.journal import Entry
 from trocar.simulation.objects import FRAME
 
@@ -376,7 +383,7 @@ class McapFile:
         numbers = (
             values[:, :, due].reshape(-1, len(due)).T,
             tip_poses(rows.layout, self._scratch, states).reshape(len(due), -1),
-            states[:, rows.layout.places].reshape(len(due), -1),
+            object_poses(rows.layout, states).reshape(len(due), -1),
         )
         stamps = np.round(states[:, 0] * NANOSECONDS).astype(np.uint64)
         add, channels = self._writer.add_message, self._instant_channels

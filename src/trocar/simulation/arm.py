@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import copy
 import logging
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.descriptions.plugins import load_registered
 from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import adjoint, inverse, transform
@@ -26,6 +27,8 @@ from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
     Controller,
+    ControllerError,
+    Registered,
     TipState,
     WrenchFrame,
 )
@@ -361,6 +364,30 @@ class Arm:
             self.control.rejections.warn("servo_ci values", f"servo_ci: {problem}")
             return False
         return self._run_controller(impedance, "servo_ci")
+
+    @command
+    def use_controller(self, name: str, settings: Mapping[str, Any] | None = None) -> bool:
+        """Exert what a controller of an installed package computes, until the next command.
+
+        A controller that raises puts the arm into FAULT.
+
+        Args:
+            name: as the package registers it, see docs/extending.md
+            settings: keyword arguments of its class
+
+        Raises:
+            UnknownNameError: no package registers it; the known names are listed
+            InputError: it cannot be made with these settings
+        """
+        made = load_registered("controllers", str(name))
+        try:
+            controller: Controller = made(**(settings or {}))
+        except Exception as problem:
+            what = f"{type(problem).__name__}: {problem}"
+            raise InputError(f"controller {name}: got {settings!r}: {what}") from problem
+        if not callable(getattr(controller, "act", None)):
+            raise InputError(f"controller {name}: got {controller!r}; allowed: with act(now)")
+        return self._run_controller(Registered(str(name), controller), "use_controller")
 
     # ------------------------------------------------------------------ states
 
@@ -1344,8 +1371,12 @@ class Arm:
         """Sum the efforts of all controllers and hand them to the motors."""
         now = self._tip_state()
         effort = self._effort.copy()
-        for controller in self._controllers.values():
-            action = controller.act(now)
+        for controller in tuple(self._controllers.values()):
+            try:
+                action = controller.act(now)
+            except ControllerError as problem:
+                self.fault(str(problem))
+                return
             effort += action.effort
             if action.position is not None:
                 self.control.steer(action.position, action.velocity, self._own)

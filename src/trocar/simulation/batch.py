@@ -25,10 +25,10 @@ from trocar.errors import (
 from trocar.geometry.se3 import check_transform, inverse
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solution
-from trocar.modeling import naming
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.frames import Frames
+from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.servos import POSITION, pid_effort, read_matrix
 from trocar.simulation.world import GRAVITY_PERIOD_S, World
 
@@ -90,7 +90,7 @@ class Batch:
         rngs: a random generator for each world
 
     Raises:
-        InputError: n or threads is not a whole number above 0
+        InputError: n or threads is not a whole number above 0, or an object has a script
         UnknownNameError, DescriptionError: as `World` raises
     """
 
@@ -106,6 +106,11 @@ class Batch:
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise InputError(f"Batch: got {name}={value!r}; allowed: a whole number above 0")
         world = rig if isinstance(rig, World) else World(rig)
+        if scripted := [prop.name for prop in world.rig.objects if prop.script]:
+            raise InputError(
+                f"Batch: got a rig whose {', '.join(scripted)} has a before_step script; allowed:"
+                " objects without"
+            )
         self.rig, self.n, self._table = world.rig, int(n), world.joints
         self.timestep = world.timestep
         self.names = self._table.names
@@ -121,6 +126,7 @@ class Batch:
         self._limit = np.where(driven, self._servos["limit"], 0.0)
         self._ctrl = self._rows.bind("ctrl")
         self._qpos = self._rows.bind("qpos")
+        self._objects = ObjectKinematics(self.rig, self._model)
         self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
@@ -218,11 +224,8 @@ class Batch:
             act = state[:, 1 + model.nq + model.nv : first]
             effort = pid_effort(self._gains, inputs, act, q, qd)
         effort = np.clip(effort, -self._limit, self._limit)
-        objects = {
-            prop.name: self._qpos[:, at : at + 7].copy()
-            for prop in self.rig.objects
-            for at in [int(model.joint(naming.free_joint(prop.name)).qposadr[0])]
-        }
+        placed = np.moveaxis(self._objects.poses(self._qpos), 1, 0)
+        objects = dict(zip(self._objects.names, placed, strict=True))
         return Readings(state[:, 0].copy(), q, qd, effort, rejected or {}, objects, self)
 
     # ------------------------------------------------------------------ what may differ

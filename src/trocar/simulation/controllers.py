@@ -12,7 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.errors import InputError
+from trocar.errors import InputError, TrocarError
 from trocar.geometry.rotations import check_rotation, rotation_vector_from_matrix
 
 Array = NDArray[np.float64]
@@ -59,6 +59,42 @@ class Controller(Protocol):
     def act(self, now: TipState) -> Action:
         """Return efforts (and set-points) for the next step."""
         ...
+
+
+class ControllerError(TrocarError):
+    """A controller of another package that raised, or answered with no efforts."""
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """A controller of an installed package, whose answers are checked.
+
+    Attributes:
+        name: as the package registers it
+        inner: the controller
+    """
+
+    name: str
+    inner: Controller
+
+    def act(self, now: TipState) -> Action:
+        """Return what the controller answers.
+
+        Raises:
+            ControllerError: it raises, or its efforts are not (n,) finite numbers
+        """
+        try:
+            action = self.inner.act(now)
+            efforts = np.asarray(action.effort, dtype=np.float64)
+        except Exception as problem:
+            what = f"{type(problem).__name__}: {problem}"
+            raise ControllerError(f"controller {self.name}: {what}") from problem
+        if efforts.shape != now.q.shape or not np.isfinite(efforts).all():
+            raise ControllerError(
+                f"controller {self.name}: got efforts {efforts.tolist()}; allowed: {len(now.q)}"
+                " finite numbers"
+            )
+        return action
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,9 @@ def carry(old: Physics, new: Physics, name: str) -> None:
     fresh.qpos[qpos[1]] = data.qpos[qpos[0]]
     for field in ("qvel", "qacc_warmstart", "qfrc_applied"):
         getattr(fresh, field)[dof[1]] = getattr(data, field)[dof[0]]
+    for body in range(1, model.nbody):
+        if naming.owner(called := model.body(body).name) != name:
+            fresh.xfrc_applied[grown.body(called).id] = data.xfrc_applied[body]
     here, there = _actuator_map(model, grown, name)
     for field in CARRIED:
         getattr(inputs, field)[there] = getattr(servos, field)[here]

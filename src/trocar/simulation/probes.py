@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
 from trocar.descriptions.sensor_records import Bodies, Contact, Place, PlaceMotion
+from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
 from trocar.simulation.arm import Arm
 from trocar.simulation.tip_load import TipLoad
@@ -112,10 +113,13 @@ class Probes:
         return float(self._arms[arm].readings()[2][index])
 
     def bodies(self, arm: str = "", frame: str = "") -> Bodies:
-        """Return the bodies on a frame and beyond it, all of an arm, or everything."""
-        if not arm:
+        """Return the bodies on a frame and beyond it, all of an arm, a prop's, or everything."""
+        if not arm and not frame:
             return np.ones(len(self._names), dtype=np.bool_)
         found = np.zeros(len(self._names), dtype=np.bool_)
+        if not arm:
+            found[self._model.body(frame).id] = True
+            return found
         if not frame:
             found[list(self._table.arms[arm].bodies.values())] = True
             return found
@@ -176,7 +180,7 @@ class Probes:
         proper = linear @ acceleration + changing @ now.qvel - model.opt.gravity
         return PlaceMotion(back @ (linear @ now.qvel), back @ (angular @ now.qvel), back @ proper)
 
-    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float]:
+    def ray(self, start: Place, end: Place, through: Bodies) -> tuple[float, float, str]:
         """Return the distance from a place towards another to a body, and that of the places.
 
         Args:
@@ -185,14 +189,14 @@ class Probes:
 
         Returns:
             distance, below 0 where it reaches behind the start, inf when nothing lies between the
-            places; from place to place [m]
+            places; from place to place [m]; name of the body, "" for nothing
         """
         now = self._now()
         first = self._site(start).pose_in(now)[:3, 3]
         last = self._site(end).pose_in(now)[:3, 3]
         gap = float(np.linalg.norm(last - first))
         if gap < BEHIND_SURFACE_M:
-            return np.inf, gap
+            return np.inf, gap, ""
         along = (last - first) / gap
         passed, hit = -BEHIND_PAD_M, np.zeros(1, dtype=np.int32)
         while passed < gap:
@@ -201,12 +205,28 @@ class Probes:
             passed += free
             if free < 0.0 or passed >= gap:
                 break
-            if not through[self._model.geom_bodyid[hit[0]]]:
-                return passed, gap
+            body = self._model.geom_bodyid[hit[0]]
+            if not through[body]:
+                return passed, gap, self._names[body]
             passed += BEHIND_SURFACE_M
-        return np.inf, gap
+        return np.inf, gap, ""
+
+    def band(self, name: str) -> tuple[float, float]:
+        """Return the length of an elastic band and its tension [m, N]."""
+        model, now = self._model, self._now()
+        mujoco.mj_tendon(model, now)
+        index = model.tendon(naming.band(name)).id
+        length, rate = float(now.ten_length[index]), 0.0
+        if model.tendon_damping[index]:
+            mujoco.mj_fwdVelocity(model, now)
+            rate = float(now.ten_velocity[index])
+        described = next(band for band in self._rig.bands if band.name == name)
+        stretch = max(0.0, length - described.rest_length)
+        return length, described.stiffness * stretch + described.damping * rate
 
     def _site(self, place: Place) -> Site:
+        if not place.arm:
+            return Site(self._model.body(place.frame).id, place.pose)
         body, at = self._table.arms[place.arm].carrier(self._rig.arm(place.arm), place.frame)
         return Site(body, at @ place.pose)
 
@@ -229,6 +249,8 @@ class Probes:
     def _touched(self, mine: Bodies) -> mujoco.MjData:
         """Return where the contacts of some bodies stand; those of what sleeps are worked out."""
         trees = self._model.body_treeid[mine[: self._model.nbody]]
+        if (trees < 0).all():  # what stands still: everything that sleeps may lie on it
+            trees = np.arange(self._model.ntree)
         if not (self._data.tree_asleep[trees[trees >= 0]] >= 0).any():
             return self._acted()
         scratch = self._copied()  # is never stepped, so nothing in it falls asleep

@@ -130,7 +130,8 @@ class Snapshot(NamedTuple):
     """A world at a time: where every body is, and every arm.
 
     `build` counts how often the rig was compiled: bodies of another build are others, as after an
-    exchange of a tool. `arms` is empty where they were not requested.
+    exchange of a tool. `arms` is empty where they were not requested. The rods that draw elastic
+    bands follow the model's bodies.
     """
 
     time: float

@@ -7,11 +7,15 @@ import mujoco
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import RigDescription, Shape
 from trocar.modeling import naming
+from trocar.simulation.bands import band_shapes
 from trocar.simulation.records import ShapeRecord
 
 
 def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeRecord, ...]:
-    """Return every visible shape of a rig, props first, with the id of the body that carries it."""
+    """Return every visible shape of a rig, props first, with the id of the body that carries it.
+
+    Bands come last; their rods have ids after those of the model's bodies.
+    """
     found: list[ShapeRecord] = []
     for prop in rig.props:
         body = model.body(prop.name).id
@@ -23,7 +27,7 @@ def shape_records(rig: RigDescription, model: mujoco.MjModel) -> tuple[ShapeReco
             for number, shape in enumerate(s for s in part.shapes if s.visible):
                 name = f"{arm.name}/{part.frame}/{part.part}/{number}"
                 found.append(_record(shape, body, name, arm.name, part.frame))
-    return tuple(found)
+    return (*found, *band_shapes(rig, model.nbody))
 
 
 def _record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> ShapeRecord:

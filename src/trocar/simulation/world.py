@@ -21,6 +21,7 @@ from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
+from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
@@ -40,6 +41,7 @@ from trocar.simulation.records import (
     Snapshot,
     WorldSample,
 )
+from trocar.simulation.scripts import Scripts
 from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import shape_records
@@ -91,6 +93,7 @@ class State:
         seed, random: of the random numbers, and where they are
         reference_arm: as of the world
         servos, arms, sensors: what these keep beside the physics
+        scripts: objects whose scripts run
     """
 
     signature: str
@@ -105,6 +108,7 @@ class State:
     servos: Mapping[str, Array]
     arms: Mapping[str, ArmState]
     sensors: Mapping[str, tuple[int, SensorReading]]
+    scripts: tuple[str, ...] = ()
 
 
 class World:
@@ -170,6 +174,7 @@ class World:
         self.journal = self._journal = Journal()
         self._source, self._prefix = WORLD, ""
         self._objects = Objects(self.rig, self._journal)
+        self._scripts = Scripts(self.rig, self._journal)
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
@@ -328,9 +333,12 @@ class World:
         Raises:
             UnknownNameError: no such pose; nothing changes
             InputError: the seed is no whole number from 0 on; nothing changes
+            DescriptionError: the script of an object cannot be run
         """
+        self._scripts.check_outside("reset")
         if pose not in self.rig.poses:
             raise UnknownNameError("pose", pose, self.rig.poses, f"rig {self.rig.name}")
+        self._scripts.begin()
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self.rng = np.random.default_rng(self._seed)
         self.reference_arm = self.rig.reference_arm
@@ -371,6 +379,7 @@ class World:
             self.servos.save(),
             {name: arm.save() for name, arm in self.arms.items()},
             self._sensors.save(),
+            scripts=self._scripts.running,
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -389,6 +398,8 @@ class World:
             raise InputError(
                 f"load: got a state of {state.signature}; allowed: one of {self.signature}"
             )
+        self._scripts.check_outside("load")
+        self._scripts.keep(state.scripts)
         self._put(state.row, state.asleep)
         self._data.qacc[:], self._data.qacc_smooth[:] = state.qacc, state.smooth
         self.journal.period, self._seed = state.periods, state.seed
@@ -406,6 +417,7 @@ class World:
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
         """Step until a move is over, or leave the waiting to the loop that runs this world."""
+        self._scripts.check_outside("wait")
         if self.waiter is not None:
             return self.waiter(motion, timeout_s)
         end = np.inf if timeout_s is None else self.time + timeout_s
@@ -462,6 +474,7 @@ class World:
             InputError: the arm takes no tool, or this one is made for another generation
             DescriptionError: the tool's file is broken
         """
+        self._scripts.check_outside("exchange_tool")
         arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
         model = build(rig, self.options)
         arm.come_off()
@@ -563,7 +576,9 @@ class World:
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
         shown = self.frames.shadow
-        return Snapshot(self.time, shown.xpos.copy(), shown.xquat.copy(), found, self._build)
+        bands = band_poses(self.rig, self._model, shown)
+        at, turn = np.concatenate([shown.xpos, bands[0]]), np.concatenate([shown.xquat, bands[1]])
+        return Snapshot(self.time, at, turn, found, self._build)
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""
@@ -665,6 +680,7 @@ class World:
 
     def _advance(self, count: int) -> None:
         """Step the physics and call observers; stop when the state is no longer finite."""
+        self._scripts.check_outside("step")
         model, data, journal = self._model, self._data, self.journal
         left, bad, stride = count, self._bad, self._stride
         while left > 0:
@@ -680,6 +696,10 @@ class World:
             mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
                 count = run if run < stride else stride
+                if self._scripts.running:
+                    self._scripts.call(self)
+                    mujoco.mj_getState(model, data, self._before, STEPPED)
+                    count = 1
                 mujoco.mj_step(model, data, count)
                 journal.period += count
                 journal.time = data.time

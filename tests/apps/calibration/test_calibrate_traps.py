@@ -119,6 +119,14 @@ def test_a_small_sweep_is_warned_of_and_a_tiny_one_refused() -> None:
         calibrate(swept(robot, 0.02, noise=0.1), psm())
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_makes_no_sweep_larger(seed: int) -> None:
+    """Peak to peak, noise of 1 mrad would add 5 mrad to a sweep of 46."""
+    tracks = swept(random_robot(3, True, 1e-3), 0.023, noise=1.0, seed=seed)
+    with pytest.raises(InputError, match=r"swept by 0\.04\d+ rad; allowed: 0\.05"):
+        calibrate(tracks, psm())
+
+
 def test_a_still_start_away_from_joint_positions_0_is_refused() -> None:
     robot = random_robot(3, True, 1e-3)
     words = r"angles at rest beta1 .*within 0\.1 rad.*joint positions 0"

@@ -17,7 +17,7 @@ from trocar.interfaces.crtk.messages import (
     service_names,
     service_type,
 )
-from trocar.interfaces.crtk.messages.checking import RANGES
+from trocar.interfaces.crtk.messages.types import RANGES
 
 ALL = [
     *map(message_type, message_names()),

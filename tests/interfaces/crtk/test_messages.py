@@ -18,7 +18,6 @@ from trocar.interfaces.crtk.messages import (
     blank,
     cdr_decode,
     cdr_encode,
-    check,
     message_names,
     message_type,
     ros1_decode,
@@ -152,18 +151,17 @@ def test_a_line_that_is_no_field_is_refused(line: str) -> None:
 
 
 @each_type()
-def test_random_messages_pass_the_check_and_survive_both_wires(kind: MessageType) -> None:
+def test_random_messages_survive_both_wires(kind: MessageType) -> None:
     rng = random.Random(kind.name)
     for _ in range(20):
         message = random_message(kind, rng)
-        check(kind, message)
         assert plain(ros1_decode(kind, ros1_encode(kind, message))) == plain(message)
         assert plain(cdr_decode(kind, cdr_encode(kind, message))) == plain(message)
 
 
 @each_type()
 def test_a_blank_message_is_one_of_its_type(kind: MessageType) -> None:
-    check(kind, blank(kind))
+    assert plain(cdr_decode(kind, cdr_encode(kind, blank(kind)))) == plain(blank(kind))
     names = [field.name for field in kind.fields if not field.only_ros1]
     assert list(blank(kind)) == names
 
@@ -175,56 +173,43 @@ def joint_state(**changes: Any) -> dict[str, Any]:
 HEADER = {"stamp": (1, 2), "frame_id": ""}
 
 
+@pytest.mark.parametrize("encode", [ros1_encode, cdr_encode])
 @pytest.mark.parametrize(
-    ("changes", "path", "problem"),
+    ("changes", "path"),
     [
-        ({"position": [1.0, "x"]}, "position[1]", "'x'; allowed: a number"),
-        ({"position": 3}, "position", "3; allowed: a list"),
-        ({"position": np.zeros((2, 2))}, "position", "shape (2, 2)"),
-        ({"position": np.zeros(2, complex)}, "position", "complex128"),
-        ({"position": [True]}, "position[0]", "True; allowed: a number"),
-        ({"position": [10**400]}, "position[0]", "a huge integer"),
-        ({"name": "yaw"}, "name", "a list"),
-        ({"name": ["a\0"]}, "name[0]", "without NUL"),
-        ({"name": ["\ud800"]}, "name[0]", "a string"),
-        ({"header": None}, "header", "a dict"),
-        ({"header": HEADER | {"stamp": 1.5}}, "header.stamp", "(seconds, nanoseconds"),
-        ({"header": HEADER | {"stamp": (1, 10**9)}}, "header.stamp", "(seconds, nanoseconds"),
-        ({"header": HEADER | {"stamp": (-1, 0)}}, "header.stamp", "(seconds, nanoseconds"),
-        ({"header": {"stamp": (1, 2)}}, "header.frame_id", "is missing"),
-        ({"header": HEADER | {"seq": 3}}, "header", "unknown field 'seq'"),
-        ({"torque": []}, "", "unknown field 'torque'; known: header, name"),
+        ({"position": [1.0, "x"]}, "position"),
+        ({"position": 3}, "position"),
+        ({"position": [10**400]}, "position"),
+        ({"name": ["\ud800"]}, "name"),
+        ({"header": HEADER | {"stamp": 1.5}}, "header.stamp"),
+        ({"header": HEADER | {"stamp": (1, 10**9)}}, "header.stamp"),
+        ({"header": HEADER | {"stamp": (1, -1)}}, "header.stamp"),
+        ({"header": {"stamp": (1, 2)}}, "header.frame_id"),
     ],
 )
-def test_an_error_says_which_field_what_was_got_and_what_is_allowed(
-    changes: dict[str, Any], path: str, problem: str
+def test_encoders_say_which_field_they_cannot_write(
+    encode: Any, changes: dict[str, Any], path: str
 ) -> None:
-    with pytest.raises(MessageError) as caught:
-        check("sensor_msgs/JointState", joint_state(**changes))
+    with pytest.raises(MessageError, match="cannot be written") as caught:
+        encode("sensor_msgs/JointState", joint_state(**changes))
     assert caught.value.kind == "sensor_msgs/JointState"
     assert caught.value.path == path
-    assert problem in caught.value.problem
     assert len(str(caught.value)) < 300
 
 
 @pytest.mark.parametrize("encode", [ros1_encode, cdr_encode])
-def test_encoders_say_the_same_of_what_they_cannot_write(encode: Any) -> None:
-    with pytest.raises(MessageError, match=r"JointState: position\[1\]: got 'x'"):
-        encode("sensor_msgs/JointState", joint_state(position=[1.0, "x"]))
-    with pytest.raises(MessageError, match=r"header\.stamp"):
-        encode("sensor_msgs/JointState", joint_state(header=HEADER | {"stamp": (1, -1)}))
-    with pytest.raises(MessageError, match="k: got 8 values; allowed: 9"):
+def test_encoders_refuse_arrays_of_another_length(encode: Any) -> None:
+    with pytest.raises(MessageError, match=r"k: .*got 8 values; allowed: 9"):
         encode("sensor_msgs/CameraInfo", blank("sensor_msgs/CameraInfo") | {"k": [0.0] * 8})
     short = blank("crtk_msgs/CartesianServo")
     short["axis_mode"].pop()
-    with pytest.raises(MessageError, match="axis_mode: got 5 values; allowed: 6"):
+    with pytest.raises(MessageError, match=r"axis_mode: .*got 5 "):
         encode("crtk_msgs/CartesianServo", short)
 
 
 def test_a_picture_may_be_an_array_of_any_shape() -> None:
     pixels = np.arange(24, dtype=np.uint8).reshape(2, 4, 3)
     message = blank("sensor_msgs/Image") | {"data": pixels}
-    check("sensor_msgs/Image", message)
     for data in (pixels.tobytes(), bytearray(pixels.tobytes()), list(pixels.tobytes())):
         same = message | {"data": data}
         assert cdr_encode("sensor_msgs/Image", same) == cdr_encode("sensor_msgs/Image", message)

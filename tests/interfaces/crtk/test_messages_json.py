@@ -15,7 +15,6 @@ from trocar.interfaces.crtk.messages import (
     MessageError,
     MessageType,
     blank,
-    check,
     from_json,
     to_json,
 )
@@ -42,7 +41,6 @@ def test_a_message_comes_back_from_strict_json(kind: MessageType) -> None:
         message = random_message(kind, rng)
         text = json.dumps(to_json(kind, message), allow_nan=False)
         again = from_json(kind, json.loads(text))
-        check(kind, again)
         assert finite(plain(again)) == finite(plain(message))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from trocar.simulation import EffortReading, TwistReading
 
 from .served import Served, stamp_ns
 
+PROPS = Path(__file__).parents[3] / "examples" / "props"
 SENSORS = """
 [[sensor]]
 name = "motor"
@@ -79,7 +81,7 @@ def test_every_message_of_a_scene_can_be_written(tmp_path: Path) -> None:
         "sensors/motor", "sensors/tip", "sensors/touch", "sensors/between", "sensors/imu_1",
         "sensors/speed",
     }  # fmt: skip
-    assert {sensor.kind for sensor in served.world.rig.sensors} == set(KINDS)
+    assert {sensor.kind for sensor in served.world.rig.sensors} == set(KINDS) - {"tension"}
     for topic in told:
         assert ros1_encode(message_type(topic.type), served.last(topic.name)) is not None, topic
 
@@ -144,6 +146,32 @@ def test_a_pose_that_is_none_is_refused_with_a_warning(message: dict, problem: s
         served.world.object("ring1").measured_cp().T, before, atol=2e-5
     )  # it settles
     assert any(problem in m["data"] for m in served.messages("system/warning"))
+
+
+def test_forces_joints_tensions_and_scripts_of_props_are_topics(tmp_path: Path) -> None:
+    folder = tmp_path / "props"
+    shutil.copytree(PROPS, folder)
+    (folder / "shake.py").write_text("def before_step(slider, world):\n    world.nothing()\n")
+    served = Served(str(folder / "play.toml"))
+    served.run(0.05)
+    assert "line 2: AttributeError" in served.last("scene/slider/error")["data"]
+    joint = served.world.object("pendulum").measured_js()
+    told = served.last("scene/pendulum/measured_js")
+    assert told["name"] == ["pendulum"]
+    assert told["position"][0] == pytest.approx(joint.position[0], abs=0.05)
+    pull = served.last("sensors/pull")
+    assert pull["name"] == ["rubber"] and pull["effort"][0] > 0.0
+    force = {"force": {"x": 0.5, "y": 0.0, "z": 0.0}, "torque": dict.fromkeys("xyz", 0.0)}
+    header = {"stamp": (0, 0), "frame_id": ""}
+    wrench = {"header": header, "wrench": force}
+    assert served.core.receive("scene/weight/servo_cf", wrench)
+    put = {"header": header, "name": [], "position": [-1.0], "velocity": [], "effort": []}
+    assert served.core.receive("scene/pendulum/set_jp", put)
+    served.run(0.02)
+    assert served.world.object("weight").measured_cv().linear[0] > 0.01
+    assert served.last("scene/pendulum/measured_js")["position"][0] == pytest.approx(-1.0, abs=0.1)
+    names = {topic.name for topic in topic_table(served.world.rig)}
+    assert "scene/pendulum/set_cp" not in names and "scene/ball1/set_cp" in names
 
 
 def test_time_stands_still_steps_and_flows_again() -> None:

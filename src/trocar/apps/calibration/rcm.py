@@ -25,19 +25,24 @@ from trocar.apps.calibration.tracks import Tracks, check_together, select_bodies
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
 from trocar.fitting import (
+    LEAST_SPAN,
     PivotFit,
+    WanderFit,
     fit_pivot_in_body,
+    fit_wander,
     likely_cause,
     not_gross,
     rest_pose,
     white_noise,
 )
-from trocar.geometry import inverse
+from trocar.geometry import inverse, matrix_from_rotation_vector, transform
 
 Array = NDArray[np.float64]
 
 # Source: our own choice; a centre whose spread exceeds the noise's by this wanders.
 _WANDERS = 1.3
+# Source: our own choice; what the pitch explains takes so much off the correlation in time.
+_EXPLAINED = 0.5
 # Source: our own choice; a file with six decimals has this much rounding. [m]
 _ROUNDING = 3e-6
 
@@ -45,6 +50,8 @@ _ROUNDING = 3e-6
 # Source: our own choice; the cloud is averaged over so many cells of each joint's sweep, of those
 # that have a few samples.
 _CELLS, _LEAST_IN_CELL = 6, 5
+# Source: our own choice; joint positions at which a wander is reported.
+_PLACES = 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +85,7 @@ class RcmReport:
         distance: from the pitch axis [m], where that is seen
         warnings: for the user
         hinges: the first two joint axes
+        wander: how the centre wanders over the swept range of the pitch, None where it stays
     """
 
     arm: str
@@ -90,6 +98,7 @@ class RcmReport:
     distance: Value | None
     warnings: tuple[str, ...]
     hinges: HingesAbout
+    wander: WanderFit | None = None
 
     @property
     def wander_rms(self) -> float:
@@ -124,6 +133,12 @@ class RcmReport:
             centre["sweep_rad"] = {"yaw": yaw, "pitch": pitch}
         if self.table7 is not None:
             centre["table7"] = self.table7.as_dict()
+        if self.wander is not None:
+            centre["wander"] = {
+                "pitch_rad": self.wander.q.tolist(),
+                "displacement_m": self.wander.curve.tolist(),
+                "sigma": self.wander.sigma.tolist(),
+            }
         return centre
 
     def as_dict(self) -> dict[str, Any]:
@@ -160,14 +175,30 @@ def find_rcm(
     check_together(chosen, links.base, links.body, LEAST_SAMPLES)
     fit = _fit_pivot(chosen.times, base, body)
     noise_rms = _noise_rms(base, body, fit)
-    if fit.rms > max(_WANDERS * noise_rms, _ROUNDING):
+    hinges, wander = about_hinges(chosen, links), None
+    moves = fit.rms > max(_WANDERS * noise_rms, _ROUNDING)
+    pitch = _swept_pitch(chosen.times, hinges) if moves or fit.widened > 1.0 else None
+    if pitch is not None and fit.rms > _ROUNDING:
+        places = np.linspace(np.nanmin(pitch), np.nanmax(pitch), _PLACES)
+        curve = fit_wander(base, body, _turned(hinges), pitch, fit, places)
+        # Noise that is correlated in time looks like a wander, but the pitch does not explain it.
+        if fit.rms > _WANDERS * curve.noise_rms or curve.pivot.widened < _EXPLAINED * fit.widened:
+            wander, fit, moves = curve, curve.pivot, True
+            noise_rms = max(noise_rms, curve.noise_rms)
+    if moves:
+        which = "the point with the smallest error over the sweep of yaw and pitch is reported"
+        if pitch is not None and wander is None:
+            which = "the pitch does not explain it: slow noise, or a loose cluster"
         warnings.append(
             f"the remote centre is not fixed: it moves by {1e3 * fit.rms:.3g} mm (RMS), noise"
-            f" alone would cause {1e3 * noise_rms:.3g} mm; its standard deviations hold for the"
-            " mean over this sweep"
+            f" alone would cause {1e3 * noise_rms:.3g} mm; {which}"
         )
         warnings += _slips(chosen, links)
-    hinges = about_hinges(chosen, links)
+    if fit.widened > 1.0 and noise_rms > _ROUNDING:
+        warnings.append(
+            "the residuals of the remote centre are correlated in time: noise is not white, and"
+            f" standard deviations are widened {fit.widened:.1f} times"
+        )
     found = None if hinges.yaw is None else table7(chosen, links, hinges, fit)
     return RcmReport(
         arm=arm.name,
@@ -180,7 +211,33 @@ def find_rcm(
         distance=None if found is None else found.distance,
         warnings=(*tracks.warnings, *warnings, *hinges.warnings),
         hinges=hinges,
+        wander=wander,
     )
+
+
+def _swept_pitch(times: Array, hinges: HingesAbout) -> Array | None:
+    """Return the pitch of each sample, without a sweep before yaw moves, (n,) [rad].
+
+    NaN where it does not count; None where yaw or pitch are unknown.
+    """
+    known = np.isfinite(hinges.q).all(axis=1)
+    if known.sum() < LEAST_SAMPLES:
+        return None
+    before, pitch = still_start(times, {"yaw": hinges.q[:, 0]}), hinges.q[:, 1]
+    if before is not None and np.ptp(np.append(pitch[known & before], 0.0)) > LEAST_SPAN:
+        known &= ~before
+    return np.where(known, pitch, np.nan) if known.sum() >= LEAST_SAMPLES else None
+
+
+def _turned(hinges: HingesAbout) -> Array:
+    """Return how yaw has turned what it carries, in the base body from yaw 0, (n, 4, 4)."""
+    if hinges.yaw is None:
+        raise InputError("the yaw axis is unknown")
+    axis, sense = hinges.yaw.in_a, hinges.senses[0]
+    turn = matrix_from_rotation_vector(
+        sense * np.nan_to_num(hinges.q[:, :1]) * axis.direction[None]
+    )
+    return transform(turn, axis.point - turn @ axis.point)
 
 
 def centre_samples(hinges: HingesAbout, fit: PivotFit) -> tuple[Array, Array]:

@@ -348,12 +348,41 @@ def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
         links: of the same arm
         q: yaw and pitch of each pose, (n, 2) [rad]
     """
+    turn, position, _, points = _own(mechanism, links, q)
+    return OwnCentre(position, (points - points.mean(axis=0)) @ turn)
+
+
+def own_wander(mechanism: Mechanism, links: CentreLinks, q: Array, pitch: Array) -> Array:
+    """Return by how much a mechanism misses its own remote centre at yaw 0, (n, 3) [m].
+
+    Args:
+        mechanism: whose
+        links: of the same arm
+        q: yaw and pitch over which the centre is the point of smallest error, (k, 2) [rad]
+        pitch: where it is missed, (n,) [rad]
+    """
+    turn, _, fit, _ = _own(mechanism, links, q)
+    body = _body_poses(mechanism, links, np.stack([np.zeros(len(pitch)), pitch], axis=1))[1][1:]
+    return (body[:, :3, :3] @ fit.tip + body[:, :3, 3] - fit.post) @ turn
+
+
+def _body_poses(
+    mechanism: Mechanism, links: CentreLinks, q: Array
+) -> tuple[dict[str, Array], Array]:
+    """Return the poses of all frames and of the body, at rest and then at yaw and pitch."""
     rest = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
     every = np.tile(rest, (len(q) + 1, 1))
     every[1:, :2] = q
-    root = mechanism.frames[0].name
-    at = poses(mechanism, every, root)
-    body = at[links.frame(links.body)][1:]
+    at = poses(mechanism, every, mechanism.frames[0].name)
+    return at, at[links.frame(links.body)]
+
+
+def _own(
+    mechanism: Mechanism, links: CentreLinks, q: Array
+) -> tuple[Array, Array, PivotFit, Array]:
+    """Return the frame's axes, the centre in it, its fit, and where each pose has it."""
+    at, body = _body_poses(mechanism, links, q)
+    body = body[1:]
     # Computed poses have no noise: plain least squares.
     fit = fit_pivot(body[:, :3, :3], body[:, :3, 3], rotation_sigma=1e-9)
     up, yaw = at[links.frame(links.yaw)][0, :3, 2], at[links.frame(links.yaw)][0, :3, 3]
@@ -363,4 +392,4 @@ def own_centre(mechanism: Mechanism, links: CentreLinks, q: Array) -> OwnCentre:
     frame = axes_frame(x, 1.0, towards)
     turn, origin = frame[:3, :3], frame[:3, 3]
     points = body[:, :3, :3] @ fit.tip + body[:, :3, 3]
-    return OwnCentre(turn.T @ (fit.post - origin), (points - points.mean(axis=0)) @ turn)
+    return turn, turn.T @ (fit.post - origin), fit, points

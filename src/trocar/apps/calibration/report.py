@@ -13,15 +13,19 @@ from trocar.apps import pages
 from trocar.apps.calibration.calibrate import Calibration
 from trocar.apps.calibration.checks import distance_bound
 from trocar.apps.calibration.linkage import home_points, shift_rows
-from trocar.apps.calibration.rcm import CloudPoint, RcmReport, over_cells
-from trocar.apps.calibration.rcm_frame import Table7
-from trocar.apps.calibration.rcm_split import Split, split_centre
+from trocar.apps.calibration.rcm import CloudPoint, RcmReport, centre_samples, over_cells
+from trocar.apps.calibration.rcm_frame import Table7, centre_links, own_wander
+from trocar.apps.calibration.rcm_split import MOST, Split, split_centre
 from trocar.apps.drawing import MEASURED, PALETTE, SETPOINT, new_figure, svg
 from trocar.descriptions import ArmDescription
+from trocar.descriptions.overlay import apply_overlay
+from trocar.fitting import WanderFit
 
 Array = NDArray[np.float64]
 
 MM = 1e3
+#: Positions of a joint at which the mechanism's own wander is drawn. Source: our own choice.
+PLACES = 61
 
 
 def check_report(folder: str | Path, overwrite: bool = False) -> Path:
@@ -150,6 +154,8 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
         f" {_mm(seen.fit.sigma_post)} mm. Spread {MM * seen.fit.rms:.4f} mm (RMS), of which noise"
         f" makes {MM * seen.noise_rms:.4f} mm.</p>"
     )
+    if seen.wander is not None:
+        text += _wander(seen.wander, found, seen, arm)
     if seen.table7 is None or not seen.cloud:
         return text + '<p class="quiet">Yaw or pitch axis is unknown.</p>'
     split = split_centre(found, seen, arm)
@@ -161,6 +167,39 @@ def _centre(found: Calibration, seen: RcmReport, arm: ArmDescription) -> str:
     )
     dots, crosses = over_cells(split.q, split.cloud), over_cells(split.q, split.own.cloud)
     return text + pages.picture(draw_clouds(dots, crosses), caption)
+
+
+def _wander(seen: WanderFit, found: Calibration, report: RcmReport, arm: ArmDescription) -> str:
+    """Show how the centre wanders with the pitch: as tracked, and as the mechanism has it."""
+    axes = np.eye(3) if report.table7 is None else report.table7.axes
+    curve, sigma = seen.curve @ axes, np.sqrt(seen.sigma**2 @ axes**2)
+    own = None
+    if found.closure == "general" and report.table7 is not None:
+        swept, _ = centre_samples(report.hinges, report.fit)
+        robot = apply_overlay(arm, found.overlay).mechanism
+        pitch = np.linspace(robot.lower[1], robot.upper[1], PLACES)
+        own = pitch, own_wander(robot, centre_links(arm), swept[:: 1 + len(swept) // MOST], pitch)
+    rows = [
+        [f"{np.degrees(q):.1f}", *(f"{MM * v:+.4f} +- {MM * s:.4f}" for v, s in
+                                   zip(place, error, strict=True))]
+        for q, place, error in zip(seen.q, curve, sigma, strict=True)
+    ]  # fmt: skip
+    text = (
+        "<h3>Wander over the pitch</h3>"
+        "<p>The centre is not a fixed point. The place above is the one with the smallest error"
+        " over the sweep of yaw and pitch; the table has the displacement from it at yaw 0, with 1"
+        " sigma, along the axes of Table 7's frame"
+        + ("." if report.table7 is not None else " (of the base body, where that is unknown).")
+        + "</p>"
+    )
+    caption = "Displacement at yaw 0, as tracked with 95 % intervals" + (
+        "." if own is None else "; lines: the calibrated mechanism over the range of the joint."
+    )
+    return (
+        text
+        + pages.table(["pitch [deg]", "X [mm]", "Y [mm]", "Z [mm]"], rows)
+        + pages.picture(draw_wander(seen.q, curve, sigma, own), caption)
+    )
 
 
 def _frame(seen: Table7, split: Split) -> str:
@@ -321,6 +360,29 @@ def draw_clouds(measured: Sequence[CloudPoint], own: Sequence[CloudPoint]) -> st
     figure.colorbar(dots, ax=each, label="pitch [deg]")
     handles, labels = each[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
+    return svg(figure)
+
+
+def draw_wander(pitch: Array, curve: Array, sigma: Array, own: tuple[Array, Array] | None) -> str:
+    """Draw the displacement of a centre that wanders.
+
+    Args:
+        pitch: (g,) [rad]
+        curve, sigma: as tracked, (g, 3) [m]
+        own: pitch (n,) and displacement (n, 3) of the calibrated mechanism; None: not drawn
+    """
+    figure = new_figure(9.5, 4.0, PURPOSE)
+    axis: Any = figure.subplots()
+    for k, (name, colour) in enumerate(zip("XYZ", PALETTE, strict=False)):
+        axis.errorbar(
+            np.degrees(pitch), MM * curve[:, k], yerr=1.96 * MM * sigma[:, k], fmt="o",
+            color=colour, capsize=3, label=name,
+        )  # fmt: skip
+        if own is not None:
+            axis.plot(np.degrees(own[0]), MM * own[1][:, k], color=colour, linewidth=1.0)
+    axis.set(xlabel="pitch [deg]", ylabel="displacement [mm]")
+    axis.grid(visible=True, color=GRID, linewidth=0.6)
+    figure.legend(loc="outside upper center", ncols=3, frameon=False)
     return svg(figure)
 
 

@@ -61,6 +61,9 @@ def _draw(task: Task, path: Path) -> tuple[str, ...]:
 def _lost(task: Task) -> tuple[str, ...]:
     """Return what the files do not have of the description."""
     warnings = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
+    warnings += [
+        f"the script of {prop.name} is not written" for prop in task.rig.objects if prop.script
+    ]
     name = file_name(task.rig)
     for place in task.rig.arms:
         integral = [j for j, gains in preset(place.arm).pid.items() if gains.i]

@@ -67,8 +67,27 @@ class Format:
 
 def left_out(rig: RigDescription) -> tuple[str, ...]:
     """Return what a file of one robot, all of whose links hang together, does not have."""
-    names = ", ".join(prop.name for prop in rig.objects)
-    return (f"what can be moved is not in the file: {names} (mjcf has it)",) if names else ()
+    found: list[str] = []
+    if names := ", ".join(prop.name for prop in rig.objects):
+        found.append(f"what can be moved is not in the file: {names} (mjcf has it)")
+    if names := ", ".join(band.name for band in rig.bands):
+        found.append(f"elastic bands are not in the file: {names} (mjcf has them)")
+    soft = [p.name for p in rig.props if p.movable is None and any(s.stiffness for s in p.shapes)]
+    if soft:
+        found.append(f"soft shapes are rigid in the file: {', '.join(soft)} (mjcf has them soft)")
+    return (*found, *scripts_left_out(rig))
+
+
+def scripts_left_out(rig: RigDescription) -> tuple[str, ...]:
+    """Return which Python files of a rig act in this program only."""
+    found = [
+        f"the script of {prop.name} is not in the file: {Path(prop.script).name}"
+        for prop in rig.objects
+        if prop.script
+    ]
+    if rig.extension:
+        found.append(f"what {Path(rig.extension).name} adds to the model is in mjcf only")
+    return tuple(found)
 
 
 def write_meshes(

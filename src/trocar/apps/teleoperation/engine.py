@@ -10,6 +10,7 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
+from trocar.apps.fixtures import Fixtures
 from trocar.apps.teleoperation.component import (
     ALIGNING,
     DISABLED,
@@ -235,6 +236,7 @@ class Teleoperation:
         loop: of a world; components follow at each of its ticks
         teleops: their descriptions; the rig's own when omitted
         masters: {name: master}, of those that are no arms of the rig
+        fixtures: virtual fixtures that act on instruments and masters
 
     Attributes:
         world: the loop's
@@ -247,6 +249,7 @@ class Teleoperation:
 
     Raises:
         InputError: a master that is neither an arm of the rig nor given
+        DescriptionError: a fixture with a force that no master exerts
     """
 
     def __init__(
@@ -254,6 +257,7 @@ class Teleoperation:
         loop: Loop,
         teleops: tuple[TeleopDescription, ...] | None = None,
         masters: Mapping[str, Master] | None = None,
+        fixtures: Fixtures | None = None,
     ) -> None:
         self._loop, self.world = loop, loop.world
         self.masters: dict[str, Master] = {}
@@ -265,6 +269,11 @@ class Teleoperation:
             own = [self.masters[name] for name in description.masters]
             kind = KINDS[description.kind]
             self.components[description.name] = kind(self.world, description, own)
+        if fixtures is not None:
+            tools = [c for c in self.components.values() if isinstance(c, PsmTeleoperation)]
+            fixtures.check_masters([c.description.slave for c in tools if c.masters[0].exerts])
+            for tool in tools:
+                tool.fixtures = fixtures
         self.carriers = {
             name: HandleMover(self.world, name)
             for name, master in self.masters.items()

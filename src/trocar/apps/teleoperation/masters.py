@@ -88,6 +88,8 @@ class Master:
     """
 
     name: str
+    #: Whether a hand feels what `exert` sets.
+    exerts = False
 
     def objection(self, world: World) -> str:  # noqa: ARG002
         """Return why it cannot be used, "" when it can."""
@@ -116,6 +118,12 @@ class Master:
 
     def release(self, world: World, *, locked: bool) -> None:
         """Let the hand move it freely; locked: all but its orientation."""
+
+    def exert(self, world: World, force: Array) -> None:
+        """Exert a force on the hand, in axes of the handle, (3,) [N], until the next or `release`.
+
+        Call only while the master is released.
+        """
 
     def hold(self, world: World) -> None:
         """Stay where it is."""
@@ -147,8 +155,11 @@ class ArmMaster(Master):
         name: of the arm
     """
 
+    exerts = True
+
     def __init__(self, name: str) -> None:
         self.name = name
+        self._exerting = False
         self._base: Array | None = None
         self._requested: Array | None = None
         self._goal = self._extra = np.zeros(0)
@@ -196,12 +207,21 @@ class ArmMaster(Master):
         """
         arm = world.arm(self.name)
         self._requested = self._place = None
+        self._exerting = False
         arm.use_gravity_compensation(True)
         if locked:
             arm.servo_cf(np.zeros(6))
             arm.lock_orientation()
         else:
             arm.free()
+
+    def exert(self, world: World, force: Array) -> None:
+        """Exert a force on the hand, in axes of the handle, (3,) [N]."""
+        arm = world.arm(self.name)
+        if not self._exerting:
+            self._exerting = True
+            arm.set_cf_orientation_absolute(False)  # a client may have switched it
+        arm.servo_cf([*force, 0.0, 0.0, 0.0])
 
     def hold(self, world: World) -> None:
         """Stay where it is."""

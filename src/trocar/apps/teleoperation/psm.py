@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.fixtures import Fixtures
 from trocar.apps.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent
 from trocar.apps.teleoperation.masters import Master, Reading
 from trocar.apps.teleoperation.slave import Slave, base_in_view
@@ -120,6 +121,7 @@ class PsmTeleoperation(TeleopComponent):
         rotation_locked, translation_locked: what does not follow
         align: whether the master turns as the tool is turned, before it moves it
         offset: rotation from the handle to the tip as the surgeon sees both, (3, 3)
+        fixtures: virtual fixtures of the instrument, None without any
     """
 
     def __init__(
@@ -130,6 +132,8 @@ class PsmTeleoperation(TeleopComponent):
         self.translation_locked = description.translation_locked
         self.align = description.align
         self.offset = np.eye(3)
+        self.fixtures: Fixtures | None = None
+        self._T_world_view = np.eye(4)
         self._hand = HandDetector(description.gripper_threshold, description.roll_threshold)
         self._after_pause = False
         self._slave: Slave | None = None
@@ -206,6 +210,7 @@ class PsmTeleoperation(TeleopComponent):
         self._from, self._to = readings[0].T, self._slave.T
         self.offset = self._from[:3, :3].T @ self._to[:3, :3]
         self._reason, self._jaw = "", None
+        self._T_world_view = self.world.reference_pose(self._slave.name) @ self._slave.T_base_view
         arm = self.world.arm(self.description.slave)
         if not self.description.ignore_jaw and arm.jaw is not None:
             limits = float(arm.lower[-1]), float(arm.upper[-1])
@@ -216,7 +221,10 @@ class PsmTeleoperation(TeleopComponent):
         reading = readings[0]
         if self._slave is None:
             return
-        reason = self._slave.follow(self.goal(reading.T), period_s)
+        goal = self.goal(reading.T)
+        if self.fixtures is not None:
+            goal = self._guided(self.fixtures, reading, goal)
+        reason = self._slave.follow(goal, period_s)
         if reason:
             self.masters[0].step_back()
             if reason != self._reason or self._report_due():
@@ -225,6 +233,17 @@ class PsmTeleoperation(TeleopComponent):
         jaw = self.world.arm(self.description.slave).jaw
         if self._jaw is not None and jaw is not None and reading.gripper is not None:
             jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
+
+    def _guided(self, fixtures: Fixtures, reading: Reading, goal: Array) -> Array:
+        """Exert the force of fixtures on the hand; return the goal that their filters leave."""
+        slave, T = self.description.slave, self._T_world_view
+        p = T[:3, :3] @ goal[:3, 3] + T[:3, 3]
+        if fixtures.acts_on(slave, "force"):
+            force = np.zeros(3)
+            if not self.translation_locked:
+                force = T[:3, :3].T @ fixtures.force(slave, p, self.scale)
+            self.masters[0].exert(self.world, reading.T[:3, :3].T @ force)
+        return transform(goal[:3, :3], T[:3, :3].T @ (fixtures.filtered(slave, p) - T[:3, 3]))
 
     def _release_masters(self, *, clutch: bool) -> None:
         locked = self.rotation_locked or (clutch and self.align)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.apps.fixtures import Fixtures
 from trocar.apps.teleoperation.engine import Teleoperation
 from trocar.apps.teleoperation.masters import TURNED, Master, MasterLostError, Reading
 from trocar.apps.teleoperation.topics import component, reading
@@ -43,7 +44,6 @@ SILENCE_S = 0.1
 AGAIN_S = 1.0
 #: Frame of a master's poses. Source: as of a rig's masters.
 DISPLAY = "HRSV"
-ZERO = {"x": 0.0, "y": 0.0, "z": 0.0}
 
 #: Topics that follow the master's name: published by it ("sub"), and commands to it ("pub").
 ROWS = (
@@ -52,7 +52,7 @@ ROWS = (
     command("operating_state", STATE, "", "published by itself"),
     event("state_command", COMMAND, "home"),
     event("move_cp", POSE, "orientation of the tool", PLACE),
-    event("body/servo_cf", WRENCH, "zero", "N, N m"),
+    event("body/servo_cf", WRENCH, "force of virtual fixtures, else zero", "N, N m"),
     event("lock_orientation", "geometry_msgs/Quaternion", "hold the gimbal", "xyzw"),
     event("unlock_orientation", EMPTY, "free the gimbal"),
     event("use_gravity_compensation", BOOL, "switch gravity compensation"),
@@ -72,8 +72,11 @@ class RemoteMaster(Master):
         publish: called with a topic without the name, and the fields of its message
     """
 
+    exerts = True
+
     def __init__(self, name: str, now: Callable[[], float]) -> None:
         self.name, self._now = name, now
+        self._force = np.zeros(3)
         self.publish: Callable[[str, Mapping[str, Any]], None] = lambda topic, fields: None  # noqa: ARG005  not connected yet
         self._T: Array | None = None
         self._gripper: float | None = None
@@ -136,11 +139,18 @@ class RemoteMaster(Master):
         """Ask it to exert only its links' weight, as the dVRK does."""
         self._requested = None
         self.publish("use_gravity_compensation", {"data": True})
-        self.publish("body/servo_cf", {})
+        self._force = np.zeros(3)
+        self.publish("body/servo_cf", {"force": self._force})
         if locked and self._T is not None:
             self.publish("lock_orientation", {"T": self._T})
         else:
             self.publish("unlock_orientation", {})
+
+    def exert(self, world: World, force: Array) -> None:  # noqa: ARG002
+        """Ask it to exert a force on the hand, in axes of the handle, (3,) [N]."""
+        if (force != self._force).any():
+            self._force = force.copy()
+            self.publish("body/servo_cf", {"force": force})
 
     def hold(self, world: World) -> None:  # noqa: ARG002
         """Ask it to stay where it is."""
@@ -187,24 +197,34 @@ def _publish(core: Core, name: str, key: str, fields: Mapping[str, Any]) -> None
     elif key == "lock_orientation":
         message = build.quaternion(fields["T"])
     elif key == "body/servo_cf":
-        message = {"wrench": {"force": ZERO, "torque": ZERO}}
+        force = build.vector(fields["force"])
+        message = {"wrench": {"force": force, "torque": build.vector(np.zeros(3))}}
     core.emit(f"{name}/{key}", message)
 
 
-def engine_and_components(loop: Loop) -> tuple[Teleoperation, tuple[Component, ...]]:
+def engine_and_components(
+    loop: Loop, fixtures: Fixtures | None = None
+) -> tuple[Teleoperation, tuple[Component, ...]]:
     """Return the teleoperation of a loop's rig, and what a core serves of it.
 
     Masters that are no arms of the rig are read from topics of their names.
+
+    Raises:
+        DescriptionError: a fixture with a force that no master exerts
     """
     names = {name for teleop in loop.world.rig.teleops for name in teleop.masters}
     remote = {
         name: RemoteMaster(name, lambda: loop.now) for name in sorted(names - set(loop.world.arms))
     }
-    engine = Teleoperation(loop, None, remote)
+    engine = Teleoperation(loop, None, remote, fixtures)
     parts = (component_of(master, engine) for master in remote.values())
     return engine, (component(engine), *parts)
 
 
-def components(loop: Loop) -> tuple[Component, ...]:
+def components(loop: Loop, fixtures: Fixtures | None = None) -> tuple[Component, ...]:
     """Return what a core serves of the teleoperation of a loop's rig: nothing where it has none."""
-    return engine_and_components(loop)[1] if loop.world.rig.teleops else ()
+    if loop.world.rig.teleops:
+        return engine_and_components(loop, fixtures)[1]
+    if fixtures is not None:
+        fixtures.check_masters(())
+    return ()

@@ -8,6 +8,7 @@ from html import escape
 from math import radians
 from typing import TYPE_CHECKING
 
+from trocar.apps.fixtures import Fixtures
 from trocar.apps.teleoperation.component import DISABLED, ENABLED
 from trocar.apps.teleoperation.devices import (
     PEDAL_KEYS,
@@ -58,6 +59,7 @@ class Device:
         name: "KEYBOARD", "GAMEPAD", ...
         arm: the first instrument to use; the rig's first when omitted
         scale: factor of all its speeds
+        fixtures: virtual fixtures of the instruments
 
     Attributes:
         master: its handle
@@ -69,7 +71,14 @@ class Device:
         InputError: the rig has no instrument, or none of that name
     """
 
-    def __init__(self, loop: Loop, name: str, arm: str | None = None, scale: float = 1.0) -> None:
+    def __init__(
+        self,
+        loop: Loop,
+        name: str,
+        arm: str | None = None,
+        scale: float = 1.0,
+        fixtures: Fixtures | None = None,
+    ) -> None:
         self.master = VirtualMaster(name, lambda: loop.now, scale)
         hands: list[Master] = [HandOf(self.master, left=left) for left in (True, False)]
         self.tools, teleops = _teleops(loop.world.rig, name, [hand.name for hand in hands])
@@ -78,7 +87,7 @@ class Device:
             able = ", ".join(tool.removeprefix(f"{name}_") for tool in self.tools)
             raise InputError(f"--arm: got {arm!r}; allowed: {able}")
         masters = {master.name: master for master in (self.master, *hands)}
-        self.engine = Teleoperation(loop, teleops, masters)
+        self.engine = Teleoperation(loop, teleops, masters, fixtures)
         self._choice = (0, 0)
         self._held: frozenset[str] = frozenset()
         self.engine.console.select(self.used)
@@ -201,16 +210,21 @@ class Session:
         self.engine: Teleoperation | None = None
         self._poll: Poll | None = None
 
-    def components(self, loop: Loop) -> tuple[Component, ...]:
+    def components(self, loop: Loop, fixtures: Fixtures | None = None) -> tuple[Component, ...]:
         """Return what a core serves of it, and begin to poll the device.
+
+        Args:
+            loop: of a world
+            fixtures: virtual fixtures of its instruments
 
         Raises:
             InputError: a rig without instruments or, for masters, without any
+            DescriptionError: a fixture with a force that no master exerts
         """
         if self._kind is None or self._kind == "masters":
-            return self._masters(loop)
+            return self._masters(loop, fixtures)
         scale = 1.0 if self._scale is None else self._scale
-        device = self.device = Device(loop, self._kind.upper(), self._arm, scale)
+        device = self.device = Device(loop, self._kind.upper(), self._arm, scale, fixtures)
         self.engine = device.engine
         if self._source is not None:
             stream = f"{device.master.name} device"
@@ -261,16 +275,16 @@ class Session:
         if self._poll is not None:
             self._poll.stop()
 
-    def _masters(self, loop: Loop) -> tuple[Component, ...]:
+    def _masters(self, loop: Loop, fixtures: Fixtures | None) -> tuple[Component, ...]:
         if not loop.world.rig.teleops:
             if self._kind is None:
-                self.engine = Teleoperation(loop)
+                self.engine = Teleoperation(loop, fixtures=fixtures)
                 return (pedal_component(self.engine),)
             raise InputError(
                 f"rig {loop.world.rig.name}: has no teleoperated masters; allowed: a rig "
                 "with [[teleop]], e.g. full_cart_mtm"
             )
-        engine, parts = engine_and_components(loop)
+        engine, parts = engine_and_components(loop, fixtures)
         self.engine = engine
         if self._kind is not None:
             if self._scale is not None:

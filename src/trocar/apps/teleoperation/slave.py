@@ -67,11 +67,16 @@ class Slave:
         world: the arm's
         name: of a PSM, or of a master that a hand carries
         T_view_base: the arm's own reference frame in the surgeon's, (4, 4)
+
+    Attributes:
+        name: as given
+        T_base_view: the surgeon's frame in the arm's own, (4, 4)
     """
 
     def __init__(self, world: World, name: str, T_view_base: Array) -> None:
+        self.name = name
         self._world, self._arm = world, world.arm(name)
-        self._T_view_base, self._T_base_view = T_view_base, inverse(T_view_base)
+        self._T_view_base, self.T_base_view = T_view_base, inverse(T_view_base)
         self._own = self._arm.description.own_joints
         whole = self._arm.setpoints()
         self._commanded, self._rest = whole[: self._own], whole[self._own :]
@@ -92,7 +97,7 @@ class Slave:
         Returns:
             why it stays where it is, "" when it follows
         """
-        goal = self._T_base_view @ T
+        goal = self.T_base_view @ T
         try:
             q = self._solve(goal)
             reason = self._objection(q, goal)

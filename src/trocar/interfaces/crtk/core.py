@@ -173,9 +173,9 @@ class Core:
         self.stamper = Stamper(clock, first_ns=first_ns)
         self._stamps, self._services = StampCheck(), Services(loop, self.stamper)
         self._samples: queue.SimpleQueue[Sample | None] = queue.SimpleQueue()
-        self._sampler = Sampler(
-            loop, self.prefixes, self.stamper, rate_hz, self._samples, self._report
-        )
+        scripted = {prop.name: f"scene/{prop.name}" for prop in rig.objects if prop.script}
+        heard = {**self.prefixes, **scripted}
+        self._sampler = Sampler(loop, heard, self.stamper, rate_hz, self._samples, self._report)
         self._publishing = Publishing(topics, self.prefixes)
         self._waiting: list[Transport] = []
         self._running: tuple[Transport, ...] = ()

@@ -70,7 +70,7 @@ class Sampler:
 
     Args:
         loop: is watched from `start` to `stop`
-        prefixes: {arm: prefix of its topics}
+        prefixes: {arm or object with events: prefix of its topics}
         stamper: gives stamps
         rate_hz: how often to sample
         samples: takes every sample

@@ -19,6 +19,8 @@ from trocar.descriptions.sensors import (
     ImuReading,
     JointEffort,
     ProximityReading,
+    Tension,
+    TensionReading,
     TwistReading,
     WrenchReading,
 )
@@ -26,7 +28,15 @@ from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.interfaces.crtk import build
 from trocar.interfaces.crtk.build import Message
 from trocar.interfaces.crtk.clock import Stamp
-from trocar.interfaces.crtk.fields import RefusedError, field, pose, shown, text
+from trocar.interfaces.crtk.fields import (
+    RefusedError,
+    field,
+    joints,
+    pose,
+    shown,
+    text,
+    wrench,
+)
 from trocar.interfaces.crtk.sample import CONTACTS, Figures, sensor_topic
 from trocar.interfaces.crtk.topic import (
     BOOL,
@@ -37,12 +47,14 @@ from trocar.interfaces.crtk.topic import (
     PLACE,
     POSE,
     SPEED,
+    STRING,
     TWIST,
     WRENCH,
     Make,
     Read,
     Topic,
     command,
+    event,
     latched,
     state,
 )
@@ -100,13 +112,26 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
                 _speed_of(index),
             ),
             command(
-                f"{at}/set_cp",
-                POSE,
-                PLACE,
-                "put the object there, at rest",
-                partial(_put, prop.name),
+                f"{at}/servo_cf",
+                WRENCH,
+                FORCE,
+                "force at its centre of mass, and torque, in axes of the world, until the next",
+                partial(_push, prop.name),
+                newest=True,
             ),
         ]
+        if prop.joint is None:
+            help_ = "put the object there, at rest"
+            rows.append(command(f"{at}/set_cp", POSE, PLACE, help_, partial(_put, prop.name)))
+        elif prop.joint.kind != "ball":
+            unit = "rad" if prop.joint.kind == "hinge" else "m"
+            put = partial(_put_joint, prop.name)
+            rows += [
+                state(f"{at}/measured_js", JOINTS, unit, "its joint", _joint_of(index, prop.name)),
+                command(f"{at}/set_jp", JOINTS, unit, "put its joint there, at rest", put),
+            ]
+        if prop.script:
+            rows.append(event(f"{at}/error", STRING, "its script raised and is called no longer"))
     for sensor in rig.sensors:
         row = SENSORS[sensor.kind]
         rows.append(
@@ -129,10 +154,26 @@ def _step(message: Mapping[str, Any], _: object) -> Command:
     return Command(JOURNAL, "step", {"periods": int(periods)}, "scene/step")
 
 
-def _put(name: str, message: Mapping[str, Any], _: object) -> Command:
+def _push(name: str, message: Mapping[str, Any], _: object) -> Command:
+    _check_frame(message)
+    return Command(
+        name, "servo_cf", {"wrench": wrench(message, "wrench")}, f"scene/{name}/servo_cf"
+    )
+
+
+def _put_joint(name: str, message: Mapping[str, Any], _: object) -> Command:
+    q = joints(message, "position", [name])
+    return Command(name, "set_jp", {"q": q}, f"scene/{name}/set_jp")
+
+
+def _check_frame(message: Mapping[str, Any]) -> None:
     frame = text(message, "header.frame_id").lstrip("/")
     if frame not in ("", WORLD):
         raise RefusedError("frame", f"got the frame {frame!r}; allowed: {WORLD}, or none")
+
+
+def _put(name: str, message: Mapping[str, Any], _: object) -> Command:
+    _check_frame(message)
     return Command(name, "set_cp", {"T": pose(message, "pose")}, f"scene/{name}/set_cp")
 
 
@@ -158,6 +199,17 @@ def _speed_of(index: int) -> Make:
         turn = matrix_from_quaternion(seen.quaternions[index])
         twist = np.concatenate([seen.linear[index], turn @ seen.spin[index]])
         return build.twist_stamped(stamp, WORLD, twist)
+
+    return make
+
+
+def _joint_of(index: int, name: str) -> Make:
+    def make(figures: Figures, stamp: Stamp) -> Message | None:
+        seen = figures.sample.scene.objects
+        if seen is None:
+            return None
+        q, qd = seen.joint[index]
+        return build.joints(stamp, [name], np.array([q]), np.array([qd]), NOTHING)
 
     return make
 
@@ -253,6 +305,11 @@ def _proximity(reading: ProximityReading, _: object, stamp: Stamp) -> Message:
     return build.joints(stamp, ["distance", "gap"], lengths, NOTHING, NOTHING)
 
 
+def _tension(reading: TensionReading, sensor: Tension, stamp: Stamp) -> Message:
+    length, tension = np.array([reading.length]), np.array([reading.tension])
+    return build.joints(stamp, [sensor.band], length, NOTHING, tension)
+
+
 def _imu(reading: ImuReading, sensor: Imu, stamp: Stamp) -> Message:
     def covariance(value: str) -> list[float]:
         return (sensor.noise[value] ** 2 * np.eye(3)).ravel().tolist()
@@ -280,6 +337,9 @@ SENSORS = {
     "contacts": SensorRow(CONTACTS_TYPE, "m, N", "contacts of a body", _touch),
     "proximity": SensorRow(
         JOINTS, "m", "position: distance of what lies in the jaw, and its gap", _proximity
+    ),
+    "tension": SensorRow(
+        JOINTS, "m, N", "position: length of an elastic band; effort: its tension", _tension
     ),
     "imu": SensorRow(
         "sensor_msgs/Imu", "rad/s, m/s^2", "angular velocity, and acceleration less gravity", _imu

@@ -11,7 +11,6 @@ from trocar.interfaces.crtk.messages.binary import (
     ros1_decode,
     ros1_encode,
 )
-from trocar.interfaces.crtk.messages.checking import blank, check
 from trocar.interfaces.crtk.messages.rosjson import from_json, to_json
 from trocar.interfaces.crtk.messages.types import (
     Constant,
@@ -19,6 +18,7 @@ from trocar.interfaces.crtk.messages.types import (
     MessageError,
     MessageType,
     ServiceType,
+    blank,
     message_names,
     message_type,
     service_names,
@@ -34,7 +34,6 @@ __all__ = [
     "blank",
     "cdr_decode",
     "cdr_encode",
-    "check",
     "from_json",
     "message_names",
     "message_type",

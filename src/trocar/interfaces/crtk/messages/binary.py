@@ -10,7 +10,7 @@ Source: measured on two cores of a virtual machine.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from struct import Struct, calcsize, pack, unpack_from
@@ -18,10 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from trocar.interfaces.crtk.messages.checking import SECOND, Message, check
 from trocar.interfaces.crtk.messages.types import (
     SCALARS,
+    SECOND,
     Field,
+    Message,
     MessageError,
     MessageType,
     message_type,
@@ -36,7 +37,8 @@ DTYPES = {
     for code in SCALARS.values()
     if code != "?"
 } | {"?": np.dtype(bool)}
-EMPTY_ROS2 = "B"  # ROS 2 gives a message without fields one byte. Source: rosidl, IDL mapping.
+# ROS 2 gives a message without fields one byte. Source: rosidl, IDL mapping.
+EMPTY_ROS2 = Field("", "uint8", None, "", only_ros1=True)
 # What wrong values and wrong bytes make Python raise in the written lines.
 WRONG = (
     struct.error,
@@ -49,82 +51,77 @@ WRONG = (
 )
 Key = str | MessageType
 
-_ros1_encoders: dict[Key, Callable[[Message], bytes]] = {}
-_ros1_decoders: dict[Key, Callable[[bytes], Message]] = {}
-_cdr_encoders: dict[Key, Callable[[Message], bytes]] = {}
-_cdr_decoders: dict[Key, Callable[[bytes], Message]] = {}
 
+class Codec:
+    """Write and read messages on one wire; each type's functions are made at its first message."""
 
-def ros1_encode(kind: Key, message: Message) -> bytes:
-    """Write a message as ROS 1 does, without the length that goes before it on a socket.
+    def __init__(self, wire: Wire) -> None:
+        self._wire = wire
+        self._encoders: dict[Key, Callable[[Message], bytes]] = {}
+        self._decoders: dict[Key, Callable[[bytes], Message]] = {}
 
-    Raises:
-        MessageError: the message is none of the type
-    """
-    encode = _ros1_encoders.get(kind) or _made(_ros1_encoders, kind, _encoder, ROS1)
-    return encode(message)
+    def encode(self, kind: Key, message: Message) -> bytes:
+        """Write a message.
 
+        ROS 1's bytes go without the length that precedes them on a socket. ROS 2's are four bytes
+        of encapsulation, then CDR, not rounded up.
 
-def ros1_decode(kind: Key, data: bytes | bytearray | memoryview) -> Message:
-    """Read a message that ROS 1 wrote; every byte must belong to it.
+        Raises:
+            MessageError: the message is none of the type
+        """
+        encode = self._encoders.get(kind) or self._made(self._encoders, kind, _encoder)
+        return encode(message)
 
-    Raises:
-        MessageError: the bytes are none of the type
-    """
-    decode = _ros1_decoders.get(kind) or _made(_ros1_decoders, kind, _decoder, ROS1)
-    return decode(data if isinstance(data, bytes) else bytes(data))
+    def decode(self, kind: Key, data: bytes | bytearray | memoryview) -> Message:
+        """Read a message; every byte belongs to it, but up to three that round up ROS 2's.
 
+        Raises:
+            MessageError: the bytes are none of the type
+        """
+        decode = self._decoders.get(kind) or self._made(self._decoders, kind, _decoder)
+        return decode(data if isinstance(data, bytes) else bytes(data))
 
-def cdr_encode(kind: Key, message: Message) -> bytes:
-    """Write a message as ROS 2 does: four bytes that say how, then CDR, not rounded up.
-
-    Raises:
-        MessageError: the message is none of the type
-    """
-    encode = _cdr_encoders.get(kind) or _made(_cdr_encoders, kind, _encoder, CDR)
-    return encode(message)
-
-
-def cdr_decode(kind: Key, data: bytes | bytearray | memoryview) -> Message:
-    """Read a message that ROS 2 wrote; up to three bytes that round it up may follow.
-
-    Raises:
-        MessageError: the bytes are none of the type
-    """
-    decode = _cdr_decoders.get(kind) or _made(_cdr_decoders, kind, _decoder, CDR)
-    return decode(data if isinstance(data, bytes) else bytes(data))
-
-
-def _made(codecs: dict[Key, Any], kind: Key, make: Callable[..., Any], wire: Wire) -> Any:
-    known = message_type(kind)
-    codec = codecs.get(known) or make(known, wire)
-    codecs[known] = codecs[known.name] = codecs[known.ros2_name] = codec
-    return codec
+    def _made(self, codecs: dict[Key, Any], kind: Key, make: Callable[..., Any]) -> Any:
+        known = message_type(kind)
+        codec = codecs.get(known) or make(known, self._wire)
+        codecs[known] = codecs[known.name] = codecs[known.ros2_name] = codec
+        return codec
 
 
 def _encoder(kind: MessageType, wire: Wire) -> Callable[[Message], bytes]:
-    run, script = write_encoder(kind, wire)
-    label = f"encoder of {kind.name}"
+    script, label = Writer(wire), f"encoder of {kind.name}"
+    script.names["PREFIX"] = wire.prefix
+    script.add(f"parts = [PREFIX]; put = parts.append; p = {wire.origin}")
+    script.message(kind, "m")
+    script.flush()
+    script.add("return b''.join(parts)")
+    run = script.compile("def run(m):", label)
 
     def encode(message: Message) -> bytes:
         try:
             return run(message)
         except WRONG as error:
-            check(kind, message)
-            path = script.path_at(error, label)
-            raise MessageError(kind.name, path, f"cannot be written: {error}") from None
+            problem = f"cannot be written: {type(error).__name__}: {error}"
+            raise MessageError(kind.name, script.path_at(error, label), problem) from None
 
     return encode
 
 
 def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
-    run, script = write_decoder(kind, wire)
-    label = f"decoder of {kind.name}"
+    script, label = Reader(wire), f"decoder of {kind.name}"
+    script.add(f"p = {wire.origin}")
+    value = script.message(kind)
+    script.flush()
+    script.path = ""
+    script.add(f"end(len(d), p, {wire.spare})")
+    script.add(f"return {value}")
+    run = script.compile("def run(d):", label)
 
     def decode(data: bytes) -> Message:
         if not data.startswith(wire.prefix[:2]):
-            allowed = f"{wire.prefix[:2].hex(' ')} (CDR, little endian)"
-            raise MessageError(kind.name, "", f"begins with {shown_bytes(data)}, not {allowed}")
+            got, allowed = data[:4].hex(" ") or "nothing", wire.prefix[:2].hex(" ")
+            problem = f"begins with {got}, not {allowed} (CDR, little endian)"
+            raise MessageError(kind.name, "", problem)
         try:
             return run(data)
         except WRONG as error:
@@ -132,11 +129,6 @@ def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
             raise MessageError(kind.name, script.path_at(error, label), problem) from None
 
     return decode
-
-
-def shown_bytes(data: bytes) -> str:
-    """The first bytes, for people."""
-    return data[:4].hex(" ") or "nothing"
 
 
 class WireError(ValueError):
@@ -314,6 +306,15 @@ class Script:
         exec(compile(source, f"<{label}>", "exec"), self.names)  # our own lines, made above
         return self.names["run"]
 
+    def fields(self, kind: MessageType) -> Iterator[Field]:
+        """Yield the fields that the wire has of a message; `path` names each meanwhile."""
+        above = self.path
+        fields = [f for f in kind.fields if self.wire.ros1 or not f.only_ros1]
+        for field in fields or ([] if self.wire.ros1 else [EMPTY_ROS2]):
+            self.path = f"{above}.{field.name}".strip(".")
+            yield field
+        self.path = above
+
     def path_at(self, error: BaseException, label: str) -> str:
         """The field that a line was about when it failed."""
         trace = error.__traceback__
@@ -373,19 +374,13 @@ class Writer(Script):
 
     def message(self, kind: MessageType, value: str) -> None:
         """Write each field of a message that a variable holds."""
-        above = self.path
-        fields = [f for f in kind.fields if self.wire.ros1 or not f.only_ros1]
-        for field in fields:
-            self.path = f"{above}.{field.name}".removeprefix(".")
+        for field in self.fields(kind):
             if field.only_ros1:
                 self.scalar(SCALARS[field.type], "0")
             elif field.length is None:
                 self.single(field, f"{value}[{field.name!r}]")
             else:
                 self.array(field, f"{value}[{field.name!r}]")
-        if not fields and not self.wire.ros1:
-            self.scalar(EMPTY_ROS2, "0")
-        self.path = above
 
     def single(self, field: Field, value: str) -> None:
         """Write a field of one value."""
@@ -469,17 +464,6 @@ def check_clock(seconds: int, rest: int) -> None:
     raise WireError(f"got {seconds} s and {rest} ns; allowed: a time in 1970 to 2038")
 
 
-def write_encoder(kind: MessageType, wire: Wire) -> tuple[Callable[[Any], bytes], Script]:
-    """The encoder of a type and the lines that it was made of."""
-    script = Writer(wire)
-    script.names["PREFIX"] = wire.prefix
-    script.add(f"parts = [PREFIX]; put = parts.append; p = {wire.origin}")
-    script.message(kind, "m")
-    script.flush()
-    script.add("return b''.join(parts)")
-    return script.compile("def run(m):", f"encoder of {kind.name}"), script
-
-
 class Reader(Script):
     """Collects runs of scalars; each field becomes an expression of what was read."""
 
@@ -525,19 +509,13 @@ class Reader(Script):
 
     def message(self, kind: MessageType) -> str:
         """Read each field of a message; returns the dict as an expression."""
-        above = self.path
-        fields = [f for f in kind.fields if self.wire.ros1 or not f.only_ros1]
         entries = []
-        for field in fields:
-            self.path = f"{above}.{field.name}".removeprefix(".")
+        for field in self.fields(kind):
             if field.only_ros1:
                 self.scalar(SCALARS[field.type])
                 continue
             value = self.single(field) if field.length is None else self.array(field)
             entries.append(f"{field.name!r}: {value}")
-        if not fields and not self.wire.ros1:
-            self.scalar(EMPTY_ROS2)
-        self.path = above
         return f"{{{', '.join(entries)}}}"
 
     def single(self, field: Field) -> str:
@@ -615,13 +593,6 @@ def check_end(size: int, at: int, spare: int) -> None:
         raise WireError(f"the message ends after {at} bytes, got {size}")
 
 
-def write_decoder(kind: MessageType, wire: Wire) -> tuple[Callable[[bytes], Any], Script]:
-    """The decoder of a type and the lines that it was made of."""
-    script = Reader(wire)
-    script.add(f"p = {wire.origin}")
-    value = script.message(kind)
-    script.flush()
-    script.path = ""
-    script.add(f"end(len(d), p, {wire.spare})")
-    script.add(f"return {value}")
-    return script.compile("def run(d):", f"decoder of {kind.name}"), script
+_ros1, _cdr = Codec(ROS1), Codec(CDR)
+ros1_encode, ros1_decode = _ros1.encode, _ros1.decode
+cdr_encode, cdr_decode = _cdr.encode, _cdr.decode

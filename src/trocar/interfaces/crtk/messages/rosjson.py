@@ -18,20 +18,17 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from trocar.interfaces.crtk.messages.checking import (
+from trocar.interfaces.crtk.messages.types import (
     FLOAT32_MAX,
     RANGES,
     REALS,
     SECOND,
-    Message,
-    blank_field,
-    check,
-    fields_by_name,
-)
-from trocar.interfaces.crtk.messages.types import (
     Field,
+    Message,
     MessageError,
     MessageType,
+    blank_field,
+    fields_by_name,
     message_type,
     shown,
 )
@@ -81,9 +78,8 @@ def to_json(kind: str | MessageType, message: Message, *, arrays: bool = False) 
     try:
         return write(message)
     except WRONG as error:
-        check(kind, message)
-        name = message_type(kind).name
-        raise MessageError(name, "", f"cannot be written: {error}") from None
+        problem = f"cannot be written: {type(error).__name__}: {error}"
+        raise MessageError(message_type(kind).name, "", problem) from None
 
 
 def from_json(kind: str | MessageType, given: object) -> Message:

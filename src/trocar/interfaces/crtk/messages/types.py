@@ -16,6 +16,9 @@ import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from trocar.errors import InputError, UnknownNameError
 
@@ -38,6 +41,11 @@ TIMES = {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "dura
 ROS1_MARK = "#ros1 "
 CONSTANT = re.compile(r"(?P<type>\w+)\s+(?P<name>\w+)\s*=\s*(?P<value>-?\d+)")
 LINE = re.compile(r"(?P<type>[\w/]+)(?P<array>\[(?P<length>\d*)\])?\s+(?P<name>\w+)")
+Message = dict[str, Any]
+REALS = ("float32", "float64")
+SECOND = 1_000_000_000
+# The largest float32. Source: IEEE 754.
+FLOAT32_MAX = float(np.finfo(np.float32).max)
 FOLDER = Path(__file__).parent / "definitions"
 # Between the parts of a text with all that it depends on. Source: genmsg, `compute_full_text`.
 RULE = "=" * 80
@@ -338,3 +346,38 @@ def _service(name: str) -> ServiceType:
     halves = f"{name}Request", f"{name}Response"
     request, response = map(_message, halves)
     return ServiceType(name, request, response, _md5(*halves), f"{package}/srv/{own}")
+
+
+def integer_range(kind: str) -> tuple[int, int]:
+    """The least and the greatest value of an integer type such as "uint8"."""
+    bits = int(kind.lstrip("uint"))
+    return (0, 2**bits - 1) if kind.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+
+
+RANGES = {kind: integer_range(kind) for kind in SCALARS if "int" in kind}
+
+
+def blank(kind: str | MessageType) -> Message:
+    """A new message of a type with zeros, empty strings and empty arrays."""
+    fields = message_type(kind).fields
+    return {field.name: blank_field(field) for field in fields if not field.only_ros1}
+
+
+def blank_field(field: Field) -> Any:
+    """What a field holds that nobody has set."""
+    if field.length is not None:
+        if field.is_message:
+            return [blank(field.type) for _ in range(field.length)]
+        zero = np.zeros(field.length) if field.type == "float64" else [0] * field.length
+        return bytes(field.length) if field.type == "uint8" else zero
+    if field.is_message:
+        return blank(field.type)
+    if field.type in ("time", "duration"):
+        return (0, 0)
+    return {"string": "", "bool": False}.get(field.type, 0.0 if field.type in REALS else 0)
+
+
+@cache
+def fields_by_name(kind: MessageType) -> dict[str, Field]:
+    """The fields that a message in memory has, in order."""
+    return {field.name: field for field in kind.fields if not field.only_ros1}

@@ -1,4 +1,4 @@
-"""The same scene by MuJoCo's own renderer: judge of ours in tests, and what it is timed against."""
+"""The same scene by MuJoCo's own renderer: judge of ours in tests, and baseline of `scope`."""
 
 from __future__ import annotations
 

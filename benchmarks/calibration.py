@@ -1,0 +1,195 @@
+"""How near calibrations come to robots that they have not seen, and what they refuse."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.calibration import Tracks, calibrate
+from trocar.apps.calibration.axes import Value
+from trocar.apps.calibration.rcm import find_rcm
+from trocar.apps.figures import Figure
+from trocar.apps.mocap import MocapSettings, Noise, broken, perturbed, simulate_tracks
+from trocar.apps.mocap.simulate import Parts
+from trocar.descriptions import ArmDescription, load_arm
+from trocar.descriptions.overlay import overlay_between
+from trocar.errors import LabelsError, TrocarError
+from trocar.simulation import World
+
+Array = NDArray[np.float64]
+
+#: Source: `trocar mocap`.
+NOISE = Noise(1e-4, float(np.radians(0.05)))
+#: Loops of robots whose parallelograms are broken. Source: the closed-loop paper, Table 6. [m]
+LOOPS_M = 1e-3
+NAMES = ("psm", "ecm")
+WHERE = ("axes", "rcm", "both", "one file")
+
+
+def calibration(robots: int, watch: Callable[[str], None]) -> list[Figure]:
+    """Measure robots of both kinds.
+
+    Args:
+        robots: of each kind
+        watch: called with what is measured next
+    """
+    found: list[Figure] = []
+    for title, noise, least, most in (
+        ("white noise", NOISE, 0.93, 0.97),
+        ("5 % lost, 1 % outliers", replace(NOISE, dropout=0.05, outliers=0.01), 0.92, 0.98),
+    ):
+        watch(title)
+        found += accuracy(robots, noise, title, (least, most))
+    watch("exchanged labels")
+    found += exchanges()
+    watch("broken loops")
+    found += wandering(robots)
+    found.append(free_arm())
+    return found
+
+
+@dataclass
+class Errors:
+    """Errors of many figures [m], and the same over their standard deviations."""
+
+    values: list[float] = field(default_factory=list)
+    scaled: list[float] = field(default_factory=list)
+
+    def add(self, found: Mapping[str, Value], truth: Mapping[str, float]) -> None:
+        """Count what was measured."""
+        for name, value in found.items():
+            self.values.append(abs(value.value - truth[name]))
+            self.scaled.append(self.values[-1] / value.sigma)
+
+    def add_place(self, place: Array, sigma: Array, truth: Array) -> None:
+        """Count a point: its distance from the truth, and each coordinate's interval."""
+        self.values.append(float(np.linalg.norm(place - truth)))
+        self.scaled += np.abs((place - truth) / sigma).tolist()
+
+    def quantile(self, part: float) -> float:
+        """Return a quantile of the errors."""
+        return float(np.quantile(self.values, part))
+
+    @property
+    def covered(self) -> float:
+        """The share of 95 % intervals that hold the truth."""
+        return float(np.mean(np.array(self.scaled) < 1.96))
+
+
+def take(arm: ArmDescription, parts: Parts, noise: Noise, seed: int) -> tuple[Tracks, Mapping]:
+    """Return 24 s of each sweep at 120 Hz, 0.6 rad, and the truth."""
+    made = simulate_tracks(arm, MocapSettings("kinematic", parts, noise=noise, seed=seed))
+    return Tracks(f"{parts}.csv", "", made.times, made.poses, made.rate_hz), made.truth
+
+
+def accuracy(
+    robots: int, noise: Noise, title: str, covered: tuple[float, float]
+) -> Iterator[Figure]:
+    """Calibrate perturbed robots."""
+    distances, betas, centres = Errors(), Errors(), Errors()
+    for name in NAMES:
+        nominal = load_arm(name)
+        for seed in range(robots):
+            robot = perturbed(nominal, np.random.default_rng(seed))
+            tracks, truth = take(robot, "both", noise, seed)
+            found = calibrate(tracks, nominal)
+            distances.add(found.axis_distances, truth["axis_distances_m"])
+            betas.add(found.betas, truth["beta_rad"])
+            if found.centre is not None:
+                fit, place = found.centre.fit, truth["rcm"]["position_in_base_body_m"]
+                centres.add_place(fit.post, fit.sigma_post, np.array(place))
+    every = distances.scaled + betas.scaled + centres.scaled
+    source = f"{robots} perturbed robots of each of {', '.join(NAMES)}"
+    for what, value, most in (
+        ("axis distance, median", distances.quantile(0.5), 6e-6),
+        ("axis distance, 95 %", distances.quantile(0.95), 18e-6),
+        ("remote centre, median", centres.quantile(0.5), 13e-6),
+    ):
+        yield Figure(f"{what}, {title}", value, "m", most, shown="um", source=source)
+    low, high = covered
+    share = float(np.mean(np.array(every) < 1.96))
+    yield Figure(f"95 % intervals that hold, {title}", share, "", high, low, source=source)
+    for what, part in (("distances", distances), ("betas", betas), ("remote centres", centres)):
+        yield Figure(f"  of which of {what}", part.covered, "", source=source)
+
+
+def exchanges() -> Iterator[Figure]:
+    """Exchange each pair of labels: in either take, in both, in one file."""
+    for name in NAMES:
+        arm = load_arm(name)
+        robot = perturbed(arm, np.random.default_rng(5))
+        takes = {p: take(robot, p, NOISE, 5)[0] for p in ("axes", "rcm", "both")}
+        named = [
+            exchange_is_named(arm, takes, pair, where)
+            for pair in combinations(takes["both"].poses, 2)
+            for where in WHERE
+        ]
+        label = f"{name}: exchanged labels named, of {len(named)} exchanges"
+        yield Figure(label, float(np.mean(named)), "", lower=1.0)
+
+
+def exchange_is_named(
+    arm: ArmDescription, takes: Mapping[str, Tracks], pair: tuple[str, str], where: str
+) -> bool:
+    """Return whether tracks with two exchanged labels are rejected, and these two named."""
+
+    def exchanged(tracks: Tracks) -> Tracks:
+        poses, (one, two) = dict(tracks.poses), pair
+        poses[one], poses[two] = poses[two], poses[one]
+        return replace(tracks, poses=poses)
+
+    axes, rcm = takes["axes"], takes["rcm"]
+    try:
+        if where == "one file":
+            calibrate(exchanged(takes["both"]), arm)
+        else:
+            calibrate(
+                axes if where == "rcm" else exchanged(axes),
+                arm,
+                rcm if where == "axes" else exchanged(rcm),
+            )
+    except LabelsError as error:
+        files = ["both.csv"] if where == "one file" else ["axes.csv", "rcm.csv"]
+        wrong = [f for f in files if where in ("both", "one file") or f == f"{where}.csv"]
+        return all(
+            {b for b, label in labels.items() if b != label}
+            == (set(pair) if file in wrong else set())
+            for file, labels in error.labels.items()
+        )
+    except TrocarError:
+        pass
+    return False
+
+
+def wandering(robots: int) -> Iterator[Figure]:
+    """Find the point of smallest error of robots with broken loops."""
+    centres = Errors()
+    for name in NAMES:
+        nominal = load_arm(name)
+        for seed in range(robots):
+            rng = np.random.default_rng(seed)
+            tracks, truth = take(broken(perturbed(nominal, rng), rng, LOOPS_M), "both", NOISE, seed)
+            fit = find_rcm(tracks, nominal).fit
+            place = np.array(truth["rcm"]["position_in_base_body_m"])
+            centres.add_place(fit.post, fit.sigma_post, place)
+    label = f"remote centre, loops broken by {1e3 * LOOPS_M:g} mm"
+    yield Figure(f"{label}, median", centres.quantile(0.5), "m", shown="um")
+    yield Figure(f"{label}: 95 % intervals that hold", centres.covered, "", lower=0.92)
+
+
+def free_arm() -> Figure:
+    """Let a PSM with broken loops go, without dry friction, under gravity compensation."""
+    nominal = load_arm("psm")
+    overlay = overlay_between(nominal, broken(nominal, np.random.default_rng(0), LOOPS_M))
+    world = World("psm", calibration=overlay, friction="paper")
+    arm = world.arm("PSM1")
+    arm.free()
+    before = arm.measured_js().position[:2]
+    world.step(round(5.0 / world.timestep))
+    drift = float(np.abs(arm.measured_js().position[:2] - before).max())
+    return Figure("psm: drift of a free arm with broken loops in 5 s", drift, "rad", 1e-3,
+                  shown="mrad")  # fmt: skip

@@ -1,0 +1,71 @@
+"""Score the motion of a recording: path length, economy of motion, smoothness, events.
+
+FILE is a recording of a simulation (trocar sim --record, trocar teleop --record). Each arm whose
+tip moved is scored, by forward kinematics in the arm's own reference frame, after a low-pass filter
+of 10 Hz. Economy is the straight line from the first to the last tip position over the path.
+Smoothness is the log dimensionless jerk: a straight minimum-jerk reach has -5.32, larger is
+smoother. See docs/scores.md for definitions and sources.
+"""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, number
+from trocar.cli.output import fixed, print_result, table, warn
+
+if TYPE_CHECKING:
+    from trocar.apps.scoring import RecordingScore
+
+SUMMARY = "score a recording: path length, economy, smoothness"
+ORDER = 105
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument("file", metavar="FILE", help="recording, MCAP file")
+    parser.add_argument("--arm", help="score this arm only (default: every arm that moved)")
+    parser.add_argument(
+        "--start", type=number, metavar="S", help="start of the interval (default: of FILE)"
+    )
+    parser.add_argument(
+        "--end", type=number, metavar="S", help="end of the interval (default: of FILE)"
+    )
+    parser.add_argument("--rig", help="recorded rig, if it is no longer at its recorded path")
+    add_json(parser)
+
+
+def run(args: Namespace) -> int:
+    """Print the scores."""
+    from trocar.apps.scoring import score_recording
+
+    report = score_recording(args.file, args.arm, args.start, args.end, args.rig)
+    if report.problem:
+        warn(f"{args.file}: {report.problem}")
+    print_result(args, report.as_dict(), lambda: _report(report))
+    return 0
+
+
+def _report(report: RecordingScore) -> str:
+    head = ["arm", "path [mm]", "economy", "smoothness", "peak [mm/s]", "jaw [mN m]"]
+    rows = [
+        [
+            name,
+            fixed(1e3 * one.motion.path_length_m, 2),
+            fixed(one.motion.economy, 3),
+            fixed(one.motion.smoothness, 2),
+            fixed(1e3 * one.motion.speed_max_m_s, 1),
+            "-" if one.jaw_effort_max is None else fixed(1e3 * one.jaw_effort_max, 1),
+        ]
+        for name, one in report.arms.items()
+    ]
+    events = [
+        f"{name}: {count} {event}"
+        for name, one in report.arms.items()
+        for event, count in one.events.items()
+    ]
+    interval = f"{report.start_s:g} to {report.end_s:g} s"
+    if not rows:
+        return f"{report.file}: {interval}: no arm moved"
+    return "\n".join([f"{report.file}: {interval}\n", table(head, rows), *events])

@@ -1,0 +1,280 @@
+"""Props from TOML: bodies beside the arms, the joints between them, and elastic bands."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import cast, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.arms import SCHEMA
+from trocar.descriptions.frames import read_pose
+from trocar.descriptions.inertial import merged
+from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.plugins import registered_file
+from trocar.descriptions.records import (
+    Band,
+    Body,
+    Movable,
+    Prop,
+    PropJoint,
+    PropJointKind,
+    Shape,
+)
+from trocar.descriptions.shapes import (
+    read_body,
+    read_drawn,
+    read_inertia,
+    read_mass,
+    read_shape,
+    read_touches,
+)
+from trocar.descriptions.solids import seen_and_touched
+from trocar.descriptions.table import Table, read_table
+
+Array = NDArray[np.float64]
+
+#: Name of the rig itself as a source of commands.
+RESERVED = ("world",)
+#: What a part of a topic's name may be. Source: ROS 1 and ROS 2, "Names".
+OBJECT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+#: Thinner than this share of its length, a mesh has no volume. Source: our own choice; MuJoCo
+#: rejects hulls without volume.
+FLAT = 1e-6
+KINDS: tuple[str, ...] = get_args(PropJointKind)
+#: Dimensions of a joint's coordinate, damping and stiffness.
+DIMENSIONS = {
+    "hinge": ("angle", "angular damping", "angular stiffness"),
+    "slide": ("length", "linear damping", "linear stiffness"),
+    "ball": ("angle", "angular damping", "angular stiffness"),
+}
+#: Of a band that gives none. Source: our own choice. [m]
+BAND_RADIUS_M = 5e-4
+
+
+def read_props(rows: Iterable[Table], arms: Sequence[str]) -> tuple[Prop, ...]:
+    """Return a rig's props, carriers before what they carry.
+
+    Args:
+        rows: the `[[prop]]` tables
+        arms: names that no movable prop may have
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    found: list[Prop] = []
+    for row in rows:
+        prop = _read_prop(row, [prop.name for prop in found])
+        if prop.name in [other.name for other in found]:
+            raise row.fail("name", f"got {prop.name!r} a second time")
+        if prop.movable is not None:
+            _check_object_name(row, prop.name, arms)
+        found.append(prop)
+    return tuple(found)
+
+
+def _read_prop(row: Table, before: Sequence[str]) -> Prop:
+    """Return a prop: shapes in the rig's own file, or bodies in a file of its own."""
+    name, at = row.text("name"), read_pose(row)
+    moves = row.flag("movable", False)
+    if not moves:
+        for key, given in (
+            ("mass", row.has("mass", "mass")),
+            ("inertia_kgm2", "inertia_kgm2" in row),
+            ("joint", "joint" in row),
+            ("before_step", "before_step" in row),
+        ):
+            if given:
+                raise row.fail("movable", f"is missing; a prop that stands still has no {key}")
+    movable: Movable | None = None
+    if "description" in row:
+        bodies = _read_bodies(row)
+        shapes = tuple(shape for body in bodies for shape in body.shapes)
+        if moves:
+            movable = _from_bodies(row, bodies)
+    else:
+        solid = read_drawn(row)
+        touches = read_touches(row, solid)
+        drawn = () if solid is None else seen_and_touched(solid, touches)
+        shapes = (*drawn, *(read_shape(s) for s in row.tables("shape")))
+        if moves:
+            mass = read_mass(row, shapes)
+            movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
+        elif any(shape.density is not None for shape in shapes):
+            raise row.fail("movable", "is missing; a prop that stands still has no density")
+    joint = _read_joint(row.table("joint"), before) if "joint" in row else None
+    row.raw("joint")
+    if moves:
+        _check_touchable(row, shapes, free=joint is None)
+    script = read_script(row, "before_step")
+    row.text("source", "")
+    row.done()
+    return Prop(name, at, shapes, movable, joint, script)
+
+
+def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
+    """Return the joint of a prop on the world or on a prop before it."""
+    kind = cast(PropJointKind, row.text("kind", allowed=KINDS))
+    on = row.text("on", "world")
+    if on != "world" and on not in before:
+        known = ", ".join(("world", *before))
+        raise row.fail("on", f"got {on!r}; allowed: {known} (props before this one)")
+    measure, damps, springs = DIMENSIONS[kind]
+    axis, lower, upper, rest = np.zeros(3), -np.inf, np.inf, 0.0
+    if kind != "ball":
+        axis = row.numbers("axis", 3) if "axis" in row else np.array([0.0, 0.0, 1.0])
+        row.raw("axis")
+        length = float(np.linalg.norm(axis))
+        if length < FLAT:
+            raise row.fail("axis", f"got {axis.tolist()}; allowed: a direction")
+        axis = axis / length
+        if row.has("lower", measure) or row.has("upper", measure):
+            lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
+            if not lower <= 0.0 <= upper or lower == upper:
+                raise row.fail(
+                    "lower",
+                    f"got {lower:g} to {upper:g}; allowed: a range around 0, its placement",
+                )
+        rest = row.quantity("rest", measure, default=0.0)
+    joint = PropJoint(
+        kind,
+        "" if on == "world" else on,
+        row.vector("point", 3, "length", default=np.zeros(3)),
+        axis,
+        lower,
+        upper,
+        _not_negative(row, "damping", damps),
+        _not_negative(row, "stiffness", springs),
+        rest,
+    )
+    row.text("source", "")
+    row.done()
+    return joint
+
+
+def read_bands(rows: Iterable[Table], props: Sequence[Prop]) -> tuple[Band, ...]:
+    """Return a rig's elastic bands.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    found: list[Band] = []
+    for row in rows:
+        name = row.text("name")
+        if not name or name in [other.name for other in found]:
+            raise row.fail("name", f"got {name!r}; allowed: a name that no other band has")
+        points = tuple(_read_end(end, props) for end in row.tables("point"))
+        if len(points) < 2:
+            raise row.fail("point", f"got {len(points)}; allowed: two points of props, or more")
+        still = {prop.name for prop in props if prop.movable is None}
+        if {prop for prop, _ in points} <= still:
+            raise row.fail("point", "got points of props that stand still; allowed: a movable one")
+        stiffness = row.quantity("stiffness", "linear stiffness")
+        radius = row.quantity("radius", "length", default=BAND_RADIUS_M)
+        for key, value in (("stiffness", stiffness), ("radius", radius)):
+            if value <= 0.0:
+                raise row.fail(key, f"got {value:g}; allowed: above 0")
+        rest = row.quantity("rest_length", "length")
+        if rest <= 0.0:
+            raise row.fail("rest_length", f"got {rest:g}; allowed: above 0")
+        damping = _not_negative(row, "damping", "linear damping")
+        material = row.text("material", "accent", allowed=tuple(MATERIALS))
+        row.text("source", "")
+        row.done()
+        found.append(Band(name, points, rest, stiffness, damping, radius, material))
+    return tuple(found)
+
+
+def _read_end(row: Table, props: Sequence[Prop]) -> tuple[str, Array]:
+    name = row.text("prop")
+    if name not in [prop.name for prop in props]:
+        known = ", ".join(prop.name for prop in props) or "none, for the rig has no props"
+        raise row.fail("prop", f"got {name!r}; allowed: {known}")
+    at = row.vector("xyz", 3, "length", default=np.zeros(3))
+    row.done()
+    return name, at
+
+
+def _not_negative(row: Table, name: str, dimension: str) -> float:
+    value = row.quantity(name, dimension, default=0.0)
+    if value < 0.0:
+        raise row.fail(name, f"got {value:g}; allowed: 0 or more")
+    return value
+
+
+def read_script(row: Table, key: str) -> str:
+    """Return the path of the Python file that a table names beside its own, "" for none.
+
+    Raises:
+        DescriptionError: there is no such file
+    """
+    name = row.text(key, "")
+    if not name:
+        return ""
+    path = (Path(row.file).parent / name).resolve()
+    if not path.is_file():
+        raise row.fail(key, f"got {name!r}; allowed: a Python file, and there is no {path}")
+    return str(path)
+
+
+def _check_object_name(row: Table, name: str, arms: Iterable[str]) -> None:
+    """Reject the name of a movable prop that commands and topics could not distinguish."""
+    if not OBJECT_NAME.fullmatch(name):
+        raise row.fail(
+            "name",
+            f"got {name!r}; allowed for a movable prop: a letter, then letters, digits and _",
+        )
+    if name in (*arms, *RESERVED):
+        raise row.fail("name", f"got {name!r}, which is an arm or the world itself")
+
+
+def _read_bodies(row: Table) -> list[Body]:
+    """Return the bodies of a prop's own file: a path beside the rig, or a registered name."""
+    name = row.text("description")
+    if name.endswith(".toml"):
+        table = read_table(Path(row.file).parent / name)
+    else:
+        table = read_table(registered_file("props", name, row.fail("description", "")))
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    for key in ("name", "title", "source"):
+        table.text(key, "")
+    bodies = [read_body(body, table.file) for body in table.tables("body")]
+    if not bodies:
+        raise table.fail("body", "is missing; a prop needs at least one body")
+    table.done()
+    return bodies
+
+
+def _from_bodies(row: Table, bodies: list[Body]) -> Movable:
+    """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
+    mass, com, inertia = merged(bodies)
+    total = read_mass(row) if row.has("mass", "mass") else mass
+    return Movable(total, com, inertia * total / mass, bodies[0].inertia_from)
+
+
+def _check_touchable(row: Table, shapes: tuple[Shape, ...], *, free: bool) -> None:
+    """Reject an object that would fall through everything, or whose hull has no volume."""
+    touching = [shape for shape in shapes if shape.collide]
+    if free and not touching:
+        raise row.fail(
+            "movable",
+            "got true, but no shape of the prop collides and it would fall through everything;"
+            " allowed: with a shape that has collide = true, or a solid with touches = true",
+        )
+    for shape in touching:
+        if shape.mesh is not None and _is_flat(shape.mesh.vertices):
+            raise row.fail(
+                "movable",
+                f"got true, but the mesh {shape.mesh.name!r} that collides is flat and has no"
+                " volume; allowed: a solid body, or a box, capsule, cylinder or sphere",
+            )
+
+
+def _is_flat(vertices: Array) -> bool:
+    """Tell whether points lie in one plane, as far as their length lets one say."""
+    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return len(spread) < 3 or bool(spread[2] <= FLAT * spread[0])

@@ -1,0 +1,39 @@
+"""Noise that is correlated in time widens standard deviations, white noise does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from trocar.fitting.correlation import widening
+
+
+def slow(rng: np.random.Generator, count: int, samples: float) -> np.ndarray:
+    """Return a first-order Gauss-Markov process of unit deviation, (count, 6)."""
+    keep = np.exp(-1.0 / samples)
+    steps = np.sqrt(1.0 - keep**2) * rng.normal(size=(count, 6))
+    steps[0] = rng.normal(size=6)
+    return np.asarray(lfilter([1.0], [1.0, -keep], steps, axis=0))
+
+
+def test_white_noise_is_left_alone() -> None:
+    found = [widening(np.random.default_rng(seed).normal(size=(3000, 6))) for seed in range(50)]
+    assert found == [1.0] * 50
+
+
+@pytest.mark.parametrize("samples", [5.0, 30.0, 96.0])
+def test_slow_noise_widens_as_its_time_constant_says(samples: float) -> None:
+    rng = np.random.default_rng(1)
+    found = [widening(slow(rng, 6000, samples)) for _ in range(20)]
+    keep = np.exp(-1.0 / samples)
+    wanted = np.sqrt((1.0 + keep) / (1.0 - keep))  # of a mean
+    assert np.mean(found) == pytest.approx(wanted, rel=0.15)
+
+
+def test_samples_that_were_not_used_do_not_count() -> None:
+    rng = np.random.default_rng(2)
+    some = rng.normal(size=(3000, 6))
+    some[rng.uniform(size=3000) < 0.3] = 0.0
+    assert widening(some) == 1.0
+    assert widening(np.zeros((3000, 6))) == 1.0

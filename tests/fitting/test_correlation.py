@@ -37,3 +37,14 @@ def test_samples_that_were_not_used_do_not_count() -> None:
     some[rng.uniform(size=3000) < 0.3] = 0.0
     assert widening(some) == 1.0
     assert widening(np.zeros((3000, 6))) == 1.0
+
+
+def test_white_noise_that_counts_during_a_part_of_the_samples_is_left_alone() -> None:
+    """As of a joint that swings for a sixth of the time: the others hardly show its axis."""
+    size = np.where(np.arange(6000)[:, None] < 1000, 1.0, 0.05)
+
+    def noise(seed: int) -> np.ndarray:
+        pairs = np.random.default_rng(seed).normal(size=(6000, 3))
+        return size * np.repeat(pairs, 2, axis=1)  # estimates have residuals in common
+
+    assert [widening(noise(seed)) for seed in range(50)] == [1.0] * 50

@@ -43,6 +43,9 @@ def widening(influence: Array) -> float:
     every = np.fft.irfft(np.abs(padded) ** 2, axis=0)[1 : int(LONGEST * len(scaled))]
     correlation = every.mean(axis=1)
     independent = max(1, scaled.shape[1] // 2)  # estimates have residuals in common
+    # Samples that count for little tell little: of n that count alike this is n.
+    weight = np.mean(scaled**2, axis=1)
+    count = 1.0 / float(np.mean([weight[:-k] @ weight[k:] for k in range(1, NEIGHBOURS + 1)]))
     deviation = 1.0 / np.sqrt(count * independent * NEIGHBOURS)
     if correlation[:NEIGHBOURS].mean() < SIGNIFICANT * deviation:
         return 1.0

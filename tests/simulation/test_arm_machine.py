@@ -80,12 +80,17 @@ class ArmMachine(RuleBasedStateMachine):
 
     # ------------------------------------------------------------------ motion
 
-    def commanded(self, accepted: bool, ends: float = np.inf) -> None:
-        """Check that a command was accepted only when the arm was ready; note when it ends."""
+    def commanded(self, accepted: bool, ends: float = np.inf, shared: bool = False) -> None:
+        """Check that a command was accepted only when the arm was ready; note when it ends.
+
+        Efforts for joints that are in mode "effort" are `shared`: the other joints' move goes on.
+        """
         if accepted:
             assert self.ready
             last, own = self.motion, self.arm.description.own_joints
-            if last is not None and len(last.goal) == own:  # the jaw's part of move_to goes on
+            if (
+                not shared and last is not None and len(last.goal) == own
+            ):  # the jaw's part of move_to goes on
                 assert last.done, "a command ends the move before"
             self.motion, self.ends = None, ends
 
@@ -109,7 +114,7 @@ class ArmMachine(RuleBasedStateMachine):
     @rule(turn=turns, timeout=timeouts)
     def servo_jf(self, turn: np.ndarray, timeout: float | None) -> None:
         ends = self.world.time + (timeout or np.inf)
-        self.commanded(self.arm.servo_jf(turn, timeout), ends)
+        self.commanded(self.arm.servo_jf(turn, timeout), ends, self.arm.mode("yaw") == "effort")
 
     @rule(turn=turns, timeout=timeouts, frame=st.sampled_from(["body", "spatial"]))
     def servo_cf(self, turn: np.ndarray, timeout: float | None, frame: Any) -> None:
@@ -158,7 +163,7 @@ class ArmMachine(RuleBasedStateMachine):
 
     @rule()
     def free(self) -> None:
-        self.commanded(self.arm.free())
+        self.commanded(self.arm.free(), shared=self.arm.mode("yaw") == "effort")
 
     @rule(angle=st.floats(-0.3, 1.2), verb=st.sampled_from(["servo_jp", "move_jp", "servo_jf"]))
     def jaw(self, angle: float, verb: str) -> None:

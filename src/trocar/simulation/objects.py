@@ -23,9 +23,12 @@ FRAME = "world"
 #: No object or tip is put farther from the origin. Source: our own choice; MuJoCo calls a position
 #: of 1e10 diverged. [m]
 FARTHEST_M = 1e3
-#: Largest force and torque on an object. Source: our own choice, ten times a strong hand's pull;
-#: after 300 random ones on objects of grams the state was finite. [N, N m]
+#: Largest force and torque on an object. Source: our own choice, ten times a strong hand's pull.
+#: [N, N m]
 MOST_N, MOST_NM = 100.0, 10.0
+#: Most that they accelerate it by. Source: our own choice, a hundred times gravity; with 0.25 N m
+#: a ring of grams turns at 1e6 rad/s after 0.1 s, and the simulation diverges. [m/s^2, rad/s^2]
+MOST_M_S2, MOST_RAD_S2 = 1e3, 1e4
 #: Norms of quaternions differ from 1 by less than this. Source: our own choice.
 UNIT = 1e-6
 
@@ -82,7 +85,10 @@ class SceneObject:
         self._index = kinematics.names.index(self.name)
         self._row = kinematics.joints[self._index]
         self._qpos, self._qvel = data.qpos[self._row.qpos], data.qvel[self._row.qvel]
-        self._applied = data.xfrc_applied[model.body(self.name).id]
+        body = model.body(self.name).id
+        self._applied = data.xfrc_applied[body]
+        self._most_n = min(MOST_N, MOST_M_S2 * float(model.body_mass[body]))
+        self._most_nm = min(MOST_NM, MOST_RAD_S2 * float(model.body_inertia[body].min()))
 
     @property
     def mass(self) -> float:
@@ -160,13 +166,14 @@ class SceneObject:
             wrench: force at its centre of mass and torque, in axes of the world, (6,) [N, N m]
 
         Raises:
-            InputError: no six finite numbers, or more than 100 N or 10 N m; nothing changes
+            InputError: no six finite numbers, more than 100 N or 10 N m, or more than accelerates
+                it by 1e3 m/s^2 or 1e4 rad/s^2; nothing changes
         """
         values = _checked_numbers(f"{self.name}: servo_cf", wrench, 6)
-        if np.abs(values[:3]).max() > MOST_N or np.abs(values[3:]).max() > MOST_NM:
+        if np.abs(values[:3]).max() > self._most_n or np.abs(values[3:]).max() > self._most_nm:
             raise InputError(
-                f"{self.name}: servo_cf: got {values.tolist()}; allowed: up to {MOST_N:g} N and"
-                f" {MOST_NM:g} N m along each axis"
+                f"{self.name}: servo_cf: got {values.tolist()}; allowed: up to {self._most_n:.3g} N"
+                f" and {self._most_nm:.3g} N m along each axis"
             )
         self._applied[:] = values
 

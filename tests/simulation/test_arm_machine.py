@@ -94,6 +94,11 @@ class ArmMachine(RuleBasedStateMachine):
                 assert last.done, "a command ends the move before"
             self.motion, self.ends = None, ends
 
+    @property
+    def shared(self) -> bool:
+        """Whether efforts are for joints in mode "effort" alone; asked before the command."""
+        return self.arm.mode("yaw") == "effort"
+
     def position(self, turn: np.ndarray) -> np.ndarray:
         """Return joints near the middle of the workspace."""
         return np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0]) + turn * [1, 1, 0.1, 1, 1, 1]
@@ -113,20 +118,21 @@ class ArmMachine(RuleBasedStateMachine):
 
     @rule(turn=turns, timeout=timeouts)
     def servo_jf(self, turn: np.ndarray, timeout: float | None) -> None:
-        ends = self.world.time + (timeout or np.inf)
-        self.commanded(self.arm.servo_jf(turn, timeout), ends, self.arm.mode("yaw") == "effort")
+        ends, shared = self.world.time + (timeout or np.inf), self.shared
+        self.commanded(self.arm.servo_jf(turn, timeout), ends, shared)
 
     @rule(turn=turns, timeout=timeouts, frame=st.sampled_from(["body", "spatial"]))
     def servo_cf(self, turn: np.ndarray, timeout: float | None, frame: Any) -> None:
-        ends = self.world.time + (timeout or np.inf)
-        self.commanded(self.arm.servo_cf(turn, frame, timeout), ends)
+        ends, shared = self.world.time + (timeout or np.inf), self.shared
+        self.commanded(self.arm.servo_cf(turn, frame, timeout), ends, shared)
 
     @rule(turn=turns)
     def servo_ci(self, turn: np.ndarray) -> None:
         gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
         place = self.arm.measured_cp().T[:3, 3] + 0.02 * turn[:3]
         spring = CartesianImpedance(place, position_positive=gains, position_negative=gains)
-        self.commanded(self.arm.servo_ci(spring))
+        shared = self.shared
+        self.commanded(self.arm.servo_ci(spring), shared=shared)
 
     @rule(turn=turns, verb=st.sampled_from(["servo_cp", "move_cp"]))
     def tip(self, turn: np.ndarray, verb: str) -> None:
@@ -163,7 +169,8 @@ class ArmMachine(RuleBasedStateMachine):
 
     @rule()
     def free(self) -> None:
-        self.commanded(self.arm.free(), shared=self.arm.mode("yaw") == "effort")
+        shared = self.shared
+        self.commanded(self.arm.free(), shared=shared)
 
     @rule(angle=st.floats(-0.3, 1.2), verb=st.sampled_from(["servo_jp", "move_jp", "servo_jf"]))
     def jaw(self, angle: float, verb: str) -> None:

@@ -97,7 +97,8 @@ class ArmMachine(RuleBasedStateMachine):
     @property
     def shared(self) -> bool:
         """Whether efforts are for joints in mode "effort" alone; asked before the command."""
-        return self.arm.mode("yaw") == "effort"
+        names = self.arm.joint_names[: self.arm.description.own_joints]
+        return any(self.arm.mode(name) == "effort" for name in names)
 
     def position(self, turn: np.ndarray) -> np.ndarray:
         """Return joints near the middle of the workspace."""

@@ -29,6 +29,14 @@ def read_input(path: str | Path, most_bytes: int) -> bytes:
     return data
 
 
+def is_file(path: str | Path) -> bool:
+    """Return whether there is such a file; no file has a name longer than its system allows."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
 def excess_of(document: object) -> str:
     """Return why a document of TOML, JSON or YAML is out of bounds, "" if it is not."""
     left = [(document, 0)]

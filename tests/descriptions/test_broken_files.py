@@ -217,6 +217,15 @@ def test_what_is_no_toml_and_what_is_not_there_is_said(tmp_path):
         load_rig("../arms/psm")
 
 
+def test_a_name_longer_than_a_file_s_can_be_is_unknown():
+    with pytest.raises(UnknownNameError, match="unknown arm"):
+        load_arm("a" * 100_000)
+    with pytest.raises(UnknownNameError, match="unknown tool"):
+        load_arm("psm", "a" * 100_000)
+    with pytest.raises(DescriptionError, match="there is no such file"):
+        load_rig("a" * 100_000 + ".toml")
+
+
 def test_a_tool_on_an_arm_that_takes_none_is_rejected():
     with pytest.raises(DescriptionError, match=r"no tool .* can be mounted"):
         load_arm("ecm", "LARGE_NEEDLE_DRIVER:400006")

@@ -11,6 +11,7 @@ from pathlib import Path
 from trocar.descriptions.overlay import Overlay, apply_overlay, overlay_text, read_overlay
 from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
 from trocar.errors import InputError, UnknownNameError
+from trocar.inputs import is_file
 
 #: An overlay, or the path of its file.
 One = Overlay | str | Path
@@ -36,7 +37,7 @@ def as_overlay(calibration: One) -> Overlay:
     if isinstance(calibration, Overlay):
         return calibration
     built_in = DYNAMICS / f"{calibration}.toml"
-    if isinstance(calibration, str) and NAME.fullmatch(calibration) and built_in.is_file():
+    if isinstance(calibration, str) and NAME.fullmatch(calibration) and is_file(built_in):
         return read_overlay(built_in)
     return read_overlay(calibration)
 

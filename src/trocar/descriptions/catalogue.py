@@ -13,6 +13,7 @@ from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
+from trocar.inputs import is_file
 
 Shelf = Literal["arms", "tools", "rigs", "cameras"]
 
@@ -134,13 +135,13 @@ def _find(shelf: Shelf, name: str | Path) -> Path:
     text = str(name)
     if text.endswith(".toml") or isinstance(name, Path):
         path = Path(name).expanduser().resolve()
-        if not path.is_file():
+        if not is_file(path):
             raise DescriptionError(str(name), "", "there is no such file")
         return path
     path = DATA / shelf / f"{text.replace(':', '_')}.toml"
-    if shelf != "cameras" and not path.is_file() and text in registered(shelf):
+    if shelf != "cameras" and not is_file(path) and text in registered(shelf):
         return registered_file(shelf, text)
-    if text not in names(shelf) or not path.is_file():
+    if text not in names(shelf) or not is_file(path):
         more = _why_not(text) if shelf == "tools" else ""
         raise UnknownNameError(shelf[:-1], text, names(shelf), more=more)
     return path

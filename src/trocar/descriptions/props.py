@@ -34,6 +34,7 @@ from trocar.descriptions.shapes import (
 )
 from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
+from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
 
@@ -215,7 +216,7 @@ def read_script(row: Table, key: str) -> str:
     if not name:
         return ""
     path = (Path(row.file).parent / name).resolve()
-    if not path.is_file():
+    if not is_file(path):
         raise row.fail(key, f"got {name!r}; allowed: a Python file, and there is no {path}")
     return str(path)
 

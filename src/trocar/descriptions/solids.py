@@ -18,6 +18,7 @@ from trocar.descriptions.records import Shape, Touches
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError
 from trocar.geometry.se3 import transform
+from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def read_solid(name: str, folder: Path = DATA) -> Solid:
     """
     group, _, link = name.partition("/")
     file = folder / group / INDEX
-    if not file.is_file():
+    if not is_file(file):
         raise KeyError(name)
     index = _index(file)
     if link not in index:

@@ -28,7 +28,7 @@ from typing import (
 import msgspec
 
 from trocar.errors import DescriptionError
-from trocar.inputs import excess_of, read_input
+from trocar.inputs import excess_of, is_file, read_input
 
 #: Source: our own choice; the largest of the dVRK have some 20 kB.
 MOST_BYTES = 2_000_000
@@ -390,7 +390,7 @@ class Sources:
             found = [folder]
             for part in Path(name).parts:
                 found = [p for f in found for p in _listed(f) if p.name.lower() == part.lower()]
-            if found and found[0].is_file():
+            if found and is_file(found[0]):
                 self.warnings.append(f"{name}: used {found[0]}, whose name differs in case")
                 return found[0]
         return None

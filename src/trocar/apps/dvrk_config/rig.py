@@ -24,6 +24,7 @@ from trocar.descriptions.table import toml_text
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import transform
+from trocar.inputs import is_file
 from trocar.outputs import check_file, whole_folder
 
 Array = NDArray[np.float64]
@@ -104,7 +105,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     """
     chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
     _check_target(file, chosen.overwrite)
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json")
     lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
     psms = [arm.name for arm in lab.arms if arm.type == "PSM"]

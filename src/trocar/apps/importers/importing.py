@@ -32,6 +32,7 @@ from trocar.descriptions.shapes import impossible
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
 from trocar.geometry.rotations import rpy_from_matrix
+from trocar.inputs import is_file
 from trocar.kinematics.mechanism import Frame
 from trocar.outputs import check_folder, whole_folder
 
@@ -156,7 +157,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
 
 
 def _read(path: Path, options: Options) -> Model:
-    if not path.is_file():
+    if not is_file(path):
         raise ImportFileError(str(path), "no such file")
     suffix = path.suffix.lower()
     if suffix in FORMATS:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from trocar.apps.importers.model import ImportFileError
 from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem
 from trocar.errors import InputError, MissingExtraError
+from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
     trimesh = _trimesh()
     if path.suffix.lower() not in FORMATS:
         raise ImportFileError(str(path), f"unknown format; allowed: {', '.join(FORMATS)}")
-    if not path.is_file():
+    if not is_file(path):
         raise ImportFileError(str(path), "no such file")
     if path.stat().st_size > MOST_BYTES:
         raise ImportFileError(str(path), f"is larger than {1e-6 * MOST_BYTES:g} MB")

@@ -31,6 +31,7 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.geometry.se3 import transform
+from trocar.inputs import is_file
 from trocar.kinematics.mechanism import Motion
 from trocar.modeling.mujoco_log import log_mujoco_warnings
 
@@ -80,7 +81,7 @@ def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path])
     """Check how much a file and those that it includes ask MuJoCo to make."""
     if node.tag in ("include", "model") and (name := node.attribute("file", "")):
         file = (path.parent / name).resolve()
-        if file not in seen and file.is_file():  # else MuJoCo says what is wrong
+        if file not in seen and is_file(file):  # else MuJoCo says what is wrong
             _check_made(file, read_xml(file), around, seen | {file})
         return
     if node.tag == "size":

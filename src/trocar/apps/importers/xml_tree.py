@@ -14,7 +14,7 @@ from trocar.apps.importers.meshes import load_surface
 from trocar.apps.importers.model import ImportFileError, ModelJoint, mesh_shape, solid
 from trocar.descriptions.meshes import Mesh, lfs_problem
 from trocar.descriptions.records import Shape
-from trocar.inputs import read_input
+from trocar.inputs import is_file, read_input
 from trocar.modeling.markup import lxml_etree
 
 Array = NDArray[np.float64]
@@ -204,10 +204,10 @@ class MeshFinder:
             inside = inside.lstrip("/")  # model://ecm//meshes/base_link.STL of dvrk_env
             above = [*self._packages, self._folder, *self._folder.parents]
             places = [p / name / inside for p in above]
-            places += [p / inside for p in above if p.name == name or (p / "package.xml").is_file()]
+            places += [p / inside for p in above if p.name == name or is_file(p / "package.xml")]
         else:
             raise node.fail(f"got {uri!r}; allowed: a path, file://, package:// or model://")
-        found = next((place for place in places if place.is_file()), None)
+        found = next((place for place in places if is_file(place)), None)
         if found is None:
             near = ", ".join(str(place) for place in places[:3])
             raise node.fail(

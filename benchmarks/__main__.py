@@ -6,7 +6,8 @@ endoscope a second, beside MuJoCo's own renderer and in real time. calibration: 
 intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
 operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
-of props. dynamics: efforts predicted along recordings of real arms.
+of props. grip: slip of a held needle, and loads at which a jaw lets go. dynamics: efforts
+predicted along recordings of real arms.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -32,6 +33,7 @@ NAMES = (
     "soak",
     "assistance",
     "laws",
+    "grip",
     "dynamics",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
@@ -124,6 +126,11 @@ def main(words: Sequence[str] | None = None) -> int:
             from benchmarks.laws import laws
 
             found += laws()
+        if "grip" in args.name:
+            from benchmarks.grip import grip
+
+            watch("grip")
+            found += grip()
         if "dynamics" in args.name:
             from benchmarks.dynamics import dynamics
 

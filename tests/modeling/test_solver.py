@@ -23,7 +23,7 @@ def test_settings_are_the_measured_ones(rig):
     assert option.solver == mujoco.mjtSolver.mjSOL_NEWTON
     assert option.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
     assert option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
-    assert option.impratio == 10.0
+    assert option.impratio == 1000.0
     assert option.timestep == 0.001
     np.testing.assert_array_equal(option.gravity, [0.0, 0.0, -9.81])
 

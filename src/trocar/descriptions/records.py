@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 PropJointKind = Literal["hinge", "slide", "ball"]
+GraspKind = Literal["friction+stick", "friction", "attach"]
 
 #: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
@@ -251,6 +252,13 @@ class ArmDescription:
         return self.joints[-1].spring is not None
 
     @property
+    def fingers(self) -> tuple[str, ...]:
+        """The frames that a jaw opens and shuts, () without one."""
+        jaw = self.joints[-1].name
+        frames = self.mechanism.frames if self.has_jaw else ()
+        return tuple(f.name for f in frames if jaw in [joint for joint, _ in f.couplings])
+
+    @property
     def own_joints(self) -> int:
         """How many joints `measured_js` has: all but a jaw or a gripper."""
         return len(self.joints) - (self.has_jaw or self.has_gripper)
@@ -417,6 +425,9 @@ class RigDescription:
         reference_arm: arm on setup joints whose tip frame the poses of the others are in
         bands: elastic bands between props
         extension: path of the Python file whose `extend_spec` adds to the model, "" for none
+        grasp: how a jaw holds a free prop: by the friction of its pads alone; by "friction+stick",
+            which does not creep and lets go where friction would; or "attach", which lets go when
+            the jaw opens
     """
 
     name: str
@@ -434,6 +445,7 @@ class RigDescription:
     reference_arm: str = REFERENCE_ARM
     bands: tuple[Band, ...] = ()
     extension: str = ""
+    grasp: GraspKind = "friction+stick"
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from trocar.descriptions.records import (
     REFERENCE_ARM,
     ArmDescription,
     BaseFrame,
+    GraspKind,
     RigArm,
     RigDescription,
 )
@@ -31,6 +32,7 @@ from trocar.kinematics.forward import pose
 Array = NDArray[np.float64]
 
 KINDS: tuple[str, ...] = get_args(TeleopKind)
+GRASPS: tuple[str, ...] = get_args(GraspKind)
 #: Of a record's angles and rates: what it is called in a file, and its dimension.
 ANGLES = {
     "orientation_tolerance": "angle",
@@ -153,11 +155,12 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     share = _read_test_share(table)
     reference = table.text("reference_arm", REFERENCE_ARM)
     extension = read_script(table, "extend_spec")
+    grasp = cast(GraspKind, table.text("grasp", GRASPS[0], allowed=GRASPS))
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    rig = RigDescription(name, title, source, str(path), *parts, reference, bands, extension)
+    rig = RigDescription(name, title, source, str(path), *parts, reference, bands, extension, grasp)
     if "reference_arm" in table and reference not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
         raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")

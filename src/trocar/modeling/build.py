@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +20,7 @@ from trocar.descriptions.records import (
     ArmDescription,
     Body,
     JointDescription,
+    Prop,
     RigArm,
     RigDescription,
 )
@@ -37,6 +38,7 @@ from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset
 from trocar.modeling.mujoco_log import log_mujoco_warnings
 from trocar.modeling.options import (
+    HOLD,
     IMPRATIO,
     ISLAND_JOINTS,
     LAYERS,
@@ -47,7 +49,7 @@ from trocar.modeling.options import (
     TOLERANCE,
     ModelOptions,
 )
-from trocar.modeling.props import add_band, add_prop, extend, soften
+from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
 
 Array = NDArray[np.float64]
 
@@ -109,7 +111,7 @@ class RigModel:
         found = hashlib.sha256(str(self.mj.signature).encode())
         for name in DIGESTED:
             found.update(np.ascontiguousarray(getattr(self.mj, name)).tobytes())
-        found.update(repr((self.options.timestep, self.options.control)).encode())
+        found.update(repr((self.options.timestep, self.options.control, self.rig.grasp)).encode())
         return found.hexdigest()[:12]
 
 
@@ -239,6 +241,9 @@ class Draft:
         if rig.extension:
             extend(self.spec, rig.extension)
         soften(self.spec, self._geoms, options.timestep)
+        if options.servo == "pid" and options.collisions and not options.standalone:
+            for arm in rig.arms:
+                self._add_grasp(arm, [p for p in rig.objects if p.joint is None])
 
     def _set_solver(self) -> None:
         compiler, option = cast(Any, self.spec.compiler), cast(Any, self.spec.option)
@@ -396,6 +401,30 @@ class Draft:
             solref=[STIFF_STEPS * self._options.timestep, 1.0],
             solimp=STIFF_IMPEDANCE,
         )
+
+    def _add_grasp(self, place: RigArm, objects: Sequence[Prop]) -> None:
+        """Add what a jaw holds free props by: an inactive weld each.
+
+        Those whose friction prevails get pairs with its pads, which can be made frictionless apart.
+        """
+        fingers = [naming.scoped(place.name, frame) for frame in place.arm.fingers]
+        pads = [pad for pad in self._geoms.surfaces if pad.body in fingers]
+        if {pad.body for pad in pads} != set(fingers) or len(fingers) != len("lr"):
+            return
+        for prop in objects:
+            self.spec.add_equality(
+                name=naming.grasp(place.name, prop.name),
+                type=mujoco.mjtEq.mjEQ_WELD,
+                objtype=mujoco.mjtObj.mjOBJ_BODY,
+                name1=fingers[0],
+                name2=prop.name,
+                active=False,
+                data=[*[0.0] * 6, 1.0, *[0.0] * 3, 1.0, 0.0],
+                solref=[k / self._options.timestep ** (2 - n) for n, k in enumerate(HOLD)],
+                solimp=STIFF_IMPEDANCE,
+            )
+        names = [prop.name for prop in objects]
+        pair_grips(self.spec, pads, [s for s in self._geoms.surfaces if s.body in names])
 
     def _add_servo(self, place: RigArm, joint: JointDescription, group: int) -> None:
         """Add a joint's actuator on the hinge that it drives."""

@@ -33,6 +33,11 @@ def guard(arm: str, closure: str) -> str:
     return f"{arm}/guard/{closure}"
 
 
+def grasp(arm: str, prop: str) -> str:
+    """Return the name of the equality by which an arm's jaw holds a prop, while it is active."""
+    return f"{arm}/grasp/{prop}"
+
+
 def free_joint(prop: str) -> str:
     """Return the name of the six degrees of freedom of a prop that can be moved."""
     return f"{prop}/free"

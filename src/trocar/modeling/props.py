@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, cast
 
 import mujoco
@@ -122,12 +122,37 @@ def soften(spec: mujoco.MjSpec, geoms: Geoms, timestep: float) -> None:
         pair.solimp = [impedance, impedance, *STIFF_IMPEDANCE[2:]]
 
 
+def pair_grips(spec: mujoco.MjSpec, pads: Sequence[Surface], held: Sequence[Surface]) -> None:
+    """Add pairs, with their usual contact, of pads and shapes that have a friction of their own.
+
+    Such a shape's friction and dimension prevail over all that it touches, unless they have a pair.
+    Soft shapes have pairs already.
+
+    Args:
+        spec: grows
+        pads: shapes of a jaw
+        held: shapes of what it may hold
+    """
+    for pad, shape in product(pads, held):
+        if pad.geom.priority == shape.geom.priority or _soft(pad, shape):
+            continue
+        names = pad.geom.name, shape.geom.name
+        pair = cast(Any, spec.add_pair(geomname1=names[0], geomname2=names[1]))
+        slide, spin, roll = _friction(pad.geom, shape.geom)
+        pair.condim, pair.friction = pad.geom.condim, [slide, slide, spin, roll, roll]
+        pair.solref, pair.solimp = pad.geom.solref, pad.geom.solimp
+
+
+def _soft(one: Surface, two: Surface) -> bool:
+    """Return whether one of two shapes is soft."""
+    return one.shape.stiffness is not None or two.shape.stiffness is not None
+
+
 def _meet(one: Surface, two: Surface) -> bool:
     """Return whether one of two shapes is soft, and contact masks let them touch."""
     a, b = one.geom, two.geom
-    soft = one.shape.stiffness is not None or two.shape.stiffness is not None
     may = int(a.contype) & int(b.conaffinity) or int(b.contype) & int(a.conaffinity)
-    return soft and one.body != two.body and bool(may)
+    return _soft(one, two) and one.body != two.body and bool(may)
 
 
 def _named(side: Surface, surfaces: Sequence[Surface]) -> str:

@@ -23,8 +23,9 @@ from trocar.simulation import World
 #: Version of the trocar channels and metadata; the reader rejects every other one.
 FORMAT = 3
 
-#: Fields that were added to the records later: left out of the fingerprint where they are empty.
-YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop"}
+#: Fields that were added to the records later: left out of the fingerprint where they are empty or
+#: as they are by default.
+YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop", "grasp"}
 #: Fields that name Python files, whose content counts; left out likewise.
 SCRIPTS = {"script", "extension"}
 #: Fields that motion does not depend on: origins, titles, cameras.
@@ -79,7 +80,7 @@ def _pieces(value: object) -> list[bytes]:
         found = [type(value).__name__.encode()]
         for name in fields:
             part = getattr(value, name)
-            if name in YOUNGER | SCRIPTS and part in (None, (), ""):
+            if name in YOUNGER | SCRIPTS and part in (None, (), "", "friction+stick"):
                 continue
             if name in SCRIPTS:
                 part = Path(part).read_text(encoding="utf-8")

@@ -74,7 +74,7 @@ class Batch:
 
     Joints follow their servos with the rig's gains and gravity compensation, brakes hold, limits
     clip. A world of the batch moves as a `World` does, to the last bit, that is given the same
-    set-points at the same steps.
+    set-points at the same steps, as long as no jaw holds anything: here it does by friction alone.
 
     Args:
         rig: a world, whose model and state every world of the batch begins with; or a rig as

@@ -12,6 +12,7 @@ from trocar.descriptions.records import Prop, RigDescription
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import check_transform, transform
+from trocar.simulation.grasps import Grasps
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.records import JointState, Pose, Twist
@@ -67,14 +68,15 @@ class SceneObject:
     Args:
         prop: its description
         journal: receives its commands
+        grasps: let go of it when it is put elsewhere
 
     Attributes:
         name: what it is called
         description: the prop
     """
 
-    def __init__(self, prop: Prop, journal: Journal) -> None:
-        self.name, self.description = prop.name, prop
+    def __init__(self, prop: Prop, journal: Journal, grasps: Grasps) -> None:
+        self.name, self.description, self._grasps = prop.name, prop, grasps
         self._journal, self._source, self._prefix = journal, prop.name, ""
 
     def attach(
@@ -87,6 +89,7 @@ class SceneObject:
         self._qpos, self._qvel = data.qpos[self._row.qpos], data.qvel[self._row.qvel]
         body = model.body(self.name).id
         self._applied = data.xfrc_applied[body]
+        self._tree = int(model.body_treeid[body])
         self._most_n = min(MOST_N, MOST_M_S2 * float(model.body_mass[body]))
         self._most_nm = min(MOST_NM, MOST_RAD_S2 * float(model.body_inertia[body].min()))
 
@@ -187,9 +190,12 @@ class SceneObject:
             raise InputError(f"{self.name}: {verb}: the object {is_on}{hint}")
 
     def _put(self, coordinates: Array) -> None:
+        self._grasps.let_go(prop=self.name)
         rates = self._row.qvel
         self._qpos[:] = coordinates
         self._qvel[:] = 0.0
+        if self._data.tree_asleep[self._tree] < 0:  # it was still, held by what it touched: no more
+            self._data.tree_asleep[self._tree] = -(1 + mujoco.mjMINAWAKE)
         self._data.qacc_warmstart[rates] = 0.0
         self._data.qacc[rates] = np.nan  # belongs to where it was; sensors look for this mark
 
@@ -200,15 +206,16 @@ class Objects:
     Args:
         rig: its description
         journal: receives commands
+        grasps: what the jaws of the rig hold
 
     Attributes:
         by_name: the objects
         kinematics: of the objects in the model that they are attached to
     """
 
-    def __init__(self, rig: RigDescription, journal: Journal) -> None:
+    def __init__(self, rig: RigDescription, journal: Journal, grasps: Grasps) -> None:
         self._rig = rig
-        self.by_name = {prop.name: SceneObject(prop, journal) for prop in rig.objects}
+        self.by_name = {prop.name: SceneObject(prop, journal, grasps) for prop in rig.objects}
 
     def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the physics that the objects are in."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
+from trocar.simulation.grasps import Grasp, Grasps, GraspState
 from trocar.simulation.health import warn_near_singular
 from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
@@ -94,6 +95,7 @@ class State:
         reference_arm: as of the world
         servos, arms, sensors: what these keep beside the physics
         scripts: objects whose scripts run
+        grasps: of each jaw that may hold something
     """
 
     signature: str
@@ -109,6 +111,7 @@ class State:
     arms: Mapping[str, ArmState]
     sensors: Mapping[str, tuple[int, SensorReading]]
     scripts: tuple[str, ...] = ()
+    grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
 
 
 class World:
@@ -173,7 +176,8 @@ class World:
         self._adopt(model)
         self.journal = self._journal = Journal()
         self._source, self._prefix = WORLD, ""
-        self._objects = Objects(self.rig, self._journal)
+        self._grasps = Grasps(self.rig, self.timestep, self._journal)
+        self._objects = Objects(self.rig, self._journal, self._grasps)
         self._scripts = Scripts(self.rig, self._journal)
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
@@ -343,6 +347,7 @@ class World:
         self.rng = np.random.default_rng(self._seed)
         self.reference_arm = self.rig.reference_arm
         mujoco.mj_resetData(self._model, self._data)
+        self._grasps.begin()
         self.servos.restore()
         if not self._homed:
             self.servos.powered[:] = False
@@ -380,6 +385,7 @@ class World:
             {name: arm.save() for name, arm in self.arms.items()},
             self._sensors.save(),
             scripts=self._scripts.running,
+            grasps=self._grasps.save(),
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -411,6 +417,7 @@ class World:
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
+        self._grasps.load(state.grasps)
         self._bad[:] = 0
         self.past.forget("it began after a saved state was loaded")
         self.journal.event(WORLD, "state_loaded")
@@ -451,6 +458,7 @@ class World:
         if v is not None:
             most = fastest(arm.description)
             speed = _checked_state(name, v, (-most, most), "velocities")
+        self._grasps.let_go(arm=name)
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
@@ -482,6 +490,8 @@ class World:
         q = engaged(arm.positions(), old, new)
         setpoints = engaged(arm.setpoints(), old, new)
         warn_of_clipped(name, arm.setpoints(), old, setpoints, new)
+        self._grasps.let_go(arm=name)
+        grasps = self._grasps.save()
         before, motors = (self._model, self._data, self.servos), arm.motors
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
@@ -493,6 +503,7 @@ class World:
         sensors = self._sensors
         self._wire()
         self._sensors.go_on(sensors, name)
+        self._grasps.load(grasps)
         arm.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
         rows, holding = new_motors.index.rows, self.servos.holding.copy()
@@ -545,6 +556,13 @@ class World:
     def object_states(self) -> ObjectStates:
         """Return where all objects are and how fast, in one go."""
         return self._objects.states()
+
+    def grasps(self) -> dict[str, Grasp]:
+        """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
+
+        Arms whose tools have no jaw, and rigs without free objects, have none.
+        """
+        return self._grasps.read()
 
     def contacts(self) -> ContactsReading:
         """Return every place where two bodies touch, as a `contacts` sensor without noise does."""
@@ -676,6 +694,7 @@ class World:
         self._sensors = Sensors(self.rig, self._probes)
         self._cameras = Cameras(self.rig, self.joints, self.frames)
         self._objects.attach(self._model, self._data)
+        self._grasps.attach(self.rig, model, data)
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
@@ -692,6 +711,8 @@ class World:
                     self._balance()
                     self._supervise()
             run = min(left, self._renewal - since)
+            if self._grasps:
+                run = min(run, self._grasps.every - journal.period % self._grasps.every)
             left -= run
             mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
@@ -706,6 +727,8 @@ class World:
                 run -= count
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
                     self._diverged()
+                if self._grasps and journal.period % self._grasps.every == 0:
+                    self._grasps.look()
                 for observer, _ in self._observers:
                     observer()
 

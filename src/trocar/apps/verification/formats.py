@@ -184,7 +184,7 @@ def _mujoco_urdf(tree: LinkModel) -> Stand:
 
 def _pinocchio_urdf(tree: LinkModel) -> Stand:
     """Read with pinocchio, which works out what mimics."""
-    import pinocchio
+    import pinocchio  # pyright: ignore[reportMissingImports]
 
     library: Any = pinocchio  # compiled, without types
     model = library.buildModelFromXML(urdf(tree).decode(), mimic=True)
@@ -214,8 +214,8 @@ def _drake(text: str, kind: str, model: LinkModel, named: Callable[[str], str]) 
         model: whose links are looked for
         named: from a joint's name to the file's
     """
-    from pydrake.multibody.parsing import Parser
-    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.parsing import Parser  # pyright: ignore[reportMissingImports]
+    from pydrake.multibody.plant import MultibodyPlant  # pyright: ignore[reportMissingImports]
 
     plant = MultibodyPlant(0.001)
     Parser(plant).AddModelsFromString(text, kind)

@@ -19,6 +19,7 @@ from trocar.simulation.records import ArmSample, WorldSample
 
 if TYPE_CHECKING:
     from trocar.simulation import SensorReading, World
+    from trocar.simulation.grasps import Grasp
     from trocar.simulation.objects import ObjectStates
     from trocar.simulation.probes import ContactTable
 
@@ -54,11 +55,13 @@ class Scene:
         objects: all of them, None where the rig has none
         contacts: all of them, None without a subscriber
         readings: {sensor: its reading}, of those with subscribers
+        grasps: {arm: what its jaw has between its pads}
     """
 
     objects: ObjectStates | None = None
     contacts: ContactTable | None = None
     readings: Mapping[str, SensorReading] = field(default_factory=dict[str, "SensorReading"])
+    grasps: Mapping[str, Grasp] = field(default_factory=dict[str, "Grasp"])
 
     def object_poses(self) -> dict[str, Array]:
         """Return the poses of objects in the world, {name: (4, 4)}."""
@@ -80,6 +83,7 @@ def look(world: World, wanted: frozenset[str]) -> Scene:
         world.object_states() if world.objects else None,
         world.contact_table() if CONTACTS in wanted else None,
         {name: world.sensor(name) for name in sensors},
+        world.grasps(),
     )
 
 

@@ -59,6 +59,7 @@ from trocar.interfaces.crtk.topic import (
     state,
 )
 from trocar.interfaces.inbox import Command
+from trocar.simulation.grasps import Grasp
 from trocar.simulation.journal import WORLD as JOURNAL
 
 Array = NDArray[np.float64]
@@ -67,6 +68,11 @@ Array = NDArray[np.float64]
 WORLD = "world"
 CONTACTS_TYPE = "trocar_msgs/Contacts"
 NOTHING = np.zeros(0)
+#: What a jaw has between its pads: type, unit and help of its topics.
+GRASP = {
+    "object": (STRING, "", "what the pads press, empty for nothing"),
+    "force": (FLOAT, "N", "with which they press it, the lesser of both"),
+}
 #: Source: sensor_msgs/Imu: the orientation is not measured.
 UNMEASURED = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
@@ -132,12 +138,33 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
             ]
         if prop.script:
             rows.append(event(f"{at}/error", STRING, "its script raised and is called no longer"))
+    if any(prop.joint is None for prop in rig.objects):
+        for arm in rig.arms:
+            rows += _grasp_rows(arm.name) if arm.arm.fingers else []
     for sensor in rig.sensors:
         row = SENSORS[sensor.kind]
         rows.append(
             state(sensor_topic(sensor.name), row.type, row.unit, row.help, _reading_of(sensor, row))
         )
     return rows
+
+
+def _grasp_rows(arm: str) -> list[Topic]:
+    """Return the rows of what an arm's jaw has between its pads."""
+
+    def make(key: str, of: Callable[[Grasp], str | float]) -> Topic:
+        def message(figures: Figures, stamp: Stamp) -> Message | None:  # noqa: ARG001
+            found = figures.sample.scene.grasps.get(arm)
+            return None if found is None else {"data": of(found)}
+
+        kind, unit, text = GRASP[key]
+        return state(f"{arm}/grasp/{key}", kind, unit, text, message)
+
+    return [
+        make("object", lambda grasp: grasp.object),
+        make("force", lambda grasp: grasp.force),
+        event(f"{arm}/grasp/slipped", STRING, "it let go of this: the load was more than friction"),
+    ]
 
 
 # ---------------------------------------------------------------------- commands

@@ -2,12 +2,11 @@
 
 startup: time to the help and to the first motion. recording: cost of recording the full cart in
 motion. interface: what a client in another process sees of a simulator. scope: pictures of the
-endoscope a second, beside MuJoCo's own renderer and in real time. calibration: accuracy and
-intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
-hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
-operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
-of props. grip: slip of a held needle, and loads at which a jaw lets go. dynamics: efforts
-predicted along recordings of real arms.
+endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours of the cart in
+motion (7 minutes each on one core). assistance: error and time of a modelled operator with and
+without virtual fixtures. laws: momentum, friction, soft pads and elastic bands of props. grip:
+slip of a held needle, and loads at which a jaw lets go. dynamics: efforts predicted along
+recordings of real arms.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -29,7 +28,6 @@ NAMES = (
     "recording",
     "interface",
     "scope",
-    "calibration",
     "soak",
     "assistance",
     "laws",
@@ -55,9 +53,6 @@ def main(words: Sequence[str] | None = None) -> int:
         type=float,
         metavar="S",
         help="time of each pass or subscription (recording, scope: 4; interface: 10; soak: 3600)",
-    )
-    parser.add_argument(
-        "--robots", type=int, default=40, metavar="N", help="of calibration: of each kind (40)"
     )
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
     parser.add_argument(
@@ -89,9 +84,9 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
     try:
-        for value in (args.duration, args.passes, args.live, args.robots):
+        for value in (args.duration, args.passes, args.live):
             if value is not None and not 0.0 < value < float("inf"):
-                raise InputError("--duration, --live, --passes and --robots: allowed: above 0")
+                raise InputError("--duration, --live and --passes: allowed: above 0")
         drawn = {"soak", "assistance"} & set(args.name)
         if args.output is not None and len(drawn) != 1:
             raise InputError("--output: allowed with soak or assistance only")
@@ -118,10 +113,6 @@ def main(words: Sequence[str] | None = None) -> int:
 
             onlooker = "" if args.no_browser else None
             found += scope(*each or (4.0,), watch, args.live, onlooker)
-        if "calibration" in args.name:
-            from benchmarks.calibration import calibration
-
-            found += calibration(args.robots, watch)
         if "laws" in args.name:
             from benchmarks.laws import laws
 

@@ -180,5 +180,18 @@ def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path)
 
 
 def test_bench_refuses_a_duration_of_nothing(capsys):
-    assert main(["bench", "--duration", "0"]) == 2
-    assert "allowed: above 0" in capsys.readouterr().err
+    for words in (["--duration", "0"], ["calibration", "--robots", "0"]):
+        assert main(["bench", *words]) == 2
+        assert "allowed: above 0" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_bench_calibrates_robots_that_it_has_not_seen(capsys):
+    assert main(["bench", "calibration", "--robots", "1", "--json"]) == 0
+    found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
+    for name in ("psm", "ecm"):
+        assert found[f"{name}: exchanged labels named, of 84 exchanges"]["met"]
+        (missed,) = (f for n, f in found.items() if n.startswith(f"{name}: figures of a calib"))
+        assert missed["met"]
+    assert found["psm: drift of a free arm with broken loops in 5 s"]["met"]
+    assert found["remote centre, median, white noise"]["value"] < 60e-6

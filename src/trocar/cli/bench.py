@@ -2,9 +2,11 @@
 
 PART speed measures the configurations of the paper's Table 9 against bare MuJoCo in the same run:
 compare the ratio, because the real-time factor depends on the machine. PART figures measures
-accuracy. PART core (only if named) measures the cost of API calls in physics steps. --log adds the
-replay of a recording. Benchmarks of start-up, recording, clients, images and long runs are part of
-the repository: python -m benchmarks --help.
+accuracy. Only if named, PART core measures the cost of API calls in physics steps, and PART
+calibration what `trocar calibrate` makes of robots that it has not seen: accuracy, intervals,
+exchanged labels, broken loops (half an hour). --log adds the replay of a recording. Benchmarks of
+start-up, recording, clients, images and long runs are part of the repository: python -m benchmarks
+--help.
 """
 
 from __future__ import annotations
@@ -26,9 +28,9 @@ ORDER = 200
 
 #: The parts that are measured by default, and all parts.
 PARTS = ("speed", "figures")
-ALL_PARTS = (*PARTS, "core")
+ALL_PARTS = (*PARTS, "core", "calibration")
 #: Progress steps that each part reports, for the time estimate of the progress bar.
-STEPS = {"speed": 6, "figures": 11, "core": 10}
+STEPS = {"speed": 6, "figures": 11, "core": 10, "calibration": 5}
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -61,6 +63,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="N",
         help="number of inverse-kinematics poses (default: 10000)",
     )
+    parser.add_argument(
+        "--robots",
+        type=int,
+        default=40,
+        metavar="N",
+        help="number of calibrated robots of each kind (default: 40)",
+    )
     parser.add_argument("--log", metavar="FILE", help="replay this PSM recording (docs/replay.md)")
     parser.add_argument(
         "--calibration",
@@ -74,15 +83,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Measure and print."""
-    if not 0.0 < args.duration < float("inf") or args.passes < 1 or args.poses < 1:
+    counts = (args.passes, args.poses, args.robots)
+    if not 0.0 < args.duration < float("inf") or min(counts) < 1:
         raise InputError(
-            f"got --duration {args.duration:g}, --passes {args.passes}, --poses {args.poses};"
-            " allowed: above 0"
+            f"got --duration {args.duration:g}, --passes {args.passes}, --poses {args.poses},"
+            f" --robots {args.robots}; allowed: above 0"
         )
     from trocar.apps.benchmarks.core import core
     from trocar.apps.benchmarks.fidelity import fidelity
     from trocar.apps.figures import figure_rows
     from trocar.apps.timing import table9
+    from trocar.cli.unseen_robots import unseen_robots
     from trocar.descriptions.overlay import read_overlay
 
     overlays = [read_overlay(file) for file in args.calibration]
@@ -102,6 +113,8 @@ def run(args: Namespace) -> int:
             found += fidelity(watch, args.poses)
         if "core" in parts:
             found += core(watch)
+        if "calibration" in parts:
+            found += unseen_robots(args.robots, watch)
         if args.log:
             watch("replay")
             found += _replayed(args.log)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,9 @@ from trocar.apps.calibration.rcm import find_rcm
 from trocar.apps.figures import Figure
 from trocar.apps.mocap import MocapSettings, Noise, broken, perturbed, simulate_tracks
 from trocar.apps.mocap.simulate import Parts
+from trocar.apps.verification import verify
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.descriptions.overlay import overlay_between
+from trocar.descriptions.overlay import overlay_between, write_overlay
 from trocar.errors import LabelsError, TrocarError
 from trocar.simulation import World
 
@@ -28,10 +31,12 @@ NOISE = Noise(1e-4, float(np.radians(0.05)))
 LOOPS_M = 1e-3
 NAMES = ("psm", "ecm")
 WHERE = ("axes", "rcm", "both", "one file")
+#: Parts of `trocar verify` that depend on the geometry.
+VERIFIED = ("closure", "rcm", "axes", "formats")
 
 
-def calibration(robots: int, watch: Callable[[str], None]) -> list[Figure]:
-    """Measure robots of both kinds.
+def unseen_robots(robots: int, watch: Callable[[str], None]) -> list[Figure]:
+    """Calibrate robots of both kinds.
 
     Args:
         robots: of each kind
@@ -49,6 +54,8 @@ def calibration(robots: int, watch: Callable[[str], None]) -> list[Figure]:
     watch("broken loops")
     found += wandering(robots)
     found.append(free_arm())
+    watch("calibrated robots, verified")
+    found += verified()
     return found
 
 
@@ -193,3 +200,16 @@ def free_arm() -> Figure:
     drift = float(np.abs(arm.measured_js().position[:2] - before).max())
     return Figure("psm: drift of a free arm with broken loops in 5 s", drift, "rad", 1e-3,
                   shown="mrad")  # fmt: skip
+
+
+def verified() -> Iterator[Figure]:
+    """Count what `trocar verify` finds wrong with a calibrated robot of each kind."""
+    for name in NAMES:
+        nominal = load_arm(name)
+        tracks, _ = take(perturbed(nominal, np.random.default_rng(5)), "both", NOISE, 5)
+        with TemporaryDirectory() as folder:
+            file = Path(folder) / "robot.toml"
+            write_overlay(file, calibrate(tracks, nominal).overlay)
+            found = verify((), (file,), VERIFIED)
+        label = f"{name}: figures of a calibrated robot that verify misses, of {found.judged}"
+        yield Figure(label, len(found.missed), "", upper=0.0)

@@ -6,7 +6,8 @@ endoscope a second, beside MuJoCo's own renderer and in real time. calibration: 
 intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
 operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
-of props. dynamics: efforts predicted along recordings of real arms.
+of props. dynamics: efforts predicted along recordings of real arms. errors: how far tips are from
+where the robots report them.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -33,6 +34,7 @@ NAMES = (
     "assistance",
     "laws",
     "dynamics",
+    "errors",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -132,6 +134,11 @@ def main(words: Sequence[str] | None = None) -> int:
             else:
                 watch("dynamics")
                 found += dynamics(Path(args.recordings))
+        if "errors" in args.name:
+            from benchmarks.errors import errors
+
+            watch("errors")
+            found += errors()
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

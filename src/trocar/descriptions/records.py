@@ -13,6 +13,7 @@ from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.overlay_records import Overlay
+from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import UnknownNameError
@@ -417,6 +418,7 @@ class RigDescription:
         reference_arm: arm on setup joints whose tip frame the poses of the others are in
         bands: elastic bands between props
         extension: path of the Python file whose `extend_spec` adds to the model, "" for none
+        errors: by which readings of the robots differ from the truth, None for none
     """
 
     name: str
@@ -434,6 +436,7 @@ class RigDescription:
     reference_arm: str = REFERENCE_ARM
     bands: tuple[Band, ...] = ()
     extension: str = ""
+    errors: RobotErrors | None = None
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

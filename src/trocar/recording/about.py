@@ -24,7 +24,7 @@ from trocar.simulation import World
 FORMAT = 3
 
 #: Fields that were added to the records later: left out of the fingerprint where they are empty.
-YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop"}
+YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop", "errors"}
 #: Fields that name Python files, whose content counts; left out likewise.
 SCRIPTS = {"script", "extension"}
 #: Fields that motion does not depend on: origins, titles, cameras.

@@ -6,7 +6,7 @@ endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours o
 motion (7 minutes each on one core). assistance: error and time of a modelled operator with and
 without virtual fixtures. laws: momentum, friction, soft pads and elastic bands of props. grip:
 slip of a held needle, and loads at which a jaw lets go. dynamics: efforts predicted along
-recordings of real arms.
+recordings of real arms. errors: how far tips are from where the robots report them.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -33,6 +33,7 @@ NAMES = (
     "laws",
     "grip",
     "dynamics",
+    "errors",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -130,6 +131,11 @@ def main(words: Sequence[str] | None = None) -> int:
             else:
                 watch("dynamics")
                 found += dynamics(Path(args.recordings))
+        if "errors" in args.name:
+            from benchmarks.errors import errors
+
+            watch("errors")
+            found += errors()
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

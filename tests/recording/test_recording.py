@@ -506,3 +506,18 @@ def test_the_file_says_what_the_world_was_built_with(tmp_path: Path) -> None:
     arguments = json.loads(about["arguments"])
     assert (arguments["tip_load_n"], arguments["seed"]) == (1.0, 5)
     assert (about["rig"], about["repeatable"]) == ("psm", "yes")
+
+
+def test_a_recording_has_what_robots_with_errors_report(tmp_path: Path) -> None:
+    world = World("psm", errors="lab", seed=1)
+    goal = [0.3, 0.2, 0.14, 0.4, -0.3, 0.2]
+    with record(world, tmp_path / "run.mcap"):
+        world.arm("PSM1").servo_jp(goal)
+        world.step(200)
+    recorded = open_recording(tmp_path / "run.mcap")
+    columns = recorded.columns("PSM1")
+    assert columns is not None
+    states = recorded.states(columns)
+    np.testing.assert_allclose(states.position[-1], world.arm("PSM1").readings()[0], atol=1e-7)
+    np.testing.assert_allclose(states.setpoint[-1][:6], goal, atol=1e-7)
+    assert np.abs(states.position[-1] - world.true_state("PSM1").q).max() > 1e-3

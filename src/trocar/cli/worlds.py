@@ -46,6 +46,12 @@ def add_world(
     add_calibrations(group)
     add_gains(group)
     group.add_argument(
+        "--errors",
+        metavar="NAME",
+        help="errors of encoders, cables and registrations: perfect, lab or wide (default: the"
+        " rig's)",
+    )
+    group.add_argument(
         "--setup-joints",
         choices=("braked", "locked"),
         default="braked",
@@ -81,6 +87,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         setup_joints=args.setup_joints,
         tip_load_n=tip_load_n,
         calibration=args.calibration,
+        errors=args.errors,
     )
     for arm, tool in args.tool:
         world.exchange_tool(arm, tool)

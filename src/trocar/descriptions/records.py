@@ -13,6 +13,7 @@ from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.overlay_records import Overlay
+from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import UnknownNameError
@@ -428,6 +429,7 @@ class RigDescription:
         grasp: how a jaw holds a free prop: by the friction of its pads alone; by "friction+stick",
             which does not creep and lets go where friction would; or "attach", which lets go when
             the jaw opens
+        errors: by which readings of the robots differ from the truth, None for none
     """
 
     name: str
@@ -446,6 +448,7 @@ class RigDescription:
     bands: tuple[Band, ...] = ()
     extension: str = ""
     grasp: GraspKind = "friction+stick"
+    errors: RobotErrors | None = None
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

@@ -23,6 +23,7 @@ from trocar.descriptions.records import (
     RigArm,
     RigDescription,
 )
+from trocar.descriptions.robot_errors import read_robot_errors
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table, read_table
 from trocar.descriptions.teleop_records import SCALE, TeleopDescription, TeleopKind
@@ -156,11 +157,14 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     reference = table.text("reference_arm", REFERENCE_ARM)
     extension = read_script(table, "extend_spec")
     grasp = cast(GraspKind, table.text("grasp", GRASPS[0], allowed=GRASPS))
+    joints = {arm.name: (arm.arm.type, arm.arm.mechanism.joint_names) for arm in arms}
+    errors = read_robot_errors(table, joints)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    rig = RigDescription(name, title, source, str(path), *parts, reference, bands, extension, grasp)
+    more = (reference, bands, extension, grasp, errors)
+    rig = RigDescription(name, title, source, str(path), *parts, *more)
     if "reference_arm" in table and reference not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"
         raise table.fail("reference_arm", f"got {reference!r}; allowed: {known}")

@@ -39,6 +39,9 @@ UNITS: dict[str, dict[str, float]] = {
     "angular acceleration": {"rad_s2": 1.0, "deg_s2": math.pi / 180.0},
     "linear acceleration": {"m_s2": 1.0},
     "position": {"rad_m": 1.0},
+    "angular compliance": {"rad_per_nm": 1.0},
+    "linear compliance": {"m_per_n": 1.0},
+    "time": {"s": 1.0, "ms": 1e-3},
     "frequency": {"hz": 1.0},
 }
 

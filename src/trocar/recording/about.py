@@ -26,6 +26,7 @@ FORMAT = 3
 #: Fields that were added to the records later: left out of the fingerprint where they are empty or
 #: as they are by default.
 YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop", "grasp"}
+YOUNGER |= {"errors"}
 #: Fields that name Python files, whose content counts; left out likewise.
 SCRIPTS = {"script", "extension"}
 #: Fields that motion does not depend on: origins, titles, cameras.

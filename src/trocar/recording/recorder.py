@@ -86,7 +86,10 @@ class Sampler:
             if not np.array_equal(gains, self._gains):
                 self._hand_over()
                 self._gains = gains
-        world.copy_state(self._rows[self._filled], STATE)
+        row = self._rows[self._filled]
+        world.copy_state(row, STATE)
+        if world.servos.errors is not None:
+            world.servos.report(row[1:])
         self._filled += 1
         self.count += 1
         if self._filled == self._block:

@@ -825,6 +825,11 @@ class Arm:
 
     # ------------------------------------------------------------------ tip
 
+    @property
+    def placed(self) -> tuple[Array, str] | None:
+        """Base frame and its name as `set_base_frame` set them, None where it did not."""
+        return self._base
+
     def base_frame(self) -> tuple[Array, str]:
         """Return T (4, 4) of the arm's reference frame in the frame of its poses, and its name.
 

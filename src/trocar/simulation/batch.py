@@ -106,6 +106,11 @@ class Batch:
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise InputError(f"Batch: got {name}={value!r}; allowed: a whole number above 0")
         world = rig if isinstance(rig, World) else World(rig)
+        if world.errors is not None:
+            raise InputError(
+                f"Batch: got a rig with errors {world.errors.name!r}; allowed: a World with"
+                ' errors="perfect"'
+            )
         if scripted := [prop.name for prop in world.rig.objects if prop.script]:
             raise InputError(
                 f"Batch: got a rig whose {', '.join(scripted)} has a before_step script; allowed:"

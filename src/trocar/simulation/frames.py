@@ -22,6 +22,7 @@ from trocar.kinematics.loops import LoopTable, coordinate_rates, folding_table, 
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
 from trocar.simulation.controllers import WrenchFrame
+from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,7 @@ class Frames:
         rig: its description
         table: its joints
         model, data: the physics
+        errors: by which all of this is where the robots report it; None: where it is
     """
 
     def __init__(
@@ -54,9 +56,10 @@ class Frames:
         table: JointTable,
         model: mujoco.MjModel,
         data: mujoco.MjData,
+        errors: ReadingErrors | None = None,
     ) -> None:
         self._rig, self._table, self._model, self._data = rig, table, model, data
-        self._qpos = data.qpos
+        self._true_qpos, self._errors = data.qpos, errors
         self._known = {arm.name: arm for arm in rig.arms}
         self._centred = [a.name for a in rig.arms if "rcm" in a.arm.mechanism.frame_index]
         self._project = np.eye(model.nq)
@@ -79,6 +82,16 @@ class Frames:
         #: Where public poses are seen from, by arm and reference arm: a site, what stands before
         #: it, and the frame's name.
         self._views: dict[tuple[str, str], tuple[Site, Array | None, str]] = {}
+        self._registration: Mapping[str, Array] = {}
+
+    @property
+    def _qpos(self) -> Array:
+        return self._true_qpos if self._errors is None else self._errors.qpos()
+
+    def register(self, registration: Mapping[str, Array] | None) -> None:
+        """Set where cameras' frames are reported, {arm: in the true frame of its poses (4, 4)}."""
+        self._registration = registration or {}
+        self._views.clear()
 
     @cached_property
     def shadow(self) -> mujoco.MjData:
@@ -190,6 +203,8 @@ class Frames:
         if origin is reference:
             return T if before is None else inverse(before).dot(T)
         self.tips()
+        if before is not None:
+            T = inverse(before).dot(T)
         return origin.seen_from(reference).dot(T)
 
     def reference_pose(self, name: str) -> Array:
@@ -355,7 +370,9 @@ class Frames:
             return own, inverse(self._rig.display) @ own.pose(), frame
         if frame == arm.own_frame:
             return own, None, frame
-        return (self._reference[arm.on] if frame == CART else self._tip[frame]), None, frame
+        if frame == CART:
+            return self._reference[arm.on], None, frame
+        return self._tip[frame], self._registration.get(name), frame
 
 
 class Linkage:

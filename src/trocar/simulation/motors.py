@@ -87,7 +87,7 @@ class Motors:
         """Return measured positions, (n,) [rad or m]."""
         if self.welded:
             return self.position.copy()
-        return self._servos.table.drive[self.index.rows].dot(self._data.qpos)
+        return self._servos.table.drive[self.index.rows].dot(self._servos.qpos())
 
     def load(self) -> Array:
         """Return the efforts that hold the links' weight, renewed with it, (n,)."""
@@ -211,6 +211,8 @@ class Motors:
         self._revision = self._servos.revision
 
     def _put(self, q: Array, v: Array) -> None:
+        if self._servos.errors is not None:
+            q = q - self._servos.errors.error[self.index.rows]
         where = coordinates(self.arm.mechanism, q)
         index = self.index
         self._data.qpos[index.qpos] = where[index.hinges]

@@ -14,7 +14,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.simulation.arm import Arm
 from trocar.simulation.control import LARGEST
 from trocar.simulation.records import Recording
-from trocar.simulation.servos import EFFORT, READ_STATE, SET, Servos
+from trocar.simulation.servos import EFFORT, SET, Servos
 
 Array = NDArray[np.float64]
 
@@ -134,7 +134,6 @@ class Player:
             self._leave_to_servos(table.efforts, table.played)
         begin = self._data.time
         samples = np.zeros((len(table.setpoints) if record else 0, len(self._servos.state())))
-        model, data = self._model, self._data
         setpoints = self._servos.setpoint[:, :2]
         for row, setpoint in enumerate(table.setpoints):
             setpoints[:] = setpoint
@@ -143,7 +142,7 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                mujoco.mj_getState(model, data, samples[row], READ_STATE)
+                samples[row] = self._servos.state()
         for name in table.played:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 
 import mujoco
@@ -63,6 +64,7 @@ class Reader:
         for row, arm in enumerate(movers):
             first, count = table.arms[arm.name].rows.start, arm.arm.own_joints
             self._joints[row, :count] = range(first, first + count)
+        self._registration: Mapping[str, Array] | None = None
         self._shown: object = None
 
     def read(self, sample: WorldSample) -> Readout:
@@ -86,6 +88,10 @@ class Reader:
             rows among the sites of `measured` (2 A), poses of these in the frames of public poses
             (A, 4, 4), names of the frames
         """
+        if self._registration is not sample.registration:
+            self._registration = sample.registration
+            self._frames.register(sample.registration)
+            self._views.clear()
         found = self._views.get(sample.reference_arm)
         if found is None:
             self._shown = None

@@ -117,6 +117,8 @@ class WorldSample:
         qpos: MuJoCo's coordinates, (nq,)
         arms: {name: what else its readings are computed from}
         reference_arm: arm on setup joints whose tip frame the poses of the others are in
+        registration: where cameras' frames are reported, {arm: (4, 4)}, None: where they are; the
+            same mapping until the next reset
     """
 
     time: float
@@ -124,6 +126,25 @@ class WorldSample:
     qpos: Array
     arms: Mapping[str, ArmSample]
     reference_arm: str
+    registration: Mapping[str, Array] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TrueState:
+    """Where an arm is, whatever its sensors report.
+
+    Attributes:
+        q, qd: joint positions and velocities, (n,) [rad or m, per s]
+        effort: of the motors, (n,) [N m or N]
+        cp: pose of the tip, in the true frame of `measured_cp`
+        world: the same in the world, (4, 4)
+    """
+
+    q: Array
+    qd: Array
+    effort: Array
+    cp: Pose
+    world: Array
 
 
 class Snapshot(NamedTuple):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
+from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -75,9 +76,12 @@ class Servos:
         table: the joints
         model: of this world alone: gains, brakes and limits are written into it
         data: the physics state
+        errors: of the encoders, None for none
 
     Attributes:
-        setpoint: position, velocity and effort fed forward, (J, 3); a view of `ctrl`
+        setpoint: position, velocity and effort fed forward, (J, 3); a view of `ctrl`, where there
+            are no errors
+        errors: as given
         modes: POSITION, EFFORT or SET, (J,)
         gains: P, I, D, (J, 3)
         limit: largest efforts, (J,) [N m or N]
@@ -88,10 +92,17 @@ class Servos:
         revision: counts the changes of modes, gains, brakes and limits
     """
 
-    def __init__(self, table: JointTable, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        self.table, self._model, self._data = table, model, data
+    def __init__(
+        self,
+        table: JointTable,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        errors: ReadingErrors | None = None,
+    ) -> None:
+        self.table, self._model, self._data, self.errors = table, model, data, errors
         count = len(table)
-        self.setpoint: Array = data.ctrl.reshape(count, INPUTS)
+        ctrl: Array = data.ctrl.reshape(count, INPUTS)
+        self.setpoint = ctrl if errors is None else errors.setpoint
         self._position, self._feed = self.setpoint[:, 0], self.setpoint[:, 2]
         self.modes = np.where(table.fingers, EFFORT, POSITION).astype(np.int8)
         self.gains, self.limit = table.gains.copy(), table.effort_max.copy()
@@ -144,18 +155,37 @@ class Servos:
 
     def read(self) -> Array:
         """Return measured positions, velocities and efforts of every joint, (3, J)."""
-        read, limits = self.matrix()
+        return self._found(self.state())
+
+    def true(self) -> Array:
+        """Return true positions, velocities and efforts of every joint, (3, J)."""
         mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
-        found = read.dot(self._state).reshape(3, -1)
-        effort = found[2]
-        np.minimum(effort, limits, out=effort)
-        np.maximum(effort, -limits, out=effort)
-        return found
+        return self._found(self._state)
 
     def state(self) -> Array:
         """Return what READ is multiplied with: a buffer that the next call overwrites."""
         mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+        if self.errors is not None:
+            self.report(self._state)
         return self._state
+
+    def report(self, state: Array) -> None:
+        """Overwrite a copy of the physics state, from `qpos` to `ctrl`, with what robots report."""
+        if self.errors is not None:
+            nq, nv = self._model.nq, self._model.nv
+            self.errors.report(state[:nq], state[nq : nq + nv], state[-self.setpoint.size :])
+
+    def qpos(self) -> Array:
+        """Return the coordinates as the encoders report them, (nq,); not to be written to."""
+        return self._data.qpos if self.errors is None else self.errors.qpos()
+
+    def _found(self, state: Array) -> Array:
+        read, limits = self.matrix()
+        found = read.dot(state).reshape(3, -1)
+        effort = found[2]
+        np.minimum(effort, limits, out=effort)
+        np.maximum(effort, -limits, out=effort)
+        return found
 
     def beyond(self) -> Bools | None:
         """Return which joints are farther from their set-points than allowed, None if none is."""
@@ -163,6 +193,8 @@ class Servos:
             self.matrix()
         error = self.table.drive.dot(self._data.qpos)
         np.subtract(error, self._position, out=error)
+        if self.errors is not None:
+            error += self.errors.error
         np.abs(error, out=error)
         beyond = error > self._tolerance
         return beyond if np.count_nonzero(beyond) else None  # any() takes 1 us

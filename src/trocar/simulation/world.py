@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +15,11 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig, rig_with_tool
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
+from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensor_records import SensorReading
 from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
 from trocar.errors import DivergedError, InputError, UnknownNameError
+from trocar.kinematics.chain_pose import chain_pose
 from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
@@ -33,13 +36,16 @@ from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player, fastest
 from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
+from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
     ArmSample,
     ArmSnapshot,
     Health,
+    Pose,
     Recording,
     ShapeRecord,
     Snapshot,
+    TrueState,
     WorldSample,
 )
 from trocar.simulation.scripts import Scripts
@@ -96,6 +102,7 @@ class State:
         servos, arms, sensors: what these keep beside the physics
         scripts: objects whose scripts run
         grasps: of each jaw that may hold something
+        errors: of the robots' readings, None for none
     """
 
     signature: str
@@ -112,6 +119,7 @@ class State:
     sensors: Mapping[str, tuple[int, SensorReading]]
     scripts: tuple[str, ...] = ()
     grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
+    errors: Mapping[str, Any] | None = None
 
 
 class World:
@@ -130,9 +138,11 @@ class World:
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
+        errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
+            omitted. Everything that arms report has them; `true_state` has not
 
     Raises:
-        UnknownNameError, DescriptionError: the rig or a calibration
+        UnknownNameError, DescriptionError: the rig, a calibration or the errors
         InputError: another argument
     """
 
@@ -150,6 +160,7 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
+        errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
         #: The name or path that the rig was loaded from, "" where it came as a description.
@@ -167,6 +178,8 @@ class World:
         #: What the world was built with, the rig apart; a recording takes these along.
         self.arguments = choices
         self.options = model.options
+        #: Errors of the robots' sensors and cables, None for none.
+        self.errors = model.rig.errors if errors is None else robot_errors(errors)
         #: The rig that the world was built with, whatever tools were exchanged since.
         self.first_rig = model.rig
         #: Arm on setup joints whose tip frame the poses of the others on setup joints are in.
@@ -220,7 +233,10 @@ class World:
     @property
     def signature(self) -> str:
         """Name of what a state belongs to: the rig with its tools and options, as compiled."""
-        return f"{self.rig.name} {self.model.digest}"
+        found = f"{self.rig.name} {self.model.digest}"
+        if self.errors is None:
+            return found
+        return f"{found} errors {self.errors.name} {zlib.crc32(repr(self.errors).encode()):08x}"
 
     @property
     def mj_model(self) -> mujoco.MjModel:
@@ -349,6 +365,9 @@ class World:
         mujoco.mj_resetData(self._model, self._data)
         self._grasps.begin()
         self.servos.restore()
+        if self.servos.errors is not None:
+            self.servos.errors.draw(self._seed)
+            self.frames.register(self.servos.errors.registration)
         if not self._homed:
             self.servos.powered[:] = False
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
@@ -357,8 +376,10 @@ class World:
             arm.begin(q, self._homed)
             arm.motors.put(q, np.zeros(len(q)))
         self.servos.apply()
+        if self.servos.errors is not None:
+            self.servos.errors.begin()
         mujoco.mj_forward(self._model, self._data)
-        self.frames.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
+        self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
         self.servos.write_efforts()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
@@ -386,6 +407,7 @@ class World:
             self._sensors.save(),
             scripts=self._scripts.running,
             grasps=self._grasps.save(),
+            errors=None if self.servos.errors is None else self.servos.errors.save(),
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -414,6 +436,9 @@ class World:
         self.journal.time = self._data.time
         self.reference_arm = state.reference_arm
         self.servos.load(state.servos)
+        if self.servos.errors is not None and state.errors is not None:
+            self.servos.errors.load(state.errors)
+            self.frames.register(self.servos.errors.registration)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
@@ -500,6 +525,10 @@ class World:
                 other.reattach(self._motors(other.name))
         new_motors = self._motors(name)
         keep_settings(motors, new_motors)
+        errors, old_errors = self.servos.errors, before[2].errors
+        if errors is not None and old_errors is not None:
+            errors.go_on(old_errors, self._seed, name)
+            self.frames.register(errors.registration)
         sensors = self._sensors
         self._wire()
         self._sensors.go_on(sensors, name)
@@ -507,10 +536,12 @@ class World:
         arm.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
         rows, holding = new_motors.index.rows, self.servos.holding.copy()
-        self.frames.holding_efforts(self.servos.holding)
+        self._true.holding_efforts(self.servos.holding)
         holding[rows] = self.servos.holding[rows]  # the other arms keep theirs
         self.servos.holding[:] = holding
         self.servos.write_efforts()
+        if errors is not None:
+            errors.begin()
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -587,13 +618,13 @@ class World:
             arms: include every arm's joints, too, which takes ten times as long as all bodies
         """
         found: dict[str, ArmSnapshot] = {}
-        centres, every = self.frames.remote_centres(), self.servos.read() if arms else None
+        centres, every = self._true.remote_centres(), self.servos.read() if arms else None
         if every is not None:
             for name, arm in self.arms.items():
                 motors = arm.motors
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
-        shown = self.frames.shadow
+        shown = self._true.shadow
         bands = band_poses(self.rig, self._model, shown)
         at, turn = np.concatenate([shown.xpos, bands[0]]), np.concatenate([shown.xquat, bands[1]])
         return Snapshot(self.time, at, turn, found, self._build)
@@ -610,7 +641,10 @@ class World:
             if not arm.motors.welded:
                 read = (*every[:, rows], load[rows], *setpoint[:, rows], commanded[rows])
             arms[name] = arm.sample(read)
-        return WorldSample(self.time, self.model, self._data.qpos.copy(), arms, self.reference_arm)
+        errors = self.servos.errors
+        registration = None if errors is None else errors.registration
+        qpos = self.servos.qpos().copy()
+        return WorldSample(self.time, self.model, qpos, arms, self.reference_arm, registration)
 
     def cameras(self) -> dict[str, CameraRecord]:
         """Return every camera of the rig, by name, with where it is now; nothing is drawn."""
@@ -629,7 +663,7 @@ class World:
 
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m]."""
-        return self.frames.remote_centres()
+        return self._true.remote_centres()
 
     def reference_pose(self, name: str) -> Array:
         """Return the pose of an arm's reference frame in the world, (4, 4)."""
@@ -638,6 +672,28 @@ class World:
     def base_pose(self, name: str) -> tuple[Array, str]:
         """Return an arm's reference frame in the frame of its public poses, and that one's name."""
         return self.frames.base_pose(name, self.reference_arm)
+
+    def true_state(self, name: str) -> TrueState:
+        """Return where an arm is, for scores and plots; no robot could report this.
+
+        Without `errors` it is what the arm reports. Setup joints included: the frame of
+        `measured_cp` is where the camera, or whatever carries it, truly is.
+
+        Raises:
+            UnknownNameError: no such arm
+        """
+        arm = self.arm(name)
+        q, qd, effort = (
+            arm.readings() if arm.motors.welded else self.servos.true()[:, arm.motors.index.rows]
+        )
+        tip = (
+            self._true.measured(name)
+            if self._true.follows(name)
+            else chain_pose(arm.description.mechanism)(q)
+        )
+        base, frame = arm.placed or self._true.base_pose(name, self.reference_arm)
+        world = self._true.reference_pose(name) @ tip
+        return TrueState(q, qd, effort, Pose(base @ tip, frame, self.time), world)
 
     def health(self) -> Health:
         """Return how well every arm's loops hold now."""
@@ -670,8 +726,12 @@ class World:
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
         self.joints = model.joints
-        self.servos = Servos(self.joints, self._model, self._data)
-        self.frames = Frames(self.rig, self.joints, self._model, self._data)
+        physics = self.joints, self._model, self._data
+        errors = self.errors and ReadingErrors(self.rig, *physics, self.errors)
+        self.servos = Servos(*physics, errors)
+        #: Where the robots report frames, and where they are; the same without errors.
+        self.frames = Frames(self.rig, *physics, errors)
+        self._true = self.frames if errors is None else Frames(self.rig, *physics)
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         self._build += 1
 
@@ -689,10 +749,10 @@ class World:
         """Make what looks into the physics and keeps nothing of its own."""
         model, data = self._model, self._data
         self._player = Player(model, data, self.servos, self.arms)
-        self._load = TipLoad(model, data, self.rig, self.joints, self.frames, self._tip_load_n)
+        self._load = TipLoad(model, data, self.rig, self.joints, self._true, self._tip_load_n)
         self._probes = Probes(self.rig, self.joints, model, data, self.arms, self._load)
         self._sensors = Sensors(self.rig, self._probes)
-        self._cameras = Cameras(self.rig, self.joints, self.frames)
+        self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
@@ -702,6 +762,9 @@ class World:
         self._scripts.check_outside("step")
         model, data, journal = self._model, self._data, self.journal
         left, bad, stride = count, self._bad, self._stride
+        errors = self.servos.errors
+        if errors is not None:
+            stride = min(stride, errors.every)
         while left > 0:
             since = journal.period % self._renewal
             if since == 0:
@@ -710,6 +773,8 @@ class World:
                 if journal.period % self._gravity_renewal == 0:
                     self._balance()
                     self._supervise()
+            if errors is not None:
+                errors.command()
             run = min(left, self._renewal - since)
             if self._grasps:
                 run = min(run, self._grasps.every - journal.period % self._grasps.every)
@@ -717,6 +782,8 @@ class World:
             mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
                 count = run if run < stride else stride
+                if errors is not None:
+                    count = min(count, errors.every - journal.period % errors.every)
                 if self._scripts.running:
                     self._scripts.call(self)
                     mujoco.mj_getState(model, data, self._before, STEPPED)
@@ -725,6 +792,8 @@ class World:
                 journal.period += count
                 journal.time = data.time
                 run -= count
+                if errors is not None and journal.period % errors.every == 0:
+                    errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
                     self._diverged()
                 if self._grasps and journal.period % self._grasps.every == 0:
@@ -753,7 +822,7 @@ class World:
 
     def _balance(self) -> None:
         """Feed forward what holds every motor's load where the arms are now."""
-        self.frames.holding_efforts(self.servos.holding)
+        self._true.holding_efforts(self.servos.holding)
         self.servos.write_efforts()
 
     def _supervise(self) -> None:

@@ -6,7 +6,8 @@ endoscope a second, beside MuJoCo's own renderer and in real time. calibration: 
 intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
 operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
-of props. dynamics: efforts predicted along recordings of real arms.
+of props. dynamics: efforts predicted along recordings of real arms. vision: calibrations of the
+endoscope from views of a board (5 s a seed).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -33,6 +34,7 @@ NAMES = (
     "assistance",
     "laws",
     "dynamics",
+    "vision",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -59,8 +61,12 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
     parser.add_argument(
-        "--seeds", type=int, default=50, metavar="N", help="of assistance: trials of each (50)"
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="of assistance: trials of each (50); of vision: robots (20)",
     )
+    parser.add_argument("--only", choices=("hand-eye",), help="of vision: this part")
     parser.add_argument(
         "--transport",
         action="append",
@@ -93,7 +99,7 @@ def main(words: Sequence[str] | None = None) -> int:
         drawn = {"soak", "assistance"} & set(args.name)
         if args.output is not None and len(drawn) != 1:
             raise InputError("--output: allowed with soak or assistance only")
-        if args.seeds < 2:
+        if args.seeds is not None and args.seeds < 2:
             raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
         found: list[Figure] = []
@@ -132,6 +138,10 @@ def main(words: Sequence[str] | None = None) -> int:
             else:
                 watch("dynamics")
                 found += dynamics(Path(args.recordings))
+        if "vision" in args.name:
+            from benchmarks.vision import hand_eye
+
+            found += hand_eye(args.seeds or 20, watch)
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 
@@ -142,7 +152,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if "assistance" in args.name:
             from benchmarks import assistance as assisted
 
-            results = assisted.assistance(args.seeds, watch)
+            results = assisted.assistance(args.seeds or 50, watch)
             found += assisted.figures(results)
             if args.output is not None:
                 Path(args.output).write_bytes(assisted.draw(results))

@@ -6,7 +6,8 @@ endoscope a second, beside MuJoCo's own renderer and in real time. soak: hours o
 motion (7 minutes each on one core). assistance: error and time of a modelled operator with and
 without virtual fixtures. laws: momentum, friction, soft pads and elastic bands of props. grip:
 slip of a held needle, and loads at which a jaw lets go. dynamics: efforts predicted along
-recordings of real arms. errors: how far tips are from where the robots report them.
+recordings of real arms. errors: how far tips are from where the robots report them. vision:
+calibrations of the endoscope from views of a board (5 s a seed).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -34,6 +35,7 @@ NAMES = (
     "grip",
     "dynamics",
     "errors",
+    "vision",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -57,8 +59,12 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
     parser.add_argument(
-        "--seeds", type=int, default=50, metavar="N", help="of assistance: trials of each (50)"
+        "--seeds",
+        type=int,
+        metavar="N",
+        help="of assistance: trials of each (50); of vision: robots (20)",
     )
+    parser.add_argument("--only", choices=("hand-eye",), help="of vision: this part")
     parser.add_argument(
         "--transport",
         action="append",
@@ -91,7 +97,7 @@ def main(words: Sequence[str] | None = None) -> int:
         drawn = {"soak", "assistance"} & set(args.name)
         if args.output is not None and len(drawn) != 1:
             raise InputError("--output: allowed with soak or assistance only")
-        if args.seeds < 2:
+        if args.seeds is not None and args.seeds < 2:
             raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
         found: list[Figure] = []
@@ -136,6 +142,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             watch("errors")
             found += errors()
+        if "vision" in args.name:
+            from benchmarks.vision import hand_eye
+
+            found += hand_eye(args.seeds or 20, watch)
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 
@@ -146,7 +156,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if "assistance" in args.name:
             from benchmarks import assistance as assisted
 
-            results = assisted.assistance(args.seeds, watch)
+            results = assisted.assistance(args.seeds or 50, watch)
             found += assisted.figures(results)
             if args.output is not None:
                 Path(args.output).write_bytes(assisted.draw(results))

@@ -77,6 +77,7 @@ HOMES = {
     "apsw": ("apps/bags",),
     "matplotlib": ("apps",),
     "clarabel": ("apps/identification",),
+    "cv2": ("apps/boards",),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/importers"),
     # Draws the solids in tools/cad.

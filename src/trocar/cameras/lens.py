@@ -71,6 +71,11 @@ def distort(points: ArrayLike, coefficients: ArrayLike) -> Array:
     return _distorted(xy, c) if c.any() else xy.copy()
 
 
+def distortion_jacobian(points: ArrayLike, coefficients: ArrayLike) -> Array:
+    """Return d distort / d points, (..., 2, 2), of points (..., 2) of the plane z = 1."""
+    return _jacobian(np.asarray(points, dtype=np.float64), check_distortion(coefficients))
+
+
 def undistort(points: ArrayLike, coefficients: ArrayLike) -> Array:
     """Return the points of the plane z = 1 that a lens moves to these; undoes `distort`.
 

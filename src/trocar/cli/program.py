@@ -91,6 +91,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str]) -> int:
+    if "-".join(words[:2]) in COMMANDS:  # `trocar calibrate camera`
+        words = ["-".join(words[:2]), *words[2:]]
     command = next((word for word in words if not word.startswith("-")), None)
     if command is not None and command not in COMMANDS:
         raise UnknownNameError("command", command, COMMANDS)

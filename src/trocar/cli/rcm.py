@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-SUMMARY = "locate an arm's remote centre of motion from motion capture"
+SUMMARY = "locate a remote centre of motion from motion capture"
 ORDER = 90
 
 

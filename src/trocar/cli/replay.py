@@ -20,7 +20,7 @@ from trocar.cli.output import print_json, progress_bar, table
 if TYPE_CHECKING:
     from trocar.apps.follow import RepeatReport, ReplayReport
 
-SUMMARY = "replay a simulation, or drive an arm along a real arm's log"
+SUMMARY = "replay a simulation, or a real arm's log on an arm"
 ORDER = 70
 
 

@@ -50,7 +50,7 @@ from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
 
-SUMMARY = "teleoperate a rig: keyboard, gamepad, SpaceMouse or masters"
+SUMMARY = "teleoperate by keyboard, gamepad, SpaceMouse or masters"
 ORDER = 40
 
 #: Default rigs, of devices and of masters. Source: our own choice.

@@ -8,10 +8,17 @@ from dataclasses import replace
 from functools import reduce
 from pathlib import Path
 
+import numpy as np
+
+from trocar.cameras import CameraDescription
 from trocar.descriptions.overlay import Overlay, apply_overlay, overlay_text, read_overlay
+from trocar.descriptions.overlay_records import CameraPatch, FramePatch
+from trocar.descriptions.places import Places
 from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
 from trocar.errors import InputError, UnknownNameError
+from trocar.geometry import inverse, matrix_from_rpy, transform
 from trocar.inputs import is_file
+from trocar.kinematics.forward import pose
 
 #: An overlay, or the path of its file.
 One = Overlay | str | Path
@@ -43,23 +50,36 @@ def as_overlay(calibration: One) -> Overlay:
 
 
 def combined(one: Overlay, other: Overlay) -> Overlay:
-    """Return the geometry of one overlay with the dynamics of the other.
+    """Return the geometry, the dynamics and the camera with bases of two overlays.
 
     Raises:
-        InputError: they are for different arms, or both have geometry, or both dynamics
+        InputError: they are for different arms, or both have geometry, dynamics, or a camera
     """
-    geometry, dynamics = (one, other) if one.dynamics is None else (other, one)
     if one.arm != other.arm:
         raise InputError(
             f"calibration: got overlays for {one.arm!r} and {other.arm!r}; allowed: the same arm"
         )
-    both = bool(dynamics.frames or dynamics.closures)
-    if geometry.dynamics is not None or dynamics.dynamics is None or both:
+    if any(all(both) for both in zip(_parts(one), _parts(other), strict=True)):
         raise InputError(
-            f"calibration: got two for {one.arm!r}; allowed: one, or one with geometry and one with"
-            " dynamics"
+            f"calibration: got two for {one.arm!r}; allowed: one, or one with geometry, one with"
+            " dynamics and one with a camera"
         )
-    return replace(geometry, dynamics=dynamics.dynamics)
+    geometry, second = (one, other) if _parts(one)[0] or not _parts(other)[0] else (other, one)
+    return replace(
+        geometry,
+        dynamics=geometry.dynamics or second.dynamics,
+        camera=geometry.camera or second.camera,
+        bases=geometry.bases or second.bases,
+    )
+
+
+def _parts(overlay: Overlay) -> tuple[bool, bool, bool]:
+    """Return whether an overlay has geometry, dynamics, and a camera or bases."""
+    return (
+        bool(overlay.frames or overlay.closures),
+        overlay.dynamics is not None,
+        overlay.camera is not None or bool(overlay.bases),
+    )
 
 
 def calibrated(arm: ArmDescription, calibration: One | Sequence[One] | None) -> ArmDescription:
@@ -76,7 +96,10 @@ def calibrated(arm: ArmDescription, calibration: One | Sequence[One] | None) -> 
 
 
 def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigDescription:
-    """Return a rig whose arms carry their calibrations; their roots stay where they are.
+    """Return a rig whose arms carry their calibrations.
+
+    Roots stay where they are, but those of arms whose bases an overlay has. A camera of an overlay
+    takes the place of its arm's endoscope.
 
     Raises:
         UnknownNameError: an arm that the rig does not have
@@ -102,7 +125,7 @@ def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigD
     def one(arm: RigArm) -> RigArm:
         own, common = named.get(arm.name), general.get(arm.arm.name)
         overlay = own or common
-        if own and common and (own.dynamics is None) != (common.dynamics is None):
+        if own and common and not any(map(all, zip(_parts(own), _parts(common), strict=True))):
             overlay = combined(own, common)
         if overlay is None or _carries(arm.arm, overlay):
             return arm
@@ -111,7 +134,43 @@ def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigD
             done[key] = apply_overlay(arm.arm, overlay)
         return replace(arm, arm=done[key])
 
-    return replace(rig, arms=tuple(one(arm) for arm in rig.arms))
+    rig = replace(rig, arms=tuple(one(arm) for arm in rig.arms))
+    for arm in rig.arms:
+        if arm.arm.overlay is not None and arm.arm.overlay.camera is not None:
+            rig = _with_camera(rig, arm, arm.arm.overlay.camera)
+    for arm in rig.arms:
+        if arm.arm.overlay is not None:
+            for name, patch in arm.arm.overlay.bases.items():
+                rig = _with_base(rig, arm.name, name, patch)
+    return rig
+
+
+def _with_camera(rig: RigDescription, arm: RigArm, patch: CameraPatch) -> RigDescription:
+    """Return a rig whose endoscopes on an arm are as calibrated."""
+    mechanism = arm.arm.mechanism
+
+    def one(camera: CameraDescription) -> CameraDescription:
+        if camera.kind != "endoscope" or camera.arm != arm.name:
+            return camera
+        zero = np.zeros(len(mechanism.joints))
+        tip = pose(mechanism, zero, mechanism.tip, camera.frame)
+        place = transform(matrix_from_rpy(*patch.place.rpy), patch.place.xyz)
+        return replace(camera, pose=tip @ place, angle=0.0, calibration=patch.calibration)
+
+    return replace(rig, cameras=tuple(one(camera) for camera in rig.cameras))
+
+
+def _with_base(rig: RigDescription, arm: str, name: str, patch: FramePatch) -> RigDescription:
+    """Return a rig in which an arm's reference frame stands in another's, in the pose "start"."""
+    moved = rig.arm(name)
+    start = rig.poses["start"]
+    places = Places(rig, lambda one: start[one])
+    wanted = places.reference_pose(arm) @ transform(matrix_from_rpy(*patch.rpy), patch.xyz)
+    turn = wanted @ inverse(places.reference_pose(name))
+    mount = places.root_pose(name) @ inverse(moved.pose)
+    placed = inverse(mount) @ turn @ places.root_pose(name)
+    arms = tuple(replace(a, pose=placed) if a.name == name else a for a in rig.arms)
+    return replace(rig, arms=arms)
 
 
 def rig_overlays(rig: RigDescription) -> dict[str, Overlay]:

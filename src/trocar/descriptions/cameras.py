@@ -119,7 +119,7 @@ def _read_preset(path: Path) -> Calibration:
     if table.raw("schema") != SCHEMA:
         raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
     name, title, source = table.text("name"), table.text("title", ""), table.text("source")
-    eye = _read_eye(table)
+    eye = read_eye(table)
     baseline = table.quantity("baseline", "length", default=np.inf)
     table.done()
     if not np.isfinite(baseline):
@@ -131,7 +131,7 @@ def _read_preset(path: Path) -> Calibration:
         raise DescriptionError(str(path), "", str(problem)) from problem
 
 
-def _read_eye(table: Table) -> Intrinsics:
+def read_eye(table: Table) -> Intrinsics:
     """Read picture size, lens and distortion.
 
     Raises:
@@ -267,7 +267,7 @@ def _read_calibration(row: Table, *, stereo: bool) -> Calibration:
     if not given:
         raise row.fail(ways[0], f"is missing; allowed keys: {', '.join(ways)}")
     if given == ["size_px"]:
-        return MonoCalibration(_read_eye(row), "", row.text("source", ""))
+        return MonoCalibration(read_eye(row), "", row.text("source", ""))
     try:
         source = _source(row, given[0])
         return load_stereo_camera(source) if stereo else load_camera(source)

@@ -11,9 +11,18 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.cameras.records import Intrinsics, StereoCalibration
 from trocar.descriptions.calibration_plan import hinge_side
+from trocar.descriptions.cameras import read_eye
 from trocar.descriptions.dynamics import apply_dynamics, dynamics_document, read_dynamics
-from trocar.descriptions.overlay_records import ClosureKind, ClosurePatch, FramePatch, Overlay
+from trocar.descriptions.frames import read_pose
+from trocar.descriptions.overlay_records import (
+    CameraPatch,
+    ClosureKind,
+    ClosurePatch,
+    FramePatch,
+    Overlay,
+)
 from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription, Body, Shape
 from trocar.descriptions.solids import read_solid, seen_and_touched
@@ -32,6 +41,7 @@ from trocar.kinematics.mechanism import Closure, Frame, Mechanism
 from trocar.outputs import whole_file
 
 __all__ = [
+    "CameraPatch",
     "ClosurePatch",
     "FramePatch",
     "Overlay",
@@ -132,6 +142,8 @@ def apply_overlay(arm: ArmDescription, overlay: Overlay) -> ArmDescription:
     mechanism = arm.mechanism
     _check_frames(arm, overlay, where)
     _check_known("closure", overlay.closures, [c.name for c in mechanism.closures], where)
+    if overlay.camera is not None and arm.type != "ECM":
+        raise InputError(f"{where}: camera: {arm.name} is of type {arm.type}; allowed: an ECM")
     if overlay.frames or overlay.closures:
         arm = _moved(arm, overlay, where)
     if overlay.dynamics is not None:
@@ -239,7 +251,9 @@ HEADER = """\
 # frame (of a hinge: its axis) in its parent at coordinate 0; rpy turns about the parent's fixed
 # axes x, y, z, rpy_sigma is of small turns about its own. point_a and point_b are a closing hinge
 # on its two frames. bodies: mass distributions; inertia_* is xx, yy, zz, xy, xz, yz about the
-# centre of mass. drivetrains: forces along combinations of joints (docs/dynamics.md).
+# centre of mass. drivetrains: forces along combinations of joints (docs/dynamics.md). camera: the
+# middle of both eyes in the ECM's tip frame (x right, y down, z ahead). bases: where other arms'
+# remote centres stand in this arm's frame.
 """
 
 
@@ -284,15 +298,7 @@ def overlay_text(overlay: Overlay) -> str:
     Raises:
         InputError: numbers that are not finite
     """
-    frames = {
-        name: {
-            "xyz_m": patch.xyz,
-            "xyz_sigma_m": patch.xyz_sigma,
-            "rpy_rad": patch.rpy,
-            "rpy_sigma_rad": patch.rpy_sigma,
-        }
-        for name, patch in overlay.frames.items()
-    }
+    frames = {name: _placed(patch) for name, patch in overlay.frames.items()}
     closures = {
         name: {
             "point_a_m": hinge.point_a,
@@ -311,10 +317,40 @@ def overlay_text(overlay: Overlay) -> str:
         "source": overlay.source or None,
         "frames": frames or None,
         "closures": closures or None,
+        "camera": None if overlay.camera is None else _camera(overlay.camera),
+        "bases": {name: _placed(patch) for name, patch in overlay.bases.items()} or None,
         "measured": overlay.measured or None,
         **({} if overlay.dynamics is None else dynamics_document(overlay.dynamics)),
     }
     return f"{HEADER}\n{toml_text(document)}"
+
+
+def _placed(patch: FramePatch) -> dict[str, Any]:
+    return {
+        "xyz_m": patch.xyz,
+        "xyz_sigma_m": patch.xyz_sigma,
+        "rpy_rad": patch.rpy,
+        "rpy_sigma_rad": patch.rpy_sigma,
+    }
+
+
+def _camera(camera: CameraPatch) -> dict[str, Any]:
+    left, right = (_eye(eye) for eye in camera.calibration.eyes)
+    T = camera.calibration.T_left_right
+    return {
+        **_placed(camera.place),
+        "left": left,
+        "right": {**right, "xyz_m": T[:3, 3], "rotation": T[:3, :3].tolist()},
+    }
+
+
+def _eye(eye: Intrinsics) -> dict[str, Any]:
+    return {
+        "size_px": list(eye.size),
+        "focal_px": [eye.K[0, 0], eye.K[1, 1]],
+        "principal_px": eye.K[:2, 2],
+        "distortion": eye.distortion,
+    }
 
 
 def _read(table: Table) -> Overlay:
@@ -334,6 +370,9 @@ def _read(table: Table) -> Overlay:
     if not isinstance(measured, dict):
         raise table.fail("measured", f"got {measured!r}; allowed: a table")
     dynamics = read_dynamics(table)
+    camera = _read_camera(table.table("camera")) if "camera" in table else None
+    others = table.optional_table("bases")
+    bases = {name: _read_frame(others.table(name)) for name in others.entries()}
     table.done()
     return Overlay(
         arm,
@@ -345,7 +384,22 @@ def _read(table: Table) -> Overlay:
         warnings,
         table.file,
         dynamics,
+        camera,
+        bases,
     )
+
+
+def _read_camera(table: Table) -> CameraPatch:
+    left, right = table.table("left"), table.table("right")
+    eyes = read_eye(left), read_eye(right)
+    T = read_pose(right)
+    left.done()
+    right.done()
+    try:
+        calibration = StereoCalibration(*eyes, T, "calibrated", table.file)
+    except InputError as problem:
+        raise table.fail("right", str(problem)) from problem
+    return CameraPatch(_read_frame(table), calibration)
 
 
 def _read_frame(row: Table) -> FramePatch:

@@ -9,6 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.cameras.records import StereoCalibration
+
 Array = NDArray[np.float64]
 ClosureKind = Literal["parallelogram", "general"]
 
@@ -156,6 +158,19 @@ class ClosurePatch:
 
 
 @dataclass(frozen=True, eq=False)
+class CameraPatch:
+    """The camera at the end of an ECM's scope.
+
+    Attributes:
+        place: T_tip_camera in the arm's tip frame: the middle of both eyes, which looks midway
+        calibration: both eyes
+    """
+
+    place: FramePatch
+    calibration: StereoCalibration
+
+
+@dataclass(frozen=True, eq=False)
 class Overlay:
     """One robot's own geometry and dynamics, to be laid over the description of its kind.
 
@@ -170,6 +185,9 @@ class Overlay:
         warnings: what the calibration had to say
         file: where the overlay was read from, "" for one made in Python
         dynamics: its identified bodies and drivetrains; None: those of the description
+        camera: what an ECM carries; None: what the rig has
+        bases: {other arm of the rig: its reference frame in this arm's}; those that are not named
+            stand where the rig has them
     """
 
     arm: str
@@ -181,3 +199,5 @@ class Overlay:
     warnings: tuple[str, ...] = ()
     file: str = ""
     dynamics: Dynamics | None = None
+    camera: CameraPatch | None = None
+    bases: Mapping[str, FramePatch] = field(default_factory=dict[str, FramePatch])

@@ -289,7 +289,7 @@ def _start(name: str, mine: Readings) -> _Model:
     """Return a model at a first guess of base and tip, without offsets."""
     at = pose(mine.arm.mechanism, mine.q)
     if mine.boards is not None:
-        base, tip = _hand_eye(at, mine.boards)
+        base, tip = hand_eye(at, mine.boards)
         return _Model(mine, base, tip)
     points = cast(Array, mine.points)
     tip = np.eye(4)
@@ -312,7 +312,7 @@ def _onto(points: Array, others: Array) -> Array:
     return transform(turn, b - turn @ a)
 
 
-def _hand_eye(tips: Array, boards: Array) -> tuple[Array, Array]:
+def hand_eye(tips: Array, boards: Array) -> tuple[Array, Array]:
     """Return T_camera_base and T_tip_board of Y A_k X = B_k, without weights.
 
     Source: Li, Wang, Wu, "Simultaneous robot-world and hand-eye calibration using dual-quaternions

@@ -83,10 +83,15 @@ def read_touches(path: str | Path) -> dict[str, Readings]:
         arms[name] = load_arm(row.text("description")), tip
         row.done()
     table.done()
-    return _readings(_rows(beside), arms, points)
+    return _readings(read_rows(beside), arms, points)
 
 
-def _rows(path: Path) -> CsvRows:
+def read_rows(path: Path) -> CsvRows:
+    """Read a comma-separated file, without blank lines.
+
+    Raises:
+        TracksError: it cannot be read
+    """
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as problem:

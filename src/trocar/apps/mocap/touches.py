@@ -149,7 +149,7 @@ def _readings(
             name = list(points)[len(rows) % len(points)]
             touched = points[name] + rng.normal(scale=settings.noise_m, size=3)
             goal = (inverse(base) @ np.append(touched, 1.0))[:3]
-            reached = _reach(arm, q, goal)
+            reached = reach(arm, q, goal)
             if reached is None:
                 continue
             q, first = reached, [name]
@@ -173,22 +173,33 @@ def _posture(arm: ArmDescription, middle: Array, rng: np.random.Generator) -> Ar
     return q
 
 
-def _reach(arm: ArmDescription, q: Array, goal: Array) -> Array | None:
-    """Return the nearest joint positions with the tip at a goal, None beyond the limits."""
-    own = arm.own_joints
+def reach(
+    arm: ArmDescription, q: Array, goal: Array, tip: Array | None = None, joints: int | None = None
+) -> Array | None:
+    """Return the nearest joint positions with a point of the tip at a goal, None beyond the limits.
+
+    Args:
+        arm: whose tip reaches
+        q: joint positions to begin with, (n_joints,) [rad or m]
+        goal: in the arm's reference frame, (3,) [m]
+        tip: the point in the tip's frame, (3,) [m]; None: its origin
+        joints: so many of the first move; None: all but the jaw
+    """
+    own = arm.own_joints if joints is None else joints
+    point = np.append(np.zeros(3) if tip is None else tip, 1.0)
     for _ in range(STEPS):
-        at = pose(arm.mechanism, q)[:3, 3]
+        at = (pose(arm.mechanism, q) @ point)[:3]
         if np.linalg.norm(goal - at) < REACHED_M:
             break
         jacobian = jacobian_spatial(arm.mechanism, q)
-        # columns give the twist about the reference's origin: the tip's own velocity from it
+        # columns give the twist about the reference's origin: the point's own velocity from it
         moves = jacobian[:3] + np.cross(jacobian[3:].T, at).T
         step = np.linalg.lstsq(moves[:, :own], goal - at, rcond=1e-6)[0]
         q = q.copy()
         q[:own] += step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
     inside = all(
         joint.lower <= value <= joint.upper
-        for joint, value in zip(arm.joints[:own], q, strict=False)
+        for joint, value in zip(arm.joints[: arm.own_joints], q, strict=False)
     )
-    off = float(np.linalg.norm(goal - pose(arm.mechanism, q)[:3, 3]))
+    off = float(np.linalg.norm(goal - (pose(arm.mechanism, q) @ point)[:3]))
     return q if inside and off < 1e-9 else None

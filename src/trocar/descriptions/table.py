@@ -40,6 +40,7 @@ UNITS: dict[str, dict[str, float]] = {
     "linear acceleration": {"m_s2": 1.0},
     "position": {"rad_m": 1.0},
     "frequency": {"hz": 1.0},
+    "time": {"s": 1.0},
 }
 
 #: Source: our own choice, 70 times the largest of ours; tomllib reads 1 MB within about 2 s.

@@ -151,7 +151,8 @@ def _filmed(args: Namespace) -> Iterator[Episode]:
 
 def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Add the left eye's picture of every 1/25 s to a video."""
-    from trocar.apps.filming import picture, video
+    from trocar.apps.filming.film import video
+    from trocar.apps.filming.layers import picture
     from trocar.outputs import check_file
     from trocar.rendering import Endoscope, Look
 

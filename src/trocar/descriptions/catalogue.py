@@ -21,7 +21,7 @@ DATA = Path(__file__).parent / "data"
 
 
 def names(shelf: Shelf) -> tuple[str, ...]:
-    """Return the names of the built-in arms, tools, rigs, cameras or scenes, sorted, then registered ones.
+    """Return the sorted names of built-in arms, tools, rigs and the like, then registered ones.
 
     Raises:
         InputError: two installed packages register one name

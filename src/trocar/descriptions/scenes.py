@@ -106,7 +106,15 @@ class Scene:
         props = {prop.name: prop for prop in self.rig.objects}
         for row in self.placements:
             nominal = props[row.object].pose
-            for _ in range(TRIES):
+            at, near = nominal[:3, 3], [row.object]
+            tries = 0
+            while near:
+                if tries == TRIES:
+                    raise InputError(
+                        f"{self.name}: no free place for {row.object} after {TRIES} draws; it"
+                        f" overlaps {', '.join(near)}; allowed: a wider spread or smaller radii"
+                    )
+                tries += 1
                 at = nominal[:3, 3] + row.spread * rng.uniform(-1.0, 1.0, 3)
                 near = [
                     other.object
@@ -115,13 +123,6 @@ class Scene:
                     and other.radius
                     and np.hypot(*(at[:2] - xy)) < row.radius + other.radius
                 ]
-                if not near:
-                    break
-            else:
-                raise InputError(
-                    f"{self.name}: no free place for {row.object} after {TRIES} draws; it overlaps"
-                    f" {', '.join(near)}; allowed: a wider spread or smaller radii"
-                )
             turn = rotation_z(row.turn * rng.uniform(-1.0, 1.0))
             found[row.object] = transform(turn @ nominal[:3, :3], at)
             circles.append((row, at[:2]))
@@ -165,9 +166,7 @@ def load_scene(name: str | Path) -> Scene:
     drop = _above_zero(table, "drop_height", "length", DROP_M)
     table.done()
     task = str(path.parent / task) if task.endswith(".py") else task
-    return Scene(
-        named, title, source, str(path), rig, task, arms, placements, goals, limit, drop
-    )
+    return Scene(named, title, source, str(path), rig, task, arms, placements, goals, limit, drop)
 
 
 def _rig(table: Table, rig: RigDescription, name: str) -> RigDescription:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.tasks.task import PERIOD_S, Task
-from trocar.geometry.rotations import rotation_vector_from_matrix, matrix_from_rotation_vector
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
@@ -18,12 +18,14 @@ Motion = Iterator[Array]
 #: How far beyond the tip (the fingers' pivot) objects are held. Source: the pads of a large needle
 #: driver end 10.5 mm beyond it. [m]
 REACH_M = 0.0085
-#: Mean... peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
+#: Peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
 SPEED_M_S, SPIN_RAD_S = 0.12, 2.5
 #: A minimum-jerk motion is 15/8 times as fast in its middle as on average. Source: its polynomial.
 PEAK = 15.0 / 8.0
 #: Openings of the jaw. Source: our own choice. [rad]
 OPEN, GRIP = 0.9, -0.3
+#: Upwards in the world.
+UP = np.array([0.0, 0.0, 1.0])
 #: Time in which the jaw closes on an object and the grip builds up. Source: our own choice. [s]
 CLOSE_S = 0.3
 
@@ -81,7 +83,7 @@ class Hand:
         """Go above a point in the world, (3,), fingers closing along an angle about z [m, rad]."""
         now = self.task.target(self.arm)
         turn = now[:3, :3] if angle is None else pointing_down(angle, now[:3, :3])
-        yield from self.go(transform(turn, point + [0.0, 0.0, height + REACH_M]))
+        yield from self.go(transform(turn, point + (height + REACH_M) * UP))
 
     def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
         """Grasp what is at a point from above and lift it.
@@ -96,7 +98,7 @@ class Hand:
         yield from self.over(point, height, angle)
         yield from self.over(point, 0.0)
         yield from self.close()
-        yield from self.shift(np.array([0.0, 0.0, height]))
+        yield from self.shift(height * UP)
 
     def place(self, name: str, at: Array, height: float, opening: float = OPEN) -> Motion:
         """Carry a held object over a place, lower it, release it and withdraw.
@@ -107,7 +109,7 @@ class Hand:
             height: above the place, on the way there and back [m]
             opening: of the jaw that releases it [rad]
         """
-        up = np.array([0.0, 0.0, height])
+        up = height * UP
         yield from self.shift(at + up - self.task.object_pose(name)[:3, 3])
         yield from self.shift(at - self.task.object_pose(name)[:3, 3])
         yield from self.wait(0.1)

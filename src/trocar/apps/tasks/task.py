@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -203,7 +204,7 @@ class Task:
         """
         raise InputError(f"{self.scene.name}: has no scripted policy; allowed: none")
 
-    def state(self) -> dict[str, object]:
+    def state(self) -> dict[str, Any]:
         """Return what counts so far, as plain values."""
         return {
             "scene": self.scene.name,
@@ -254,9 +255,7 @@ class Task:
             raise UnknownNameError("object", name, self._names, self.scene.name)
         row = self._names.index(name)
         states = self.world.object_states()
-        return transform(
-            matrix_from_quaternion(states.quaternions[row]), states.positions[row]
-        )
+        return transform(matrix_from_quaternion(states.quaternions[row]), states.positions[row])
 
     def held(self, arm: str) -> str:
         """Return the object that both fingers of an arm touch, "" for none."""
@@ -385,4 +384,3 @@ class Task:
                 f"{self.scene.name}: {name} at {np.round(at, 4).tolist()} m is out of reach of"
                 f" {', '.join(instruments)}; allowed: a place that one of them reaches"
             )
-

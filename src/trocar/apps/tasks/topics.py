@@ -13,6 +13,8 @@ from trocar.interfaces.crtk.topic import STRING, Topic, served
 TOPIC = "task/state"
 #: A message is sent when anything but the time changed, and this often. Source: our own choice. [s]
 REPORT_S = 1.0
+#: What changes with time alone.
+PASSING = ("time_s", "score")
 
 ROW = Topic(
     TOPIC,
@@ -31,10 +33,9 @@ def task_component(task: Task) -> Component:
         def look() -> None:
             task.look()
             found = task.state()
-            time = found["time_s"]
-            if {**found, "time_s": 0.0, "score": 0.0} == {**last, "time_s": 0.0, "score": 0.0}:
-                if 0.0 <= time - last["time_s"] < REPORT_S:
-                    return
+            same = all(found[key] == last.get(key) for key in found if key not in PASSING)
+            if same and 0.0 <= found["time_s"] - last["time_s"] < REPORT_S:
+                return
             last.clear()
             last.update(found)
             core.emit(TOPIC, {"data": json.dumps(found)})

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.tasks.motions import Hand, Motion, together
+from trocar.apps.tasks.motions import UP, Hand, Motion, together
 from trocar.apps.tasks.task import Task
 
 Array = NDArray[np.float64]
@@ -30,11 +30,11 @@ class PickPlace(Task):
     def _run(self, hand: Hand) -> Motion:
         for goal, at in self.goals:
             for _ in range(TRIES):
-                point = self.object_pose(goal.object)[:3, 3] + [0.0, 0.0, self.GRASP_M]
+                point = self.object_pose(goal.object)[:3, 3] + self.GRASP_M * UP
                 yield from hand.pick(point, np.pi / 2, self.WAY_M)
                 if self.held(hand.arm) == goal.object:
                     break
-            yield from hand.place(goal.object, at + [0.0, 0.0, self.RELEASE_M], self.WAY_M)
+            yield from hand.place(goal.object, at + self.RELEASE_M * UP, self.WAY_M)
 
 
 class PegBoard(Task):
@@ -53,8 +53,8 @@ class PegBoard(Task):
             for _ in range(TRIES):
                 middle = self.object_pose(goal.object)[:3, 3]
                 side = -1.0 if middle[1] > 0.0 else 1.0
-                point = middle + [0.0, side * self.RADIUS_M, 0.0]
+                point = middle + np.array([0.0, side * self.RADIUS_M, 0.0])
                 yield from hand.pick(point, np.pi / 2, self.WAY_M, 0.6)
                 if self.held(hand.arm) == goal.object:
                     break
-            yield from hand.place(goal.object, at + [0.0, 0.0, self.RELEASE_M], self.WAY_M, 0.6)
+            yield from hand.place(goal.object, at + self.RELEASE_M * UP, self.WAY_M, 0.6)

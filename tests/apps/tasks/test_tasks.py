@@ -110,7 +110,7 @@ def test_an_object_that_leaves_the_table_ends_the_episode(task: Task) -> None:
 @pytest.mark.parametrize(
     ("line", "put", "message"),
     [
-        ("spread_mm = [5, 2, 0] ", "spread_mm = [500, 2, 0] ", r"cube at .* is out of reach"),
+        ("xyz_mm = [30, -10, 7.01]", "xyz_mm = [300, -10, 7.01]", r"cube at .* is out of reach"),
         ('object = "cube"\nspr', 'object = "cone"\nspr', r"place\[0\].object: got 'cone'"),
         ("schema = 1", "schema = 1\nspeed = 3", "speed"),
         ("time_limit_s = 10", "time_limit_s = 0", "time_limit: got 0; allowed: above 0"),

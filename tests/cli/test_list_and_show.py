@@ -13,7 +13,7 @@ from trocar.descriptions import load_arm, names
 from trocar.geometry import modified_dh, standard_dh
 from trocar.kinematics.loops import flattenings
 
-SHELVES = ("arms", "tools", "rigs", "cameras")
+SHELVES = ("arms", "tools", "rigs", "cameras", "scenes")
 
 
 def test_everything_on_a_shelf_is_listed(trocar):

@@ -142,13 +142,13 @@ def test_an_interruption_says_so(trocar, monkeypatch):
     ("words", "complaint"),
     [
         (["--all"], "the following arguments are required: COMMAND (see trocar --help)"),
-        (["fly"], "unknown command 'fly'; known: sim, render, "),
+        (["fly"], "unknown command 'fly'; known: sim, play, "),
         (["simm"], "unknown command 'simm' (did you mean 'sim'?); known: sim, "),
         (["fk"], "fk: the following arguments are required: ARM, Q (see trocar fk --help)"),
         (["fk", "psm", "much"], "fk: argument Q: got 'much'; allowed: a number"),
         (["fk", "psm", "-much"], "fk: the following arguments are required: Q"),
         (["list", "arms", "--all"], "unrecognized arguments: --all"),
-        (["list", "legs"], "list: argument arms|tools|rigs|cameras: invalid choice: 'legs'"),
+        (["list", "legs"], "list: argument arms|tools|rigs|cameras|scenes: invalid choice: 'legs'"),
     ],
 )
 def test_a_command_line_that_cannot_be_read_is_refused_in_one_line(words, complaint, trocar):

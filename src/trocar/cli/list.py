@@ -1,4 +1,4 @@
-"""List the built-in arms, tools, rigs and cameras."""
+"""List the built-in arms, tools, rigs, cameras and scenes."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 from trocar.cli.arguments import add_json
 from trocar.cli.output import print_result, table
 
-SUMMARY = "list built-in arms, tools, rigs and cameras"
+SUMMARY = "list built-in arms, tools, rigs, cameras and scenes"
 ORDER = 140
 
-SHELVES = ("arms", "tools", "rigs", "cameras")
+SHELVES = ("arms", "tools", "rigs", "cameras", "scenes")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -29,7 +29,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Print the catalogue."""
-    readers = {"arms": _arms, "tools": _tools, "rigs": _rigs, "cameras": _cameras}
+    readers = {
+        "arms": _arms,
+        "tools": _tools,
+        "rigs": _rigs,
+        "cameras": _cameras,
+        "scenes": _scenes,
+    }
     found = {shelf: readers[shelf]() for shelf in ([args.shelf] if args.shelf else SHELVES)}
     print_result(args, found, lambda: "\n\n".join(_report(*shelf) for shelf in found.items()))
     return 0
@@ -81,6 +87,16 @@ def _cameras() -> list[dict[str, Any]]:
             "title": camera.title,
         }
         for name, camera in ((name, load_camera(name)) for name in presets())
+    ]
+
+
+def _scenes() -> list[dict[str, Any]]:
+    from trocar.descriptions import names
+    from trocar.descriptions.scenes import load_scene
+
+    return [
+        {"name": s.name, "arms": list(s.arms), "time_limit_s": s.time_limit, "title": s.title}
+        for s in map(load_scene, names("scenes"))
     ]
 
 

@@ -12,7 +12,7 @@ import re
 import sys
 from argparse import ArgumentParser, Namespace
 from ast import literal_eval
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -32,7 +32,7 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from trocar.apps.fixtures import Fixtures
     from trocar.apps.teleoperation.session import Session
-    from trocar.interfaces.crtk import Transport
+    from trocar.interfaces.crtk import Component, Transport
     from trocar.interfaces.origins import PageAccess
     from trocar.simulation import World
 
@@ -101,13 +101,19 @@ def add_serving(parser: ArgumentParser) -> None:
     add_record_images(cameras)
 
 
-def serve(world: World, args: Namespace, session: Session | None = None) -> None:
+def serve(
+    world: World,
+    args: Namespace,
+    session: Session | None = None,
+    components: Sequence[Component] = (),
+) -> None:
     """Run and serve a world until Ctrl-C or the end of --duration.
 
     Args:
         world: world to simulate
         args: parsed options of `add_serving`
         session: teleoperation by devices of this machine; None: clients drive the rig's masters
+        components: further topics
 
     Raises:
         InputError: port, host, token or fixture is not usable, or nothing is served
@@ -156,7 +162,7 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
             pictures.start()
         record_images(world, pictures, args)
         if shared:
-            from trocar.apps.teleoperation import components
+            from trocar.apps.teleoperation import components as teleoperated
             from trocar.interfaces.crtk import Core
 
             sys.setswitchinterval(SWITCH_S)
@@ -167,7 +173,10 @@ def serve(world: World, args: Namespace, session: Session | None = None) -> None
                 clock=args.clock,
                 compat=args.compat,
                 pictures=pictures,
-                components=(components if session is None else session.components)(loop, fixtures),
+                components=(
+                    *(teleoperated if session is None else session.components)(loop, fixtures),
+                    *components,
+                ),
                 exclusive=args.exclusive,
                 **{name: value for name, value in given.items() if value is not None},
             )

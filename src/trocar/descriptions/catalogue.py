@@ -15,13 +15,13 @@ from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 from trocar.inputs import is_file
 
-Shelf = Literal["arms", "tools", "rigs", "cameras"]
+Shelf = Literal["arms", "tools", "rigs", "cameras", "scenes"]
 
 DATA = Path(__file__).parent / "data"
 
 
 def names(shelf: Shelf) -> tuple[str, ...]:
-    """Return the names of the built-in arms, tools, rigs or cameras, sorted, then registered ones.
+    """Return the sorted names of built-in arms, tools, rigs and the like, then registered ones.
 
     Raises:
         InputError: two installed packages register one name
@@ -48,7 +48,7 @@ def load_arm(
         DescriptionError: the file is broken; file, key, got and allowed are named
         InputError: the overlay is for another arm
     """
-    table = _open("arms", _find("arms", name))
+    table = _open("arms", find("arms", name))
     mounted = table.text("default_tool", "") if tool is None else str(tool)
     arm = read_arm(table, None if mounted in ("", "none") else load_tool(mounted))
     return calibrated(arm, calibration)
@@ -67,12 +67,12 @@ def load_mechanism(
 
 def load_tool(name: str | Path) -> ToolDescription:
     """Load a tool by its name or path."""
-    return read_tool(_open("tools", _find("tools", name)))
+    return read_tool(_open("tools", find("tools", name)))
 
 
 def document(shelf: Literal["arms", "tools"], name: str | Path) -> dict[str, Any]:
     """Return the entries of an arm's or a tool's file, on those of its base."""
-    return _open(shelf, _find(shelf, name)).document()
+    return _open(shelf, find(shelf, name)).document()
 
 
 def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDescription:
@@ -88,7 +88,7 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
         DescriptionError: a file is broken
         InputError: an overlay for none of the arms
     """
-    path = _find("rigs", name)
+    path = find("rigs", name)
     loaded: dict[tuple[str, str | None], ArmDescription] = {}
 
     def beside(entry: str) -> str:
@@ -118,7 +118,7 @@ def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:
         return table
     name = table.text("base")
     try:
-        base = _find(shelf, path.parent / name if name.endswith(".toml") else name)
+        base = find(shelf, path.parent / name if name.endswith(".toml") else name)
     except TrocarError as problem:
         raise table.fail("base", str(problem)) from problem
     if base in (path, *above):
@@ -128,10 +128,16 @@ def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:
 
 
 def _bodiless(shelf: Shelf, name: str | Path) -> Table:
-    return _open(shelf, _find(shelf, name)).without("body", "counterweight")
+    return _open(shelf, find(shelf, name)).without("body", "counterweight")
 
 
-def _find(shelf: Shelf, name: str | Path) -> Path:
+def find(shelf: Shelf, name: str | Path) -> Path:
+    """Return the file of a description: a built-in or registered name, or a path.
+
+    Raises:
+        UnknownNameError: no such name; the known ones are listed
+        DescriptionError: there is no such file
+    """
     text = str(name)
     if text.endswith(".toml") or isinstance(name, Path):
         path = Path(name).expanduser().resolve()

@@ -1,0 +1,144 @@
+"""Motions that scripted policies are made of, as generators of one arm's part of an action."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.tasks.task import PERIOD_S, Task
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
+from trocar.geometry.se3 import transform
+
+Array = NDArray[np.float64]
+Motion = Iterator[Array]
+
+#: How far beyond the tip (the fingers' pivot) objects are held. Source: the pads of a large needle
+#: driver end 10.5 mm beyond it. [m]
+REACH_M = 0.0085
+#: Peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
+SPEED_M_S, SPIN_RAD_S = 0.12, 2.5
+#: A minimum-jerk motion is 15/8 times as fast in its middle as on average. Source: its polynomial.
+PEAK = 15.0 / 8.0
+#: Openings of the jaw. Source: our own choice. [rad]
+OPEN, GRIP = 0.9, -0.3
+#: Upwards in the world.
+UP = np.array([0.0, 0.0, 1.0])
+#: Time in which the jaw closes on an object and the grip builds up. Source: our own choice. [s]
+CLOSE_S = 0.3
+
+
+class Hand:
+    """An instrument of a task under a scripted policy.
+
+    Args:
+        task: the episode
+        arm: name of a PSM that the task drives
+    """
+
+    def __init__(self, task: Task, arm: str) -> None:
+        self.task, self.arm = task, arm
+        self.jaw = float(task.idle()[arm][-1])
+
+    def go(self, goal: Array, speed: float = SPEED_M_S) -> Motion:
+        """Bring the tip to a pose in the world, (4, 4), with minimum jerk."""
+        start = self.task.target(self.arm)
+        turn = rotation_vector_from_matrix(goal[:3, :3] @ start[:3, :3].T)
+        way = goal[:3, 3] - start[:3, 3]
+        time = PEAK * max(np.linalg.norm(way) / speed, np.linalg.norm(turn) / SPIN_RAD_S)
+        count = max(1, math.ceil(time / PERIOD_S))
+        for k in range(1, count + 1):
+            s = k / count
+            s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+            now = self.task.target(self.arm)
+            at = start[:3, 3] + s * way
+            facing = matrix_from_rotation_vector(s * turn) @ start[:3, :3]
+            change = rotation_vector_from_matrix(facing @ now[:3, :3].T)
+            yield np.concatenate([(at - now[:3, 3]) / PERIOD_S, change / PERIOD_S, [self.jaw]])
+
+    def shift(self, way: Array, speed: float = SPEED_M_S) -> Motion:
+        """Move the tip along a straight line, (3,) [m], without turning."""
+        goal = self.task.target(self.arm)
+        goal[:3, 3] += way
+        yield from self.go(goal, speed)
+
+    def wait(self, time: float) -> Motion:
+        """Hold still for a time [s]."""
+        for _ in range(max(1, round(time / PERIOD_S))):
+            yield np.concatenate([np.zeros(6), [self.jaw]])
+
+    def close(self, opening: float = GRIP) -> Motion:
+        """Close the jaw, with grip below 0 [rad]."""
+        self.jaw = opening
+        yield from self.wait(CLOSE_S)
+
+    def open(self, opening: float = OPEN) -> Motion:
+        """Open the jaw [rad]."""
+        self.jaw = opening
+        yield from self.wait(CLOSE_S)
+
+    def over(self, point: Array, height: float, angle: float | None = None) -> Motion:
+        """Go above a point in the world, (3,), fingers closing along an angle about z [m, rad]."""
+        now = self.task.target(self.arm)
+        turn = now[:3, :3] if angle is None else pointing_down(angle, now[:3, :3])
+        yield from self.go(transform(turn, point + (height + REACH_M) * UP))
+
+    def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
+        """Grasp what is at a point from above and lift it.
+
+        Args:
+            point: between the fingers, in the world, (3,) [m]
+            angle: of the direction along which the fingers close, about the world's z [rad]
+            height: above the point, on the way there and back [m]
+            opening: of the jaw on the way down [rad]
+        """
+        self.jaw = opening
+        yield from self.over(point, height, angle)
+        yield from self.over(point, 0.0)
+        yield from self.close()
+        yield from self.shift(height * UP)
+
+    def place(self, name: str, at: Array, height: float, opening: float = OPEN) -> Motion:
+        """Carry a held object over a place, lower it, release it and withdraw.
+
+        Args:
+            name: of the object
+            at: where its frame shall be, in the world, (3,) [m]
+            height: above the place, on the way there and back [m]
+            opening: of the jaw that releases it [rad]
+        """
+        up = height * UP
+        yield from self.shift(at + up - self.task.object_pose(name)[:3, 3])
+        yield from self.shift(at - self.task.object_pose(name)[:3, 3])
+        yield from self.wait(0.1)
+        yield from self.open(opening)
+        yield from self.shift(up)
+
+
+def pointing_down(angle: float, near: Array) -> Array:
+    """Return the rotation of a tip that points down, (3, 3).
+
+    Fingers close along an angle about the world's z; of both such rotations the one nearer to
+    another rotation.
+    """
+    c, s = math.cos(angle), math.sin(angle)
+    found = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+    other = found * [-1.0, -1.0, 1.0]
+    return max(found, other, key=lambda R: float(np.trace(R @ near.T)))
+
+
+def together(task: Task, **hands: Motion) -> Iterator[Array]:
+    """Yield whole actions that run motions of arms side by side, until the last one ends."""
+    running = dict(hands)
+    while running:
+        parts = task.idle()
+        for arm in list(running):
+            part = next(running[arm], None)
+            if part is None:
+                del running[arm]
+            else:
+                parts[arm] = part
+        if running:
+            yield np.concatenate([parts[arm] for arm in task.arms])

@@ -1,0 +1,182 @@
+"""Play episodes of a scene, in this process or on local workers, with the same results."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.apps.tasks.episode import Episode
+from trocar.apps.tasks.registry import make_task
+from trocar.apps.tasks.task import Task
+from trocar.errors import InputError, TrocarError
+
+Array = NDArray[np.float64]
+#: Returns an action from an observation.
+Policy = Callable[[dict[str, Array]], ArrayLike]
+
+#: How often an episode is begun whose worker dies. Source: our own choice.
+ATTEMPTS = 3
+
+
+def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
+    """Run an episode to its end and return its result.
+
+    Args:
+        task: reset first
+        seed: of the episode
+        policy: returns an action from an observation; None: the scripted policy of the task, after
+            whose end the arms stay where they are
+
+    Raises:
+        InputError: no free place, no scripted policy, or an action that is not allowed
+        DivergedError: the simulation diverged
+    """
+    seen = task.reset(seed)
+    script = task.policy() if policy is None else iter(())
+    while not task.done:
+        if policy is None:
+            action: ArrayLike | None = next(script, None)
+            if action is None:
+                idle = task.idle()
+                action = np.concatenate([idle[arm] for arm in task.arms])
+        else:
+            action = policy(seen)
+        task.command(action)
+        if policy is not None:
+            seen = task.observation()
+    return task.result(seed)
+
+
+def play(scene: str, seeds: Sequence[int], workers: int = 1) -> Iterator[Episode]:
+    """Yield the scripted episodes of seeds in their order, as each is known.
+
+    Each follows from scene and seed alone, however many workers there are. The episode of a worker
+    that dies is run again; no other is.
+
+    Args:
+        scene: name of the scene, or path of its file
+        seeds: of the episodes
+        workers: processes; 1: this one
+
+    Raises:
+        InputError: no such scene, or workers below 1
+        TrocarError: what an episode raised, or its worker died three times
+    """
+    if workers < 1:
+        raise InputError(f"workers: got {workers}; allowed: 1 or more")
+    if workers == 1:
+        task = make_task(scene)
+        for seed in seeds:
+            yield run_episode(task, seed)
+        return
+    pool = _Pool(scene, list(seeds), min(workers, len(seeds)))
+    try:
+        yield from pool.results()
+    finally:
+        pool.close()
+
+
+@dataclass
+class _Worker:
+    process: BaseProcess
+    connection: Connection[Any, Any]
+    index: int | None = None
+
+
+@dataclass
+class _Pool:
+    """Processes that each run one episode at a time."""
+
+    scene: str
+    seeds: list[int]
+    count: int
+    workers: list[_Worker] = field(default_factory=list[_Worker])
+
+    def results(self) -> Iterator[Episode]:
+        """Yield the episodes in the order of the seeds."""
+        waiting = list(range(len(self.seeds)))[::-1]
+        begun = [0] * len(self.seeds)
+        found: dict[int, Episode] = {}
+        due = 0
+        while due < len(self.seeds):
+            self._assign(waiting, begun)
+            busy = [worker for worker in self.workers if worker.index is not None]
+            ready = wait([worker.connection for worker in busy])
+            for worker in busy:
+                if worker.connection in ready:
+                    self._receive(worker, waiting, begun, found)
+            while due in found:
+                yield found.pop(due)
+                due += 1
+
+    def close(self) -> None:
+        """End the processes."""
+        for worker in self.workers:
+            worker.connection.close()
+            worker.process.terminate()
+            worker.process.join()
+
+    def _assign(self, waiting: list[int], begun: list[int]) -> None:
+        """Give every idle worker an episode; start workers that are missing."""
+        while waiting and (idle := self._idle()) is not None:
+            idle.index = waiting.pop()
+            begun[idle.index] += 1
+            with suppress(OSError):  # it died; `wait` reports the end of its pipe
+                idle.connection.send(self.seeds[idle.index])
+
+    def _idle(self) -> _Worker | None:
+        for worker in self.workers:
+            if worker.index is None:
+                return worker
+        if len(self.workers) == self.count:
+            return None
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(self.scene, there), daemon=True)
+        process.start()
+        there.close()
+        self.workers.append(_Worker(process, here))
+        return self.workers[-1]
+
+    def _receive(
+        self, worker: _Worker, waiting: list[int], begun: list[int], found: dict[int, Episode]
+    ) -> None:
+        """Take a worker's result; replace a worker that died and run its episode again."""
+        index = worker.index or 0
+        try:
+            answer = worker.connection.recv()
+        except (EOFError, OSError):
+            self.workers.remove(worker)
+            worker.connection.close()
+            worker.process.join()
+            if begun[index] == ATTEMPTS:
+                raise TrocarError(
+                    f"{self.scene}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
+                    f" last time with exit code {worker.process.exitcode}"
+                ) from None
+            waiting.append(index)
+            return
+        if isinstance(answer, TrocarError):
+            raise answer
+        worker.index = None
+        found[index] = answer
+
+
+def _work(scene: str, connection: Connection[Any, Any]) -> None:
+    """Run episodes as their seeds arrive, in a process of its own."""
+    try:
+        task = make_task(scene)
+        while True:
+            connection.send(run_episode(task, connection.recv()))
+    except (EOFError, KeyboardInterrupt):
+        return
+    except TrocarError as problem:
+        connection.send(TrocarError(str(problem)))

@@ -1,0 +1,41 @@
+"""Which class of tasks a scene names: one of ours, a registered one, or one in a Python file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from trocar.apps.tasks.task import Task
+from trocar.apps.tasks.transfer import PegBoard, PickPlace
+from trocar.descriptions.plugins import load_registered, registered
+from trocar.descriptions.scenes import Scene, load_scene
+from trocar.errors import InputError, UnknownNameError
+from trocar.modeling.props import run_script
+
+TASKS: dict[str, type[Task]] = {"task": Task, "pick-place": PickPlace, "peg-board": PegBoard}
+
+
+def make_task(scene: Scene | str | Path) -> Task:
+    """Return the task of a scene, with its world, after a reset with seed 0.
+
+    Args:
+        scene: a scene, its name, or the path of its TOML file
+
+    Raises:
+        UnknownNameError: no such scene or class; the known ones are listed
+        DescriptionError: a broken file
+        InputError: what a package or a file has under the name is no class of tasks
+    """
+    found = scene if isinstance(scene, Scene) else load_scene(scene)
+    kind: Any
+    if found.task.endswith(".py"):
+        kind = run_script(found.task, "SceneTask")
+    elif found.task in TASKS:
+        kind = TASKS[found.task]
+    elif found.task in registered("tasks"):
+        kind = load_registered("tasks", found.task)
+    else:
+        raise UnknownNameError("task", found.task, (*TASKS, *registered("tasks")), found.file)
+    if not isinstance(kind, type) or not issubclass(kind, Task):
+        raise InputError(f"{found.file}: task: got {kind!r}; allowed: a class that extends Task")
+    return kind(found)

@@ -1,0 +1,386 @@
+"""A scene as a task: reset, observation, command, reward, done and score of an episode."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.apps.scoring import fls_score
+from trocar.apps.tasks.episode import Episode
+from trocar.descriptions.scenes import Goal, Scene
+from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
+from trocar.geometry.rotations import (
+    matrix_from_quaternion,
+    matrix_from_rotation_vector,
+    quaternion_from_matrix,
+)
+from trocar.geometry.se3 import inverse, transform
+from trocar.simulation import World
+
+Array = NDArray[np.float64]
+
+#: Time that a command lasts. Source: our own choice, 50 Hz. [s]
+PERIOD_S = 0.02
+#: Physics steps between the set-points of a command: straight lines between its ends.
+#: Source: our own choice.
+EVERY = 5
+#: Largest speeds of a tip, of its rotation and of the jaw. Source: our own choice; instruments move
+#: at up to 0.1 m/s in peg transfers (`trocar score`). [m/s, rad/s, rad/s]
+SPEED_M_S, SPIN_RAD_S, JAW_RAD_S = 0.2, 4.0, 5.0
+#: A grip closes so far beyond what the jaw measures. Source: the servo (6 N m/rad) then exerts its
+#: 0.16 N m ten times over, and the tracking tolerance of 0.6 rad is not reached. [rad]
+GRIP_RAD = 0.3
+#: Goals must be met for so long. Source: our own choice. [s]
+SETTLED_S = 0.2
+#: An object this far below the lowest goal is out of play. Source: our own choice. [m]
+LOST_M = 0.05
+#: What holds objects.
+GRASP = "friction"
+
+
+class Task:
+    """A scene with its world, and the bookkeeping of an episode; a class of tasks extends it.
+
+    An action has seven numbers for each PSM of `scene.arms`: velocity of the tip and its angular
+    velocity in axes of the world [m/s, rad/s], opening of the jaw, grip below 0 [rad]; and four
+    for an ECM, the velocities of its joints [rad/s, m/s]. Values beyond `limits` are clipped.
+
+    Args:
+        scene: what to do
+
+    Attributes:
+        scene, world: as given, and the simulation
+        arms: that an action drives, in its order
+        goals: of this episode, with places drawn
+        drops: objects dropped so far
+        done: whether the episode is over
+        reason: why: "done", "time", or what went wrong; "" before
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.world = World(scene.rig)
+        self.arms = scene.arms
+        self._slices: dict[str, slice] = {}
+        low: list[float] = []
+        high: list[float] = []
+        for name in self.arms:
+            begin, arm = len(high), self.world.arms[name]
+            if arm.type == "PSM":
+                high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
+                low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
+            else:
+                most = [joint.velocity_max for joint in arm.description.joints]
+                high += most
+                low += [-value for value in most]
+            self._slices[name] = slice(begin, len(high))
+        #: The least and largest values of an action.
+        self.limits: tuple[Array, Array] = np.array(low), np.array(high)
+        self._names = tuple(self.world.objects)
+        self.reset(0)
+
+    # ------------------------------------------------------------------ episode
+
+    def reset(self, seed: int) -> dict[str, Array]:
+        """Begin an episode, a function of the seed; return its first observation.
+
+        Raises:
+            InputError: no free place for an object, or one that no arm reaches
+        """
+        world, scene = self.world, self.scene
+        world.reset(seed)
+        rng = np.random.default_rng(seed)
+        for name, T in scene.placed(rng).items():
+            self._check_reach(name, T[:3, 3])
+            world.objects[name].set_cp(T)
+        self.goals = tuple(
+            (goal, goal.at + goal.spread * rng.uniform(-1.0, 1.0, 3)) for goal in scene.goals
+        )
+        for goal, at in self.goals:
+            self._check_reach(goal.name, at)
+        self._begin()
+        return self.observation()
+
+    def _begin(self) -> None:
+        """Begin to count, from where everything is."""
+        world = self.world
+        self._targets: dict[str, Array] = {}
+        self._joints = {name: world.arms[name].setpoints() for name in self.arms}
+        for name in self.arms:
+            if world.arms[name].type == "PSM":
+                self._targets[name] = world.arms[name].tip_in_world().T
+        self.drops, self.done, self.reason = 0, False, ""
+        self.success, self.time = False, 0.0
+        self._since: float | None = None
+        self._reward, self._met = 0.0, 0
+        self._held: dict[str, str] = {}
+        self._fell_from: dict[str, float] = {}
+        self.distance = dict.fromkeys(self.arms, 0.0)
+        self.force = dict.fromkeys(self.arms, 0.0)
+        self.grip = dict.fromkeys(self.arms, 0.0)
+        self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
+        self.look()
+        self._reward = 0.0
+
+    def observation(self) -> dict[str, Array]:
+        """Return what a policy may see, in the world and in SI.
+
+        Returns:
+            {arm: tip position and quaternion wxyz, and opening of the jaw (8,); joints of an ECM
+            (4,)}, {object: position and quaternion (7,)}, "goals": (n, 3), "time": (1,)
+        """
+        found: dict[str, Array] = {}
+        for name in self.arms:
+            arm = self.world.arms[name]
+            q = arm.positions()
+            if arm.type == "PSM":
+                T = arm.tip_in_world().T
+                found[name] = np.concatenate([T[:3, 3], quaternion_from_matrix(T[:3, :3]), q[-1:]])
+            else:
+                found[name] = q
+        states = self.world.object_states()
+        for row, name in enumerate(states.names):
+            found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
+        found["goals"] = np.array([at for _, at in self.goals])
+        found["time"] = np.array([self.world.time])
+        return found
+
+    def command(self, action: ArrayLike) -> float:
+        """Drive the arms for one period of 20 ms and return the reward.
+
+        Args:
+            action: see the class
+
+        Raises:
+            InputError: another shape or numbers that are not finite; nothing moves
+            DivergedError: the simulation diverged
+        """
+        low, high = self.limits
+        try:
+            values = np.asarray(action, np.float64)
+        except (TypeError, ValueError, OverflowError):
+            values = np.full(1, np.nan)
+        if values.shape != high.shape or not np.isfinite(values).all():
+            raise InputError(
+                f"{self.scene.name}: got the action {action!r}; allowed: {len(high)} finite numbers"
+            )
+        if self.done:
+            raise InputError(f"{self.scene.name}: the episode is over; allowed: reset")
+        values = np.clip(values, low, high)
+        steps = round(PERIOD_S / self.world.timestep)
+        rows = max(1, steps // EVERY)
+        shares = np.arange(1, rows + 1)[:, None] / rows
+        positions: dict[str, Array] = {}
+        velocities: dict[str, Array] = {}
+        for name in self.arms:
+            before = self._joints[name]
+            after = self._next(name, before, values[self._slices[name]])
+            positions[name] = before + shares * (after - before)
+            velocities[name] = np.tile((after - before) / PERIOD_S, (rows, 1))
+            self._joints[name] = after
+        self.world.play(positions, velocities, every=steps // rows, record=False)
+        self.look()
+        return self._reward
+
+    def reward(self) -> float:
+        """Return the change of the share of goals that are met, of the last command."""
+        return self._reward
+
+    def score(self) -> float:
+        """Return the points of the episode as `fls_score` has them."""
+        wrong = len(self.goals) - self._met
+        limit = self.scene.time_limit
+        return fls_score(min(self.time, limit), len(self.goals), self.drops, wrong, limit)
+
+    def policy(self) -> Iterator[Array]:
+        """Yield the actions of the scripted policy from the state of the task.
+
+        Raises:
+            InputError: the task has none
+        """
+        raise InputError(f"{self.scene.name}: has no scripted policy; allowed: none")
+
+    def state(self) -> dict[str, Any]:
+        """Return what counts so far, as plain values."""
+        return {
+            "scene": self.scene.name,
+            "time_s": round(self.time, 3),
+            "score": round(self.score(), 1),
+            "goals": len(self.goals),
+            "met": self._met,
+            "drops": self.drops,
+            "done": self.done,
+            "reason": self.reason,
+        }
+
+    def result(self, seed: int) -> Episode:
+        """Return what came of the episode."""
+        return Episode(
+            scene=self.scene.name,
+            seed=seed,
+            success=self.success,
+            reason=self.reason or "running",
+            score=self.score(),
+            time_s=self.time,
+            goals=len(self.goals),
+            met=self._met,
+            drops=self.drops,
+            distance_m=dict(self.distance),
+            force_n=dict(self.force),
+            grip_n=dict(self.grip),
+            grasp=GRASP,
+            digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
+        )
+
+    # ------------------------------------------------------------------ looking
+
+    def target(self, arm: str) -> Array:
+        """Return the set-point of a tip in the world, (4, 4)."""
+        return self._targets[arm].copy()
+
+    def idle(self) -> dict[str, Array]:
+        """Return each arm's part of the action that holds it, {arm: (7,) or (4,)}."""
+        found = {name: np.zeros(part.stop - part.start) for name, part in self._slices.items()}
+        for name in self._targets:
+            found[name][-1] = self._joints[name][-1]
+        return found
+
+    def object_pose(self, name: str) -> Array:
+        """Return where an object is in the world, (4, 4)."""
+        if name not in self._names:
+            raise UnknownNameError("object", name, self._names, self.scene.name)
+        row = self._names.index(name)
+        states = self.world.object_states()
+        return transform(matrix_from_quaternion(states.quaternions[row]), states.positions[row])
+
+    def held(self, arm: str) -> str:
+        """Return the object that both fingers of an arm touch, "" for none."""
+        return self._held.get(arm, "")
+
+    def met(self, goal: Goal, at: Array) -> bool:
+        """Return whether a goal is met now."""
+        if goal.arm:
+            off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
+        else:
+            if goal.object in self._held.values():
+                return False
+            off = self.object_pose(goal.object)[:3, 3] - at
+        return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)
+
+    def look(self) -> None:
+        """Note grasps, drops, forces, paths and goals; call it every period, whoever drives."""
+        world = self.world
+        if world.time < self.time:  # somebody else reset it
+            self._begin()
+        if self.done:
+            return
+        self.time = world.time
+        self._touch()
+        for name in self.arms:
+            tip = world.arms[name].tip_in_world().T[:3, 3]
+            self.distance[name] += float(np.linalg.norm(tip - self._tips[name]))
+            self._tips[name] = tip
+        count = sum(self.met(goal, at) for goal, at in self.goals)
+        self._reward, self._met = (count - self._met) / len(self.goals), count
+        if count < len(self.goals):
+            self._since = None
+        elif self._since is None:
+            self._since = self.time
+        if self._since is not None and self.time - self._since >= SETTLED_S:
+            self.done, self.success, self.reason = True, True, "done"
+            return
+        states = world.object_states()
+        floor = min((at[2] for _, at in self.goals), default=0.0) - LOST_M
+        lost = [n for n, p in zip(states.names, states.positions, strict=True) if p[2] < floor]
+        faults = [n for n in self.arms if world.arms[n].operating_state().state == "FAULT"]
+        if faults:
+            self.done, self.reason = True, f"{', '.join(faults)}: FAULT"
+        elif lost:
+            self.drops += len(lost)
+            self.done, self.reason = True, f"{', '.join(lost)}: out of play"
+        elif self.time >= self.scene.time_limit - 1e-9:
+            self.done, self.reason = True, "time"
+
+    # ------------------------------------------------------------------ inside
+
+    def _touch(self) -> None:
+        """Note what fingers press on, who holds what, and what was dropped."""
+        table = self.world.contact_table()
+        pressed: dict[str, dict[str, dict[str, float]]] = {}
+        outside = {name: np.zeros(3) for name in self.arms}
+        for (one, two), force in zip(table.bodies, table.forces, strict=True):
+            pair = table.names[one], table.names[two]
+            for mine, other, sign in ((*pair, 1.0), (*pair[::-1], -1.0)):
+                arm, _, frame = mine.partition("/")
+                if arm not in outside or other.startswith(f"{arm}/"):
+                    continue
+                outside[arm] += sign * force
+                if frame in ("finger_left", "finger_right"):
+                    fingers = pressed.setdefault(arm, {}).setdefault(other, {})
+                    fingers[frame] = fingers.get(frame, 0.0) + float(np.linalg.norm(force))
+        before, self._held = self._held, {}
+        for arm, by_object in pressed.items():
+            for name, fingers in by_object.items():
+                if len(fingers) == 2 and name in self._names and min(fingers.values()) > 0.0:
+                    self._held[arm] = name
+                    self.grip[arm] = max(self.grip[arm], min(fingers.values()))
+        for arm, force in outside.items():
+            self.force[arm] = max(self.force[arm], float(np.linalg.norm(force)))
+        now = set(self._held.values())
+        for name in set(before.values()) - now:
+            self._fell_from[name] = float(self.object_pose(name)[2, 3])
+        for name in now:
+            self._fell_from.pop(name, None)
+        for name, height in list(self._fell_from.items()):
+            if height - float(self.object_pose(name)[2, 3]) > self.scene.drop_height:
+                self.drops += 1
+                del self._fell_from[name]
+
+    def _next(self, name: str, before: Array, values: Array) -> Array:
+        """Return an arm's set-points after a period, those before where it cannot go on."""
+        arm = self.world.arms[name]
+        if arm.type != "PSM":
+            return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
+        goal = self._targets[name].copy()
+        goal[:3, 3] += values[:3] * PERIOD_S
+        goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
+        after = before.copy()
+        try:
+            after[:-1] = arm.inverse_kinematics(self._public(name) @ goal, before[:-1])
+            most = np.array([joint.velocity_max for joint in arm.description.joints])
+            if (np.abs(after - before) <= most * PERIOD_S).all():
+                self._targets[name] = goal
+            else:
+                after = before.copy()
+        except (UnreachableError, SingularError):
+            after = before.copy()
+        opening = values[6]
+        if opening < 0.0:
+            opening = max(opening, float(arm.positions()[-1]) - GRIP_RAD)
+        change = np.clip(opening - before[-1], -JAW_RAD_S * PERIOD_S, JAW_RAD_S * PERIOD_S)
+        after[-1] = before[-1] + change
+        return after
+
+    def _public(self, name: str) -> Array:
+        """Return the world in the frame of an arm's public poses, (4, 4)."""
+        return self.world.base_pose(name)[0] @ inverse(self.world.reference_pose(name))
+
+    def _check_reach(self, name: str, at: Array) -> None:
+        """Reject a place that no driven instrument reaches, pointing straight down."""
+        instruments = [arm for arm in self.arms if self.world.arms[arm].type == "PSM"]
+        down = np.diag([1.0, -1.0, -1.0])
+        for arm in instruments:
+            try:
+                self.world.arms[arm].inverse_kinematics(self._public(arm) @ transform(down, at))
+            except (UnreachableError, SingularError):
+                continue
+            return
+        if instruments:
+            raise InputError(
+                f"{self.scene.name}: {name} at {np.round(at, 4).tolist()} m is out of reach of"
+                f" {', '.join(instruments)}; allowed: a place that one of them reaches"
+            )

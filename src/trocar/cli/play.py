@@ -1,0 +1,202 @@
+"""Play a training scene: by its scripted policy and scored, or by a person or a client.
+
+--policy scripted (default with --headless) runs episodes as fast as possible and prints success,
+score, time, distances, forces and drops of each. --policy none (default without --headless) serves
+the scene like trocar sim; the score is on the topic task/state. See docs/scenes.md.
+"""
+
+from __future__ import annotations
+
+import sys
+from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from trocar.cli.arguments import add_json, duration
+from trocar.cli.output import fixed, print_result, progress_bar, table
+from trocar.cli.serving import add_serving, serve
+from trocar.cli.worlds import add_record, recording
+from trocar.errors import InputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from trocar.apps.tasks import Episode, Task
+
+SUMMARY = "play a training scene, scripted or by hand"
+ORDER = 15
+
+#: Frames of a video a second. Source: our own choice.
+VIDEO_HZ = 25.0
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Describe the arguments."""
+    parser.add_argument(
+        "scene", metavar="SCENE", help="built-in scene (see trocar list scenes) or TOML file"
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, metavar="N", help="seed of the first episode (default: 0)"
+    )
+    parser.add_argument(
+        "--policy",
+        choices=("scripted", "none"),
+        help="scripted: the scene's own policy (default with --headless); none: a person or a"
+        " client drives (default without)",
+    )
+    parser.add_argument(
+        "--headless", action="store_true", help="run without web viewer and clients"
+    )
+    parser.add_argument(
+        "--episodes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="episodes, with the seeds that follow (default: 1)",
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        default=1,
+        metavar="N",
+        help="processes that episodes run on; results do not depend on it (default: 1)",
+    )
+    parser.add_argument(
+        "--video", metavar="FILE", help="write an MP4 video of the endoscope (extra video)"
+    )
+    parser.add_argument(
+        "--duration", type=duration, metavar="S", help="stop serving after S simulated seconds"
+    )
+    parser.add_argument(
+        "--speed",
+        choices=("realtime", "max"),
+        help="of serving: real time, or as fast as possible (default: realtime)",
+    )
+    add_json(parser)
+    add_record(parser)
+    add_serving(parser)
+
+
+def run(args: Namespace) -> int:
+    """Play."""
+    policy = args.policy or ("scripted" if args.headless else "none")
+    for name, value, least in (
+        ("seed", args.seed, 0),
+        ("episodes", args.episodes, 1),
+        ("workers", args.workers, 1),
+    ):
+        if value < least:
+            raise InputError(f"--{name}: got {value}; allowed: {least} or more")
+    if policy == "none":
+        return _serve(args)
+    if not args.headless:
+        raise InputError("--policy scripted: requires --headless; --video FILE shows it")
+    if (args.record or args.video) and (args.episodes > 1 or args.workers > 1):
+        raise InputError("--record, --video: allowed with one episode and one worker only")
+    from trocar.apps.tasks import play
+
+    found: list[Episode] = []
+    with progress_bar("episodes", not args.json) as watch:
+        if args.record or args.video:
+            episodes = _filmed(args)
+        else:
+            seeds = range(args.seed, args.seed + args.episodes)
+            episodes = play(args.scene, seeds, args.workers)
+        for episode in episodes:
+            found.append(episode)
+            if watch is not None:
+                watch(len(found), args.episodes)
+    document = {
+        "scene": found[0].scene,
+        "policy": policy,
+        "grasp": found[0].grasp,
+        "successes": sum(one.success for one in found),
+        "episodes": [asdict(one) for one in found],
+    }
+    print_result(args, document, lambda: _report(found))
+    return 0
+
+
+def _serve(args: Namespace) -> int:
+    """Serve the scene; a person or a client drives."""
+    if args.headless or args.json or args.video or args.episodes > 1 or args.workers > 1:
+        raise InputError(
+            "--policy none: got --headless, --json, --video, --episodes or --workers; allowed:"
+            " without them"
+        )
+    from trocar.apps.tasks import make_task
+    from trocar.apps.tasks.topics import task_component
+
+    task = make_task(args.scene)
+    task.reset(args.seed)
+    print(f"trocar: {args.scene}: starting ...", file=sys.stderr, flush=True)
+    serve(task.world, args, components=(task_component(task),))
+    print(_report([task.result(args.seed)]))
+    return 0
+
+
+def _filmed(args: Namespace) -> Iterator[Episode]:
+    """Yield one episode that is recorded or filmed."""
+    from trocar.apps.tasks import make_task, run_episode
+
+    task = make_task(args.scene)
+    with ExitStack() as stack:
+        stack.enter_context(recording(task.world, args)())
+        if args.video:
+            _film(task, args, stack)
+        yield run_episode(task, args.seed)
+
+
+def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
+    """Add the left eye's picture of every 1/25 s to a video."""
+    from trocar.apps.filming.film import video
+    from trocar.apps.filming.layers import picture
+    from trocar.outputs import check_file
+    from trocar.rendering import Endoscope, Look
+
+    path, world = Path(args.video).expanduser(), task.world
+    if path.suffix != ".mp4":
+        raise InputError(f"--video: got {args.video}; allowed: a file that ends in .mp4")
+    check_file(path, args.overwrite)
+    scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
+    if not scopes:
+        raise InputError(f"--video: the rig of {args.scene} has no endoscope")
+    scope = Endoscope(world, scopes[0], look=Look(samples=4))
+    stack.callback(scope.close)
+    task.reset(args.seed)
+    first = picture(scope.capture(), "left", "colour")
+    add = stack.enter_context(
+        video(path, (first.shape[1], first.shape[0]), VIDEO_HZ, overwrite=args.overwrite)
+    )
+    every = round(1.0 / (VIDEO_HZ * world.timestep))
+
+    def look() -> None:
+        if world.periods % every == 0:
+            add(picture(scope.capture(), "left", "colour"))
+
+    stack.callback(world.observe(look, every=every))
+
+
+def _report(found: list[Episode]) -> str:
+    rows = [
+        [
+            str(one.seed),
+            "yes" if one.success else "no",
+            one.reason,
+            fixed(one.time_s, 2),
+            fixed(one.score, 1),
+            f"{one.met}/{one.goals}",
+            str(one.drops),
+            fixed(1e3 * sum(one.distance_m.values()), 0),
+            fixed(max(one.force_n.values()), 2),
+        ]
+        for one in found
+    ]
+    head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
+    successes = sum(one.success for one in found)
+    return (
+        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp}\n\n"
+        + table([*head, "force [N]"], rows)
+    )

@@ -1,0 +1,239 @@
+"""Scenes from TOML: a rig, the props on it, random placements, goals and a time limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.arms import SCHEMA
+from trocar.descriptions.catalogue import find, load_rig
+from trocar.descriptions.props import read_props
+from trocar.descriptions.records import RigDescription
+from trocar.descriptions.table import Table, read_table
+from trocar.errors import InputError
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import transform
+
+Array = NDArray[np.float64]
+
+#: An object that has no free place after so many draws is rejected. Source: our own choice.
+TRIES = 100
+#: An object that falls farther than this after it was held is dropped. Source: our own choice, two
+#: thirds of the height of a peg. [m]
+DROP_M = 0.008
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where an object may lie when an episode begins.
+
+    Attributes:
+        object: name of a movable prop
+        spread: half the range about the prop's own place, along x, y and z of the world, (3,) [m]
+        turn: half the range of its rotation about the world's z [rad]
+        radius: of the circle about it, in x and y, that no other circle overlaps; 0 for none [m]
+    """
+
+    object: str
+    spread: Array
+    turn: float
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """Where an object or a tip shall be in the end.
+
+    Attributes:
+        object, arm: name of a movable prop, or of an arm whose tip it is; the other is ""
+        at: (3,) in the world [m]
+        spread: half the range that a reset draws it from, (3,) [m]
+        radius: largest distance in x and y [m]
+        height: largest distance in z [m]
+    """
+
+    object: str
+    arm: str
+    at: Array
+    spread: Array
+    radius: float
+    height: float
+
+    @property
+    def name(self) -> str:
+        """The object or the arm."""
+        return self.object or self.arm
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A task for arms.
+
+    Attributes:
+        name, title, source, file: as in the file
+        rig: the rig with the scene's props and start pose
+        task: the class of the task, see `trocar.apps.tasks`
+        arms: that a policy drives
+        placements, goals: of objects and tips
+        time_limit: of an episode [s]
+        drop_height: an object that falls farther counts as dropped [m]
+    """
+
+    name: str
+    title: str
+    source: str
+    file: str
+    rig: RigDescription
+    task: str
+    arms: tuple[str, ...]
+    placements: tuple[Placement, ...]
+    goals: tuple[Goal, ...]
+    time_limit: float
+    drop_height: float
+
+    def placed(self, rng: np.random.Generator) -> dict[str, Array]:
+        """Draw where its objects begin, {object: T_world_object (4, 4)}.
+
+        Raises:
+            InputError: no free place after 100 draws; the objects are named
+        """
+        found: dict[str, Array] = {}
+        circles: list[tuple[Placement, Array]] = []
+        props = {prop.name: prop for prop in self.rig.objects}
+        for row in self.placements:
+            nominal = props[row.object].pose
+            at, near = nominal[:3, 3], [row.object]
+            tries = 0
+            while near:
+                if tries == TRIES:
+                    raise InputError(
+                        f"{self.name}: no free place for {row.object} after {TRIES} draws; it"
+                        f" overlaps {', '.join(near)}; allowed: a wider spread or smaller radii"
+                    )
+                tries += 1
+                at = nominal[:3, 3] + row.spread * rng.uniform(-1.0, 1.0, 3)
+                near = [
+                    other.object
+                    for other, xy in circles
+                    if row.radius
+                    and other.radius
+                    and np.hypot(*(at[:2] - xy)) < row.radius + other.radius
+                ]
+            turn = rotation_z(row.turn * rng.uniform(-1.0, 1.0))
+            found[row.object] = transform(turn @ nominal[:3, :3], at)
+            circles.append((row, at[:2]))
+        return found
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Load a scene by its name or path; paths inside it are relative to its folder.
+
+    Args:
+        name: a built-in or registered scene ("peg-board"), or the path of a TOML file
+
+    Raises:
+        UnknownNameError: no such scene, or no such rig; the known ones are listed
+        DescriptionError: the file is broken; file, key, got and allowed are named
+    """
+    path = find("scenes", name)
+    table = read_table(path)
+    if table.raw("schema") != SCHEMA:
+        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    named, title, source = table.text("name"), table.text("title", ""), table.text("source")
+    wanted = table.text("rig")
+    base = load_rig(path.parent / wanted if wanted.endswith(".toml") else wanted)
+    rig = _rig(table, base, named)
+    task = table.text("task")
+    arms = table.texts("arms")
+    known = [a.name for a in rig.arms if a.arm.type in ("PSM", "ECM")]
+    if not arms or not set(arms) <= set(known) or len(set(arms)) < len(arms):
+        raise table.fail("arms", f"got {list(arms)}; allowed: some of {', '.join(known)}")
+    free = [p.name for p in rig.objects if p.joint is None]
+    placements = tuple(_read_placement(row, free) for row in table.tables("place"))
+    names = [p.object for p in placements]
+    for again in {n for n in names if names.count(n) > 1}:
+        raise table.fail("place", f"got {again!r} a second time")
+    goals = tuple(
+        _read_goal(row, [p.name for p in rig.objects], known) for row in table.tables("goal")
+    )
+    if not goals:
+        raise table.fail("goal", "is missing; a scene needs at least one")
+    limit = _above_zero(table, "time_limit", "time")
+    drop = _above_zero(table, "drop_height", "length", DROP_M)
+    table.done()
+    task = str(path.parent / task) if task.endswith(".py") else task
+    return Scene(named, title, source, str(path), rig, task, arms, placements, goals, limit, drop)
+
+
+def _rig(table: Table, rig: RigDescription, name: str) -> RigDescription:
+    """Return the rig with the scene's props and start pose."""
+    props = read_props(table.tables("prop"), [arm.name for arm in rig.arms])
+    taken = {prop.name for prop in rig.props} & {prop.name for prop in props}
+    if taken:
+        raise table.fail("prop", f"got {', '.join(sorted(taken))}, which the rig has already")
+    start = dict(rig.poses["start"])
+    if "start_q_rad_m" in table:
+        row = table.table("start_q_rad_m")
+        start |= _read_start(row, rig, start)
+    return replace(rig, name=name, props=(*rig.props, *props), poses={**rig.poses, "start": start})
+
+
+def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> dict[str, Array]:
+    found: dict[str, Array] = {}
+    for name in row.entries():
+        if name not in start:
+            raise row.fail(name, f"is no arm; allowed: {', '.join(start)}")
+        mechanism = rig.arm(name).arm.mechanism
+        q = row.numbers(name, len(mechanism.joints))
+        if (q < mechanism.lower).any() or (q > mechanism.upper).any():
+            raise row.fail(
+                name,
+                f"got {q.tolist()}; allowed: {mechanism.lower.tolist()} to"
+                f" {mechanism.upper.tolist()}",
+            )
+        found[name] = q
+    row.done()
+    return found
+
+
+def _read_placement(row: Table, free: Sequence[str]) -> Placement:
+    name = row.text("object", allowed=tuple(free))
+    spread = row.vector("spread", 3, "length", default=np.zeros(3))
+    turn = row.quantity("turn", "angle", default=0.0)
+    radius = row.quantity("radius", "length", default=0.0)
+    if (spread < 0.0).any() or turn < 0.0 or radius < 0.0:
+        raise row.fail("spread", "allowed: spread, turn and radius of 0 or more")
+    row.done()
+    return Placement(name, spread, turn, radius)
+
+
+def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
+    if ("object" in row) == ("arm" in row):
+        raise row.fail("object", "allowed: either an object or an arm")
+    name = row.text("object", "", allowed=("", *objects))
+    arm = row.text("arm", "", allowed=("", *arms))
+    at = row.vector("at", 3, "length")
+    spread = row.vector("spread", 3, "length", default=np.zeros(3))
+    goal = Goal(
+        name,
+        arm,
+        at,
+        spread,
+        _above_zero(row, "radius", "length"),
+        _above_zero(row, "height", "length"),
+    )
+    if (spread < 0.0).any():
+        raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
+    row.done()
+    return goal
+
+
+def _above_zero(row: Table, name: str, dimension: str, default: float | None = None) -> float:
+    value = row.quantity(name, dimension, default=default)
+    if value <= 0.0:
+        raise row.fail(name, f"got {value:g}; allowed: above 0")
+    return value

@@ -1,0 +1,68 @@
+"""Workers: the same results however many, and a dead one loses its episode alone."""
+
+import json
+import multiprocessing
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+
+from trocar.apps.tasks import Episode, play
+from trocar.errors import InputError, TrocarError
+
+
+def test_workers_change_nothing_and_a_killed_ones_episode_runs_again(touch: Path) -> None:
+    alone = list(play(str(touch), range(3)))
+    found: list[Episode] = []
+    for episode in play(str(touch), range(3), 2):
+        if not found:
+            multiprocessing.active_children()[0].kill()
+        found.append(episode)
+    assert found == alone
+    assert not multiprocessing.active_children()
+
+
+def test_an_error_of_a_worker_is_raised(touch: Path) -> None:
+    broken = "class SceneTask:\n    pass\n"
+    (touch.parent / "touch.py").write_text(broken, encoding="utf-8")
+    with pytest.raises(TrocarError, match="allowed: a class that extends Task"):
+        list(play(str(touch), range(2), 2))
+
+
+def test_no_workers_are_rejected(touch: Path) -> None:
+    with pytest.raises(InputError, match="workers: got 0; allowed: 1 or more"):
+        list(play(str(touch), range(2), 0))
+
+
+def trocar(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "trocar", *words], capture_output=True, text=True, timeout=100
+    )
+
+
+def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> None:
+    done = trocar("play", str(touch), "--headless", "--json", "--record", str(tmp_path / "a.mcap"))
+    assert done.returncode == 0, done.stderr
+    (episode,) = json.loads(done.stdout)["episodes"]
+    assert episode["success"] and episode["grasp"] == "friction"
+    assert set(episode) == set(asdict(next(play(str(touch), [0]))))
+    assert (tmp_path / "a.mcap").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["peg-bord"], "did you mean 'peg-board'?"),
+        (["peg-board", "--headless", "--episodes", "0"], "--episodes: got 0"),
+        (["peg-board", "--policy", "scripted"], "--policy scripted: requires --headless"),
+        (["peg-board", "--json"], "--policy none: got --headless, --json"),
+        (["peg-board", "--headless", "--workers", "2", "--record", "a.mcap"], "with one episode"),
+    ],
+)
+def test_bad_options_are_one_line_and_status_2(words: list[str], message: str) -> None:
+    done = trocar("play", *words)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,187 @@
+"""Scenes as tasks: episodes follow from seed and policy; bad input is one error."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trocar.apps.tasks import Task, make_task, run_episode
+from trocar.descriptions import load_rig, names
+from trocar.descriptions.scenes import load_scene
+from trocar.errors import DescriptionError, InputError, UnknownNameError
+from trocar.geometry.se3 import inverse, transform
+from trocar.simulation import World
+
+
+@pytest.fixture
+def task(touch: Path) -> Task:
+    return make_task(str(touch))
+
+
+def test_a_scene_of_ones_own_succeeds_and_repeats_to_the_last_bit(touch: Path) -> None:
+    first, again = (make_task(str(touch)) for _ in range(2))
+    run_episode(again, 4)  # what came before does not count
+    one, two = run_episode(first, 3), run_episode(again, 3)
+    assert one.success
+    assert (one.reason, one.met, one.drops, one.grasp) == ("done", 2, 0, "friction")
+    assert one == two
+
+
+def test_seeds_draw_different_places(task: Task) -> None:
+    a, b = task.reset(1)["cube"], task.reset(2)["cube"]
+    assert np.linalg.norm(a - b) > 1e-3
+    assert (task.reset(1)["cube"] == a).all()
+
+
+def test_cylinders_of_pick_place_go_into_their_cups() -> None:
+    found = run_episode(make_task("pick-place"), 0)
+    assert found.success and found.drops == 0
+
+
+@pytest.mark.slow
+def test_rings_of_the_peg_board_go_to_their_pegs() -> None:
+    found = run_episode(make_task("peg-board"), 0)
+    assert found.success and found.drops == 0
+    assert found.time_s < 6 * 8.1  # Hwang 2020, a transfer of the real dVRK
+
+
+def test_the_tip_follows_the_velocity_of_an_action(task: Task) -> None:
+    task.reset(0)
+    start = task.world.arms["PSM1"].tip_in_world().T
+    for _ in range(50):
+        task.command([0.02, -0.01, 0.005, 0.0, 0.0, 0.3, 0.5])
+    for _ in range(10):
+        task.command([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    end = task.world.arms["PSM1"].tip_in_world().T
+    assert end[:3, 3] - start[:3, 3] == pytest.approx([0.02, -0.01, 0.005], abs=5e-4)
+    turn = end[:3, :3] @ start[:3, :3].T
+    assert np.arctan2(turn[1, 0], turn[0, 0]) == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_largest_actions_keep_an_arm_out_of_fault(task: Task) -> None:
+    task.reset(0)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        if task.done:
+            break
+        task.command(rng.choice([-1e3, 1e3], 7))
+    assert task.world.arms["PSM1"].operating_state().state == "ENABLED"
+
+
+@pytest.mark.parametrize("action", [[0.0] * 6, [np.nan] * 7, [[0.0] * 7], ["a"] * 7, None, np.inf])
+def test_bad_actions_are_rejected_and_nothing_moves(task: Task, action: Any) -> None:
+    task.reset(0)
+    with pytest.raises(InputError, match="allowed: 7 finite numbers"):
+        task.command(action)
+    assert task.world.time == 0.0
+
+
+def test_a_policy_that_returns_nan_ends_with_an_error(task: Task) -> None:
+    with pytest.raises(InputError, match="allowed: 7 finite numbers"):
+        run_episode(task, 0, lambda _: np.full(7, np.nan))
+
+
+def test_a_policy_of_ones_own_sees_observations(task: Task) -> None:
+    shapes: list[tuple[int, ...]] = []
+
+    def still(seen: dict[str, Any]) -> np.ndarray:
+        shapes.append(tuple(len(seen[name]) for name in ("PSM1", "cube", "goals", "time")))
+        return np.zeros(7)
+
+    task.scene = replace(task.scene, time_limit=0.1)
+    found = run_episode(task, 0, still)
+    assert set(shapes) == {(8, 7, 2, 1)}
+    assert (found.success, found.reason, found.time_s) == (False, "time", pytest.approx(0.1))
+
+
+def test_an_object_that_leaves_the_table_ends_the_episode(task: Task) -> None:
+    task.reset(0)
+    task.world.objects["cube"].set_cp(transform(np.eye(3), [0.3, 0.0, 0.0]))
+    for _ in range(50):
+        if task.done:
+            break
+        task.command(np.zeros(7))
+    assert task.reason == "cube: out of play"
+    assert task.drops == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "put", "message"),
+    [
+        ("xyz_mm = [30, -10, 7.01]", "xyz_mm = [300, -10, 7.01]", r"cube at .* is out of reach"),
+        ('object = "cube"\nspr', 'object = "cone"\nspr', r"place\[0\].object: got 'cone'"),
+        ("schema = 1", "schema = 1\nspeed = 3", "speed"),
+        ("time_limit_s = 10", "time_limit_s = 0", "time_limit: got 0; allowed: above 0"),
+        ('task = "touch.py"', 'task = "tuch"', "unknown task 'tuch'"),
+        ('arms = ["PSM1"]', 'arms = ["PSM7"]', "allowed: some of PSM1, PSM2, ECM"),
+        ('name = "cube"\nmov', 'name = "table"\nmov', "table, which the rig has already"),
+        ("at_mm = [30, -30, 30]", "at_mm = [300, -30, 30]", r"PSM1 at .* is out of reach"),
+    ],
+)
+def test_a_broken_scene_is_one_error(touch: Path, line: str, put: str, message: str) -> None:
+    text = touch.read_text(encoding="utf-8")
+    assert line in text
+    touch.write_text(text.replace(line, put), encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        make_task(str(touch))
+
+
+def test_objects_that_cannot_lie_apart_are_rejected_by_name(touch: Path) -> None:
+    scene = load_scene(touch)
+    row = replace(scene.placements[0], radius=0.5)
+    other = replace(row, object="cube")
+    crowded = replace(scene, placements=(row, other))
+    with pytest.raises(InputError, match="no free place for cube after 100 draws"):
+        crowded.placed(np.random.default_rng(0))
+
+
+def test_an_unknown_scene_is_an_error_with_the_nearest_name() -> None:
+    with pytest.raises(UnknownNameError, match=r"did you mean 'peg-board'\?"):
+        load_scene("peg-bord")
+
+
+def test_a_class_that_is_no_task_is_rejected(touch: Path) -> None:
+    (touch.parent / "touch.py").write_text("SceneTask = dict\n", encoding="utf-8")
+    with pytest.raises(InputError, match="allowed: a class that extends Task"):
+        make_task(str(touch))
+    (touch.parent / "touch.py").write_text("other = 1\n", encoding="utf-8")
+    with pytest.raises(DescriptionError, match="allowed: with SceneTask"):
+        make_task(str(touch))
+
+
+@pytest.mark.parametrize("name", names("scenes"))
+def test_scenes_begin_at_rest_with_no_goal_met(name: str) -> None:
+    task = make_task(name)
+    for seed in range(3):
+        task.reset(seed)
+        before = task.observation()
+        assert task.state()["met"] == 0
+        for _ in range(5):
+            task.command(np.concatenate([task.idle()[arm] for arm in task.arms]))
+        after = task.observation()
+        for goal, _ in task.goals:
+            if goal.object:
+                assert np.abs(after[goal.object][:3] - before[goal.object][:3]).max() < 1e-3
+
+
+def test_both_instruments_of_the_training_rig_reach_the_whole_board() -> None:
+    world = World(load_rig("training"))
+    for name in ("PSM1", "PSM2"):
+        public = world.base_pose(name)[0] @ inverse(world.reference_pose(name))
+        for x in np.linspace(-0.06, 0.06, 5):
+            for y in np.linspace(-0.05, 0.05, 5):
+                for z in (0.01, 0.045):
+                    at = transform(np.diag([1.0, -1.0, -1.0]), [x, y, z])
+                    world.arms[name].inverse_kinematics(public @ at)
+
+
+def test_the_endoscope_of_the_training_rig_sees_the_whole_board() -> None:
+    camera = World("training").camera("endoscope")
+    half = np.tan(np.array(camera.calibration.eyes[0].fov) / 2.0)
+    seen = inverse(camera.T_world_camera)
+    for x in (-0.06, 0.06):
+        for y in (-0.05, 0.05):
+            p = seen @ [x, y, 0.0, 1.0]
+            assert abs(p[0] / p[2]) < half[0] and abs(p[1] / p[2]) < half[1]

@@ -183,3 +183,23 @@ def test_the_kind_of_grasp_tells_states_apart(tmp_path: Path) -> None:
         file.write_text(rig_text(kind), encoding="utf-8")
         rigs.append(World(file).signature)
     assert rigs[0] != rigs[1]
+
+
+def test_a_wrench_sensor_feels_what_pulls_at_what_the_jaw_holds(tmp_path: Path) -> None:
+    file = tmp_path / "grip.toml"
+    sensor = '[[sensor]]\nname = "wrist"\nkind = "wrench"\narm = "PSM1"\nframe = "wrist_yaw"\n'
+    file.write_text(rig_text("friction+stick") + sensor, encoding="utf-8")
+    held = Grip(file)
+    held.world.step(100)
+    before = held.world.sensor("wrist").force
+    held.world.mj_data.xfrc_applied[held.world.mj_model.body("needle").id, 2] = -3.0
+    held.world.step(100)
+    felt = held.world.sensor("wrist").force - before
+    assert np.linalg.norm(felt) == pytest.approx(3.0, rel=0.02)
+
+
+def test_contacts_of_what_is_held_are_the_pads_presses(held: Grip) -> None:
+    reading = held.world.contact_table()
+    force = held.world.grasps()["PSM1"].force
+    pressed = np.abs(np.einsum("ij,ij->i", reading.forces, reading.normals)).sum()
+    assert pressed == pytest.approx(2.0 * force, rel=0.02)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from numpy.typing import NDArray
 from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.catalogue import find, load_rig
 from trocar.descriptions.props import read_props
-from trocar.descriptions.records import RigDescription
+from trocar.descriptions.records import GraspKind, RigDescription
+from trocar.descriptions.rigs import GRASPS
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
@@ -179,6 +181,8 @@ def _rig(table: Table, rig: RigDescription, name: str) -> RigDescription:
     if "start_q_rad_m" in table:
         row = table.table("start_q_rad_m")
         start |= _read_start(row, rig, start)
+    grasp = cast(GraspKind, table.text("grasp", rig.grasp, allowed=GRASPS))
+    rig = replace(rig, grasp=grasp)
     return replace(rig, name=name, props=(*rig.props, *props), poses={**rig.poses, "start": start})
 
 

@@ -43,7 +43,6 @@ UNITS: dict[str, dict[str, float]] = {
     "linear compliance": {"m_per_n": 1.0},
     "time": {"s": 1.0, "ms": 1e-3},
     "frequency": {"hz": 1.0},
-    "time": {"s": 1.0},
 }
 
 #: Source: our own choice, 70 times the largest of ours; tomllib reads 1 MB within about 2 s.

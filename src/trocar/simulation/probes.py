@@ -140,9 +140,12 @@ class Probes:
         found = data.contact
         axes = found.frame[here].reshape(-1, 3, 3)  # rows; the normal leads from the first shape
         # An elliptic cone's forces are along the axes: of the normal, and of two tangents where
-        # there is friction, as all shapes have it.
-        rows = found.efc_address[here][:, None] + np.arange(3)
-        felt = data.efc_force[rows]  # what the first shape does to the second
+        # there is friction, as all shapes have it but pads whose object a weld holds.
+        rows = found.efc_address[here]
+        felt = np.zeros((len(here), 3))  # what the first shape does to the second
+        felt[:, 0] = data.efc_force[rows]
+        rubs = found.dim[here] > 1
+        felt[rubs, 1:] = data.efc_force[rows[rubs][:, None] + np.arange(1, 3)]
         return ContactTable(
             float(self._data.time),
             self._names,
@@ -275,12 +278,38 @@ class Probes:
         for contact, body, other in self._touching(data, mine):
             if mine[body] != mine[other]:
                 yield contact.point, contact.force, contact.torque
+        for weld, pair in self._welds:
+            if data.eq_active[weld] and mine[pair[0]] != mine[pair[1]]:
+                force, torque = self._held(data, weld, pair[1])
+                sign = 1.0 if mine[pair[1]] else -1.0
+                yield data.xpos[pair[1]], sign * force, sign * torque
         for body in np.flatnonzero(mine[: len(data.xfrc_applied)] & data.xfrc_applied.any(axis=1)):
             applied = data.xfrc_applied[body]
             yield data.xipos[body], applied[:3], applied[3:]
         for body, point, force in self._load.acting():
             if mine[body]:
                 yield data.xpos[body] + data.xmat[body].reshape(3, 3) @ point, force, np.zeros(3)
+
+    @cached_property
+    def _welds(self) -> list[tuple[int, tuple[int, int]]]:
+        """The equalities by which jaws may hold objects, with finger and object."""
+        model = self._model
+        return [
+            (k, (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])))
+            for k in range(model.neq)
+            if model.eq_type[k] == mujoco.mjtEq.mjEQ_WELD and not model.eq_active0[k]
+        ]
+
+    def _held(self, data: mujoco.MjData, weld: int, body: int) -> tuple[Array, Array]:
+        """Return force and torque about its origin that a weld exerts on a free body, in the world.
+
+        While it is active, pads only press: this is what friction would carry.
+        """
+        rows = (data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY) & (data.efc_id == weld)
+        first = int(self._model.body_dofadr[body])
+        jacobian = data.efc_J.reshape(-1, self._model.nv)[rows, first : first + 6]
+        push = jacobian.T @ data.efc_force[rows]
+        return push[:3], data.xmat[body].reshape(3, 3) @ push[3:]
 
     def _touching(self, data: mujoco.MjData, mine: Bodies) -> Iterator[tuple[Contact, int, int]]:
         """Yield each contact of some carriers with both carriers, one of `mine` first."""

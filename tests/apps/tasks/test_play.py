@@ -46,7 +46,7 @@ def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> Non
     done = trocar("play", str(touch), "--headless", "--json", "--record", str(tmp_path / "a.mcap"))
     assert done.returncode == 0, done.stderr
     (episode,) = json.loads(done.stdout)["episodes"]
-    assert episode["success"] and episode["grasp"] == "friction"
+    assert episode["success"] and episode["grasp"] == "friction+stick"
     assert set(episode) == set(asdict(next(play(str(touch), [0]))))
     assert (tmp_path / "a.mcap").stat().st_size > 10_000
 

@@ -25,8 +25,14 @@ def test_a_scene_of_ones_own_succeeds_and_repeats_to_the_last_bit(touch: Path) -
     run_episode(again, 4)  # what came before does not count
     one, two = run_episode(first, 3), run_episode(again, 3)
     assert one.success
-    assert (one.reason, one.met, one.drops, one.grasp) == ("done", 2, 0, "friction")
+    assert (one.reason, one.met, one.drops, one.grasp) == ("done", 2, 0, "friction+stick")
     assert one == two
+
+
+def test_the_kind_of_grasp_of_a_scene_stands_in_its_result(touch: Path) -> None:
+    text = touch.read_text(encoding="utf-8").replace("task = ", 'grasp = "attach"\ntask = ', 1)
+    touch.write_text(text, encoding="utf-8")
+    assert run_episode(make_task(str(touch)), 3).grasp == "attach"
 
 
 def test_seeds_draw_different_places(task: Task) -> None:

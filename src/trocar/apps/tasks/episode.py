@@ -21,7 +21,7 @@ class Episode:
         distance_m: {arm: length of the tip's path} [m]
         force_n: {arm: largest net force of contacts on it} [N]
         grip_n: {arm: largest force of the weaker finger on an object} [N]
-        grasp: what holds objects: "friction"
+        grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
     """
 

@@ -38,8 +38,6 @@ GRIP_RAD = 0.3
 SETTLED_S = 0.2
 #: An object this far below the lowest goal is out of play. Source: our own choice. [m]
 LOST_M = 0.05
-#: What holds objects.
-GRASP = "friction"
 
 
 class Task:
@@ -232,7 +230,7 @@ class Task:
             distance_m=dict(self.distance),
             force_n=dict(self.force),
             grip_n=dict(self.grip),
-            grasp=GRASP,
+            grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
         )
 

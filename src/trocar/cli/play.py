@@ -163,7 +163,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
     if not scopes:
         raise InputError(f"--video: the rig of {args.scene} has no endoscope")
-    scope = Endoscope(world, scopes[0], look=Look(samples=4))
+    scope = Endoscope(world, scopes[0], look=Look())
     stack.callback(scope.close)
     task.reset(args.seed)
     first = picture(scope.capture(), "left", "colour")

@@ -230,3 +230,22 @@ def test_readings_of_the_arms_themselves_register_their_bases(
     ):
         assert main(wrong) == 2
         assert text in capsys.readouterr().err
+
+
+def test_setup_joints_are_calibrated_joint_by_joint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tracks, overlay = str(tmp_path / "suj.csv"), str(tmp_path / "suj.toml")
+    sweep = ["--motion", "kinematic", "--rate", "20", "--perturb", "3"]
+    assert main(["mocap", "--arm", "suj_ecm", *sweep, "-o", tracks, "--json"]) == 0
+    truth = json.loads(capsys.readouterr().out)["joints"]["distances_m"]
+    words = ["calibrate", tracks, "--arm", "suj_ecm"]
+    assert main([*words, "-o", overlay, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["joints"]["distances_m"]
+    for label, value in truth.items():
+        assert abs(found[label]["value"] - value) < 4.0 * found[label]["sigma"] < 1e-3
+    assert main(["show", "suj_ecm", "--calibration", overlay]) == 0
+    assert main([*words, "-o", overlay, "--overwrite"]) == 0
+    assert "suj_2-suj_3" in capsys.readouterr().out
+    assert main([*words, "--closure", "general"]) == 2
+    assert "got --closure general; allowed: suj_ecm" in capsys.readouterr().err

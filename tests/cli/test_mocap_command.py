@@ -90,9 +90,9 @@ def test_a_calibrated_robot_stands_before_the_cameras(trocar, tmp_path):
     ("words", "said"),
     [
         (["--arm", "pms"], "unknown arm 'pms' (did you mean 'psm'?)"),
-        (["--arm", "suj_psm1"], "suj_psm1: has no closed loop"),
+        (["--arm", "suj_psm1", "--parts", "axes"], "suj_psm1: has no closed loop"),
         (["--arm", "mtml", "--parts", "rcm"], "mtml: has no remote centre"),
-        (["--arm", "mtml", "--perturb", "1"], "mtml: got a MTM; allowed: a PSM or an ECM"),
+        (["--arm", "psm", "--parts", "chain"], 'psm: parts: got "chain"; allowed: axes, rcm'),
         (["--arm", "psm", "--perturb", "-1"], "--perturb: got -1; allowed"),
         (
             ["--arm", "psm", "--worn", "--calibration", "x"],

@@ -1,7 +1,8 @@
 """Identify a robot's kinematic geometry from motion capture, and write a calibration overlay.
 
 TRACKS holds the poses of marker clusters on the links: at least 0.5 s at rest, then a sweep of the
-pitch joint (and of yaw and pitch for the remote centre of motion, in TRACKS or in --rcm FILE).
+pitch joint (and of yaw and pitch for the remote centre of motion, in TRACKS or in --rcm FILE);
+of setup joints and masters a sweep of each joint in turn, towards positive joint positions first.
 See docs/calibration.md for the recording procedure. The nominal description is not modified.
 """
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from trocar.apps.calibration.budget import Budget
     from trocar.apps.calibration.calibrate import Calibration
+    from trocar.apps.calibration.joints import JointsCalibration
     from trocar.apps.calibration.registration import Base
     from trocar.apps.calibration.twin import PaperTwin
 
@@ -140,7 +142,13 @@ def _add_plan(group: _ArgumentGroup) -> None:
 
 def run(args: Namespace) -> int:
     """Calibrate, write the overlay, print."""
-    from trocar.apps.calibration import calibrate, parse_bodies, read_tracks
+    from trocar.apps.calibration import (
+        calibrate,
+        calibrate_joints,
+        has_chain,
+        parse_bodies,
+        read_tracks,
+    )
     from trocar.apps.calibration.report import check_report, write_report
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
@@ -163,21 +171,34 @@ def run(args: Namespace) -> int:
         check_file(args.output, args.overwrite)
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
+    looped = bool(arm.mechanism.closures)
+    if not looped:
+        _allow_none(f"{arm.name} (no closed loop)", args, ("rcm", "closure", "report"))
+    loops: Calibration | None = None
+    joints: JointsCalibration | None = None
     with progress_steps() as watch:
         watch("reading")
         tracks = read_tracks(args.tracks)
         sweep = read_tracks(args.rcm) if args.rcm else None
-        found = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=watch)
+        if looped:
+            loops = calibrate(tracks, arm, sweep, args.closure, bodies=bodies, watch=watch)
+        if not looped or has_chain(tracks, arm, bodies):
+            joints = calibrate_joints(tracks, arm, loops, bodies=bodies, watch=watch)
+    found = [one for one in (loops, joints) if one is not None]
     if args.output:
-        write_overlay(args.output, found.overlay, overwrite=args.overwrite)
-    page = write_report(args.report, found, arm, overwrite=args.overwrite) if args.report else None
-    for text in found.warnings:
+        write_overlay(args.output, found[-1].overlay, overwrite=args.overwrite)
+    page = None
+    if args.report and loops is not None:
+        page = write_report(args.report, loops, arm, overwrite=args.overwrite)
+    for text in dict.fromkeys(text for one in found for text in one.warnings):
         warn(text)
     if args.json:
-        print_json(found.as_dict())
+        print_json(_document(loops, joints))
     else:
         written = [place for place in (args.output, page) if place]
-        print("\n\n".join([_report(found), *(f"written to {place}" for place in written)]))
+        tables = [] if loops is None else [_report(loops)]
+        tables += [] if joints is None else [_joints(joints)]
+        print("\n\n".join([*tables, *(f"written to {place}" for place in written)]))
     return 0
 
 
@@ -357,6 +378,42 @@ def _twin(found: PaperTwin) -> str:
     ]
     head = ["[mm]", "hardware", "nominal", "calibrated"]
     return f"{found.overlay.arm}: the closed-loop paper's own robot\n{table(head, rows)}"
+
+
+def _document(loops: Calibration | None, joints: JointsCalibration | None) -> dict[str, Any]:
+    """Return one document of loops and chain."""
+    if joints is None:
+        return {} if loops is None else loops.as_dict()
+    if loops is None:
+        return joints.as_dict()
+    both, chain = loops.as_dict(), joints.as_dict()
+    both["residuals"]["joints"] = chain["residuals"]
+    warnings = list(dict.fromkeys([*both["warnings"], *chain["warnings"]]))
+    return {**both, "joints": chain["joints"], "warnings": warnings}
+
+
+def _joints(found: JointsCalibration) -> str:
+    rows = [
+        [label, f"{1e3 * value.value:.4f}", "mm", f"{1e3 * value.sigma:.4f}",
+         f"{1e3 * found.nominal['distances_m'][label]:.4f}"]
+        for label, value in found.distances.items()
+    ]  # fmt: skip
+    rows += [
+        [label, f"{value.value:.6f}", "rad", f"{value.sigma:.6f}",
+         f"{found.nominal['angles_rad'][label]:.6f}"]
+        for label, value in found.angles.items()
+    ]  # fmt: skip
+    left = [
+        [name, f"{span:.3f}", f"{1e3 * position:.4f}", f"{1e3 * rotation:.4f}", f"{outliers}"]
+        for name, (position, rotation, span, outliers) in found.residuals.items()
+    ]
+    return "\n\n".join(
+        [
+            f"{found.arm}: each axis of the chain and the next",
+            table(["axes", "measured", "", "sigma", "nominal"], rows),
+            table(["joint", "sweep [rad; m]", "RMS [mm]", "RMS [mrad]", "left out"], left),
+        ]
+    )
 
 
 def _report(found: Calibration) -> str:

@@ -1,7 +1,8 @@
 """Simulate motion capture of an arm, and write the tracks of its links.
 
 Marker clusters and cameras are placed at random. The arm rests, then sweeps its linkage, then
-moves about its remote centre of motion. Dynamics and servo errors are simulated, unless --motion
+moves about its remote centre of motion; of setup joints and masters every joint is swept in turn.
+Dynamics and servo errors are simulated, unless --motion
 kinematic. The ground truth for a calibration is written to FILE.truth.json.
 """
 
@@ -39,7 +40,7 @@ NOISE_MM, NOISE_DEG = 0.1, 0.05
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     parser.add_argument(
-        "--arm", required=True, help="psm, ecm, or the TOML file of an arm with closed loops"
+        "--arm", required=True, help="built-in arm (see trocar list arms) or TOML file"
     )
     parser.add_argument(
         "-o", "--output", required=True, metavar="FILE", help="tracks file to write"
@@ -89,16 +90,18 @@ def _add_robot(group: _ArgumentGroup) -> None:
 def _add_sweep(group: _ArgumentGroup) -> None:
     group.add_argument(
         "--parts",
-        choices=("axes", "rcm", "both"),
+        choices=("axes", "rcm", "both", "chain"),
         default="",
-        help="sweeps to simulate (default: both, if the arm has a remote centre)",
+        help="sweeps to simulate: of the loops, about the remote centre, both, or of each joint of"
+        " the chain in turn (default: both, if the loops make a remote centre; else of the loops"
+        " and of the chain)",
     )
     group.add_argument(
         "--duration",
         type=number,
         default=24.0,
         metavar="S",
-        help="duration of each sweep (default: 24)",
+        help="duration of each sweep, of each joint of a chain 0.6 of it (default: 24)",
     )
     group.add_argument(
         "--amplitude",
@@ -240,7 +243,10 @@ def _robot(args: Namespace) -> tuple[ArmDescription, str]:
 def _report(file: str, truth_file: str, tracks: SimulatedTracks) -> str:
     truth = tracks.truth
     spans = ", ".join(f"{p} {a:g} to {b:g} s" for p, (a, b) in truth["parts_s"].items())
-    rows = [[pair, f"{1e3 * value:.4f}", "mm"] for pair, value in truth["axis_distances_m"].items()]
+    chain = truth.get("joints", {"distances_m": {}, "angles_rad": {}})
+    distances = {**truth.get("axis_distances_m", {}), **chain["distances_m"]}
+    rows = [[pair, f"{1e3 * value:.4f}", "mm"] for pair, value in distances.items()]
+    rows += [[pair, f"{value:.6f}", "rad"] for pair, value in chain["angles_rad"].items()]
     rows += [[name, f"{value:.6f}", "rad"] for name, value in truth.get("beta_rad", {}).items()]
     if "rcm" in truth:
         away = truth["rcm"]["distance_to_pitch_axis_m"]

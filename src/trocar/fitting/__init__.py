@@ -25,6 +25,7 @@ from trocar.fitting.pivot import (
     white_noise,
 )
 from trocar.fitting.robust import GROSS_M, not_gross
+from trocar.fitting.slide import SlideFit, fit_slide
 from trocar.fitting.wander import WanderFit, fit_wander
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "PivotFit",
     "RestPose",
     "SharedHinge",
+    "SlideFit",
     "WanderFit",
     "angle_sigma",
     "axis_distance",
@@ -47,6 +49,7 @@ __all__ = [
     "fit_hinge_least_squares",
     "fit_pivot",
     "fit_pivot_in_body",
+    "fit_slide",
     "fit_wander",
     "likely_cause",
     "not_gross",

@@ -75,6 +75,44 @@ def shared_point(
     return x_a, x_b, residual
 
 
+def shared_rotation(R: Array) -> tuple[Array, Array]:
+    """Find the rotation that most of some rotations have.
+
+    Args:
+        R: rotations, (n, 3, 3)
+
+    Returns:
+        the rotation, (3, 3), and by how much each sample differs from it, (n,) [rad, small ones]
+    """
+    weights, mean, residual = np.ones(len(R)), np.eye(3), np.zeros(len(R))
+    for round_ in range(_ROUNDS):
+        left, _, right = np.linalg.svd(np.tensordot(weights, R, 1))
+        mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        residual = np.linalg.norm(R - mean, axis=(1, 2)) / np.sqrt(2.0)
+        weights = _reweighted(residual, round_)
+    return mean, residual
+
+
+def shared_line(p: Array, start: Array) -> tuple[Array, Array, Array]:
+    """Find the line that most points are on.
+
+    Args:
+        p: points, (n, 3) [m]
+        start: weight of each to begin with, (n,)
+
+    Returns:
+        a point of it and its unit direction, (3,) each, and how far each sample is from it, (n,)
+    """
+    weights, middle, along, residual = start, np.zeros(3), np.zeros(3), np.zeros(len(p))
+    for round_ in range(_ROUNDS):
+        middle = weights @ p / weights.sum()
+        away = p - middle
+        along = np.linalg.svd(np.sqrt(weights)[:, None] * away, full_matrices=False)[2][0]
+        residual = np.linalg.norm(away - np.outer(away @ along, along), axis=1)
+        weights = start * _reweighted(residual, round_)
+    return middle, along, residual
+
+
 def weighted_point(R: Array, p: Array, weights: Array, free: int = 2) -> tuple[Array, Array]:
     """Solve R_k x_b + p_k = x_a by weighted least squares, see `shared_point`.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -52,8 +54,9 @@ def test_every_length_and_angle_is_off_within_bounds_and_opposite_sides_are_equa
         assert np.ptp(differences) > limit, key
 
 
-def test_the_same_generator_makes_the_same_robot_and_only_two_arms_can_be_made_so():
+def test_the_same_generator_makes_the_same_robot_and_loops_alone_make_none():
     one, two = (geometry(perturbed(load_arm("psm"), np.random.default_rng(7))) for _ in "12")
     assert one == two
-    with pytest.raises(InputError, match="mtml: got a MTM; allowed: a PSM or an ECM"):
-        perturbed(load_arm("mtml"), np.random.default_rng(0))
+    gripper = load_arm(Path(__file__).parents[3] / "examples/mechanisms/four_bar_gripper.toml")
+    with pytest.raises(InputError, match="its loops carry all axes; allowed: psm, ecm"):
+        perturbed(gripper, np.random.default_rng(0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,7 +157,9 @@ def test_noise_out_of_range_and_arms_without_loops_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"noise, dropout: got 1.5; allowed: 0 to 0.9"):
         Noise(dropout=1.5)
     with pytest.raises(InputError, match="has no closed loop"):
-        simulate_tracks(load_arm("suj_psm1"), QUICK)
+        simulate_tracks(load_arm("suj_psm1"), replace(QUICK, parts="axes"))
+    with pytest.raises(InputError, match=r'psm: parts: got "chain"; allowed: axes, rcm, both'):
+        simulate_tracks(load_arm("psm"), replace(QUICK, parts="chain"))
     tracks = simulate_tracks(load_arm("psm"), QUICK)
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         write_tracks(tmp_path / "nowhere" / "a.csv", tracks)

@@ -1,6 +1,7 @@
 """A robot from motion capture: tracks in, an overlay of its description out."""
 
 from trocar.apps.calibration.calibrate import Calibration, calibrate
+from trocar.apps.calibration.joints import JointsCalibration, calibrate_joints, has_chain
 from trocar.apps.calibration.tracks import (
     Tracks,
     check_together,
@@ -11,9 +12,12 @@ from trocar.apps.calibration.tracks import (
 
 __all__ = [
     "Calibration",
+    "JointsCalibration",
     "Tracks",
     "calibrate",
+    "calibrate_joints",
     "check_together",
+    "has_chain",
     "parse_bodies",
     "read_tracks",
     "select_bodies",

@@ -12,6 +12,7 @@ from trocar.descriptions.calibration_plan import default_plan
 from trocar.descriptions.overlay import apply_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch, Overlay
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.serial_axes import serial_joints
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z, rpy_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -33,24 +34,25 @@ def perturbed(
     length_m: float = LENGTH_M,
     angle_rad: float = ANGLE_RAD,
 ) -> ArmDescription:
-    """Return a PSM or an ECM with other link lengths and angles, its parallelograms still closed.
+    """Return an arm with other link lengths and angles, its parallelograms still closed.
 
-    Opposite sides stay equal: 3-4 and 6-c1, 3-6 and 4-c1, 6-8 and 7-c2, 6-7 and 8-c2. Each
+    Of an arm without a remote centre that loops make: see `displaced_joints`. Of a PSM or an ECM
+    opposite sides stay equal: 3-4 and 6-c1, 3-6 and 4-c1, 6-8 and 7-c2, 6-7 and 8-c2. Each
     length is off by up to `length_m`, the angles of 3-4, 3-6 (beta1) and 3-7 (beta2) by up to
     `angle_rad`. 6-8 stays parallel to the yaw axis, so that there is a remote centre, and the shaft
     still passes it, as on the drawing.
 
     Args:
-        arm: a PSM or an ECM
+        arm: a PSM or an ECM, or an arm whose chain is calibrated
         rng: where the numbers come from
         length_m: [m]
         angle_rad: [rad]
 
     Raises:
-        InputError: another arm
+        InputError: an arm without joints to displace
     """
     if arm.type not in ("PSM", "ECM") or len(arm.mechanism.closures) != 2:
-        raise InputError(f"{arm.name}: got a {arm.type}; allowed: a PSM or an ECM with two loops")
+        return displaced_joints(arm, rng, length_m, angle_rad)
     old = arm.mechanism
     c1, c2 = old.closures
     four, six, seven, eight = c1.frame_a, c1.frame_b, c2.frame_a, c2.frame_b
@@ -102,6 +104,42 @@ def perturbed(
         ),
     )
     return replace(arm, mechanism=mechanism, title=f"{arm.title}, not as drawn")
+
+
+def displaced_joints(
+    arm: ArmDescription,
+    rng: np.random.Generator,
+    length_m: float = LENGTH_M,
+    angle_rad: float = ANGLE_RAD,
+) -> ArmDescription:
+    """Return an arm whose chain has its axes displaced and tilted; its loops stay as drawn.
+
+    Args:
+        arm: an arm without a remote centre that loops make
+        rng: where the numbers come from
+        length_m: each axis is off by up to this across itself [m]
+        angle_rad: and turned by up to this about all three axes of its frame [rad]
+
+    Raises:
+        InputError: an arm all of whose axes belong to loops
+    """
+    mechanism = arm.mechanism
+    looped = {f for c in mechanism.closures for end in (c.frame_a, c.frame_b)
+              for f in (mechanism.frames[i].name for i in mechanism.chain(end))}  # fmt: skip
+    frames: dict[str, FramePatch] = {}
+    for name in (joint.frame for joint in serial_joints(arm)):
+        across = np.append(rng.uniform(-length_m, length_m, 2), 0.0)
+        turn = rng.uniform(-angle_rad, angle_rad, 3)
+        if name not in looped:
+            before = mechanism.frame(name).before
+            at = before[:3, 3] + before[:3, :3] @ across
+            R = before[:3, :3] @ matrix_from_rotation_vector(turn)
+            frames[name] = FramePatch(at, rpy_from_matrix(R))
+    if not frames:
+        raise InputError(f"{arm.name}: its loops carry all axes; allowed: psm, ecm, or an arm with"
+                         " others")  # fmt: skip
+    found = apply_overlay(arm, Overlay(arm.name, "parallelogram", frames))
+    return replace(found, overlay=None, title=f"{arm.title}, not as drawn")
 
 
 def _stretched(vector: Array, longer: float, angle: float) -> Array:

@@ -13,14 +13,17 @@ from scipy.signal import lfilter
 
 from trocar.apps.mocap.sweep import (
     STILL_S,
+    chain_joints,
     has_remote_centre,
     marked_frames,
+    part_ends,
     simulated_positions,
     sweep,
 )
 from trocar.descriptions.axis_lines import Line, home_lines, line_angle, line_distance
 from trocar.descriptions.calibration_plan import default_plan, hinge_side
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.serial_axes import serial_figures, serial_joints
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform
@@ -29,9 +32,9 @@ from trocar.kinematics.tree import frame_poses
 
 Array = NDArray[np.float64]
 Motion = Literal["dynamic", "kinematic"]
-Parts = Literal["", "axes", "rcm", "both"]
+Parts = Literal["", "axes", "rcm", "both", "chain"]
 PARTS: Mapping[str, tuple[str, ...]] = {
-    "axes": ("axes",), "rcm": ("rcm",), "both": ("axes", "rcm"),
+    "axes": ("axes",), "rcm": ("rcm",), "both": ("axes", "rcm"), "chain": ("chain",),
 }  # fmt: skip
 #: The rates that a camera system may have. [Hz]
 RATES_HZ = (10.0, 1000.0)
@@ -118,7 +121,9 @@ def random_pose(rng: np.random.Generator, reach: float) -> Array:
     return transform(random_rotations(rng, 1)[0], rng.uniform(-reach, reach, 3))
 
 
-def geometry(arm: ArmDescription, base_cluster: Array, swing: Array | None) -> dict[str, Any]:
+def geometry(
+    arm: ArmDescription, clusters: Mapping[str, Array], swing: Array | None
+) -> dict[str, Any]:
     """Return axis distances, angles and the remote centre, as `trocar calibrate` names them.
 
     A remote centre that wanders is the point that fits best, told with how far the link that
@@ -129,14 +134,17 @@ def geometry(arm: ArmDescription, base_cluster: Array, swing: Array | None) -> d
 
     Args:
         arm: as it is
-        base_cluster: the marker cluster on the arm's root, T_root_cluster (4, 4)
+        clusters: {frame: its marker cluster, T_frame_cluster (4, 4)}, the root's first
         swing: joint positions about the remote centre, (n, n_joints); None where there is none
     """
     mechanism = arm.mechanism
+    joints: dict[str, Any] = {} if has_remote_centre(arm) else {"joints": _chain(arm, clusters)}
+    if not mechanism.closures:
+        return joints
     plan = arm.calibration or default_plan(mechanism)
     axes = home_lines(mechanism, plan.axes)
     pitch = next(iter(axes.values()))
-    found: dict[str, Any] = {
+    found: dict[str, Any] = joints | {
         "axis_distances_m": {
             f"{a}-{b}": line_distance(axes[a], axes[b], pitch.point) for a, b in plan.distances
         }
@@ -153,13 +161,23 @@ def geometry(arm: ArmDescription, base_cluster: Array, swing: Array | None) -> d
         body, _ = hinge_side(mechanism, mechanism.closures[-1])
         end = poses(mechanism, swing, arm.root)[body]
         centre, misses = _fixed_point(end)
-        seen = inverse(base_cluster) @ np.append(centre, 1.0)
+        seen = inverse(clusters[arm.root]) @ np.append(centre, 1.0)
         found["rcm"] = {
             "position_in_base_body_m": seen[:3].tolist(),
             "distance_to_pitch_axis_m": line_distance(pitch, Line(centre, pitch.direction), centre),
             "rms_m": float(np.sqrt((misses**2).sum(axis=1).mean())),
         }
     return found
+
+
+def _chain(arm: ArmDescription, clusters: Mapping[str, Array]) -> Mapping[str, Any]:
+    """Return how each axis of the chain stands to the next, as `trocar calibrate` names them."""
+    mechanism = arm.mechanism
+    at = poses(mechanism, np.clip(np.zeros(len(arm.joints)), mechanism.lower, mechanism.upper),
+               arm.root)  # fmt: skip
+    return serial_figures(
+        serial_joints(arm), {link: (at[link] @ T)[:3, 3] for link, T in clusters.items()}
+    )
 
 
 def _fixed_point(poses: Array) -> tuple[Array, Array]:
@@ -180,8 +198,9 @@ class MocapSettings:
 
     Attributes:
         motion: "dynamic" (joints simulated with their servos) or "kinematic" (exactly as told)
-        parts: sweeps of the loops for their axes, about the remote centre, or both in turn; "" is
-            both for an arm that has a remote centre, else "axes"
+        parts: sweeps of the loops for their axes, about the remote centre, or both in turn, or of
+            the joints of the chain; "" is both for an arm that has a remote centre, else those of
+            its loops and of its chain
         duration_s: of each part [s]
         amplitude: of the joints that are swept [rad]
         rate_hz: of the cameras [Hz]
@@ -233,19 +252,20 @@ def simulate_tracks(
     depend on the seed alone, not on noise or motion.
 
     Args:
-        arm: with closed loops; for the part "rcm" with a remote centre
+        arm: for the part "axes" with closed loops, for "rcm" with a remote centre
         settings: the default ones when omitted
         progress: is told (done, all) of the simulation's periods
         robot: what the truth shall call the arm
 
     Raises:
-        InputError: settings that cannot be used, an arm without loops
+        InputError: settings that cannot be used, an arm without what is to be swept
         DivergedError: the simulation left the finite numbers
     """
     wanted = settings or MocapSettings()
     _check(wanted)
-    parts = PARTS[wanted.parts or ("both" if has_remote_centre(arm) else "axes")]
-    count = round(len(parts) * wanted.duration_s * wanted.rate_hz) + 1
+    parts = _parts(arm, wanted.parts)
+    end = part_ends(arm, wanted.duration_s, parts)[-1]
+    count = round(end * wanted.rate_hz) + 1
     times = np.arange(count) / wanted.rate_hz
     told = sweep(arm, times, wanted.duration_s, wanted.amplitude, parts)
 
@@ -275,7 +295,7 @@ def simulate_tracks(
     truth = {
         "arm": arm.name,
         "robot": robot,
-        **geometry(arm, clusters[next(iter(bodies))], _swing(arm, wanted)),
+        **geometry(arm, {bodies[b]: T for b, T in clusters.items()}, _swing(arm, wanted)),
         "bodies": {
             body: {"frame": frame, "T_link_body": clusters[body].tolist()}
             for body, frame in bodies.items()
@@ -287,6 +307,20 @@ def simulate_tracks(
         "settings": asdict(wanted),
     }
     return SimulatedTracks(times, seen, told.q, wanted.rate_hz, truth)
+
+
+def _parts(arm: ArmDescription, asked: Parts) -> tuple[str, ...]:
+    """Return the parts of a sweep, in turn."""
+    if asked == "chain" and not chain_joints(arm):
+        raise InputError(f'{arm.name}: parts: got "chain"; allowed: axes, rcm, both')
+    if asked:
+        return PARTS[asked]
+    if has_remote_centre(arm):
+        return PARTS["both"]
+    return (
+        *(("axes",) if arm.mechanism.closures else ()),
+        *(("chain",) if chain_joints(arm) else ()),
+    )
 
 
 def _swing(arm: ArmDescription, settings: MocapSettings) -> Array | None:

@@ -1,4 +1,7 @@
-"""How an arm is swept before the cameras: still, then its loops folded, then about its centre."""
+"""How an arm is swept before the cameras: still, then its loops folded, then about its centre.
+
+Of an arm without a remote centre every other joint of its chain is swept, too, one after another.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +15,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.calibration_plan import hinge_side
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
+from trocar.descriptions.serial_axes import serial_joints
 from trocar.errors import InputError
 from trocar.simulation import World
 
@@ -20,6 +24,9 @@ Array = NDArray[np.float64]
 #: The arm stands still at the start for this long, where a calibration finds its home; each
 #: sweep grows in and dies out over a ramp. Source: our own choice. [s]
 STILL_S, RAMP_S = 2.0, 1.0
+#: A slide is swept by this, and each joint of a chain for this share of a part's duration. Source:
+#: our own choice. [m]
+SLIDE_M, CHAIN_SHARE = 0.1, 0.6
 #: Periods of a sweep a second, at most. Source: closed-loop paper 4.3, its test trajectory. [Hz]
 SWEEP_HZ = 0.1
 #: About the remote centre the second joint makes three swings to two of the first.
@@ -40,8 +47,8 @@ class Sweep:
 
     Attributes:
         q: (n, n_joints) [rad or m]
-        parts: {"still" | "axes" | "rcm": (from, to)} [s]
-        swings: {part: {joint: amplitude}} [rad]
+        parts: {"still" | "axes" | "rcm" | "chain": (from, to)} [s]
+        swings: {part: {joint: amplitude}} [rad or m]
         spans: {joints that move at once, as "yaw + pitch": (from, to)} [s]
     """
 
@@ -61,7 +68,7 @@ def sweep(
         times: (n,), from 0 on [s]
         duration_s: of each part; the still start belongs to the first [s]
         amplitude: of every joint that is swept, less where its range is narrower [rad]
-        parts: of "axes" and "rcm", in this order
+        parts: of "axes", "rcm" and "chain", in this order
 
     Raises:
         InputError: too short, no amplitude, or an arm without a remote centre
@@ -73,24 +80,24 @@ def sweep(
         )
     if not 0.0 < amplitude <= math.pi:
         raise InputError(f"amplitude: got {amplitude:g} rad; allowed: above 0 to pi")
-    folding = folding_joints(arm)
     # Swept joints stand still at 0, the others at the pose "home".
     mechanism = arm.mechanism
     start = np.array(arm.poses.get("home", np.zeros(len(mechanism.joints))), dtype=np.float64)
-    start[: max(folding, default=-1) + 1] = 0.0
+    swept = folding_joints(arm) if mechanism.closures else []
+    start[: max([*swept, *chain_joints(arm)], default=-1) + 1] = 0.0
     start = np.clip(start, mechanism.lower, mechanism.upper)
     q = np.tile(start, (len(times), 1))
     spans, swings = {"still": (0.0, STILL_S)}, {}
     together: dict[tuple[float, float], list[str]] = {}
     begin = STILL_S
-    for number, part in enumerate(parts):
-        end = (number + 1) * duration_s
+    for part, end in zip(parts, part_ends(arm, duration_s, parts), strict=True):
         spans[part], swings[part] = (begin, end), {}
         for joint, from_s, length, share in _turns(arm, part, begin, end):
             # About 0, where the range allows it.
             lower = arm.joints[joint].lower + MARGIN_RAD
             upper = arm.joints[joint].upper - MARGIN_RAD
-            swing = min(amplitude, 0.5 * (upper - lower))
+            most = SLIDE_M if mechanism.joints[joint].kind == "prismatic" else amplitude
+            swing = min(most, 0.5 * (upper - lower))
             middle = float(np.clip(0.0, lower + swing, upper - swing))
             name = arm.joints[joint].name
             fastest = SPEED_SHARE * arm.joints[joint].velocity_max / (2.0 * np.pi * swing) / 1.5
@@ -107,8 +114,30 @@ def sweep(
     return Sweep(q, spans, swings, {" + ".join(n): span for span, n in together.items()})
 
 
+def part_ends(arm: ArmDescription, duration_s: float, parts: tuple[str, ...]) -> list[float]:
+    """Return until when each part lasts [s]."""
+    chain = CHAIN_SHARE * duration_s * len(chain_joints(arm))
+    lengths = [chain if part == "chain" else duration_s for part in parts]
+    if parts[:1] == ("chain",):
+        lengths[0] += STILL_S
+    return np.cumsum(lengths).tolist()
+
+
+def chain_joints(arm: ArmDescription) -> list[int]:
+    """Return the joints of an arm's chain that are swept one by one: not those of its loops.
+
+    None of an arm with a remote centre that its loops make.
+    """
+    if has_remote_centre(arm):
+        return []
+    folding = folding_joints(arm) if arm.mechanism.closures else []
+    return [j.column for j in serial_joints(arm) if j.column >= 0 and j.column not in folding]
+
+
 def has_remote_centre(arm: ArmDescription) -> bool:
     """Tell whether two joints of an arm, of which the second folds its loops, swing about one."""
+    if not arm.mechanism.closures:
+        return False
     folding = folding_joints(arm)
     return "rcm" in arm.mechanism.frame_index and len(folding) == 1 and folding[0] > 0
 
@@ -117,6 +146,10 @@ def _turns(
     arm: ArmDescription, part: str, begin: float, end: float
 ) -> list[tuple[int, float, float, float]]:
     """Return (joint, from, length, share of swings) of one part: one by one, or all at once."""
+    if part == "chain":
+        chain = chain_joints(arm)
+        length = (end - begin) / len(chain)
+        return [(j, begin + n * length, length, 1.0) for n, j in enumerate(chain)]
     folding = folding_joints(arm)
     if part == "axes":
         length = (end - begin) / len(folding)
@@ -130,9 +163,10 @@ def _turns(
 
 
 def marked_frames(arm: ArmDescription) -> dict[str, str]:
-    """Return {body: frame} of the links of an arm's loops: the root, and what moves on them."""
+    """Return {body: frame} of the links of an arm's loops and of the joints that are swept."""
     mechanism = arm.mechanism
     ends = {frame for c in mechanism.closures for frame in (c.frame_a, c.frame_b)}
+    ends |= {joint.frame for joint in serial_joints(arm) if not has_remote_centre(arm)}
     pins = {hinge_side(mechanism, c)[1] for c in mechanism.closures}
     frames = [mechanism.frames[i] for i in sorted({i for n in ends for i in mechanism.chain(n)})]
     links = [f.name for f in frames if f.motion != "fixed" and f.name not in pins]

@@ -187,7 +187,7 @@ def test_the_kind_of_grasp_tells_states_apart(tmp_path: Path) -> None:
 
 def test_a_wrench_sensor_feels_what_pulls_at_what_the_jaw_holds(tmp_path: Path) -> None:
     file = tmp_path / "grip.toml"
-    sensor = '[[sensor]]\nname = "wrist"\nkind = "wrench"\narm = "PSM1"\nframe = "wrist_yaw"\n'
+    sensor = '[[sensor]]\nname = "wrist"\nkind = "tip_wrench"\narm = "PSM1"\nframe = "wrist_yaw"\n'
     file.write_text(rig_text("friction+stick") + sensor, encoding="utf-8")
     held = Grip(file)
     held.world.step(100)

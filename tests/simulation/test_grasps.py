@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.grip import Grip, rig_text
 from trocar.descriptions import load_rig
+from trocar.descriptions.sensors import WrenchReading
 from trocar.errors import DescriptionError
 from trocar.simulation import World
 from trocar.simulation.journal import Entry
@@ -191,11 +192,16 @@ def test_a_wrench_sensor_feels_what_pulls_at_what_the_jaw_holds(tmp_path: Path) 
     file.write_text(rig_text("friction+stick") + sensor, encoding="utf-8")
     held = Grip(file)
     held.world.step(100)
-    before = held.world.sensor("wrist").force
+
+    def felt() -> np.ndarray:
+        reading = held.world.sensor("wrist")
+        assert isinstance(reading, WrenchReading)
+        return reading.force
+
+    before = felt()
     held.world.mj_data.xfrc_applied[held.world.mj_model.body("needle").id, 2] = -3.0
     held.world.step(100)
-    felt = held.world.sensor("wrist").force - before
-    assert np.linalg.norm(felt) == pytest.approx(3.0, rel=0.02)
+    assert np.linalg.norm(felt() - before) == pytest.approx(3.0, rel=0.02)
 
 
 def test_contacts_of_what_is_held_are_the_pads_presses(held: Grip) -> None:

@@ -69,14 +69,36 @@ def read_mesh(table: Table) -> Mesh:
     if problem := lfs_problem(data):
         raise table.fail("file", f"{path} {problem}")
     try:
-        corners = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
+        points, faces = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
     except (ValueError, IndexError, UnicodeDecodeError) as problem:
         raise table.fail(
             "file", f"{path} is no {path.suffix[1:].upper()} file: {problem}"
         ) from None
-    _check(table, path, corners)
-    vertices, inverse = np.unique(scale * corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return Mesh(vertices, inverse.reshape(-1, 3).astype(np.int64), path.stem)
+    _check(table, path, points, faces)
+    vertices, faces = welded(scale * points, faces)
+    return Mesh(vertices, faces, path.stem)
+
+
+def welded(points: Array, faces: Ints) -> tuple[Array, Ints]:
+    """Return triangles whose corners at the same place are one, without unused points.
+
+    Args:
+        points: all finite, (n, 3) [m]
+        faces: which three make a triangle, (m, 3)
+
+    Returns:
+        the points, sorted, (k, 3), and the triangles of them, (m, 3)
+    """
+    used = np.zeros(len(points), dtype=bool)
+    used[faces] = True
+    some = points[used]
+    order = np.lexsort(some.T[::-1])  # ten times as fast as np.unique(axis=0)
+    row = some[order]
+    first = np.ones(len(row), dtype=bool)
+    first[1:] = (row[1:] != row[:-1]).any(axis=1)
+    places = np.zeros(len(points), dtype=np.int64)
+    places[np.flatnonzero(used)[order]] = np.cumsum(first) - 1
+    return row[first], places[faces]
 
 
 def lfs_problem(data: bytes) -> str:
@@ -88,50 +110,57 @@ def lfs_problem(data: bytes) -> str:
     )  # fmt: skip
 
 
-def _check(table: Table, path: Path, corners: Array) -> None:
+def _check(table: Table, path: Path, points: Array, faces: Ints) -> None:
     problem = ""
-    if not len(corners):
+    if not len(faces):
         problem = "has no triangles"
-    elif len(corners) > MOST_TRIANGLES:
-        problem = f"has {len(corners)} triangles; allowed: up to {MOST_TRIANGLES}"
-    elif not np.isfinite(corners).all():
+    elif len(faces) > MOST_TRIANGLES:
+        problem = f"has {len(faces)} triangles; allowed: up to {MOST_TRIANGLES}"
+    elif not np.isfinite(points).all():
         problem = "has coordinates that are not finite"
     if problem:
         raise DescriptionError(table.file, f"{table.path}.file", f"{path} {problem}")
 
 
-def _from_stl(data: bytes) -> Array:
-    """Return the corners of each triangle, (m, 3, 3)."""
+def _from_stl(data: bytes) -> tuple[Array, Ints]:
+    """Return points, (3 m, 3), and which three make a triangle, (m, 3)."""
     count = int.from_bytes(data[80:HEADER_BYTES], "little") if len(data) >= HEADER_BYTES else -1
     if len(data) == HEADER_BYTES + TRIANGLE_BYTES * count:
         row = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-        return np.frombuffer(data, row, offset=HEADER_BYTES)["corners"].astype(np.float64)
+        corners = np.frombuffer(data, row, offset=HEADER_BYTES)["corners"].astype(np.float64)
+        return corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
     text = data.decode("ascii")
     if not text.lstrip().startswith("solid"):
         raise ValueError("it neither starts with `solid` nor has the length that its count says")
     lines = [words for line in text.splitlines() if (words := line.split())[:1] == ["vertex"]]
     if len(lines) % 3 or any(len(words) != 4 for words in lines):
         raise ValueError("a triangle has three lines `vertex x y z`")
-    return np.array([[float(w) for w in words[1:]] for words in lines]).reshape(-1, 3, 3)
+    corners = np.array([[float(w) for w in words[1:]] for words in lines]).reshape(-1, 3)
+    return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def _from_obj(data: bytes) -> Array:
-    """Return the corners of each triangle, (m, 3, 3); faces with more corners become fans."""
+def _from_obj(data: bytes) -> tuple[Array, Ints]:
+    """Return points, (n, 3), and which three make a triangle, (m, 3).
+
+    Faces with more corners become fans.
+    """
     points: list[list[float]] = []
     faces: list[list[int]] = []
     for line in data.decode("utf-8").splitlines():
         key, *words = line.split() or [""]
         if key == "v":
-            points.append([float(w) for w in words[:3]])
+            points.append(list(map(float, words[:3])))
         elif key == "f":
-            indices = [int(w.split("/")[0]) for w in words]
+            indices = (
+                [int(w.split("/")[0]) for w in words] if "/" in line else list(map(int, words))
+            )
             corners = [k - 1 if k > 0 else len(points) + k for k in indices]
-            if not all(0 <= k < len(points) for k in corners):
+            if min(corners, default=0) < 0 or max(corners, default=-1) >= len(points):
                 raise ValueError(f"face {' '.join(words)} has a corner that is not there")
             faces += [[corners[0], a, b] for a, b in pairwise(corners[1:])]
     if any(len(point) != 3 for point in points):
         raise ValueError("a corner is a line `v x y z`")
-    return np.array(points)[np.array(faces, dtype=np.int64)] if faces else np.zeros((0, 3, 3))
+    return np.array(points).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
 
 
 def open_edges(vertices: Array, faces: Ints) -> int:

@@ -101,3 +101,15 @@ def test_each_mesh_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     written = {p.name for p in (Path(found.file).parent / "meshes").iterdir()}
     assert len(written) == 2  # what is seen, and the hull that is touched
     assert +read == dict.fromkeys({"a.stl", *written}, 1)
+
+
+def test_corners_that_an_stl_repeats_are_written_once(tmp_path: Path) -> None:
+    ball = trimesh.creation.icosphere(subdivisions=3)  # 642 corners, 1280 triangles
+    ball.export(tmp_path / "ball.stl")
+    mesh = '<visual><geometry><mesh filename="ball.stl" scale="0.1 0.1 0.1"/></geometry></visual>'
+    file = tmp_path / "robot.urdf"
+    file.write_text(URDF.replace('<link name="base">', f'<link name="base">{mesh}'), "utf-8")
+    found = import_file(file, tmp_path / "out")
+    (written,) = (Path(found.file).parent / "meshes").iterdir()
+    lines = written.read_text().splitlines()
+    assert [sum(line.startswith(key) for line in lines) for key in "vf"] == [642, 1280]

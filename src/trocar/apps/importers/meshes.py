@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.importers.model import ImportFileError
-from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem
+from trocar.descriptions.meshes import MOST_BYTES, MOST_TRIANGLES, Mesh, lfs_problem, welded
 from trocar.errors import InputError, MissingExtraError
 from trocar.inputs import is_file
 
@@ -55,6 +55,8 @@ class Solid:
 def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
     """Return the triangles of a file, times `scale` (a number, or one an axis).
 
+    Corners at the same place are one, as `read_mesh` has them: STL repeats each six times.
+
     Raises:
         ImportFileError: no such file, an unknown format, no triangles, too many
         MissingExtraError: trimesh is not installed
@@ -82,7 +84,7 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
     vertices = np.asarray(found.vertices, dtype=np.float64) * scale
     if not np.isfinite(vertices).all():
         raise ImportFileError(str(path), "has coordinates that are not finite")
-    return Mesh(vertices, faces)
+    return Mesh(*welded(vertices, faces))
 
 
 def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> Solid:

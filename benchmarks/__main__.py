@@ -7,7 +7,7 @@ intervals of calibrated robots, exchanged labels, broken loops (half an hour on 
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
 operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
 of props. dynamics: efforts predicted along recordings of real arms. errors: how far tips are from
-where the robots report them.
+where the robots report them. drives: cost and drift of identified dynamics in the simulation.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -35,6 +35,7 @@ NAMES = (
     "laws",
     "dynamics",
     "errors",
+    "drives",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -84,7 +85,7 @@ def main(words: Sequence[str] | None = None) -> int:
         "--recordings",
         metavar="DIR",
         default=os.environ.get("TROCAR_HARDWARE_DATA"),
-        help="of dynamics: recordings of real arms (default: $TROCAR_HARDWARE_DATA)",
+        help="of dynamics, drives: recordings of real arms (default: $TROCAR_HARDWARE_DATA)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
@@ -134,6 +135,11 @@ def main(words: Sequence[str] | None = None) -> int:
             else:
                 watch("dynamics")
                 found += dynamics(Path(args.recordings))
+        if "drives" in args.name:
+            from benchmarks.drives import drives
+
+            watch("drives")
+            found += drives(args.recordings and Path(args.recordings))
         if "errors" in args.name:
             from benchmarks.errors import errors
 

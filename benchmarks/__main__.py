@@ -7,7 +7,8 @@ motion (7 minutes each on one core). assistance: error and time of a modelled op
 without virtual fixtures. laws: momentum, friction, soft pads and elastic bands of props. grip:
 slip of a held needle, and loads at which a jaw lets go. dynamics: efforts predicted along
 recordings of real arms. errors: how far tips are from where the robots report them. vision:
-calibrations of the endoscope from views of a board (5 s a seed).
+calibrations of the endoscope from views of a board (5 s a seed). drives: cost and drift of
+identified dynamics in the simulation.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -36,6 +37,7 @@ NAMES = (
     "dynamics",
     "errors",
     "vision",
+    "drives",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -86,7 +88,7 @@ def main(words: Sequence[str] | None = None) -> int:
         "--recordings",
         metavar="DIR",
         default=os.environ.get("TROCAR_HARDWARE_DATA"),
-        help="of dynamics: recordings of real arms (default: $TROCAR_HARDWARE_DATA)",
+        help="of dynamics, drives: recordings of real arms (default: $TROCAR_HARDWARE_DATA)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON document")
     args = parser.parse_args(words)
@@ -137,6 +139,11 @@ def main(words: Sequence[str] | None = None) -> int:
             else:
                 watch("dynamics")
                 found += dynamics(Path(args.recordings))
+        if "drives" in args.name:
+            from benchmarks.drives import drives
+
+            watch("drives")
+            found += drives(args.recordings and Path(args.recordings))
         if "errors" in args.name:
             from benchmarks.errors import errors
 

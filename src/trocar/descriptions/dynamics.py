@@ -22,13 +22,16 @@ from trocar.errors import InputError, UnknownNameError
 
 Array = NDArray[np.float64]
 
+#: Joints that not every instrument has; drivetrains along one that is not there exert nothing.
+INSTRUMENT = ("roll", "wrist_pitch", "wrist_yaw", "jaw")
+
 
 def apply_dynamics(arm: ArmDescription, dynamics: Dynamics, where: str) -> ArmDescription:
     """Return an arm with identified bodies, friction and rotors.
 
-    A simulation has of a drivetrain what its hinges have: rotor, viscous friction, and dry friction
-    of Coulomb's kind with the stop elements' force when all slip. Offsets, springs, cables and
-    drivetrains along other combinations of joints are in `predict` only. Tools keep their own.
+    What a hinge of any format has is set here: rotor, viscous friction, and dry friction of
+    Coulomb's kind with the stop elements' force when all slip. Tools keep their own. The simulation
+    has all terms of all drivetrains in place of these: see `modeling.drives`.
 
     Args:
         arm: the description, with its tool
@@ -44,7 +47,7 @@ def apply_dynamics(arm: ArmDescription, dynamics: Dynamics, where: str) -> ArmDe
             raise UnknownNameError("body", frame, own, where)
     for train in dynamics.drivetrains.values():
         for joint in train.along:
-            if joint not in arm.mechanism.joint_index:
+            if joint not in (*arm.mechanism.joint_index, *INSTRUMENT):
                 raise UnknownNameError("joint", joint, arm.mechanism.joint_names, where)
     left = dict(dynamics.bodies)
     bodies: list[Body] = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
@@ -33,6 +33,7 @@ from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame
 from trocar.kinematics.tree import local_pose
 from trocar.modeling import naming
+from trocar.modeling.drives import Drive, add_tendons, arm_drives, frames_of_drives
 from trocar.modeling.geoms import LONE_MASK, OBJECTS, ContactMask, Geoms, contact_masks
 from trocar.modeling.hinges import followers, hinge_of
 from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset
@@ -72,6 +73,8 @@ DIGESTED = (
     "jnt_stiffness",
     "tendon_stiffness",
     "tendon_damping",
+    "tendon_frictionloss",
+    "tendon_armature",
     "tendon_lengthspring",
     "pair_solref",
 )
@@ -296,7 +299,15 @@ class Draft:
                 self._tie(name, (name, naming.scoped(place.name, leader)), ratio)
             for joint in arm.joints:
                 self._add_servo(place, joint, group)
+            add_tendons(self.spec, place.name, self._drives(place), self._options.timestep)
         return anchors
+
+    def _drives(self, place: RigArm) -> tuple[Drive, ...]:
+        """Return an arm's drives in simulations; files for others have friction of hinges."""
+        options = self._options
+        if options.servo != "pid" or options.standalone or options.decoration:
+            return ()
+        return arm_drives(place.arm, options.friction)
 
     def _add_frame_sites(self, place: RigArm, anchors: Mapping[str, Anchor]) -> None:
         """Add the sites that the poses of an arm are read from: its tip and its reference."""
@@ -345,6 +356,15 @@ class Draft:
         back = inverse(frame.after)
         slides = frame.motion == "prismatic"
         passive = hinge_of(place.arm, frame.name, self._options.friction)
+        drives = self._drives(place)
+        if frame.name in frames_of_drives(place.arm, drives):
+            own = next((d for d in drives if d.name == frame.name), Drive("", {}, ()))
+            passive = replace(
+                passive,
+                armature=own.armature,
+                damping=own.damping,
+                frictionloss=own.frictionloss,
+            )
         hinge = body.add_joint(
             name=naming.scoped(place.name, frame.name),
             type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
@@ -354,6 +374,9 @@ class Draft:
             damping=[passive.damping, 0.0, 0.0],
             frictionloss=passive.frictionloss,
         )
+        if drives:
+            hinge.solref_friction = [STOP_STEPS * self._options.timestep, 1.0]
+            hinge.solimp_friction = STIFF_IMPEDANCE
         if passive.stiffness:
             hinge.stiffness = [passive.stiffness, 0.0, 0.0]
             hinge.springref = passive.rest

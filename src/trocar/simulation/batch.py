@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -36,6 +37,8 @@ Array = NDArray[np.float64]
 
 #: Model fields that the gains of one world are written into.
 GAIN_FIELDS = ("actuator_biasprm", "actuator_gainprm")
+#: Those that springs of identified dynamics are written into.
+SPRING_FIELDS = ("jnt_stiffness", "qpos_spring", "tendon_stiffness", "tendon_lengthspring")
 LIMIT_FIELD = "actuator_forcerange"
 
 
@@ -121,7 +124,8 @@ class Batch:
         self.names = self._table.names
         self._arms: dict[str, RigArm] = {arm.name: arm for arm in self.rig.arms}
         self._model = copy.copy(world.mj_model)
-        self._first = world.save().row
+        first = world.save()
+        self._first = first.row
         sleeps = bool(self._model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP)
         self._rows = Rows(self._model, self.n, 0 if threads is None else int(threads), sleeps)
         self._servos = world.servos.save()
@@ -132,6 +136,11 @@ class Batch:
         self._ctrl = self._rows.bind("ctrl")
         self._qpos = self._rows.bind("qpos")
         self._objects = ObjectKinematics(self.rig, self._model)
+        self._drives, self._trains = world.drives, first.drives
+        if self._drives is not None and self._trains is not None:
+            fields = SPRING_FIELDS if self._model.ntendon else SPRING_FIELDS[:2]
+            self._fields = {name: self._rows.expand(name) for name in fields}
+            self._anchor, self._springs = (np.stack([one] * self.n) for one in self._trains)
         self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
@@ -176,6 +185,9 @@ class Batch:
             self._rows.reset(which, stage=mujoco.mjtStage.mjSTAGE_NONE)
             self._rows.state[which] = self._first
             self._periods[which] = 0
+            if self._drives is not None and self._trains is not None:
+                self._anchor[which], self._springs[which] = self._trains
+                self._write_springs(which)
         return self.read()
 
     def step(
@@ -210,9 +222,17 @@ class Batch:
             for world in np.flatnonzero(since == 0).tolist():
                 self._balance(world)
             run = min(left, int((self._renewal - since).min()))
+            if self._drives is not None:
+                every = self._drives.every
+                run = min(run, int((every - self._periods % every).min()))
             self._rows.step(nstep=run)
             self._periods += run
             left -= run
+            if self._drives is not None:
+                due = np.flatnonzero(self._periods % self._drives.every == 0)
+                for world in due:
+                    self._drives.renew(self._qpos[world], self._anchor[world], self._springs[world])
+                self._write_springs(due)
         self._check()
         return self.read(rejected)
 
@@ -261,6 +281,8 @@ class Batch:
         """
         if field in (*GAIN_FIELDS, LIMIT_FIELD):
             raise InputError(f"expand: got {field!r}; allowed: other fields; use set_gains")
+        if self._drives is not None and field in SPRING_FIELDS:
+            raise InputError(f"expand: got {field!r}; allowed: fields without identified springs")
         try:
             return self._rows.expand(field)
         except (AttributeError, ValueError, KeyError) as problem:
@@ -389,7 +411,16 @@ class Batch:
         """Feed forward what holds every motor's load in one world."""
         self._scratch.qpos[:] = self._qpos[world]
         holding = self._frames.holding_efforts(np.zeros(len(self.names)))
+        if self._drives is not None:
+            holding += self._drives.holding(self._qpos[world])
         self._inputs()[world, :, 2] = self._servos["balanced"] * holding
+
+    def _write_springs(self, which: NDArray[np.intp]) -> None:
+        """Write the springs of identified dynamics into the models of some worlds."""
+        if self._drives is not None:
+            for world in which:
+                row = {name: values[world] for name, values in self._fields.items()}
+                self._drives.write(SimpleNamespace(**row), self._springs[world])
 
     def _check(self) -> None:
         """Reject a state that is no longer finite."""

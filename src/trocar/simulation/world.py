@@ -26,6 +26,7 @@ from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
+from trocar.simulation.drives import drives_of
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
 from trocar.simulation.grasps import Grasp, Grasps, GraspState
@@ -103,6 +104,7 @@ class State:
         scripts: objects whose scripts run
         grasps: of each jaw that may hold something
         errors: of the robots' readings, None for none
+        drives: of identified drivetrains, anchors of their stop elements and springs
     """
 
     signature: str
@@ -120,6 +122,7 @@ class State:
     scripts: tuple[str, ...] = ()
     grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
     errors: Mapping[str, Any] | None = None
+    drives: tuple[Array, Array] | None = None
 
 
 class World:
@@ -378,8 +381,13 @@ class World:
         self.servos.apply()
         if self.servos.errors is not None:
             self.servos.errors.begin()
+        if self.drives is not None:
+            self.drives.begin(self._data.qpos, self._anchor, self._springs)
+            self.drives.write(self._model, self._springs)
         mujoco.mj_forward(self._model, self._data)
         self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
+        if self.drives is not None:
+            self.servos.holding += self.drives.holding(self._data.qpos)
         self.servos.write_efforts()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
@@ -408,6 +416,7 @@ class World:
             scripts=self._scripts.running,
             grasps=self._grasps.save(),
             errors=None if self.servos.errors is None else self.servos.errors.save(),
+            drives=None if self.drives is None else (self._anchor.copy(), self._springs.copy()),
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -439,6 +448,9 @@ class World:
         if self.servos.errors is not None and state.errors is not None:
             self.servos.errors.load(state.errors)
             self.frames.register(self.servos.errors.registration)
+        if self.drives is not None and state.drives is not None:
+            self._anchor[:], self._springs[:] = state.drives
+            self.drives.write(self._model, self._springs)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
@@ -487,6 +499,9 @@ class World:
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
+        if self.drives is not None:
+            self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
+            self.drives.write(self._model, self._springs)
         self._balance()
 
     @command
@@ -518,6 +533,7 @@ class World:
         self._grasps.let_go(arm=name)
         grasps = self._grasps.save()
         before, motors = (self._model, self._data, self.servos), arm.motors
+        trains = self.drives, self._anchor
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
         for other in self.arms.values():
@@ -536,12 +552,16 @@ class World:
         arm.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
         rows, holding = new_motors.index.rows, self.servos.holding.copy()
-        self._true.holding_efforts(self.servos.holding)
+        self._hold()
         holding[rows] = self.servos.holding[rows]  # the other arms keep theirs
         self.servos.holding[:] = holding
         self.servos.write_efforts()
         if errors is not None:
             errors.begin()
+        if self.drives is not None and trains[0] is not None:
+            self._anchor[:] = self.drives.carried_over(trains[0], trains[1])
+            self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
+            self.drives.write(self._model, self._springs)
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -732,6 +752,9 @@ class World:
         #: Where the robots report frames, and where they are; the same without errors.
         self.frames = Frames(self.rig, *physics, errors)
         self._true = self.frames if errors is None else Frames(self.rig, *physics)
+        #: Drivetrains of identified dynamics, None without; where they are, their stop elements.
+        self.drives = drives_of(self.rig, self.joints, self._model, self.options.friction)
+        self._anchor, self._springs = self.drives.rest() if self.drives else np.zeros((2, 0))
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         self._build += 1
 
@@ -762,9 +785,8 @@ class World:
         self._scripts.check_outside("step")
         model, data, journal = self._model, self._data, self.journal
         left, bad, stride = count, self._bad, self._stride
-        errors = self.servos.errors
-        if errors is not None:
-            stride = min(stride, errors.every)
+        errors, drives = self.servos.errors, self.drives
+        fine = errors.every if errors is not None else drives.every if drives is not None else 0
         while left > 0:
             since = journal.period % self._renewal
             if since == 0:
@@ -782,8 +804,8 @@ class World:
             mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
                 count = run if run < stride else stride
-                if errors is not None:
-                    count = min(count, errors.every - journal.period % errors.every)
+                if fine:
+                    count = min(count, fine - journal.period % fine)
                 if self._scripts.running:
                     self._scripts.call(self)
                     mujoco.mj_getState(model, data, self._before, STEPPED)
@@ -792,6 +814,9 @@ class World:
                 journal.period += count
                 journal.time = data.time
                 run -= count
+                if drives is not None and journal.period % drives.every == 0:
+                    drives.renew(data.qpos, self._anchor, self._springs)
+                    drives.write(model, self._springs)
                 if errors is not None and journal.period % errors.every == 0:
                     errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
@@ -822,8 +847,14 @@ class World:
 
     def _balance(self) -> None:
         """Feed forward what holds every motor's load where the arms are now."""
-        self._true.holding_efforts(self.servos.holding)
+        self._hold()
         self.servos.write_efforts()
+
+    def _hold(self) -> None:
+        """Compute what holds every motor's load: weight, springs, cables and biases."""
+        self._true.holding_efforts(self.servos.holding)
+        if self.drives is not None:
+            self.servos.holding += self.drives.holding(self._data.qpos)
 
     def _supervise(self) -> None:
         """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""

@@ -11,9 +11,11 @@ from trocar.apps.identification import JointMotion, predicted_efforts, rigid_eff
 from trocar.apps.identification.drivetrains import described_trains
 from trocar.apps.identification.rigid_body import mass_com_inertia, parameters, pseudo_inertia
 from trocar.descriptions import load_arm
+from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
+from trocar.simulation.drives import drives_of
 
 
 def motion_of(arm: ArmDescription, rng: np.random.Generator, count: int = 20) -> JointMotion:
@@ -68,3 +70,48 @@ def test_parameters_of_a_body_come_back() -> None:
         np.testing.assert_allclose(com, body.com, atol=1e-12)
         np.testing.assert_allclose(inertia, body.inertia, atol=1e-12)
         assert np.linalg.eigvalsh(pseudo_inertia(parameters(body))).min() > -1e-12
+
+
+@pytest.mark.parametrize("name", ["psm", "mtmr"])
+def test_the_simulation_has_every_force_of_the_identified_model(
+    name: str, rng: np.random.Generator
+) -> None:
+    overlay = as_overlay(name)
+    assert overlay.dynamics is not None
+    arm = load_arm(name, calibration=overlay)
+    where = motion_of(arm, rng, 1).q[0]
+    time = np.linspace(0.0, 2.0, 200)[:, None]
+    rate = 1.0 + np.arange(len(where))
+    room = 0.2 * (arm.mechanism.upper - arm.mechanism.lower)
+    where = np.clip(where, arm.mechanism.lower + room, arm.mechanism.upper - room)
+    motion = JointMotion(
+        where + room * np.sin(rate * time),
+        room * rate * np.cos(rate * time),
+        -room * rate**2 * np.sin(rate * time),
+    )
+    found = predicted_efforts(arm, overlay.dynamics.drivetrains, motion)
+    model = build(lone_arm_rig(arm))
+    mj, data, joints = model.mj, mujoco.MjData(model.mj), model.joints
+    drives = drives_of(model.rig, joints, mj, "identified")
+    assert drives is not None
+    anchor, springs = drives.rest()
+    drives.begin(joints.couple @ motion.q[0], anchor, springs)
+    tendons = drives.coordinates[len(drives.coordinates) - mj.ntendon :]
+    for k in range(len(motion.q)):
+        data.qpos[:] = joints.couple @ motion.q[k]
+        data.qvel[:] = joints.couple @ motion.qd[k]
+        data.qacc[:] = joints.couple @ motion.qdd[k]
+        drives.renew(data.qpos, anchor, springs)
+        drives.write(mj, springs)
+        mujoco.mj_fwdPosition(mj, data)
+        mujoco.mj_fwdVelocity(mj, data)
+        force = np.zeros(mj.nv)
+        mujoco.mj_rne(mj, data, 1, force)
+        force += mj.dof_armature * data.qacc - data.qfrc_passive
+        force += mj.dof_frictionloss * np.sign(data.qvel)
+        force += tendons.T @ (mj.tendon_armature * (tendons @ data.qacc))
+        force += tendons.T @ (mj.tendon_frictionloss * np.sign(tendons @ data.qvel))
+        count = arm.own_joints + (not arm.has_gripper) * (len(arm.joints) - arm.own_joints)
+        np.testing.assert_allclose(
+            (joints.share @ force)[:count], found[k][:count], rtol=1e-9, atol=1e-9
+        )

@@ -1,0 +1,122 @@
+"""Identified drivetrains in the simulation: cost, drift, and recorded efforts played open loop."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.figures import Figure
+from trocar.apps.identification import read_motion
+from trocar.descriptions import load_arm
+from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
+
+#: Passes, physics steps of each, steps that a set-point lasts, and the sine of the joints.
+PASSES, STEPS, EVERY = 25, 500, 20
+SIZE = np.array([0.2, 0.2, 0.02, 0.3, 0.3, 0.3])
+MIDDLE = np.array([0.0, 0.0, 0.12, 0.0, 0.0, 0.0])
+#: A released arm settles, then is watched for this long [s].
+SETTLE_S, WATCH_S = 2.0, 10.0
+#: Goals. Source: the roadmap's acceptance criteria; our own choice [rad or m]; the roadmap's [%].
+COST, DRIFT, FOLLOWS = 1.15, 1e-3, 10.0
+RECORDING = "psm_one_results.csv.gz"
+#: Windows of the recording, the motion ahead of each that loads the stop elements, and joints whose
+#: efforts are played [samples].
+WINDOW, AHEAD, OPEN = 400, 400, ("yaw", "pitch", "insertion")
+
+Array = NDArray[np.float64]
+
+
+def drives(recordings: Path | None = None) -> list[Figure]:
+    """Return processor time against the description's friction, drift, and open-loop errors.
+
+    Args:
+        recordings: folder of recordings of a real PSM; None: without the latter
+    """
+    found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift()]
+    return found if recordings is None else [*found, *_open_loop(recordings / RECORDING)]
+
+
+def _open_loop(file: Path) -> list[Figure]:
+    """Return how far joints are from their recorded motion, driven by the recorded efforts.
+
+    From the recorded start of each window of 2 s; wrist and jaw follow their recorded positions.
+    RMS over a window / range of the joint in the whole recording, median over windows.
+    """
+    log = read_motion(file, load_arm("psm"))
+    effort = log.effort @ np.linalg.inv(log.joint_from_column)
+    span = np.ptp(log.q, axis=0)[: len(OPEN)]
+    found: list[Figure] = []
+    for label, dynamics, most in (("identified", "psm", FOLLOWS), ("CAD", None, None)):
+        world = World("psm", calibration=dynamics, collisions=False, gravity_compensation=False)
+        starts = range(AHEAD, len(log.q) - WINDOW, WINDOW)
+        errors = [_followed(world, start, (log.q, log.qd, effort)) / span for start in starts]
+        found += [
+            Figure(f"drives: efforts played open loop, {joint}, {label}", 100.0 * value, "%", most)
+            for joint, value in zip(OPEN, np.median(errors, axis=0).tolist(), strict=True)
+        ]
+    return found
+
+
+def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
+    """Return the RMS errors of one window, (3,) [rad or m]."""
+    q, qd, effort = motion
+    world.reset()
+    arm, every = world.arm("PSM1"), round(0.005 / world.timestep)
+    jaw = cast(Jaw, arm.jaw)
+    q, apart = np.clip(q, arm.lower, arm.upper), np.zeros((WINDOW, len(OPEN)))
+    arm.set_mode("set")
+    for k in range(start - AHEAD, start + 1):
+        world.step(every)
+        arm.servo_jp(q[k, :6])
+        jaw.servo_jp(q[k, 6:])
+    loaded = world.save().drives
+    arm.set_mode("effort", OPEN)
+    arm.set_mode("position", [name for name in arm.joint_names if name not in OPEN])
+    world.set_state("PSM1", q[start], qd[start])
+    world.load(replace(world.save(), drives=loaded))
+    for k in range(WINDOW):
+        arm.servo_jp(q[start + k, :6])
+        jaw.servo_jp(q[start + k, 6:])
+        arm.servo_jf(effort[start + k, :6])
+        world.step(every)
+        apart[k] = (arm.positions() - q[start + k + 1])[: len(OPEN)]
+    return np.sqrt(np.mean(apart**2, axis=0))
+
+
+def _cost(rig: str) -> Figure:
+    worlds = [World(rig), World(rig, calibration="psm")]
+    spent = np.zeros((PASSES, 2))
+    for row in spent:
+        for k, world in enumerate(worlds):
+            begin = time.process_time()
+            _swing(world)
+            row[k] = time.process_time() - begin
+    ratio = float(np.median(spent[:, 1] / spent[:, 0]))
+    return Figure(f"drives: time of {rig} / with the description's friction", ratio, "", COST)
+
+
+def _swing(world: World) -> None:
+    arm = world.arm("PSM1")
+    for _ in range(STEPS // EVERY):
+        arm.servo_jp((MIDDLE + SIZE * np.sin(3.0 * world.time)).tolist())
+        world.step(EVERY)
+
+
+def _drift() -> Figure:
+    world = World("psm", calibration="psm")
+    arm = world.arm("PSM1")
+    arm.move_jp([0.3, 0.2, 0.14, 0.3, 0.3, 0.2]).wait()
+    arm.free()
+    world.step(round(SETTLE_S / world.timestep))
+    rests = arm.positions()
+    world.step(round(WATCH_S / world.timestep))
+    moved = float(np.abs(arm.positions() - rests).max())
+    title = f"drives: a free PSM with gravity compensation, drift in {WATCH_S:g} s"
+    return Figure(title, moved, "rad", DRIFT, shown="mrad")

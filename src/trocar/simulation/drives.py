@@ -1,0 +1,189 @@
+"""The elastic part of identified drivetrains: pre-sliding friction, springs, cables, biases."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from trocar.descriptions.records import RigDescription
+from trocar.modeling import naming
+from trocar.modeling.drives import arm_drives
+from trocar.modeling.joints import JointTable
+
+Array = NDArray[np.float64]
+
+#: Springs are renewed this often. Source: our own choice; a PSM at 0.5 rad/s travels by the limit
+#: of its first stop elements in this time, and twice as often costs 10 % of its speed. [s]
+PERIOD_S = 0.01
+#: A spring's stiffness where nothing yields [N m/rad or N/m]. Source: our own choice; a constant
+#: force is then a spring that begins far away, and changes by 1e-8 N m in 10 ms at 1 rad/s.
+LEAST = 1e-6
+
+
+class Drives:
+    """Springs of all drives of a rig. Drive d has the coordinate x, its drivetrains c = scale x.
+
+    Stop elements deflect by z <- clip(z + dc, -limit, limit), and the force against c is
+
+        F(c) = sum k z + offset + stiffness c + a sin c + b cos c + cable(c)
+
+    as `trocar predict` has it. Between two renewals it is a spring of the hinge or tendon, with the
+    force F and the slope F' of the moment, which the integrator takes implicitly; elements that
+    slip do not add to F'.
+
+    Args:
+        rig: arms with their overlays
+        table: their joints
+        model: compiled
+        friction: as of `ModelOptions`
+
+    Attributes:
+        every: physics steps between two renewals
+        coordinates: x = coordinates @ qpos, (D, nq)
+    """
+
+    def __init__(
+        self, rig: RigDescription, table: JointTable, model: mujoco.MjModel, friction: str
+    ) -> None:
+        found = [
+            (place.name, drive)
+            for place in rig.arms
+            if len(table.arms[place.name].hinges)
+            for drive in arm_drives(place.arm, friction)
+        ]
+        found.sort(key=lambda one: len(one[1].hinges) > 1)  # hinges ahead of tendons
+        self._names = [naming.scoped(arm, drive.name) for arm, drive in found]
+        self.every = max(1, round(PERIOD_S / float(model.opt.timestep)))
+        alone = [n for n, (_, d) in zip(self._names, found, strict=True) if len(d.hinges) == 1]
+        hinges = [model.joint(name).id for name in alone]
+        self._hinges, self._at = np.array(hinges, np.intp), model.jnt_qposadr[hinges]
+        self._tendons = np.array(
+            [model.tendon(name).id for name in self._names[len(alone) :]], np.intp
+        )
+        rows = np.zeros((len(found), model.nq))
+        for d, (arm, drive) in enumerate(found):
+            for frame, weight in drive.hinges.items():
+                rows[d, model.joint(naming.scoped(arm, frame)).qposadr[0]] = weight
+        self.coordinates, self._along = rows, rows @ table.couple
+        trains = [(d, s, train) for d, (_, one) in enumerate(found) for s, train in one.trains]
+        stops = [
+            (d, scale, k, limit)
+            for d, scale, train in trains
+            for k, limit in zip(train.terms.get("stops", ()), train.stop_limits, strict=True)
+        ]
+        self._owner = np.array([d for d, *_ in stops], np.intp)
+        self._limit = np.array([limit for *_, limit in stops])
+        self._waves = [
+            (d, scale, *train.terms["harmonic"])
+            for d, scale, train in trains
+            if "harmonic" in train.terms
+        ]
+        self._cables = [
+            (d, scale, train.cable_range, np.array([0.0, *train.terms["cable"]]))
+            for d, scale, train in trains
+            if "cable" in train.terms
+        ]
+        # One product for all: where elements and drives are; slopes and forces by what yields.
+        most, count = len(stops), len(found)
+        scales = np.array([scale for _, scale, *_ in stops])
+        self._where = np.concatenate([scales[:, None] * rows[self._owner], rows])
+        self._offset, self._stiffness = np.zeros(count), np.zeros(count)
+        for d, scale, train in trains:
+            self._offset[d] += scale * train.one("offset")
+            self._stiffness[d] += scale**2 * train.one("stiffness")
+        slopes, forces = np.zeros((2, count, 2 * most + count + 1))
+        for i, (d, scale, k, _) in enumerate(stops):
+            slopes[d, most + i], forces[d, i] = scale**2 * k, scale * k
+        slopes[:, -1], forces[:, -1] = self._stiffness, self._offset
+        forces[:, 2 * most : -1] = np.diag(self._stiffness)
+        self._gain = np.concatenate([slopes, forces])
+        self._by = np.ones(2 * most + count + 1)
+        self._size, self._sticks = np.zeros(most), np.zeros(most, np.bool_)
+        self._found = np.zeros(2 * count)
+
+    def rest(self) -> tuple[Array, Array]:
+        """Return anchors (S,) and springs (2, D) to begin with, as `renew` takes them."""
+        return np.zeros(len(self._owner)), np.zeros((2, len(self._names)))
+
+    def begin(self, qpos: Array, anchor: Array, springs: Array, arm: str = "") -> None:
+        """Unload the stop elements of an arm, of all without a name, where the joints are."""
+        which = np.array([arm in ("", naming.owner(name)) for name in self._names], np.bool_)
+        at, of_arm = self._where.dot(qpos)[: len(anchor)], which[self._owner]
+        anchor[of_arm] = at[of_arm]
+        self.renew(qpos, anchor, springs)
+
+    def renew(self, qpos: Array, anchor: Array, springs: Array) -> None:
+        """Move the stop elements along to where the joints are, and compute the springs there.
+
+        Args:
+            qpos: coordinates of the model, (nq,)
+            anchor: coordinates at which the elements are unloaded, (S,); overwritten
+            springs: stiffness and rest position of every drive's spring, (2, D); overwritten
+        """
+        most, limit, by = len(anchor), self._limit, self._by
+        at = self._where.dot(qpos)
+        z, elements, x = by[:most], at[:most], at[most:]
+        np.subtract(elements, anchor, out=z)
+        np.minimum(z, limit, out=z)
+        np.maximum(z, -limit, out=z)
+        np.subtract(elements, z, out=anchor)
+        np.abs(z, out=self._size)
+        np.less(self._size, limit, out=self._sticks)
+        by[most : 2 * most], by[2 * most : -1] = self._sticks, x
+        found = np.dot(self._gain, by, out=self._found)
+        slope, force = found[: len(x)], found[len(x) :]
+        self._add_curves(x, slope, force)
+        np.maximum(slope, LEAST, out=springs[0])
+        np.divide(force, springs[0], out=force)
+        np.subtract(x, force, out=springs[1])
+
+    def write(self, model: mujoco.MjModel | SimpleNamespace, springs: Array) -> None:
+        """Write the springs into a model, or its fields of that name."""
+        count = len(self._hinges)
+        model.jnt_stiffness[self._hinges], model.qpos_spring[self._at] = springs[:, :count]
+        if count < springs.shape[1]:
+            model.tendon_stiffness[self._tendons] = springs[0, count:]
+            model.tendon_lengthspring[self._tendons] = springs[1, count:, None]
+
+    def holding(self, qpos: Array) -> Array:
+        """Return the efforts that hold what is no friction: springs, cables and biases, (J,)."""
+        x = self.coordinates.dot(qpos)
+        force = self._offset + self._stiffness * x
+        self._add_curves(x, np.zeros(len(x)), force)
+        return force.dot(self._along)
+
+    def carried_over(self, old: Drives, anchor: Array) -> Array:
+        """Return anchors from those of another model, by the drives' names, (S,)."""
+        found = self.rest()[0]
+        for d, name in enumerate(self._names):
+            if name in old._names:
+                own, others = self._owner == d, old._owner == old._names.index(name)
+                if np.array_equal(self._limit[own], old._limit[others]):
+                    found[own] = anchor[others]
+        return found
+
+    def _add_curves(self, x: Array, slope: Array, force: Array) -> None:
+        """Add harmonic springs and cables to slopes and forces, (D,) each."""
+        for d, scale, a, b in self._waves:
+            sine, cosine = np.sin(scale * x[d]), np.cos(scale * x[d])
+            force[d] += scale * (a * sine + b * cosine)
+            slope[d] += scale**2 * (a * cosine - b * sine)
+        for d, scale, (lower, upper), terms in self._cables:
+            u = 2.0 * (scale * x[d] - lower) / (upper - lower) - 1.0
+            force[d] += scale * chebyshev.chebval(min(max(u, -1.0), 1.0), terms)
+            if -1.0 < u < 1.0:
+                steep = chebyshev.chebval(u, chebyshev.chebder(terms))
+                slope[d] += scale**2 * 2.0 / (upper - lower) * steep
+
+
+def drives_of(
+    rig: RigDescription, table: JointTable, model: mujoco.MjModel, friction: str
+) -> Drives | None:
+    """Return the drives of a rig, None where no arm has identified dynamics."""
+    if not any(arm_drives(place.arm, friction) for place in rig.arms):
+        return None
+    return Drives(rig, table, model, friction)

@@ -120,6 +120,7 @@ def test_json_is_one_document_with_standard_deviations(
         (["views", "-o", "{}", "--rig", "psm"], "endoscope"),
         (["views", "-o", "{}", "--corner-noise-px", "-1"], "0 to 10 px"),
         (["views", "-o", "{}", "--seed", "-1"], "0 or more"),
+        (["views", "-o", "{}", "--pictures", "--corner-noise-px", "0.1"], "without --pictures"),
         (["calibrate", "camera", "{}/none.toml"], "cannot be read"),
         (["calibrate", "camera", "{}/none.toml", "--joint-noise-deg", "x"], "allowed: a number"),
     ],

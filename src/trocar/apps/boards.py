@@ -71,6 +71,30 @@ class Board:
         flat = np.stack([across.ravel(), down.ravel(), np.zeros(down.size)], axis=1)
         return self.square * flat
 
+    def dark_cells(self) -> Array:
+        """Return the rectangles that are black, (n, 4): from x, y to x, y [m].
+
+        Raises:
+            InputError: no such dictionary of markers
+            MissingExtraError: markers, without the extra `vision`
+        """
+        down, across = np.mgrid[: self.rows, : self.columns]
+        black = (down + across) % 2 == 0
+        first = np.stack([across[black], down[black]], axis=1) * self.square
+        cells = [np.concatenate([first, first + self.square], axis=1)]
+        if self.kind == "charuco":
+            cv2 = _opencv()
+            markers = _charuco(cv2, self).getDictionary()
+            bits = markers.markerSize + 2
+            edge = self.marker / bits
+            inset = 0.5 * (self.square - self.marker)
+            for number, (row, column) in enumerate(np.argwhere(~black)):
+                drawn = markers.generateImageMarker(number, bits)
+                at = np.argwhere(np.reshape(drawn, (bits, bits)) < 128)[:, ::-1] * edge
+                at = at + np.array([column, row]) * self.square + inset
+                cells.append(np.concatenate([at, at + edge], axis=1))
+        return np.concatenate(cells)
+
     def document(self) -> dict[str, Any]:
         """Return its table in a file of views."""
         marked = self.kind == "charuco"

@@ -10,7 +10,8 @@ import math
 from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, number
-from trocar.cli.output import print_result
+from trocar.cli.output import print_result, progress_bar
+from trocar.errors import InputError
 
 SUMMARY = "simulate views of a calibration board by the endoscope"
 ORDER = 86
@@ -30,11 +31,21 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--count", type=int, default=20, metavar="N", help="number of views (default: 20)"
     )
     parser.add_argument(
+        "--board",
+        choices=("charuco", "chessboard"),
+        default="charuco",
+        help="what the tool holds (default: charuco, 8 x 6 squares of 5 mm; chessboard: 8 x 5)",
+    )
+    parser.add_argument(
+        "--pictures",
+        action="store_true",
+        help="draw what both eyes see, instead of a file of corners (extras scope and vision)",
+    )
+    parser.add_argument(
         "--corner-noise-px",
         type=number,
-        default=0.2,
         metavar="PX",
-        help="noise of a corner per axis, 1 sigma (default: 0.2)",
+        help="noise of a corner per axis, 1 sigma, without --pictures (default: 0.2)",
     )
     parser.add_argument(
         "--joint-noise-deg",
@@ -59,19 +70,25 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.apps.mocap.views import ViewSettings, write_views
+    from trocar.apps.boards import Board
+    from trocar.apps.mocap.view_files import write_views
+    from trocar.apps.mocap.views import ViewSettings
     from trocar.descriptions import load_rig
 
+    if args.pictures and args.corner_noise_px is not None:
+        raise InputError("--corner-noise-px: allowed without --pictures only")
     settings = ViewSettings(
         psm=args.psm,
+        board=Board("chessboard", 8, 5, 0.005, 0.0) if args.board == "chessboard" else Board(),
         count=args.count,
-        corner_noise_px=args.corner_noise_px,
+        corner_noise_px=0.2 if args.corner_noise_px is None else args.corner_noise_px,
         joint_noise=math.radians(args.joint_noise_deg),
         offset=math.radians(args.offset_deg),
         seed=args.seed,
     )
     rig = load_rig(args.rig, args.calibration)
-    truth = write_views(args.output, rig, settings, args.overwrite)
+    with progress_bar("views", args.pictures and not args.json) as watch:
+        truth = write_views(args.output, rig, settings, args.overwrite, args.pictures, watch)
     print_result(
         args,
         {"folder": args.output, "truth": truth},

@@ -13,10 +13,11 @@ from scipy.stats import chi2
 
 from benchmarks.vision import as_views
 from trocar.apps.boards import Board, find_corners
-from trocar.apps.calibration.camera_views import Views, read_views
+from trocar.apps.calibration.camera_views import read_views
 from trocar.apps.calibration.hand_eye import calibrate_camera
 from trocar.apps.mocap import views as mocap_views
-from trocar.apps.mocap.views import SimulatedViews, ViewSettings, simulate_views, write_views
+from trocar.apps.mocap.view_files import write_views
+from trocar.apps.mocap.views import SimulatedViews, ViewSettings, simulate_views
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, MissingExtraError, TrocarError
 from trocar.geometry import inverse, log_transform
@@ -97,6 +98,15 @@ def test_joint_noise_larger_than_said_is_warned_of() -> None:
     assert any("--joint-noise-deg" in text for text in warnings)
 
 
+def test_views_without_corners_are_left_out_and_named(noisy: SimulatedViews) -> None:
+    views = as_views(noisy)
+    pixels = views.pixels.copy()
+    pixels[[2, 5]] = np.nan
+    found = calibrate_camera(replace(views, pixels=pixels), NOISE)
+    assert found.warnings[0] == "no corners were found in the views 002, 005"
+    assert len(found.view_rms) == 18
+
+
 def test_exchanged_eyes_are_noticed_by_their_disparity(noisy: SimulatedViews) -> None:
     views = as_views(noisy)
     with pytest.raises(InputError, match=r"disparity -\d+ px.*Are the eyes exchanged"):
@@ -112,11 +122,12 @@ def test_a_view_with_misplaced_corners_is_named(noisy: SimulatedViews) -> None:
 
 
 def test_too_few_views_are_rejected(noisy: SimulatedViews) -> None:
-    with pytest.raises(InputError, match="got 5 views; allowed: at least 6"):
-        calibrate_camera(_some(as_views(noisy), range(5)), NOISE)
+    with pytest.raises(InputError, match="got 5 views of a board; allowed: at least 6"):
+        calibrate_camera(as_views(noisy).chosen(range(5)), NOISE)
     blank = as_views(noisy)
     pixels = blank.pixels.copy()
     pixels[3:, 1] = np.nan
+    pixels[9] = np.nan
     with pytest.raises(InputError, match="3 views show four corners or more to both eyes"):
         calibrate_camera(replace(blank, pixels=pixels), NOISE)
 
@@ -130,7 +141,7 @@ def test_views_by_a_scope_that_stands_still_do_not_determine_its_camera(
 
 
 def test_corners_of_another_board_are_rejected(noisy: SimulatedViews) -> None:
-    views = _some(as_views(noisy), range(6))
+    views = as_views(noisy).chosen(range(6))
     with pytest.raises(TrocarError):
         calibrate_camera(replace(views, points=views.points[::-1] * [1.0, 0.5, 1.0]), NOISE)
 
@@ -139,17 +150,6 @@ def test_corners_of_another_board_are_rejected(noisy: SimulatedViews) -> None:
 def test_impossible_joint_noise_is_rejected(noisy: SimulatedViews, noise: float) -> None:
     with pytest.raises(InputError, match="joint noise"):
         calibrate_camera(as_views(noisy), noise)
-
-
-def _some(views: Views, chosen: range) -> Views:
-    index = list(chosen)
-    return replace(
-        views,
-        names=tuple(views.names[i] for i in index),
-        holders=tuple(views.holders[i] for i in index),
-        q={arm: q[index] for arm, q in views.q.items()},
-        pixels=views.pixels[index],
-    )
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ in each view's pictures.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -60,6 +60,17 @@ class Views:
     holders: tuple[int, ...]
     q: Mapping[str, Array]
     pixels: Array
+
+    def chosen(self, index: Sequence[int]) -> Views:
+        """Return some of the views."""
+        at = list(index)
+        return replace(
+            self,
+            names=tuple(self.names[i] for i in at),
+            holders=tuple(self.holders[i] for i in at),
+            q={arm: q[at] for arm, q in self.q.items()},
+            pixels=self.pixels[at],
+        )
 
 
 def read_views(path: str | Path, watch: Callable[[str], None] = lambda _: None) -> Views:

@@ -211,13 +211,16 @@ def calibrate_camera(views: Views, joint_noise: float, offsets: bool = False) ->
         raise InputError(
             f"joint noise: got {np.degrees(joint_noise):g} deg; allowed: above 0 to below 5.7 deg"
         )
+    shown = np.isfinite(views.pixels).any(axis=(1, 2, 3))
+    blank = [name for name, some in zip(views.names, shown, strict=True) if not some]
+    views = views.chosen(np.flatnonzero(shown).tolist())
     if len(views.names) < FEWEST_VIEWS:
         raise InputError(
-            f"{views.file}: got {len(views.names)} views; allowed: at least {FEWEST_VIEWS}, better"
-            " 20"
+            f"{views.file}: got {len(views.names)} views of a board; allowed: at least"
+            f" {FEWEST_VIEWS}, better 20"
         )
     fit = _adjust(_start(views, joint_noise))
-    warnings: list[str] = []
+    warnings = [f"no corners were found in the views {', '.join(blank)}"] if blank else []
     if offsets:
         fit = _adjust(replace(fit.state, offsets=_free_offsets(fit.state)))
     named = [] if offsets else _named_offsets(fit)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,13 +15,11 @@ from trocar.cameras.lens import project
 from trocar.descriptions import RigDescription
 from trocar.descriptions.places import Places
 from trocar.descriptions.records import RigArm
-from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
 from trocar.geometry import inverse, transform
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_x
 from trocar.geometry.se3 import exp_twist, translation
 from trocar.kinematics import jacobian_body, jacobian_spatial, pose
-from trocar.outputs import check_folder, whole_folder, write_text
 
 Array = NDArray[np.float64]
 
@@ -34,11 +30,14 @@ NEAR_M, FAR_M = 0.06, 0.10
 #: the tool's wrist. Source: our own choice: what stays before the camera.
 ECM_SPREAD = np.array([0.4, 0.35, 0.03, 1.0])
 WRIST_SPREAD = 0.5
-#: The board's middle from the tip along the tip's z axis. Source: our own choice. [m]
-HOLDER_M = 0.01
+#: The tip holds the board by its edge, so far from its corners. Source: our own choice. [m]
+HOLDER_M = 0.008
+#: And so far behind it, with the handle behind the board. Source: our own choice. [m]
+BEHIND_M = 0.01
 #: What a robot's scope and bases differ by from its description, 1 sigma. Source: our own choice.
 OFF_M, OFF_RAD = 0.003, 0.03
-#: Parts of the corners that both eyes show, at least; the steepest view of the board.
+#: Parts of the corners that both eyes show, at least, of a board with markers (of a chessboard all,
+#: without which detectors find none); the steepest view of the board.
 SEEN, STEEPEST = 0.6, np.deg2rad(55.0)
 #: Attempts at a view before it is said that there is none.
 ATTEMPTS = 4000
@@ -134,11 +133,13 @@ def simulate_views(rig: RigDescription, settings: ViewSettings) -> SimulatedView
     left = inverse(at_tip) @ bent @ calibration.mounts[0] @ _off(rng)
     sees = pose(ecm.arm.mechanism, middle[ecm.name]) @ left
     tip = base @ pose(psm.arm.mechanism, middle[psm.name])
-    # In the middle posture the board faces the camera, beyond the tip.
-    away = sees[:3, :3]
+    # In the middle posture the board faces the camera, and lies beyond the tip, off the shaft.
+    facing = tip[:3, :3].T @ sees[:3, :3]
     corners = settings.board.corners
-    board = transform(tip[:3, :3].T @ away, np.array([0.0, 0.0, HOLDER_M])) @ _off(rng)
-    board = board @ translation(-0.5 * (corners[0] + corners[-1]))
+    beyond = facing[2, :2] / np.linalg.norm(facing[2, :2])
+    centre = 0.5 * (corners[0] + corners[-1])
+    held = beyond * (np.abs(centre[:2]) @ np.abs(beyond) + HOLDER_M) - centre[:2]
+    board = transform(facing, np.zeros(3)) @ translation([*held, -BEHIND_M]) @ _off(rng)
     found: list[tuple[Array, Array, Array, Array]] = []
     for _ in range(ATTEMPTS):
         view = _view(rng, ecm, psm, middle, left, base, board, calibration, settings.board)
@@ -180,88 +181,6 @@ def simulate_views(rig: RigDescription, settings: ViewSettings) -> SimulatedView
         seen=np.array([v[2] for v in found]),
         pixels=pixels,
     )
-
-
-def write_views(
-    folder: str | Path,
-    rig: RigDescription,
-    settings: ViewSettings,
-    overwrite: bool = False,
-) -> dict[str, Any]:
-    """Write FOLDER/views.toml, corners.csv beside it, and the truth in truth.json.
-
-    Args:
-        folder: a new or an empty folder
-        rig, settings: as for `simulate_views`
-        overwrite: replace files that exist
-
-    Returns:
-        the truth
-
-    Raises:
-        InputError: as for `simulate_views`; a file that cannot be written
-    """
-    place = check_folder(folder, overwrite)
-    made = simulate_views(rig, settings)
-    names = [f"{i:03d}" for i in range(settings.count)]
-    lines = ["view,eye,corner,u_px,v_px"]
-    for name, both in zip(names, made.pixels, strict=True):
-        for eye, pixels in zip(("left", "right"), both, strict=True):
-            lines += [
-                f"{name},{eye},{i},{u:.9g},{v:.9g}"
-                for i, (u, v) in enumerate(pixels)
-                if np.isfinite(u)
-            ]
-    arms = {name: rig.arm(name).arm for name in made.q}
-    document = {
-        "schema": 1,
-        "corners": "corners.csv",
-        "board": settings.board.document(),
-        "camera": {"size_px": list(made.calibration.left.size)},
-        "arms": {
-            name: {"description": arm.name, "tool": arm.tool or None} for name, arm in arms.items()
-        },
-        "view": [
-            {
-                "name": name,
-                "q_rad_m": {
-                    arm: made.read[arm][i][: arms[arm].own_joints].tolist() for arm in made.read
-                },
-            }
-            for i, name in enumerate(names)
-        ],
-    }
-    truth = _truth(rig, made)
-    with whole_folder(place, overwrite) as built:
-        write_text(built / "views.toml", toml_text(document))
-        write_text(built / "corners.csv", "\n".join([*lines, ""]))
-        write_text(built / "truth.json", json.dumps(truth, indent=2) + "\n")
-    return truth
-
-
-def _truth(rig: RigDescription, made: SimulatedViews) -> dict[str, Any]:
-    ecm, psm = made.q
-    return {
-        f"T_{ecm}_left": made.left.tolist(),
-        f"T_{ecm}_{psm}": made.base.tolist(),
-        "for_readings": {
-            f"T_{ecm}_left": made.left_read.tolist(),
-            f"T_{ecm}_{psm}": made.base_read.tolist(),
-        },
-        f"T_{psm}_board": made.board.tolist(),
-        "T_left_right": made.calibration.T_left_right.tolist(),
-        "eyes": {
-            side: {"K": eye.K.tolist(), "distortion": eye.distortion.tolist()}
-            for side, eye in zip(("left", "right"), made.calibration.eyes, strict=True)
-        },
-        "offsets": {
-            arm: {
-                joint.name: float(value)
-                for joint, value in zip(rig.arm(arm).arm.joints, values, strict=True)
-            }
-            for arm, values in made.offsets.items()
-        },
-    }
 
 
 def _check(settings: ViewSettings) -> None:
@@ -348,7 +267,8 @@ def _view(
             return None
         pixels.append(project(points, one.K, one.distortion))
     shown = np.array(pixels)
-    if _inside(shown, calibration).all(axis=-1).mean(axis=-1).min() < SEEN:
+    needed = SEEN if drawn.kind == "charuco" else 1.0
+    if _inside(shown, calibration).all(axis=-1).mean(axis=-1).min() < needed:
         return None
     return ecm_q, q, at, shown
 

@@ -101,7 +101,8 @@ class Task:
             (goal, goal.at + goal.spread * rng.uniform(-1.0, 1.0, 3)) for goal in scene.goals
         )
         for goal, at in self.goals:
-            self._check_reach(goal.name, at)
+            if not (goal.arm and goal.object):
+                self._check_reach(goal.name, at)
         self._begin()
         return self.observation()
 
@@ -265,8 +266,10 @@ class Task:
         """Return whether a goal is met now."""
         if goal.arm:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
+            if goal.object:
+                off -= self.object_pose(goal.object)[:3, 3]
         else:
-            if goal.object in self._held.values():
+            if goal.held != (goal.object in self._held.values()):
                 return False
             off = self.object_pose(goal.object)[:3, 3] - at
         return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)
@@ -371,7 +374,11 @@ class Task:
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""
-        instruments = [arm for arm in self.arms if self.world.arms[arm].type == "PSM"]
+        instruments = [
+            arm
+            for arm in ((name,) if name in self.arms else self.arms)
+            if self.world.arms[arm].type == "PSM"
+        ]
         down = np.diag([1.0, -1.0, -1.0])
         for arm in instruments:
             try:

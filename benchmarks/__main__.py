@@ -6,7 +6,8 @@ endoscope a second, beside MuJoCo's own renderer and in real time. calibration: 
 intervals of calibrated robots, exchanged labels, broken loops (half an hour on one core). soak:
 hours of the cart in motion (7 minutes each on one core). assistance: error and time of a modelled
 operator with and without virtual fixtures. laws: momentum, friction, soft pads and elastic bands
-of props. dynamics: efforts predicted along recordings of real arms.
+of props. dynamics: efforts predicted along recordings of real arms. tasks: success, time, forces
+and speed of the scripted policies of all scenes.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -33,6 +34,7 @@ NAMES = (
     "assistance",
     "laws",
     "dynamics",
+    "tasks",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -60,6 +62,9 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument("--passes", type=int, default=31, metavar="N", help="of recording (31)")
     parser.add_argument(
         "--seeds", type=int, default=50, metavar="N", help="of assistance: trials of each (50)"
+    )
+    parser.add_argument(
+        "--episodes", type=int, default=50, metavar="N", help="of tasks: of each scene (50)"
     )
     parser.add_argument(
         "--transport",
@@ -93,6 +98,8 @@ def main(words: Sequence[str] | None = None) -> int:
         drawn = {"soak", "assistance"} & set(args.name)
         if args.output is not None and len(drawn) != 1:
             raise InputError("--output: allowed with soak or assistance only")
+        if args.episodes < 1:
+            raise InputError(f"--episodes: got {args.episodes}; allowed: 1 or more")
         if args.seeds < 2:
             raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
@@ -124,6 +131,10 @@ def main(words: Sequence[str] | None = None) -> int:
             from benchmarks.laws import laws
 
             found += laws()
+        if "tasks" in args.name:
+            from benchmarks.tasks import tasks
+
+            found += tasks(args.episodes, watch)
         if "dynamics" in args.name:
             from benchmarks.dynamics import dynamics
 

@@ -50,12 +50,12 @@ class Goal:
 
     Attributes:
         object, arm: name of a movable prop, or of an arm whose tip it is, else ""; with both, the
-            tip shall be beside the object
-        at: (3,) in the world; with both, from the object, along axes of the world [m]
+            tip shall be beside the object, or, with `held`, hold it
+        at: (3,) in the world; of a tip beside an object from there, along axes of the world [m]
         spread: half the range that a reset draws it from, (3,) [m]
         radius: largest distance in x and y [m]
         height: largest distance in z [m]
-        held: whether an arm holds the object in the end; else it is released
+        held: whether an arm, or `arm`, holds the object in the end; else it is released
     """
 
     object: str
@@ -65,11 +65,6 @@ class Goal:
     radius: float
     height: float
     held: bool = False
-
-    @property
-    def name(self) -> str:
-        """The arm or the object."""
-        return self.arm or self.object
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,8 +225,8 @@ def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
         _above_zero(row, "height", "length"),
         row.flag("held", False),
     )
-    if goal.held and (arm or not name):
-        raise row.fail("held", "allowed: for an object alone")
+    if goal.held and not name:
+        raise row.fail("held", "got true; allowed: with an object")
     if (spread < 0.0).any():
         raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
     row.done()

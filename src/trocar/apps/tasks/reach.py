@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from trocar.apps.tasks.motions import Hand, Motion, together
 from trocar.apps.tasks.task import PERIOD_S, Task
 from trocar.descriptions.scenes import Goal
-from trocar.geometry.se3 import transform
+from trocar.geometry.se3 import inverse, transform
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Reach(Task):
             error = at - scope.tip_in_world().T[:3, 3]
             yield self.joint_rates(arm, lambda T: T[:3, 3], error)
 
-    def joint_rates(self, arm: str, value: object, error: Array) -> Array:
+    def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
         """Return an endoscope's joint velocities that lessen an error of something about its tip.
 
         Args:
@@ -52,20 +52,19 @@ class Reach(Task):
             value: function of the tip's pose in the world, (4, 4), whose error it is
             error: (k,)
         """
-        assert callable(value)
         scope, world = self.world.arms[arm], self.world
         base = world.reference_pose(arm)
-        own = np.linalg.inv(world.base_pose(arm)[0])
+        own = inverse(world.base_pose(arm)[0])
         q = scope.positions()
 
         def at(joints: Array) -> Array:
-            return np.asarray(value(base @ own @ scope.forward_kinematics(joints).T))
+            return value(base @ own @ scope.forward_kinematics(joints).T)
 
         here = at(q)
         J = np.array([(at(q + STEP * row) - here) / STEP for row in np.eye(len(q))]).T
         J[:, -1] = 0.0  # the picture stays upright
-        inverse = J.T @ np.linalg.inv(J @ J.T + DAMPING**2 * np.eye(len(error)))
-        return GAIN / PERIOD_S * inverse @ error
+        damped = J @ J.T + DAMPING**2 * np.eye(len(error))
+        return GAIN / PERIOD_S * J.T @ np.linalg.solve(damped, error)
 
 
 class Track(Reach):

@@ -9,7 +9,9 @@ from trocar.apps.tasks.reach import ActiveTrack, Reach, Track
 from trocar.apps.tasks.task import Task
 from trocar.apps.tasks.transfer import (
     BiPegTransfer,
+    NeedleHandOver,
     NeedlePick,
+    NeedleRegrasp,
     PegBoard,
     PickPlace,
     Retrieve,
@@ -25,6 +27,8 @@ TASKS: dict[str, type[Task]] = {
     "peg-board": PegBoard,
     "bi-peg-transfer": BiPegTransfer,
     "needle-pick": NeedlePick,
+    "needle-handover": NeedleHandOver,
+    "needle-regrasp": NeedleRegrasp,
     "retrieve": Retrieve,
     "reach": Reach,
     "track": Track,

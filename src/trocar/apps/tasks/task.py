@@ -101,8 +101,8 @@ class Task:
             (goal, goal.at + goal.spread * rng.uniform(-1.0, 1.0, 3)) for goal in scene.goals
         )
         for goal, at in self.goals:
-            if not (goal.arm and goal.object):
-                self._check_reach(goal.name, at)
+            if goal.held or not (goal.arm and goal.object):
+                self._check_reach(goal.arm or goal.object, at)
         self._begin()
         return self.observation()
 
@@ -264,12 +264,13 @@ class Task:
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met now."""
-        if goal.arm:
+        if goal.arm and not goal.held:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
             if goal.object:
                 off -= self.object_pose(goal.object)[:3, 3]
         else:
-            if goal.held != (goal.object in self._held.values()):
+            holders = [arm for arm, name in self._held.items() if name == goal.object]
+            if goal.held != (goal.arm in holders if goal.arm else bool(holders)):
                 return False
             off = self.object_pose(goal.object)[:3, 3] - at
         return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)

@@ -104,42 +104,95 @@ class NeedlePick(Task):
         yield from hand.shift(at - self.object_pose(goal.object)[:3, 3])
 
 
-class BiPegTransfer(Task):
-    """A ring is lifted by the left arm, handed over in the air, and put on a peg by the right."""
+class HandOver(Task):
+    """The left arm lifts a ring or a needle, and hands it over in the air to the right arm.
 
-    #: As of `PegBoard`; and where it is handed over, in the world. Source: our own choice. [m]
-    RADIUS_M, WAY_M, RELEASE_M = 0.008, 0.025, 0.002
-    MEETING_M = np.array([0.0, 0.0, 0.035])
+    Attributes of a class:
+        RADIUS_M: of the circle that it is held at
+        GIVE, TAKE: angles on this circle where the left and the right arm hold it [rad]
+        TURNS: whether these turn with the object
+        RAISED_M: as of `NeedlePick`
+    """
+
+    RADIUS_M, GIVE, TAKE, TURNS, RAISED_M = 0.008, np.pi, 0.0, False, 0.0
+    #: Height of the way, opening of the jaws, and where the object is handed over.
+    #: Source: our own choice. [m, rad]
+    WAY_M, OPENING, MEETING_M = 0.025, 0.6, np.array([0.0, 0.0, 0.035])
 
     def policy(self) -> Iterator[Array]:
         """Yield the actions of the scripted policy."""
-        left, right = Hand(self, self.arms[1]), Hand(self, self.arms[0])
-        ((goal, at),) = self.goals
-        side = np.array([self.RADIUS_M, 0.0, 0.0])
-
-        def alone(hand: Hand, motion: Motion) -> Iterator[Array]:
-            return together(self, **{hand.arm: motion})
-
+        right, left = (Hand(self, arm) for arm in self.arms)
+        ((goal, _),) = self.goals
+        name = goal.object
         for _ in range(TRIES):
-            ring = self.object_pose(goal.object)[:3, 3]
-            yield from alone(left, left.pick(ring - side, 0.0, self.WAY_M, 0.6))
-            if self.held(left.arm) == goal.object:
+            point, angle = self._grip(name, self.GIVE)
+            point = point + self.RAISED_M * UP
+            yield from self._alone(left, left.pick(point, angle, self.WAY_M, self.OPENING))
+            if self.held(left.arm) == name:
                 break
-        yield from alone(left, left.shift(self.MEETING_M - self.object_pose(goal.object)[:3, 3]))
-        yield from alone(right, right.open(0.6))
-        point = self.object_pose(goal.object)[:3, 3] + side
-        yield from alone(right, right.over(point, self.WAY_M / 2.0, 0.0))
-        yield from alone(right, right.over(point, 0.0))
-        yield from alone(right, right.close())
-        yield from alone(left, left.open(0.6))
-        yield from alone(left, left.shift(self.WAY_M / 2.0 * UP))
-        yield from together(
-            self,
-            **{
-                left.arm: left.shift(np.array([-0.03, 0.0, 0.0])),
-                right.arm: right.place(goal.object, at + self.RELEASE_M * UP, self.WAY_M, 0.6),
-            },
-        )
+        way = self.MEETING_M - self.object_pose(name)[:3, 3]
+        yield from self._alone(left, left.shift(way))
+        yield from self._pass(left, right, self._grip(name, self.TAKE))
+        aside = left.shift(np.array([-0.03, 0.0, 0.0]))
+        yield from together(self, **{left.arm: aside, right.arm: self._end(right)})
+
+    def _pass(self, giver: Hand, taker: Hand, grip: tuple[Array, float]) -> Iterator[Array]:
+        """Let an arm take what another holds, which then withdraws upwards."""
+        point, angle = grip
+        yield from self._alone(taker, taker.open(self.OPENING))
+        yield from self._alone(taker, taker.over(point, self.WAY_M / 2.0, angle))
+        yield from self._alone(taker, taker.over(point, 0.0))
+        yield from self._alone(taker, taker.close())
+        yield from self._alone(giver, giver.open(self.OPENING))
+        yield from self._alone(giver, giver.shift(self.WAY_M / 2.0 * UP))
+
+    def _alone(self, hand: Hand, motion: Motion) -> Iterator[Array]:
+        return together(self, **{hand.arm: motion})
+
+    def _grip(self, name: str, angle: float) -> tuple[Array, float]:
+        """Return the point on the circle and the direction along which fingers close there."""
+        T = self.object_pose(name)
+        angle += float(np.arctan2(T[1, 0], T[0, 0])) if self.TURNS else 0.0
+        return T[:3, 3] + self.RADIUS_M * np.array([np.cos(angle), np.sin(angle), 0.0]), angle
+
+    def _end(self, hand: Hand) -> Motion:
+        """Bring the object to its goal in the end."""
+        ((goal, at),) = self.goals
+        yield from hand.shift(at - self.object_pose(goal.object)[:3, 3])
+
+
+class BiPegTransfer(HandOver):
+    """A ring goes from a peg to another one, handed over in the air."""
+
+    def _end(self, hand: Hand) -> Motion:
+        ((goal, at),) = self.goals
+        place = at + PegBoard.RELEASE_M * UP
+        yield from hand.place(goal.object, place, self.WAY_M, self.OPENING)
+
+
+class NeedleHandOver(HandOver):
+    """A needle goes from the left arm to the right one."""
+
+    RADIUS_M, GIVE, TAKE, TURNS = 0.01, np.radians(150.0), np.radians(30.0), True
+    RAISED_M, OPENING = NeedlePick.RAISED_M, 0.5
+
+
+class NeedleRegrasp(NeedleHandOver):
+    """A needle goes from the left arm to the right one and back, held at another place."""
+
+    #: Where the left arm takes it again. Source: our own choice. [rad]
+    AGAIN = np.radians(120.0)
+
+    def _end(self, hand: Hand) -> Motion:
+        yield from hand.wait(1.0)
+
+    def policy(self) -> Iterator[Array]:
+        """Yield the actions of the scripted policy."""
+        yield from super().policy()
+        right, left = (Hand(self, arm) for arm in self.arms)
+        ((goal, at),) = self.goals
+        yield from self._pass(right, left, self._grip(goal.object, self.AGAIN))
+        yield from self._alone(left, left.shift(at - self.object_pose(goal.object)[:3, 3]))
 
 
 def across(T: Array) -> float:

@@ -1,8 +1,8 @@
 """Figures of scenes."""
 
 import pytest
-from benchmarks.tasks import figures, wilson
 
+from benchmarks.tasks import figures, wilson
 from trocar.apps.tasks import Episode
 
 

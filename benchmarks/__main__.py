@@ -9,6 +9,7 @@ slip of a held needle, and loads at which a jaw lets go. dynamics: efforts predi
 recordings of real arms. errors: how far tips are from where the robots report them. vision:
 calibrations of the endoscope from views of a board (5 s a seed). drives: cost and drift of
 identified dynamics in the simulation.
+tasks: success, time, forces and speed of the scripted policies of all scenes.
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -38,6 +39,7 @@ NAMES = (
     "errors",
     "vision",
     "drives",
+    "tasks",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
 
@@ -67,6 +69,9 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of assistance: trials of each (50); of vision: robots (20)",
     )
     parser.add_argument("--only", choices=("hand-eye",), help="of vision: this part")
+    parser.add_argument(
+        "--episodes", type=int, default=50, metavar="N", help="of tasks: of each scene (50)"
+    )
     parser.add_argument(
         "--transport",
         action="append",
@@ -99,6 +104,8 @@ def main(words: Sequence[str] | None = None) -> int:
         drawn = {"soak", "assistance"} & set(args.name)
         if args.output is not None and len(drawn) != 1:
             raise InputError("--output: allowed with soak or assistance only")
+        if args.episodes < 1:
+            raise InputError(f"--episodes: got {args.episodes}; allowed: 1 or more")
         if args.seeds is not None and args.seeds < 2:
             raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
@@ -131,6 +138,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             watch("grip")
             found += grip()
+        if "tasks" in args.name:
+            from benchmarks.tasks import tasks
+
+            found += tasks(args.episodes, watch)
         if "dynamics" in args.name:
             from benchmarks.dynamics import dynamics
 

@@ -51,11 +51,13 @@ class Goal:
     """Where an object or a tip shall be in the end.
 
     Attributes:
-        object, arm: name of a movable prop, or of an arm whose tip it is; the other is ""
-        at: (3,) in the world [m]
+        object, arm: name of a movable prop, or of an arm whose tip it is, else ""; with both, the
+            tip shall be beside the object, or, with `held`, hold it
+        at: (3,) in the world; of a tip beside an object from there, along axes of the world [m]
         spread: half the range that a reset draws it from, (3,) [m]
         radius: largest distance in x and y [m]
         height: largest distance in z [m]
+        held: whether an arm, or `arm`, holds the object in the end; else it is released
     """
 
     object: str
@@ -64,11 +66,7 @@ class Goal:
     spread: Array
     radius: float
     height: float
-
-    @property
-    def name(self) -> str:
-        """The object or the arm."""
-        return self.object or self.arm
+    held: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,8 +214,8 @@ def _read_placement(row: Table, free: Sequence[str]) -> Placement:
 
 
 def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
-    if ("object" in row) == ("arm" in row):
-        raise row.fail("object", "allowed: either an object or an arm")
+    if "object" not in row and "arm" not in row:
+        raise row.fail("object", "is missing; allowed: an object, an arm, or both")
     name = row.text("object", "", allowed=("", *objects))
     arm = row.text("arm", "", allowed=("", *arms))
     at = row.vector("at", 3, "length")
@@ -229,7 +227,10 @@ def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
         spread,
         _above_zero(row, "radius", "length"),
         _above_zero(row, "height", "length"),
+        row.flag("held", False),
     )
+    if goal.held and not name:
+        raise row.fail("held", "got true; allowed: with an object")
     if (spread < 0.0).any():
         raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
     row.done()

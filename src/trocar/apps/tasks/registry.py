@@ -5,14 +5,35 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from trocar.apps.tasks.reach import ActiveTrack, Reach, Track
 from trocar.apps.tasks.task import Task
-from trocar.apps.tasks.transfer import PegBoard, PickPlace
+from trocar.apps.tasks.transfer import (
+    BiPegTransfer,
+    NeedleHandOver,
+    NeedlePick,
+    NeedleRegrasp,
+    PegBoard,
+    PickPlace,
+    Retrieve,
+)
 from trocar.descriptions.plugins import load_registered, registered
 from trocar.descriptions.scenes import Scene, load_scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.props import run_script
 
-TASKS: dict[str, type[Task]] = {"task": Task, "pick-place": PickPlace, "peg-board": PegBoard}
+TASKS: dict[str, type[Task]] = {
+    "task": Task,
+    "pick-place": PickPlace,
+    "peg-board": PegBoard,
+    "bi-peg-transfer": BiPegTransfer,
+    "needle-pick": NeedlePick,
+    "needle-handover": NeedleHandOver,
+    "needle-regrasp": NeedleRegrasp,
+    "retrieve": Retrieve,
+    "reach": Reach,
+    "track": Track,
+    "active-track": ActiveTrack,
+}
 
 
 def make_task(scene: Scene | str | Path) -> Task:

@@ -99,7 +99,8 @@ class Task:
             (goal, goal.at + goal.spread * rng.uniform(-1.0, 1.0, 3)) for goal in scene.goals
         )
         for goal, at in self.goals:
-            self._check_reach(goal.name, at)
+            if goal.held or not (goal.arm and goal.object):
+                self._check_reach(goal.arm or goal.object, at)
         self._begin()
         return self.observation()
 
@@ -261,10 +262,13 @@ class Task:
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met now."""
-        if goal.arm:
+        if goal.arm and not goal.held:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
+            if goal.object:
+                off -= self.object_pose(goal.object)[:3, 3]
         else:
-            if goal.object in self._held.values():
+            holders = [arm for arm, name in self._held.items() if name == goal.object]
+            if goal.held != (goal.arm in holders if goal.arm else bool(holders)):
                 return False
             off = self.object_pose(goal.object)[:3, 3] - at
         return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)
@@ -369,7 +373,11 @@ class Task:
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""
-        instruments = [arm for arm in self.arms if self.world.arms[arm].type == "PSM"]
+        instruments = [
+            arm
+            for arm in ((name,) if name in self.arms else self.arms)
+            if self.world.arms[arm].type == "PSM"
+        ]
         down = np.diag([1.0, -1.0, -1.0])
         for arm in instruments:
             try:

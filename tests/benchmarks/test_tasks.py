@@ -1,0 +1,27 @@
+"""Figures of scenes."""
+
+import pytest
+
+from benchmarks.tasks import figures, wilson
+from trocar.apps.tasks import Episode
+
+
+def episode(success: bool, time_s: float) -> Episode:
+    reason = "done" if success else "time"
+    each = {"PSM1": 1.0}
+    return Episode("s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, "friction", "")
+
+
+def test_intervals_of_ratios_are_wilsons() -> None:
+    # Source: Newcombe, Statistics in Medicine 17, 1998, table I, method 3: 81/263 and 0/20.
+    assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=5e-5)
+    assert wilson(0, 20) == pytest.approx((0.0, 0.1611), abs=5e-5)
+
+
+def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
+    results = [episode(True, 4.0), episode(True, 6.0), episode(False, 10.0)]
+    found = {figure.name: figure.value for figure in figures(results, 2.0)}
+    assert found["s: success"] == pytest.approx(2.0 / 3.0)
+    assert found["s: time"] == 5.0
+    assert found["s: drops"] == 6
+    assert found["s: speed"] == 10.0

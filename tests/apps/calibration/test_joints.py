@@ -28,6 +28,7 @@ def take(name: str, seed: int, noise: Noise | None = None, rate_hz: float = 30.0
     return robot, Tracks("x.csv", "", made.times, made.poses, made.rate_hz), made.truth["joints"]
 
 
+@cache
 def measured(name: str, tracks: Tracks) -> JointsCalibration:
     arm = load_arm(name)
     return calibrate_joints(tracks, arm, calibrate(tracks, arm) if arm.mechanism.closures else None)

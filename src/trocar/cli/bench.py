@@ -4,9 +4,9 @@ PART speed measures the configurations of the paper's Table 9 against bare MuJoC
 compare the ratio, because the real-time factor depends on the machine. PART figures measures
 accuracy. Only if named, PART core measures the cost of API calls in physics steps, and PART
 calibration what `trocar calibrate` makes of robots that it has not seen: accuracy, intervals,
-exchanged labels, broken loops (half an hour). --log adds the replay of a recording. Benchmarks of
-start-up, recording, clients, images and long runs are part of the repository: python -m benchmarks
---help.
+exchanged labels, broken loops, setup joints (half an hour). --log adds the replay of a recording.
+Benchmarks of start-up, recording, clients, images and long runs are part of the repository: python
+-m benchmarks --help.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ORDER = 200
 PARTS = ("speed", "figures")
 ALL_PARTS = (*PARTS, "core", "calibration")
 #: Progress steps that each part reports, for the time estimate of the progress bar.
-STEPS = {"speed": 6, "figures": 11, "core": 10, "calibration": 5}
+STEPS = {"speed": 6, "figures": 11, "core": 10, "calibration": 6}
 
 
 def add_arguments(parser: ArgumentParser) -> None:

@@ -10,8 +10,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from trocar.apps.calibration import Tracks, calibrate
+from trocar.apps.calibration import Tracks, calibrate, calibrate_joints
 from trocar.apps.calibration.axes import Value
 from trocar.apps.calibration.rcm import find_rcm
 from trocar.apps.figures import Figure
@@ -19,8 +20,11 @@ from trocar.apps.mocap import MocapSettings, Noise, broken, perturbed, simulate_
 from trocar.apps.mocap.simulate import Parts
 from trocar.apps.verification import verify
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.descriptions.overlay import overlay_between, write_overlay
+from trocar.descriptions.overlay import apply_overlay, overlay_between, write_overlay
+from trocar.descriptions.serial_axes import serial_joints
 from trocar.errors import LabelsError, TrocarError
+from trocar.geometry import exp_twist
+from trocar.kinematics.forward import poses
 from trocar.simulation import World
 
 Array = NDArray[np.float64]
@@ -30,7 +34,11 @@ NOISE = Noise(1e-4, float(np.radians(0.05)))
 #: Loops of robots whose parallelograms are broken. Source: the closed-loop paper, Table 6. [m]
 LOOPS_M = 1e-3
 NAMES = ("psm", "ecm")
+#: Arms whose joints are measured one after another, at this rate [Hz], a quarter as many of each.
+CHAINS, CHAIN_HZ, CHAIN_SHARE = ("suj_psm1", "mtml"), 30.0, 4
 WHERE = ("axes", "rcm", "both", "one file")
+#: Poses at which last links are compared, and how much a turn counts. Source: our own choice. [m]
+POSES, LEVER_M = 30, 0.3
 #: Parts of `trocar verify` that depend on the geometry.
 VERIFIED = ("closure", "rcm", "axes", "formats")
 
@@ -54,6 +62,8 @@ def unseen_robots(robots: int, watch: Callable[[str], None]) -> list[Figure]:
     watch("broken loops")
     found += wandering(robots)
     found.append(free_arm())
+    watch("setup joints and masters")
+    found += chains(max(1, robots // CHAIN_SHARE))
     watch("calibrated robots, verified")
     found += verified()
     return found
@@ -87,9 +97,12 @@ class Errors:
         return float(np.mean(np.array(self.scaled) < 1.96))
 
 
-def take(arm: ArmDescription, parts: Parts, noise: Noise, seed: int) -> tuple[Tracks, Mapping]:
-    """Return 24 s of each sweep at 120 Hz, 0.6 rad, and the truth."""
-    made = simulate_tracks(arm, MocapSettings("kinematic", parts, noise=noise, seed=seed))
+def take(
+    arm: ArmDescription, parts: Parts, noise: Noise, seed: int, rate_hz: float = 120.0
+) -> tuple[Tracks, Mapping]:
+    """Return 24 s of each sweep, 0.6 rad, and the truth."""
+    settings = MocapSettings("kinematic", parts, noise=noise, seed=seed, rate_hz=rate_hz)
+    made = simulate_tracks(arm, settings)
     return Tracks(f"{parts}.csv", "", made.times, made.poses, made.rate_hz), made.truth
 
 
@@ -186,6 +199,53 @@ def wandering(robots: int) -> Iterator[Figure]:
     label = f"remote centre, loops broken by {1e3 * LOOPS_M:g} mm"
     yield Figure(f"{label}, median", centres.quantile(0.5), "m", shown="um")
     yield Figure(f"{label}: 95 % intervals that hold", centres.covered, "", lower=0.92)
+
+
+def chains(robots: int) -> Iterator[Figure]:
+    """Calibrate setup joints and masters with lost and wrong samples."""
+    noise = replace(NOISE, dropout=0.05, outliers=0.01)
+    for name in CHAINS:
+        nominal = load_arm(name)
+        distances, angles = Errors(), Errors()
+        ends: list[tuple[float, float]] = []
+        for seed in range(robots):
+            robot = perturbed(nominal, np.random.default_rng(seed))
+            tracks, truth = take(robot, "", noise, seed, CHAIN_HZ)
+            loops = calibrate(tracks, nominal) if nominal.mechanism.closures else None
+            found = calibrate_joints(tracks, nominal, loops)
+            distances.add(found.distances, truth["joints"]["distances_m"])
+            angles.add(found.angles, truth["joints"]["angles_rad"])
+            mine = apply_overlay(nominal, found.overlay)
+            ends.append((last_link(mine, robot), last_link(nominal, robot)))
+        every, end = distances.scaled + angles.scaled, np.median(ends, axis=0)
+        source = f"{robots} perturbed robots, 5 % lost, 1 % outliers, {CHAIN_HZ:g} Hz"
+        label = f"{name}: axis to axis"
+        yield Figure(f"{label}, median", distances.quantile(0.5), "m", shown="um", source=source)
+        yield Figure(f"{label}, 95 %", distances.quantile(0.95), "m", shown="um", source=source)
+        share = float(np.mean(np.array(every) < 1.96))
+        yield Figure(f"{label}: 95 % intervals that hold", share, "", source=source)
+        for what, off in zip(("calibrated", "as drawn"), end, strict=True):
+            label = f"{name}: last link {what}, RMS, median"
+            yield Figure(label, float(off), "m", shown="mm", source=source)
+
+
+def last_link(arm: ArmDescription, robot: ArmDescription) -> float:
+    """Return how far the last link of an arm is from a robot's over their ranges, RMS [m].
+
+    What tracks cannot tell is fitted: the place of the arm, and of the frame on its last link.
+    """
+    mechanism = robot.mechanism
+    low, high = np.maximum(mechanism.lower, -1.0), np.minimum(mechanism.upper, 1.0)
+    q = np.random.default_rng(0).uniform(low, high, (POSES, len(mechanism.joints)))
+    last = serial_joints(robot)[-1].frame
+    ours, true = (poses(a.mechanism, q, a.root)[last] for a in (arm, robot))
+
+    def left(x: Array) -> Array:
+        away = exp_twist(x[:6]) @ true @ exp_twist(x[6:]) - ours
+        return np.concatenate([away[:, :3, 3].ravel(), LEVER_M * away[:, :3, :3].ravel()])
+
+    fitted = least_squares(left, np.zeros(12), xtol=1e-15, ftol=1e-15)
+    return float(np.linalg.norm(fitted.fun[: 3 * POSES]) / np.sqrt(POSES))
 
 
 def free_arm() -> Figure:

@@ -7,16 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 
 from trocar.apps.calibration import JointsCalibration, Tracks, calibrate, calibrate_joints
 from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks
-from trocar.descriptions import ArmDescription, load_arm
+from trocar.cli.unseen_robots import last_link
+from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay
-from trocar.descriptions.serial_axes import serial_joints
 from trocar.errors import FarFromNominalError, InputError, LabelsError, TracksError
-from trocar.geometry import exp_twist
-from trocar.kinematics.forward import poses
 from trocar.kinematics.loops import loops_are_parallelograms
 
 NOISE = Noise(1e-4, float(np.radians(0.05)))
@@ -31,6 +28,7 @@ def take(name: str, seed: int, noise: Noise | None = None, rate_hz: float = 30.0
     return robot, Tracks("x.csv", "", made.times, made.poses, made.rate_hz), made.truth["joints"]
 
 
+@cache
 def measured(name: str, tracks: Tracks) -> JointsCalibration:
     arm = load_arm(name)
     return calibrate_joints(tracks, arm, calibrate(tracks, arm) if arm.mechanism.closures else None)
@@ -42,35 +40,14 @@ def errors(found: JointsCalibration, truth) -> list[tuple[float, float]]:
     return [(v.value - drawn[k], v.sigma) for values, drawn in both for k, v in values.items()]
 
 
-def missed(arm: ArmDescription, robot: ArmDescription) -> float:
-    """Return how far two arms' last links are apart over their ranges, RMS [m].
-
-    What tracks cannot tell is fitted: where the arm stands, and where on the last link its frame
-    is.
-    """
-    rng = np.random.default_rng(0)
-    mechanism = robot.mechanism
-    q = rng.uniform(np.maximum(mechanism.lower, -1.0), np.minimum(mechanism.upper, 1.0),
-                    (30, len(mechanism.joints)))  # fmt: skip
-    last = serial_joints(robot)[-1].frame
-    ours, true = (poses(a.mechanism, q, a.root)[last] for a in (arm, robot))
-
-    def left(x):
-        away = exp_twist(x[:6]) @ true @ exp_twist(x[6:]) - ours
-        return np.concatenate([away[:, :3, 3].ravel(), 0.3 * away[:, :3, :3].ravel()])
-
-    fitted = least_squares(left, np.zeros(12), xtol=1e-15, ftol=1e-15)
-    return float(np.sqrt(np.mean(fitted.fun[: 3 * len(q)] ** 2) * 3.0))
-
-
 @pytest.mark.parametrize("name", ["suj_psm1", "suj_ecm", "mtml", "psm_si"])
 def test_exact_tracks_give_the_robot(name: str):
     robot, tracks, truth = take(name, 3)
     found = measured(name, tracks)
     assert max(abs(error) for error, _ in errors(found, truth)) < 1e-9
     mine = apply_overlay(load_arm(name), found.overlay)
-    assert missed(load_arm(name), robot) > 1e-3
-    assert missed(mine, robot) < 1e-8
+    assert last_link(load_arm(name), robot) > 1e-3
+    assert last_link(mine, robot) < 1e-8
 
 
 def test_noise_is_within_its_intervals_and_the_tip_ten_times_nearer():
@@ -79,7 +56,7 @@ def test_noise_is_within_its_intervals_and_the_tip_ten_times_nearer():
     found = measured("suj_psm1", tracks)
     assert all(abs(error) < 4.0 * sigma for error, sigma in errors(found, truth))
     mine = apply_overlay(load_arm("suj_psm1"), found.overlay)
-    assert missed(mine, robot) < 0.1 * missed(load_arm("suj_psm1"), robot)
+    assert last_link(mine, robot) < 0.1 * last_link(load_arm("suj_psm1"), robot)
     patch = found.overlay.frames["suj_3"]
     assert patch.xyz_sigma is not None and 1e-6 < patch.xyz_sigma.max() < 1e-3
     assert all(outliers > 0 for *_, outliers in found.residuals.values())

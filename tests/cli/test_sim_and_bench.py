@@ -58,6 +58,15 @@ def test_a_headless_run_tells_how_far_a_robot_s_own_geometry_lets_its_centre_wan
     assert json.loads(capsys.readouterr().out)["rcm_wander_um_max"] is None
 
 
+def test_errors_and_their_seed_change_how_an_arm_tracks(capsys):
+    words = ["sim", "--headless", "--rig", "psm", "--duration", "0.2", "--json"]
+    found = []
+    for options in ([], ["--errors", "lab"], ["--errors", "lab", "--seed", "3"]):
+        assert main([*words, *options]) == 0
+        found.append(json.dumps(json.loads(capsys.readouterr().out)["tracking_rms"]))
+    assert len(set(found)) == 3
+
+
 def test_a_headless_run_tells_people_what_it_found(capsys):
     assert main(["sim", "--headless", "--rig", "ecm", "--duration", "0.2"]) == 0
     out = capsys.readouterr().out
@@ -95,6 +104,8 @@ def test_tools_are_chosen_at_the_start(capsys):
         (["--json"], "--json: allowed with --headless only"),
         (["--rig", "ful_cart", "--headless"], "unknown rig 'ful_cart' (did you mean 'full_cart'?)"),
         (["--timestep", "0.5", "--headless"], "allowed: above 0 to 0.01 s"),
+        (["--errors", "labb", "--headless"], "unknown errors 'labb' (did you mean 'lab'?); known"),
+        (["--seed", "-1", "--headless"], "seed: got -1; allowed: a whole number from 0 on"),
         (["--speed", "slow"], "invalid choice: 'slow'"),
         (["--port", "70000"], "got port 70000; allowed: 1 to 65535"),
     ],

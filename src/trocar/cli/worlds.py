@@ -52,6 +52,13 @@ def add_world(
         " rig's)",
     )
     group.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        metavar="N",
+        help="random seed of errors and sensors, another robot each (default: 0)",
+    )
+    group.add_argument(
         "--setup-joints",
         choices=("braked", "locked"),
         default="braked",
@@ -88,6 +95,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         tip_load_n=tip_load_n,
         calibration=args.calibration,
         errors=args.errors,
+        seed=args.seed,
     )
     for arm, tool in args.tool:
         world.exchange_tool(arm, tool)

@@ -219,6 +219,11 @@ def swapped(rows: Array, _time: Array) -> None:
     rows[:, [5, 7]] = rows[:, [7, 5]]
 
 
+def clipped(rows: Array, _time: Array) -> None:
+    most = 0.5 * np.abs(rows[:, 8]).max()
+    rows[:, 8] = np.clip(rows[:, 8], -most, most)
+
+
 def late(_rows: Array, time: Array) -> None:
     time[300:] += 0.5
 
@@ -235,6 +240,7 @@ def broken(rows: Array, _time: Array) -> None:
         (scaled(slice(4, 8), -1.0), "times the derivative of the positions; allowed"),
         (swapped, "are columns swapped"),
         (scaled(slice(9, 10), 50.0), "of the samples are at or above the limit"),
+        (clipped, r"yaw: .* of the samples are .* the largest of all; .*saturated"),
         (late, "row 302: time: a step of 0.51 s where the usual one is 0.01 s"),
         (broken, "row 52: got .*; allowed: finite numbers"),
     ],

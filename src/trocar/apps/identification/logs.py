@@ -41,7 +41,8 @@ SLOPES = (0.5, 2.0)
 #: Least correlation of velocities with the derivative of positions. Source: our own choice;
 #: recorded ones correlate by 0.8 or more, swapped columns by chance.
 CORRELATION = 0.6
-#: Largest ratio of samples at the effort limit. Source: our own choice.
+#: Largest ratio of samples at the effort limit, and at the largest effort in the log, which a lower
+#: limit of one's own may set. Source: our own choice.
 SATURATED = 0.02
 
 
@@ -341,6 +342,14 @@ def _check_columns(log: Log, arm: ArmDescription) -> None:
                 log.file,
                 f"efforts: {name}: {at_limit:.0%} of the samples are at or above the limit of"
                 f" {limit:g}; allowed: {SATURATED:.0%} (saturated, or another unit?)",
+            )
+        peak = float(np.abs(log.effort[:, k]).max())
+        clipped = float(np.mean(np.abs(log.effort[:, k]) == peak))
+        if peak > 0.0 and clipped > SATURATED:
+            raise LogError(
+                log.file,
+                f"efforts: {name}: {clipped:.0%} of the samples are {peak:g} in magnitude, the"
+                f" largest of all; allowed: {SATURATED:.0%} (saturated?)",
             )
     power = log.effort * log.qd
     work, exchanged = float(power.sum()), float(np.abs(power).sum())

@@ -58,7 +58,7 @@ FAR = 4.0
 DISAGREE = 1.4
 #: Offsets are named where noise alone would look like them in one of so many calibrations, and each
 #: that is so many standard deviations from 0. Source: our own choice.
-FALSE_ALARM, NAMED_SIGMAS = 1e-4, 3.0
+FALSE_ALARM, NAMED_SIGMAS = 1e-3, 3.0
 #: Steps of the adjustment, and the part of the cost that a step must gain to go on.
 STEPS, GAIN = 60, 1e-9
 #: Corners are not found better than this. Source: our own choice; detectors reach 0.06 px.
@@ -211,7 +211,7 @@ def calibrate_camera(views: Views, joint_noise: float, offsets: bool = False) ->
         raise InputError(
             f"joint noise: got {np.degrees(joint_noise):g} deg; allowed: above 0 to below 5.7 deg"
         )
-    shown = np.isfinite(views.pixels).any(axis=(1, 2, 3))
+    shown = np.asarray(np.isfinite(views.pixels).any(axis=(1, 2, 3)), dtype=np.bool_)
     blank = [name for name, some in zip(views.names, shown, strict=True) if not some]
     views = views.chosen(np.flatnonzero(shown).tolist())
     if len(views.names) < FEWEST_VIEWS:

@@ -112,12 +112,14 @@ def test_the_tip_follows_the_velocity_of_an_action(task: Task) -> None:
 
 def test_the_largest_actions_keep_an_arm_out_of_fault(task: Task) -> None:
     task.reset(0)
+    down = [0.0, 0.0, -1e3, 0.0, 0.0, 0.0, -1e3]  # onto the table
     rng = np.random.default_rng(0)
-    for _ in range(100):
+    for k in range(100):
         if task.done:
             break
-        task.command(rng.choice([-1e3, 1e3], 7))
+        task.command(down if k < 50 else rng.choice([-1e3, 1e3], 7))
     assert task.world.arms["PSM1"].operating_state().state == "ENABLED"
+    assert task.force["PSM1"] > 1.0
 
 
 @pytest.mark.parametrize("action", [[0.0] * 6, [np.nan] * 7, [[0.0] * 7], ["a"] * 7, None, np.inf])

@@ -1,19 +1,24 @@
-"""Identified drivetrains in the simulation: cost, drift, and recorded efforts played open loop."""
+"""Identified drivetrains in the simulation: cost, drift, open-loop replay, identification."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
 
 from trocar.apps.figures import Figure
-from trocar.apps.identification import read_motion
+from trocar.apps.identification import default_filters, filtered, identify, read_motion
+from trocar.apps.identification.logs import Log
 from trocar.descriptions import load_arm
+from trocar.descriptions.calibrated import as_overlay
+from trocar.descriptions.overlay_records import Dynamics, Overlay
 from trocar.simulation import World
 from trocar.simulation.jaw import Jaw
 
@@ -26,6 +31,10 @@ SETTLE_S, WATCH_S = 2.0, 10.0
 #: Goals. Source: the roadmap's acceptance criteria; our own choice [rad or m]; the roadmap's [%].
 COST, DRIFT, FOLLOWS = 1.15, 1e-3, 10.0
 RECORDING = "psm_one_results.csv.gz"
+#: Of the round trip: steps of the encoders, as in the preset `lab` [rad or m]; goal [%]. Source:
+#: data/errors.toml; the roadmap's acceptance criteria.
+STEPS_READ = np.array([7.72e-6, 7.72e-6, 1.30e-6, *4 * [1.34e-4]])
+RETURNED = 2.0
 #: Windows of the recording, the motion ahead of each that loads the stop elements, and joints whose
 #: efforts are played [samples].
 WINDOW, AHEAD, OPEN = 400, 400, ("yaw", "pitch", "insertion")
@@ -40,7 +49,69 @@ def drives(recordings: Path | None = None) -> list[Figure]:
         recordings: folder of recordings of a real PSM; None: without the latter
     """
     found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift()]
-    return found if recordings is None else [*found, *_open_loop(recordings / RECORDING)]
+    if recordings is None:
+        return found
+    file = recordings / RECORDING
+    return [*found, *_open_loop(file), *_round_trip(file)]
+
+
+def _round_trip(file: Path) -> list[Figure]:
+    """Return how well identifying from the simulation's own log returns what it was made with.
+
+    Set-points follow the recorded motion below 8 Hz; readings have the encoders' steps. Those
+    parameters are compared that the result calls identifiable.
+    """
+    arm = load_arm("psm")
+    recorded = read_motion(file, arm)
+    low_pass = butter(4, 8.0, fs=recorded.rate_hz, output="sos")
+    smooth = sosfiltfilt(low_pass, recorded.q, axis=0)
+    curve = CubicSpline(np.arange(len(smooth)) / recorded.rate_hz, smooth)
+    world = World("psm", calibration="psm", collisions=False)
+    psm, every = world.arm("PSM1"), round(1.0 / recorded.rate_hz / world.timestep)
+    times = np.arange((len(smooth) - 1) * every + 1) * world.timestep
+    most = np.array([joint.velocity_max for joint in psm.description.joints])
+    goal = np.clip(curve(times), psm.lower, psm.upper)
+    world.set_state("PSM1", goal[0])
+    played = world.play({"PSM1": goal}, {"PSM1": np.clip(curve(times, 1), -most, most)}, every=1)
+    q, qd, effort = (
+        values["PSM1"][::every] for values in (played.positions, played.velocities, played.efforts)
+    )
+    log = Log(
+        "simulated", recorded.rate_hz, np.round(q / STEPS_READ) * STEPS_READ, qd, effort,
+        arm.mechanism.joint_names, np.eye(len(STEPS_READ)),
+    )  # fmt: skip
+    settings = replace(default_filters(arm), acceleration_cutoff_hz={})
+    result = identify([filtered(log, arm, settings)], arm).overlay("psm")
+    known = cast(Sequence[str], result.measured["identifiable"])
+    before, after = (dict(_parameters(one)) for one in (as_overlay("psm"), result))
+    change = np.array([abs(after[name] / before[name] - 1.0) for name in known])
+    share = 100.0 * float(np.mean(change < RETURNED / 100.0))
+    return [
+        Figure(
+            "drives: round trip, identifiable, median", 100.0 * np.median(change), "%", RETURNED
+        ),
+        Figure(
+            f"drives: round trip, {len(known)} identifiable, within 2 %", share, "%", lower=100.0
+        ),
+    ]
+
+
+def _parameters(overlay: Overlay) -> Iterator[tuple[str, float]]:
+    """Yield names and values of an overlay's parameters as `identify` names them."""
+    dynamics = cast(Dynamics, overlay.dynamics)
+    for frame, body in dynamics.bodies.items():
+        inertia = body.inertia
+        second = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+        second = second + body.mass * np.outer(body.com, body.com)
+        yield f"{frame}.m", body.mass
+        for k, axis in enumerate("xyz"):
+            yield f"{frame}.h{axis}", float(body.mass * body.com[k])
+            for m, other in enumerate("xyz"):
+                yield f"{frame}.S{axis}{other}", float(second[k, m])
+    for name, train in dynamics.drivetrains.items():
+        for term, values in train.terms.items():
+            for k, value in enumerate(values):
+                yield f"{name}.{term}[{k}]" if len(values) > 1 else f"{name}.{term}", value
 
 
 def _open_loop(file: Path) -> list[Figure]:

@@ -283,10 +283,9 @@ def test_mjcf_keeps_joints_bands_and_softness_and_other_files_say_what_they_lack
     ours = World(EXAMPLE).mj_model
     for field in ("ntendon", "nexclude", "njnt"):
         assert getattr(model, field) == getattr(ours, field), field
-    pairs = [ours.pair(k).name for k in range(ours.npair)]
-    assert model.npair == sum(name.startswith("soft") for name in pairs)
+    soft = [ours.pair(k).name.startswith("soft") for k in range(ours.npair)]
     np.testing.assert_allclose(model.tendon_stiffness, ours.tendon_stiffness)
-    np.testing.assert_allclose(model.pair_solref, ours.pair_solref, rtol=1e-9)
+    np.testing.assert_allclose(model.pair_solref, ours.pair_solref[soft], rtol=1e-9)
     np.testing.assert_allclose(
         model.jnt_range[model.joint("pendulum_hinge").id], np.deg2rad([-130, 50])
     )

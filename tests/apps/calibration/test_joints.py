@@ -69,8 +69,8 @@ def test_intervals_hold_for_robots_with_lost_and_wrong_samples():
         error / sigma
         for name in ("suj_psm1", "suj_ecm")
         for seed in range(20)
-        for error, sigma in errors(measured(name, take(name, seed, noise, 15.0)[1]),
-                                   take(name, seed, noise, 15.0)[2])
+        for error, sigma in errors(measured(name, take(name, seed, noise, 30.0)[1]),
+                                   take(name, seed, noise, 30.0)[2])
     ]  # fmt: skip
     assert 0.92 <= np.mean(np.abs(scaled) < 1.96) <= 0.98
 

@@ -51,6 +51,7 @@ LONG = ("trocar bench", "trocar verify")
 #: What a command that serves is given as well: any free ports, and an end.
 SERVES = {
     "sim": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
+    "play": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
     "teleop": ("--duration", "0.2", "--port", "0", "--websocket-port", "0"),
     "mirror": ("--duration", "0.2", "--port", "0"),
 }

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.tasks.episode import Episode
+from trocar.apps.task import Episode, Task
 from trocar.apps.tasks.registry import make_task
-from trocar.apps.tasks.task import Task
 from trocar.errors import InputError, TrocarError
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.tasks.motions import Hand, Motion, together
-from trocar.apps.tasks.task import PERIOD_S, Task
+from trocar.apps.motions import Hand, Motion, together
+from trocar.apps.task import PERIOD_S, Task
 from trocar.descriptions.scenes import Goal
 from trocar.geometry.se3 import inverse, transform
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import pkgutil
 from pathlib import Path
 from typing import Any
 
+from trocar.apps.task import Task
 from trocar.apps.tasks.reach import ActiveTrack, Reach, Track
-from trocar.apps.tasks.task import Task
 from trocar.apps.tasks.transfer import (
     BiPegTransfer,
     NeedleHandOver,
@@ -21,7 +22,8 @@ from trocar.descriptions.scenes import Scene, load_scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.props import run_script
 
-TASKS: dict[str, type[Task]] = {
+#: Classes by name; those of another app as "module:class".
+TASKS: dict[str, type[Task] | str] = {
     "task": Task,
     "pick-place": PickPlace,
     "peg-board": PegBoard,
@@ -52,7 +54,8 @@ def make_task(scene: Scene | str | Path) -> Task:
     if found.task.endswith(".py"):
         kind = run_script(found.task, "SceneTask")
     elif found.task in TASKS:
-        kind = TASKS[found.task]
+        named = TASKS[found.task]
+        kind = pkgutil.resolve_name(named) if isinstance(named, str) else named
     elif found.task in registered("tasks"):
         kind = load_registered("tasks", found.task)
     else:

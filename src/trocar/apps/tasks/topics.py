@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from trocar.apps.tasks.task import PERIOD_S, Task
+from trocar.apps.task import PERIOD_S, Task
 from trocar.interfaces.crtk import Component, Core
 from trocar.interfaces.crtk.topic import STRING, Topic, served
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.tasks.motions import UP, Hand, Motion, together
-from trocar.apps.tasks.task import Task
+from trocar.apps.motions import UP, Hand, Motion, together
+from trocar.apps.task import Task
 
 Array = NDArray[np.float64]
 

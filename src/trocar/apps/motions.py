@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.tasks.task import PERIOD_S, Task
+from trocar.apps.task import PERIOD_S, Task
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
 

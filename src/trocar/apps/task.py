@@ -1,16 +1,19 @@
-"""A scene as a task: reset, observation, command, reward, done and score of an episode."""
+"""A scene as a task: reset, observation, command, reward, done and score of an episode.
+
+The base of every app that has scenes; `apps/tasks/registry.py` names its classes.
+"""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.scoring import fls_score
-from trocar.apps.tasks.episode import Episode
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
 from trocar.geometry.rotations import (
@@ -41,6 +44,41 @@ LAG = 0.5
 SETTLED_S = 0.2
 #: An object this far below the lowest goal is out of play. Source: our own choice. [m]
 LOST_M = 0.05
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What came of an episode; it follows from scene, seed and policy, to the last bit.
+
+    Attributes:
+        scene, seed: which
+        success: whether all goals were met, and stayed so
+        reason: why it ended: "done", "time", or what went wrong
+        score: points, see `fls_score`
+        time_s: until it ended, simulated [s]
+        goals, met: how many there are, and how many were met in the end
+        drops: objects that fell after they were held, or left the table
+        distance_m: {arm: length of the tip's path} [m]
+        force_n: {arm: largest net force of contacts on it} [N]
+        grip_n: {arm: largest force of the weaker finger on an object} [N]
+        grasp: what holds objects, as the rig has it: "friction+stick"
+        digest: of the physics state in the end
+    """
+
+    scene: str
+    seed: int
+    success: bool
+    reason: str
+    score: float
+    time_s: float
+    goals: int
+    met: int
+    drops: int
+    distance_m: Mapping[str, float]
+    force_n: Mapping[str, float]
+    grip_n: Mapping[str, float]
+    grasp: str
+    digest: str
 
 
 class Task:

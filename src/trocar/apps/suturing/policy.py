@@ -28,7 +28,7 @@ PULL_M_S, TIGHT_M_S = 0.03, 0.006
 #: 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
 TIGHT_N, SLOW_N = 2.0, 0.5
 #: Direction of the pull: back across the wound, and up. Source: our own choice.
-PULL = (0.55, 0.83)
+PULL = (0.8, 0.6)
 #: The pull ends here though the thread is not tight. Source: our own choice. [m]
 PULL_M = 0.1
 #: A needle that a jaw holds farther out of its plane is put down and picked again. Source: measured: at
@@ -173,6 +173,10 @@ class Sewing:
                 self.op.announce("hand back")
                 held = yield from self._hand_back(stitches[number + 1], held)
         self.op.announce("done")
+
+    def rest(self, time: float) -> Iterator[Array]:
+        """Stay where everything is [s]."""
+        return self._one(hand := next(iter(self.hands.values())), hand.wait(time))
 
     # ------------------------------------------------------------------ parts of a stitch
 

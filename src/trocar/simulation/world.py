@@ -41,6 +41,7 @@ from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
     ArmSample,
     ArmSnapshot,
+    Drawing,
     Health,
     Pose,
     Recording,
@@ -220,6 +221,7 @@ class World:
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
+        self._drawings: dict[str, Callable[[], Drawing]] = {}
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -288,6 +290,28 @@ class World:
 
         set_observers([*self._observers, row])
         return lambda: set_observers([one for one in self._observers if one is not row])
+
+    def draw(self, name: str, provider: Callable[[], Drawing]) -> Callable[[], None]:
+        """Show a surface or curve that bends beside the rig's bodies; call the result to stop.
+
+        Renderers and the web viewer show it. Physics does not touch it: whoever simulates it steps
+        with `observe`.
+
+        Args:
+            name: of this drawing
+            provider: returns it as it is now; called only when a snapshot is taken
+
+        Raises:
+            InputError: a drawing, body or object of the rig has this name
+        """
+        if name in {*self._drawings, *self.arms, *(prop.name for prop in self.rig.props)}:
+            raise InputError(f"draw: got {name!r}; allowed: a name that nothing else has")
+        self._drawings[name] = provider
+
+        def stop() -> None:
+            self._drawings.pop(name, None)
+
+        return stop
 
     def step(self, n: int = 1) -> None:
         """Advance n physics steps.
@@ -647,7 +671,8 @@ class World:
         shown = self._true.shadow
         bands = band_poses(self.rig, self._model, shown)
         at, turn = np.concatenate([shown.xpos, bands[0]]), np.concatenate([shown.xquat, bands[1]])
-        return Snapshot(self.time, at, turn, found, self._build)
+        drawings = tuple(provider() for provider in self._drawings.values())
+        return Snapshot(self.time, at, turn, found, self._build, drawings)
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""

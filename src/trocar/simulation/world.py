@@ -647,6 +647,10 @@ class World:
         """Return the same as arrays, in one go."""
         return self._probes.contact_table()
 
+    def contact_forces(self) -> dict[str, Array]:
+        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
+        return self._probes.contact_forces()
+
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
 

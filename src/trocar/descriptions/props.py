@@ -14,6 +14,7 @@ from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.inertial import merged
 from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.needles import read_needle
 from trocar.descriptions.plugins import registered_file
 from trocar.descriptions.records import (
     Band,
@@ -25,6 +26,7 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.descriptions.shapes import (
+    needle_shapes,
     read_body,
     read_drawn,
     read_inertia,
@@ -78,8 +80,10 @@ def read_props(rows: Iterable[Table], arms: Sequence[str]) -> tuple[Prop, ...]:
 
 
 def _read_prop(row: Table, before: Sequence[str]) -> Prop:
-    """Return a prop: shapes in the rig's own file, or bodies in a file of its own."""
+    """Return a prop: a needle, shapes in the rig's own file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
+    kind = row.text("kind", "shapes", allowed=("shapes", "needle"))
+    needle = read_needle(row) if kind == "needle" else None
     moves = row.flag("movable", False)
     if not moves:
         for key, given in (
@@ -91,7 +95,13 @@ def _read_prop(row: Table, before: Sequence[str]) -> Prop:
             if given:
                 raise row.fail("movable", f"is missing; a prop that stands still has no {key}")
     movable: Movable | None = None
-    if "description" in row:
+    if needle is not None:
+        material = row.text("material", "steel", allowed=tuple(MATERIALS))
+        shapes = needle_shapes(needle, material)
+        if moves:
+            mass = read_mass(row) if row.has("mass", "mass") else needle.mass
+            movable = Movable(mass, *read_inertia(row, None, shapes, mass))
+    elif "description" in row:
         bodies = _read_bodies(row)
         shapes = tuple(shape for body in bodies for shape in body.shapes)
         if moves:
@@ -113,7 +123,7 @@ def _read_prop(row: Table, before: Sequence[str]) -> Prop:
     script = read_script(row, "before_step")
     row.text("source", "")
     row.done()
-    return Prop(name, at, shapes, movable, joint, script)
+    return Prop(name, at, shapes, movable, joint, script, needle)
 
 
 def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:

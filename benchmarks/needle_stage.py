@@ -111,8 +111,8 @@ class Stage:
     def set_tip(self, T: Array) -> None:
         """Put the tip of PSM1 to a pose in the world, (4, 4)."""
         arm = self.world.arms["PSM1"]
-        public = self.world.base_pose("PSM1")[0] @ inverse(self.world.reference_pose("PSM1"))
-        self._q[:-1] = arm.inverse_kinematics(public @ T, self._q[:-1])
+        local = inverse(self.world.reference_pose("PSM1")) @ T
+        self._q[:-1] = arm.local_inverse_kinematics(local, self._q[:-1])
         self._q[-1] = JAW_RAD
         self.world.set_state("PSM1", self._q)
 
@@ -294,6 +294,8 @@ def _thread(body: int, needle: Needle) -> list[ShapeRecord]:
 
 #: A run: images a second, its length, and when the needle is hidden [Hz, s].
 RATE_HZ, LENGTH_S, HIDDEN_S = 30.0, 2.4, (1.0, 2.0)
+#: From then on a part is covered [s]. Source: our own choice, nine images.
+VEILED_S = 0.3
 #: The tool's path: speed, size, and how much it turns. Source: the goals' 20 mm/s. [m/s, m, rad]
 SPEED_M_S, PATH_M, TURN_RAD = 0.02, 0.008, 0.25
 
@@ -307,7 +309,7 @@ def run(
         stage: where
         seed: of the grasp, the view, the path and the hand-eye error (1 mm, 1 deg)
         distance: from the left eye to the needle [m]
-        veil: share of the needle that is covered all the time
+        veil: share of the needle that is covered after the first 0.3 s
         length: [s]
     """
     rng = np.random.default_rng([seed, 1])
@@ -340,6 +342,7 @@ def run(
         turn = matrix_from_rotation_vector(TURN_RAD * swing[3] * ways[:, 0])
         stage.set_tip(transform(turn @ T_start[:3, :3], T_start[:3, 3] + shift))
         hidden = HIDDEN_S[0] <= time < HIDDEN_S[1]
+        veiled = veil if time >= VEILED_S else 0.0
         yield stage.shot(
-            time, stage.tip() @ grasp, T_left, T_tissue, error, 1.0 if hidden else veil
+            time, stage.tip() @ grasp, T_left, T_tissue, error, 1.0 if hidden else veiled
         )

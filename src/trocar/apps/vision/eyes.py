@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.apps.vision.images import metal, opencv
 from trocar.cameras import StereoCalibration
 from trocar.cameras.lens import distort, distortion_jacobian, plane_from_pixels, undistort
 from trocar.errors import InputError
@@ -12,6 +13,10 @@ from trocar.geometry import inverse
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+
+#: Images are alike at such a correlation, and exchanged from such a disparity on. Source: our own
+#: choice: two pixels of the reduced images. [, px]
+ALIKE, SURE_PX = 0.5, 8.0
 
 
 class Eyes:
@@ -107,3 +112,28 @@ class Eyes:
                 )
             found.append(image)
         return found[0], found[1]
+
+    def check_order(self, left: Picture, right: Picture) -> None:
+        """Reject images of exchanged eyes, where they show enough to say so.
+
+        Raises:
+            InputError: most of the right image lies to the right of the left one's
+        """
+        cv2 = opencv()
+        one, other = (
+            cv2.resize(metal(image) + image[..., 0], None, fx=0.25, fy=0.25,
+                       interpolation=cv2.INTER_AREA)
+            for image in (left, right)
+        )  # fmt: skip
+        height, width = one.shape
+        most = width // 4
+        middle = one[height // 6 : -(height // 6), most : width - most]
+        strip = other[height // 6 : -(height // 6)]
+        scores = cv2.matchTemplate(strip, middle, cv2.TM_CCOEFF_NORMED)[0]
+        best = int(scores.argmax())
+        disparity = 4.0 * (most - best)
+        if scores[best] > ALIKE and disparity < -SURE_PX:
+            raise InputError(
+                f"images: the right one is the left one moved by a disparity {disparity:g} px;"
+                " allowed: above 0; are the eyes exchanged?"
+            )

@@ -167,6 +167,31 @@ class NeedleFit:
         spread = float(np.sqrt(direction @ scatter @ direction))
         return Colours(direction, *levels, abs(levels[0] - levels[1]) / spread)
 
+    def metallic(self, images: Sequence[Picture], T: Array) -> Colours:
+        """Return colours of metal on tissue, for a pose that may be off by more than the wire.
+
+        The brightest of (G + B - R) / 2 about the pose are taken for the needle, as many as it
+        covers.
+        """
+        direction = np.array([-1.0, 1.0, 1.0]) / np.sqrt(3.0)
+        width, height = self.eyes.size
+        values: list[Array] = []
+        covered = 0.0
+        for eye in range(2):
+            line = self._line(T, self._around, eye)
+            low = np.clip(np.floor(line.pixels.min(axis=0)) - 10, 0, (width - 2, height - 2))
+            high = np.clip(np.ceil(line.pixels.max(axis=0)) + 10, low + 1, (width, height))
+            (left, top), (right, bottom) = low.astype(int), high.astype(int)
+            part = images[eye][top:bottom:2, left:right:2].reshape(-1, 3)
+            values.append(part.astype(np.float64) @ direction)
+            length = np.mean(line.stretch) * self.needle.length
+            covered += 0.25 * length * self.needle.wire * self.eyes.focal / np.mean(line.depths)
+        both = np.concatenate(values)
+        share = float(np.clip(0.5 * covered / len(both), 0.002, 0.3))
+        outside, inside = np.quantile(both, [0.5, 1.0 - share])
+        spread = float(np.std(both[both < inside])) + 5.0
+        return Colours(direction, float(inside), float(outside), float(inside - outside) / spread)
+
     def views(self, images: Sequence[Picture], T: Array, colours: Colours, margin: float) -> list[_View]:
         """Return evidence about a needle in both eyes, as far from the whole circle as given [px]."""
         width, height = self.eyes.size
@@ -286,16 +311,25 @@ class NeedleFit:
         return found
 
     def blunter(self, views: Sequence[_View], T: Array) -> float:
-        """Return by how much the swage's end is thicker than the tip's; below 0: wrong way round."""
-        s = np.linspace(0.1, 0.8, 12) * self.needle.taper / self.needle.radius
-        found: list[float] = []
-        for angles in (s, self.needle.arc - s):
+        """Return by how much the swage's end is thicker than the tip's; below 0: wrong way round.
+
+        An end counts where the wire is seen up to it and the ground beyond.
+        """
+        needle, found = self.needle, 0.0
+        s = np.linspace(0.1, 0.8, 12) * needle.taper / needle.radius
+        beyond = -np.linspace(0.1, 0.3, 6) * needle.taper / needle.radius
+        for start, sign in ((0.0, 1.0), (needle.arc, -1.0)):
             for eye in range(2):
-                line = self._line(T, angles, eye)
-                half = 0.36 * self.needle.wire * self.eyes.focal / line.depths
-                at = line.pixels + np.array([-1.0, 1.0])[:, None, None] * half[:, None] * line.normals
-                found.append(float(np.clip(self._sample(views[eye], at), -0.3, 1.3).mean()))
-        return 0.5 * (found[0] + found[1] - found[2] - found[3])
+                line = self._line(T, start + sign * s, eye)
+                half = 0.36 * needle.wire * self.eyes.focal / line.depths
+                at = line.pixels + np.array([-1.0, 0.0, 1.0])[:, None, None] * (
+                    half[:, None] * line.normals
+                )
+                there = np.clip(self._sample(views[eye], at), -0.3, 1.3).mean(axis=1)
+                ground = self._sample(views[eye], self._line(T, start + sign * beyond, eye).pixels)
+                if there[1] > 0.4 and ground.mean() < 0.4:
+                    found += sign * (0.5 * (there[0] + there[2]) / there[1] - 0.6)
+        return found
 
     def quality(self, rows: Rows) -> Quality:
         """Return how well the pose of profiles explains the images."""
@@ -308,15 +342,17 @@ class NeedleFit:
         self,
         images: Sequence[Picture],
         T: Array,
-        lengths: Sequence[float] = (14.0, 8.0, 5.0, 4.0),
+        lengths: Sequence[float] = (16.0, 12.0, 8.0, 6.0, 5.0, 4.0),
         colours: Colours | None = None,
         rods: Sequence[Rod] = (),
     ) -> tuple[Array, Quality, Colours]:
         """Return the pose that fits best, near a given one, how well it does, and its colours."""
         for k, length in enumerate(lengths):
-            if colours is None or k:
+            if colours is None:
+                colours = self.metallic(images, T)
+            elif k:
                 fresh = self.colours(images, T)
-                if colours is None or fresh.separation > 0.7 * colours.separation:
+                if fresh.separation > 0.7 * colours.separation:
                     colours = fresh
             views = self.views(images, T, colours, length + 16.0)
             rows = self.rows(views, T, length, rods)

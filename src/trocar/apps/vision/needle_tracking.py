@@ -184,6 +184,8 @@ class NeedleTracker:
         if not time > before:
             raise InputError(f"images: got {time:g} s after {before:g} s; allowed: in order")
         images = self._fit.eyes.check(left, right)
+        if not np.isfinite(before):
+            self._fit.eyes.check_order(*images)
         self._predict(time - before if np.isfinite(before) else 0.0, holder)
         rods = _placed(holder)
         quality: Quality | None = None
@@ -233,7 +235,7 @@ class NeedleTracker:
         fit, T0, bias0 = self._fit, self._T, self._bias
         assert T0 is not None  # noqa: S101
         if self._colours is None:
-            self._colours = fit.colours(images, T0)
+            self._colours = fit.metallic(images, T0)
         information = np.linalg.inv(self._P)
         arm = 1.2 * fit.needle.radius
         spread = np.sqrt(np.trace(self._P[:3, :3]) / 3.0)
@@ -304,7 +306,7 @@ class NeedleTracker:
         _, T, quality, colours = max(found, key=lambda one: one[0])
         if min(quality.share, 2.0 * quality.worst) < BELIEVED:
             return None
-        # Both ways round; the thicker end is the swage.
+        # Both ways round: the thicker end is the swage.
         ways: list[tuple[float, Array, Quality, Colours]] = []
         for start in (T, flipped(fit.needle, T)):
             views = fit.views(images, start, colours, 24.0)
@@ -312,7 +314,7 @@ class NeedleTracker:
             turned = fit.roll(views, start, limit)
             T, quality, own = fit.refine(images, turned, (5.0, 4.0, 4.0), colours, rods)
             views = fit.views(images, T, own, 24.0)
-            ways.append((fit.blunter(views, T), T, quality, own))
+            ways.append((quality.share + fit.blunter(views, T), T, quality, own))
         _, T, quality, colours = max(ways, key=lambda one: one[0])
         if quality.share < BELIEVED or quality.rms > RMS_PX:
             return None

@@ -31,7 +31,7 @@ from trocar.descriptions.shapes import (
     read_drawn,
     read_inertia,
     read_mass,
-    read_shape,
+    read_shapes,
     read_touches,
 )
 from trocar.descriptions.solids import seen_and_touched
@@ -114,7 +114,7 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
         solid = read_drawn(row)
         touches = read_touches(row, solid)
         drawn = () if solid is None else seen_and_touched(solid, touches)
-        shapes = (*drawn, *(read_shape(s) for s in row.tables("shape")))
+        shapes = (*drawn, *read_shapes(row.tables("shape")))
         if moves:
             mass = read_mass(row, shapes)
             movable = Movable(mass, *read_inertia(row, solid, shapes, mass))

@@ -53,10 +53,13 @@ class Hand:
             s = k / count
             s = s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
             now = self.task.target(self.arm)
-            at = start[:3, 3] + s * way
-            facing = matrix_from_rotation_vector(s * turn) @ start[:3, :3]
-            change = rotation_vector_from_matrix(facing @ now[:3, :3].T)
-            yield np.concatenate([(at - now[:3, 3]) / PERIOD_S, change / PERIOD_S, [self.jaw]])
+            part = np.zeros(7)
+            part[:3] = (start[:3, 3] + s * way - now[:3, 3]) / PERIOD_S
+            if turn.any():
+                facing = matrix_from_rotation_vector(s * turn) @ start[:3, :3]
+                part[3:6] = rotation_vector_from_matrix(facing @ now[:3, :3].T) / PERIOD_S
+            part[6] = self.jaw
+            yield part
 
     def shift(self, way: Array, speed: float = SPEED_M_S) -> Motion:
         """Move the tip along a straight line, (3,) [m], without turning."""

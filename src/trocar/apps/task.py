@@ -40,6 +40,8 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
+#: What limits the set-points of a joint.
+BOUNDS = "velocity_max", "tracking_tolerance"
 #: Goals must be met for so long. Source: our own choice. [s]
 SETTLED_S = 0.2
 #: An object this far below the lowest goal is out of play. Source: our own choice. [m]
@@ -105,11 +107,15 @@ class Task:
         self.world = World(scene.rig)
         self.arms = scene.arms
         self._slices: dict[str, slice] = {}
+        self._bounds: dict[str, tuple[Array, Array]] = {}
         low: list[float] = []
         high: list[float] = []
         for name in self.arms:
             begin, arm = len(high), self.world.arms[name]
             if arm.type == "PSM":
+                joints = arm.description.joints[:-1]
+                most, tolerances = ([getattr(joint, key) for joint in joints] for key in BOUNDS)
+                self._bounds[name] = np.array(most), np.array(tolerances)
                 high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
@@ -133,6 +139,7 @@ class Task:
         world, scene = self.world, self.scene
         world.reset(seed)
         rng = np.random.default_rng(seed)
+        self._joints = {name: world.arms[name].setpoints() for name in self.arms}
         for name, T in scene.placed(rng).items():
             self._check_reach(name, T[:3, 3])
             world.objects[name].set_cp(T)
@@ -298,7 +305,7 @@ class Task:
         return transform(matrix_from_quaternion(states.quaternions[row]), states.positions[row])
 
     def held(self, arm: str) -> str:
-        """Return the object that both fingers of an arm touch, "" for none."""
+        """Return the object that both fingers of an arm press, "" for none."""
         return self._held.get(arm, "")
 
     def met(self, goal: Goal, at: Array) -> bool:
@@ -351,28 +358,15 @@ class Task:
     # ------------------------------------------------------------------ inside
 
     def _touch(self) -> None:
-        """Note what fingers press on, who holds what, and what was dropped."""
-        table = self.world.contact_table()
-        pressed: dict[str, dict[str, dict[str, float]]] = {}
-        outside = {name: np.zeros(3) for name in self.arms}
-        for (one, two), force in zip(table.bodies, table.forces, strict=True):
-            pair = table.names[one], table.names[two]
-            for mine, other, sign in ((*pair, 1.0), (*pair[::-1], -1.0)):
-                arm, _, frame = mine.partition("/")
-                if arm not in outside or other.startswith(f"{arm}/"):
-                    continue
-                outside[arm] += sign * force
-                if frame in ("finger_left", "finger_right"):
-                    fingers = pressed.setdefault(arm, {}).setdefault(other, {})
-                    fingers[frame] = fingers.get(frame, 0.0) + float(np.linalg.norm(force))
+        """Note forces, who holds what, and what was dropped."""
         before, self._held = self._held, {}
-        for arm, by_object in pressed.items():
-            for name, fingers in by_object.items():
-                if len(fingers) == 2 and name in self._names and min(fingers.values()) > 0.0:
-                    self._held[arm] = name
-                    self.grip[arm] = max(self.grip[arm], min(fingers.values()))
-        for arm, force in outside.items():
-            self.force[arm] = max(self.force[arm], float(np.linalg.norm(force)))
+        for arm, grasp in self.world.grasps().items():
+            if grasp.object and arm in self.grip:
+                self._held[arm] = grasp.object
+                self.grip[arm] = max(self.grip[arm], grasp.force)
+        for arm, force in self.world.contact_forces().items():
+            if arm in self.force:
+                self.force[arm] = max(self.force[arm], float(np.sqrt(force @ force)))
         now = set(self._held.values())
         for name in set(before.values()) - now:
             self._fell_from[name] = float(self.object_pose(name)[2, 3])
@@ -388,16 +382,15 @@ class Task:
         arm = self.world.arms[name]
         if arm.type != "PSM":
             return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
-        goal = self._targets[name].copy()
+        goal, (most, tolerances) = self._targets[name].copy(), self._bounds[name]
         goal[:3, 3] += values[:3] * PERIOD_S
         goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
         after, measured = before.copy(), arm.positions()
         try:
-            after[:-1] = arm.inverse_kinematics(self._public(name) @ goal, before[:-1])
-            joints = arm.description.joints[:-1]
-            most = np.array([joint.velocity_max for joint in joints])
+            local = inverse(self.world.reference_pose(name)) @ goal
+            after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
             ahead = np.abs(after - measured)[:-1]
-            pushed = ahead > LAG * np.array([joint.tracking_tolerance for joint in joints])
+            pushed = ahead > LAG * tolerances
             further = ahead > np.abs(before - measured)[:-1]
             fast = np.abs(after - before)[:-1] > most * PERIOD_S
             if (fast | pushed & further).any():
@@ -406,16 +399,12 @@ class Task:
                 self._targets[name] = goal
         except (UnreachableError, SingularError):
             after = before.copy()
-        opening = values[6]
+        opening = float(values[6])
         if opening < 0.0:
             opening = max(opening, float(measured[-1]) - GRIP_RAD)
-        change = np.clip(opening - before[-1], -JAW_RAD_S * PERIOD_S, JAW_RAD_S * PERIOD_S)
-        after[-1] = before[-1] + change
+        fastest = JAW_RAD_S * PERIOD_S
+        after[-1] = before[-1] + min(max(opening - before[-1], -fastest), fastest)
         return after
-
-    def _public(self, name: str) -> Array:
-        """Return the world in the frame of an arm's public poses, (4, 4)."""
-        return self.world.base_pose(name)[0] @ inverse(self.world.reference_pose(name))
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""
@@ -427,7 +416,8 @@ class Task:
         down = np.diag([1.0, -1.0, -1.0])
         for arm in instruments:
             try:
-                self.world.arms[arm].inverse_kinematics(self._public(arm) @ transform(down, at))
+                local = inverse(self.world.reference_pose(arm)) @ transform(down, at)
+                self.world.arms[arm].local_inverse_kinematics(local, self._joints[arm][:-1])
             except (UnreachableError, SingularError):
                 continue
             return

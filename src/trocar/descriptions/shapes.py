@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
+from trocar.descriptions.needles import Needle
 from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
@@ -21,6 +22,9 @@ Array = NDArray[np.float64]
 KINDS = ("box", "capsule", "cylinder", "sphere", "mesh")
 #: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
 INERTIA_SLACK = 1e-3
+#: Arc of a needle for each capsule that touches. Source: our own choice; their axes then lie within
+#: 0.09 mm of an arc of 10 mm radius. [rad]
+CAPSULE_RAD = np.pi / 12.0
 
 
 def read_shape(table: Table) -> Shape:
@@ -69,6 +73,21 @@ def read_shape(table: Table) -> Shape:
         raise table.fail("density", "contradicts weigh = false; give one of them")
     table.done()
     return shape
+
+
+def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
+    """Return the smooth surface of a needle that is drawn, and the capsules that touch."""
+    mesh = needle.mesh()
+    reach = np.abs(mesh.vertices).max(axis=0)
+    seen = Shape("mesh", np.eye(4), reach, material, collide=False, weigh=False, mesh=mesh)
+    angles = np.linspace(0.0, needle.arc, max(1, round(needle.arc / CAPSULE_RAD)) + 1)
+    ends, thick = needle.points(angles), needle.half_width(0.5 * (angles[1:] + angles[:-1]))
+    touching: list[Shape] = []
+    for start, end, radius in zip(ends[:-1], ends[1:], thick, strict=True):
+        pose = transform(_rotation_to(end - start), 0.5 * (start + end))
+        size = np.array([radius, 0.5 * np.linalg.norm(end - start), 0.0])
+        touching.append(Shape("capsule", pose, size, material, visible=False))
+    return (seen, *touching)
 
 
 class _Surface(TypedDict):

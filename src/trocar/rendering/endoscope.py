@@ -179,7 +179,8 @@ class Series:
 
     A camera's first picture is exposed for itself, as is one after a reset, an exchange of a tool
     or a gap of a second. Time is that of snapshots, so the same snapshots give the same pictures.
-    While nothing moves, none is drawn: the one before is handed out with the new time.
+    While nothing moves, and nothing can bend, none is drawn: the one before is handed out with the
+    new time.
 
     Args:
         renderer: draws; its look says whether exposure is automatic
@@ -214,6 +215,8 @@ class Series:
             and drawn is not None
             and drawn[1] == requested
             and self._renderer.look.noise == 0.0
+            and not drawn[0].drawings
+            and not snapshot.drawings
             and stands_still(drawn[0], snapshot)
         ):
             frame = replace(before, time=snapshot.time)

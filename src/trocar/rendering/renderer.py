@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from trocar.errors import OvertakenError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import inverse
-from trocar.rendering.card import Card
+from trocar.rendering.card import NOTHING, Card
 from trocar.rendering.context import driver, load, on_processor, read
 from trocar.rendering.exposure import ENDLESS, stops_of, to_be_measured
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
-from trocar.rendering.scenery import scenery
+from trocar.rendering.scenery import drawn_scenery, scenery
 from trocar.rendering.staging import Stage, stage
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import ShapeRecord, Snapshot
@@ -88,7 +88,7 @@ class Renderer:
         self._ask, self.channels, self.look = shapes, channels or Channels(), look or Look()
         self._lock = threading.Lock()
         self._build: int | None = None
-        self._things = scenery(())
+        self._things = self._shown = scenery(())
         self._optics: dict[tuple[object, ...], tuple[CameraRecord, Optics]] = {}
         self.contexts = self.triangles = 0
         self._card: Card | None = None
@@ -180,7 +180,7 @@ class Renderer:
             depth=pictures.get("DEPTH"),
             ids=pictures.get("IDS"),
             normals=pictures.get("NORMALS"),
-            names=self._things.names,
+            names=self._shown.names,
             time=snapshot.time,
             build=snapshot.build,
             calibration=lenses.shown,
@@ -191,7 +191,7 @@ class Renderer:
     def _staged(
         self, snapshot: Snapshot, record: CameraRecord, lenses: Optics, shadows: bool
     ) -> Stage:
-        return stage(self._things, snapshot, inverse(record.T_world_camera), lenses, shadows)
+        return stage(self._shown, snapshot, inverse(record.T_world_camera), lenses, shadows)
 
     def _exposed(self, card: Card, snapshot: Snapshot, record: CameraRecord) -> float:
         """Return the stops of a picture that is taken alone, of small ones without shadows."""
@@ -209,17 +209,21 @@ class Renderer:
         return stops_of(plain, endless)
 
     def _follow(self, card: Card, snapshot: Snapshot) -> None:
-        """Take the shapes of the snapshot's build."""
-        if snapshot.build == self._build:
-            return
-        build, shapes = self._ask()
-        if build != snapshot.build:
-            raise OvertakenError(
-                f"the snapshot is of build {snapshot.build} of the world, its shapes are of build"
-                f" {build}; ask for a new snapshot"
-            )
-        self._things, self._build = scenery(shapes), build
-        card.load(self._things, self.look)
+        """Take the shapes of the snapshot's build, and its drawings."""
+        if snapshot.build != self._build:
+            build, shapes = self._ask()
+            if build != snapshot.build:
+                raise OvertakenError(
+                    f"the snapshot is of build {snapshot.build} of the world, its shapes are of"
+                    f" build {build}; ask for a new snapshot"
+                )
+            self._things, self._build = scenery(shapes), build
+        self._shown = self._things
+        drawn = NOTHING
+        if snapshot.drawings:
+            drawn = drawn_scenery(snapshot.drawings, self._things)
+            self._shown = self._things.with_(drawn)
+        card.load(self._things, self.look, drawn)
 
     def _lenses(self, record: CameraRecord, most: int) -> Optics:
         """Return a camera's optics, computed at the first call."""

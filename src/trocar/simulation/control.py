@@ -265,7 +265,8 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        if v is None and not self.moves.active and self._fits(q, part) and self.plain(part):
+        legs, drift = self.moves.legs, self.moves.drift
+        if v is None and not legs and drift is None and self._fits(q, part) and self.plain(part):
             self.motors.position[part] = q
             self.motors.velocity[part] = 0.0
             return True

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
+        details: what a class of tasks scores beside this
     """
 
     scene: str
@@ -81,6 +82,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -288,7 +290,12 @@ class Task:
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
+            details=self.details(),
         )
+
+    def details(self) -> dict[str, Any]:
+        """Return what this class of tasks scores beside an episode's other numbers."""
+        return {}
 
     # ------------------------------------------------------------------ looking
 

@@ -842,7 +842,7 @@ class World:
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
         for tissue in self.tissues.values():
-            tissue.attach(model, data)
+            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:

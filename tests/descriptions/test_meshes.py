@@ -97,7 +97,7 @@ def test_too_many_triangles_are_rejected(tmp_path: Path, monkeypatch: pytest.Mon
         ('kind = "mesh"', r"shape\[0\].file: is missing"),
         ('kind = "mesh", file = "gone.stl"', r"gone.stl cannot be read: No such file"),
         ('kind = "mesh", file = "a.stl", weigh = true', r"weigh: got true; allowed: false"),
-        ('kind = "mesh", file = "a.stl", scale_mm = 0.0', r"scale: got 0 m; allowed: above 0"),
+        ('kind = "mesh", file = "a.stl", scale_mm = 0.0', r"scale: got 0; allowed: above 0"),
         ('kind = "mesh", file = "a.stl", hull = "capsule"', r"hull: unknown key"),
         ('kind = "mesh", file = "a.stl"', r"inertia_kgm2: is missing, and there is no shape"),
     ],

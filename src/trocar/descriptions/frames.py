@@ -23,7 +23,7 @@ def read_joint(row: Table) -> JointDescription:
     name = row.text("name")
     kind = row.text("kind", allowed=("revolute", "prismatic"))
     turns = kind == "revolute"
-    measure = "angle" if turns else "length"
+    measure, way = ("angle", "angular") if turns else ("length", "linear")
     lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
     if not lower < upper:
         raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
@@ -35,17 +35,10 @@ def read_joint(row: Table) -> JointDescription:
         kind="revolute" if turns else "prismatic",
         lower=lower,
         upper=upper,
-        effort_max=_positive(row, "effort_max", "torque" if turns else "force", np.inf),
-        velocity_max=_positive(
-            row, "velocity_max", "angular velocity" if turns else "linear velocity", np.inf
-        ),
-        acceleration_max=_positive(
-            row,
-            "acceleration_max",
-            "angular acceleration" if turns else "linear acceleration",
-            np.inf,
-        ),
-        tracking_tolerance=_positive(row, "tracking_tolerance", measure, np.inf),
+        effort_max=row.positive("effort_max", "torque" if turns else "force", default=np.inf),
+        velocity_max=row.positive("velocity_max", f"{way} velocity", default=np.inf),
+        acceleration_max=row.positive("acceleration_max", f"{way} acceleration", default=np.inf),
+        tracking_tolerance=row.positive("tracking_tolerance", measure, default=np.inf),
         drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
         stop_lower=row.quantity("stop_lower", measure, default=lower),
         stop_upper=row.quantity("stop_upper", measure, default=upper),
@@ -54,7 +47,6 @@ def read_joint(row: Table) -> JointDescription:
     )
     if not lower <= joint.stop_lower < joint.stop_upper <= upper:
         raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
-    row.done()
     return joint
 
 
@@ -63,18 +55,10 @@ def _read_spring(row: Table) -> Spring | None:
     if "spring" not in row:
         return None
     table = row.table("spring")
-    spring = Spring(
-        _positive(table, "stiffness", "angular stiffness", 0.0), table.quantity("rest", "angle")
-    )
+    stiffness = table.positive("stiffness", "angular stiffness", default=0.0)
+    spring = Spring(stiffness, table.quantity("rest", "angle"))
     table.done()
     return spring
-
-
-def _positive(row: Table, name: str, dimension: str, default: float) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
-    return value
 
 
 def read_frame(row: Table) -> Frame:
@@ -82,7 +66,6 @@ def read_frame(row: Table) -> Frame:
     name = row.text("name")
     parent = row.text("parent", "") or None
     motion = cast(Motion, row.text("motion", "fixed", allowed=("fixed", "revolute", "prismatic")))
-    row.text("source", "")
     before, after = _read_placement(row)
     if motion == "fixed":
         before, after = before @ after, np.eye(4)
@@ -90,16 +73,7 @@ def read_frame(row: Table) -> Frame:
     couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
     if (motion == "fixed") != (not couplings):
         raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
-    frame = Frame(
-        name,
-        parent,
-        motion,
-        before,
-        after,
-        couplings,
-    )
-    row.done()
-    return frame
+    return Frame(name, parent, motion, before, after, couplings)
 
 
 def _read_placement(row: Table) -> tuple[Array, Array]:
@@ -113,31 +87,22 @@ def _read_placement(row: Table) -> tuple[Array, Array]:
         if convention == "modified":
             return exact(modified_dh(a, alpha, d, theta)), np.eye(4)
         return exact(standard_dh(0.0, 0.0, d, theta)), exact(standard_dh(a, alpha, 0.0, 0.0))
-    turn = np.eye(3)
-    if "rotation" in row:
-        turn = check_turn(row, row.matrix("rotation", 3, 3))
-    elif row.has("rpy", "angle"):
-        turn = exact(matrix_from_rpy(*row.vector("rpy", 3, "angle")))
-    at = row.vector("xyz", 3, "length", default=np.zeros(3))
-    return transform(turn, at), np.eye(4)
+    turned = "rotation" not in row and row.has("rpy", "angle")
+    at = read_pose(row)
+    return exact(at) if turned else at, np.eye(4)
 
 
 def read_pose(row: Table) -> Array:
     """Return a pose given as xyz and rpy or rotation, identity when absent, (4, 4)."""
     turn = np.eye(3)
     if "rotation" in row:
-        turn = check_turn(row, row.matrix("rotation", 3, 3))
+        try:
+            turn = check_rotation(row.matrix("rotation", 3, 3))
+        except TrocarError as problem:
+            raise row.fail("rotation", str(problem)) from problem
     elif row.has("rpy", "angle"):
         turn = matrix_from_rpy(*row.vector("rpy", 3, "angle"))
     return transform(turn, row.vector("xyz", 3, "length", default=np.zeros(3)))
-
-
-def check_turn(row: Table, turn: Array) -> Array:
-    """Return a rotation matrix, or say which entry is none."""
-    try:
-        return check_rotation(turn)
-    except TrocarError as problem:
-        raise row.fail("rotation", str(problem)) from problem
 
 
 def exact(matrix: Array) -> Array:
@@ -153,7 +118,6 @@ def read_closure(row: Table) -> tuple[Closure, bool]:
         raise row.fail("passive", f"got {list(passive)}; allowed: the two frames it determines")
     if len(guard) not in (0, 2):
         raise row.fail("guard", f"got {list(guard)}; allowed: two frames, or none")
-    row.text("source", "")
     closure = Closure(
         name,
         row.text("frame_a"),
@@ -164,6 +128,4 @@ def read_closure(row: Table) -> tuple[Closure, bool]:
         guard,
         row.flag("open", False),
     )
-    slides = row.flag("slides", False)
-    row.done()
-    return closure, slides
+    return closure, row.flag("slides", False)

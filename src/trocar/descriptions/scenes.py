@@ -10,7 +10,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.catalogue import find, load_rig
 from trocar.descriptions.props import read_props
 from trocar.descriptions.records import GraspKind, RigDescription
@@ -141,8 +140,7 @@ def load_scene(name: str | Path) -> Scene:
     """
     path = find("scenes", name)
     table = read_table(path)
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    table.check_schema()
     named, title, source = table.text("name"), table.text("title", ""), table.text("source")
     wanted = table.text("rig")
     base = load_rig(path.parent / wanted if wanted.endswith(".toml") else wanted)
@@ -153,17 +151,13 @@ def load_scene(name: str | Path) -> Scene:
     if not arms or not set(arms) <= set(known) or len(set(arms)) < len(arms):
         raise table.fail("arms", f"got {list(arms)}; allowed: some of {', '.join(known)}")
     free = [p.name for p in rig.objects if p.joint is None]
-    placements = tuple(_read_placement(row, free) for row in table.tables("place"))
-    names = [p.object for p in placements]
-    for again in {n for n in names if names.count(n) > 1}:
-        raise table.fail("place", f"got {again!r} a second time")
-    goals = tuple(
-        _read_goal(row, [p.name for p in rig.objects], known) for row in table.tables("goal")
-    )
+    placements = table.each("place", lambda row: _read_placement(row, free), again="object")
+    objects = [prop.name for prop in rig.objects]
+    goals = table.each("goal", lambda row: _read_goal(row, objects, known))
     if not goals:
         raise table.fail("goal", "is missing; a scene needs at least one")
-    limit = _above_zero(table, "time_limit", "time")
-    drop = _above_zero(table, "drop_height", "length", DROP_M)
+    limit = table.positive("time_limit", "time")
+    drop = table.positive("drop_height", "length", default=DROP_M)
     table.done()
     task = str(path.parent / task) if task.endswith(".py") else task
     return Scene(named, title, source, str(path), rig, task, arms, placements, goals, limit, drop)
@@ -171,7 +165,7 @@ def load_scene(name: str | Path) -> Scene:
 
 def _rig(table: Table, rig: RigDescription, name: str) -> RigDescription:
     """Return the rig with the scene's props and start pose."""
-    props = read_props(table.tables("prop"), [arm.name for arm in rig.arms])
+    props = read_props(table, [arm.name for arm in rig.arms])
     taken = {prop.name for prop in rig.props} & {prop.name for prop in props}
     if taken:
         raise table.fail("prop", f"got {', '.join(sorted(taken))}, which the rig has already")
@@ -190,14 +184,7 @@ def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> 
         if name not in start:
             raise row.fail(name, f"is no arm; allowed: {', '.join(start)}")
         mechanism = rig.arm(name).arm.mechanism
-        q = row.numbers(name, len(mechanism.joints))
-        if (q < mechanism.lower).any() or (q > mechanism.upper).any():
-            raise row.fail(
-                name,
-                f"got {q.tolist()}; allowed: {mechanism.lower.tolist()} to"
-                f" {mechanism.upper.tolist()}",
-            )
-        found[name] = q
+        found[name] = row.within(name, mechanism.lower, mechanism.upper)
     row.done()
     return found
 
@@ -209,7 +196,6 @@ def _read_placement(row: Table, free: Sequence[str]) -> Placement:
     radius = row.quantity("radius", "length", default=0.0)
     if (spread < 0.0).any() or turn < 0.0 or radius < 0.0:
         raise row.fail("spread", "allowed: spread, turn and radius of 0 or more")
-    row.done()
     return Placement(name, spread, turn, radius)
 
 
@@ -225,20 +211,12 @@ def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
         arm,
         at,
         spread,
-        _above_zero(row, "radius", "length"),
-        _above_zero(row, "height", "length"),
+        row.positive("radius", "length"),
+        row.positive("height", "length"),
         row.flag("held", False),
     )
     if goal.held and not name:
         raise row.fail("held", "got true; allowed: with an object")
     if (spread < 0.0).any():
         raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
-    row.done()
     return goal
-
-
-def _above_zero(row: Table, name: str, dimension: str, default: float | None = None) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
-    return value

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypedDict
 
@@ -63,9 +63,7 @@ class SensorTable:
         bands: Sequence[Band],
         kind: type[SensorDescription],
     ) -> None:
-        name = table.text("name")
-        if not name:
-            raise table.fail("name", "got an empty text; allowed: a name")
+        name = table.name()
         rate = table.quantity("rate", "frequency", default=0.0)
         if rate <= 0.0 and table.has("rate", "frequency"):
             raise table.fail("rate_hz", f"got {rate:g}; allowed: above 0")
@@ -83,9 +81,9 @@ class SensorTable:
         if prop:
             if owner:
                 raise table.fail("prop", f"contradicts arm = {owner!r}; give one of them")
-            self._check("prop", prop, [p.name for p in props], "this rig has no such prop")
+            table.known("prop", prop, [p.name for p in props], "this rig has no such prop")
         elif owner or not kind.armless:
-            self._check("arm", owner, [a.name for a in arms], "this rig has no such arm")
+            table.known("arm", owner, [a.name for a in arms], "this rig has no such arm")
         self._arm = next((a.arm for a in arms if a.name == owner), None)
 
     def arm(self, key: str) -> ArmDescription:
@@ -101,34 +99,22 @@ class SensorTable:
     def joint(self, key: str) -> str:
         """Return the name of a joint of the arm."""
         known, joint = self.mechanism(key).joint_names, self.table.text(key)
-        self._check(key, joint, known, f"{self.head['arm']} has no such joint")
-        return joint
+        return self.table.known(key, joint, known, f"{self.head['arm']} has no such joint")
 
     def frame(self, key: str, default: str | None = None) -> str:
         """Return the name of a frame of the arm, or the prop that the sensor is on."""
         if self.head["prop"]:
             return self.head["prop"]
         known, frame = self.mechanism(key).frame_index, self.table.text(key, default)
-        self._check(key, frame, known, f"{self.head['arm']} has no such frame")
-        return frame
+        return self.table.known(key, frame, known, f"{self.head['arm']} has no such frame")
 
     def band(self, key: str) -> str:
         """Return the name of an elastic band of the rig."""
-        name = self.table.text(key)
-        self._check(key, name, self._bands, "this rig has no such band")
-        return name
+        return self.table.known(key, self.table.text(key), self._bands, "this rig has no such band")
 
     def noise(self, dimension: str) -> float:
         """Return a standard deviation in SI, 0 when absent."""
-        deviation = self.table.quantity("noise", dimension, default=0.0)
-        if deviation < 0.0:
-            raise self.table.fail("noise", f"got {deviation:g}; allowed: 0 or more")
-        return deviation
-
-    def _check(self, key: str, name: str, known: Iterable[str], missing: str) -> None:
-        if name not in known:
-            allowed = ", ".join(known) or "none"
-            raise self.table.fail(key, f"got {name!r}; {missing}; allowed: {allowed}")
+        return self.table.not_negative("noise", dimension)
 
 
 # ------------------------------------------------------------------ joint_effort
@@ -525,7 +511,7 @@ KINDS = {kind.kind: kind for kind in _CLASSES}
 
 
 def read_sensors(
-    rows: Iterable[Table],
+    rig: Table,
     arms: Sequence[RigArm],
     props: Sequence[Prop] = (),
     bands: Sequence[Band] = (),
@@ -536,12 +522,9 @@ def read_sensors(
         DescriptionError: an unknown kind, key or unit, a name used twice, or an arm, joint or frame
             that is not there
     """
-    found: list[SensorDescription] = []
-    for table in rows:
+
+    def read(table: Table) -> SensorDescription:
         kind = KINDS[table.text("kind", allowed=tuple(KINDS))]
-        sensor = kind.read(SensorTable(table, arms, props, bands, kind))
-        table.done()
-        if sensor.name in [other.name for other in found]:
-            raise table.fail("name", f"got {sensor.name!r} a second time")
-        found.append(sensor)
-    return tuple(found)
+        return kind.read(SensorTable(table, arms, props, bands, kind))
+
+    return rig.each("sensor", read, again="name")

@@ -71,7 +71,6 @@ def read_shape(table: Table) -> Shape:
     )
     if shape.density is not None and not shape.weigh:
         raise table.fail("density", "contradicts weigh = false; give one of them")
-    table.done()
     return shape
 
 
@@ -108,12 +107,7 @@ def _read_surface(table: Table) -> _Surface:
 
 
 def _positive(table: Table, name: str, dimension: str) -> float | None:
-    if not table.has(name, dimension):
-        return None
-    value = table.quantity(name, dimension)
-    if value <= 0.0:
-        raise table.fail(name, f"got {value:g}; allowed: above 0")
-    return value
+    return table.positive(name, dimension) if table.has(name, dimension) else None
 
 
 def _read_mesh_shape(table: Table, material: str) -> Shape:
@@ -129,7 +123,6 @@ def _read_mesh_shape(table: Table, material: str) -> Shape:
     at = table.vector("center", 3, "length", default=np.zeros(3))
     collide, visible = table.flag("collide", False), table.flag("visible", True)
     surface = _read_surface(table)
-    table.done()
     return Shape(
         "mesh",
         transform(turn, at),
@@ -153,12 +146,10 @@ def read_body(table: Table, part: str) -> Body:
     solid = read_drawn(table)
     touches = read_touches(table, solid)
     drawn = () if solid is None else seen_and_touched(solid, touches)
-    shapes = (*drawn, *map(read_shape, table.tables("shape")))
+    shapes = (*drawn, *table.each("shape", read_shape))
     mass = read_mass(table, shapes)
     com, inertia, origin = read_inertia(table, solid, shapes, mass)
-    source = table.text("source", "")
-    table.done()
-    name = "" if solid is None else solid.name
+    source, name = table.text("source", ""), "" if solid is None else solid.name
     return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 

@@ -18,7 +18,7 @@ from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
-from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
+from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain

@@ -165,7 +165,7 @@ def test_a_spring_is_for_the_last_joint_and_pushes(tmp_path):
 
 RIG_FAULTS = [
     ('name = "PSM1"\ndescription = "psm"', 'name = "PSM1"\ndescription = "pzm"', "", "arm 'pzm'"),
-    ('on = "SUJ_PSM1"', 'on = "PSM1"', "on", "(earlier arms)"),
+    ('on = "SUJ_PSM1"', 'on = "PSM1"', "on", "no earlier arm; allowed: world"),
     ('on = "SUJ_PSM1"', 'on = "SUJ_PSM9"', "on", "got 'SUJ_PSM9'; allowed: world, SUJ_PSM1"),
     ('frame = "mount"', 'frame = "mnt"', "frame", "got 'mnt'"),
     ('name = "PSM2"', 'name = "PSM1"', "name", "got 'PSM1' a second time"),

@@ -15,7 +15,14 @@ from trocar.cameras.records import Intrinsics, StereoCalibration
 from trocar.descriptions.calibration_plan import hinge_side
 from trocar.descriptions.cameras import read_eye
 from trocar.descriptions.dynamics import apply_dynamics, dynamics_document, read_dynamics
-from trocar.descriptions.frames import read_pose
+from trocar.descriptions.frames import (
+    PIN_ROTOR_KG,
+    pin_body,
+    pin_frame,
+    pin_name,
+    pinned,
+    read_pose,
+)
 from trocar.descriptions.overlay_records import (
     CameraPatch,
     ClosureKind,
@@ -23,7 +30,6 @@ from trocar.descriptions.overlay_records import (
     FramePatch,
     Overlay,
 )
-from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription, Body, Shape
 from trocar.descriptions.solids import read_solid, seen_and_touched
 from trocar.descriptions.table import SCHEMA, Table, parse_table, read_table, toml_text

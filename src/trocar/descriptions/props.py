@@ -128,9 +128,7 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
     """Return the joint of a prop on the world or on a prop before it."""
     kind = cast(PropJointKind, row.text("kind", allowed=KINDS))
     on = row.text("on", "world")
-    if on != "world" and on not in before:
-        known = ", ".join(("world", *before))
-        raise row.fail("on", f"got {on!r}; allowed: {known} (props before this one)")
+    row.known("on", on, ("world", *before), "no prop before this one")
     measure, damps, springs = DIMENSIONS[kind]
     axis, lower, upper, rest = np.zeros(3), -np.inf, np.inf, 0.0
     if kind != "ball":
@@ -188,9 +186,7 @@ def read_bands(rig: Table, props: Sequence[Prop]) -> tuple[Band, ...]:
 
 def _read_end(row: Table, props: Sequence[Prop]) -> tuple[str, Array]:
     name = row.text("prop")
-    if name not in [prop.name for prop in props]:
-        known = ", ".join(prop.name for prop in props) or "none, for the rig has no props"
-        raise row.fail("prop", f"got {name!r}; allowed: {known}")
+    row.known("prop", name, [prop.name for prop in props])
     return name, row.vector("xyz", 3, "length", default=np.zeros(3))
 
 

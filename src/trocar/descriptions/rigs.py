@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.cameras import read_camera
-from trocar.descriptions.checks import check_name
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.props import read_bands, read_props, read_script
 from trocar.descriptions.records import (
@@ -51,9 +50,7 @@ def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
     slave = row.text("slave")
     type_ = kind.upper()
     able = [arm.name for arm in arms if arm.arm.type == type_]
-    if slave not in able:
-        known = ", ".join(able) or f"none, for this rig has no {type_}"
-        raise row.fail("slave", f"got {slave!r}; allowed: {known}")
+    row.known("slave", slave, able or [f"none, for this rig has no {type_}"])
     scale = row.number("scale", SCALE)
     if not 0.0 < scale <= 1.0:
         raise row.fail("scale", f"got {scale:g}; allowed: above 0 to 1")
@@ -174,15 +171,13 @@ def _read_arm(
     on = row.text("on", "world")
     carriers = [a.name for a in before]
     places = ["world"] if display is None else ["world", DISPLAY]
-    if on not in (*places, *carriers):
-        known = ", ".join((*places, *carriers))
-        raise row.fail("on", f"got {on!r}; allowed: {known} (earlier arms)")
+    row.known("on", on, (*places, *carriers), "no earlier arm")
     carrier = next((a for a in before if a.name == on), None)
     frame = row.text("frame", "mount" if carrier else "")
     if carrier is not None:
-        check_name(row.file, f"{row.path}.frame", frame, carrier.arm.mechanism.frame_index)
+        row.known("frame", frame, carrier.arm.mechanism.frame_index)
     place = row.text("place", arm.root)
-    check_name(row.file, f"{row.path}.place", place, arm.mechanism.frame_index)
+    row.known("place", place, arm.mechanism.frame_index)
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
     root_place = pose(arm.mechanism, rest, place, arm.root)
     at = read_pose(row) @ inverse(root_place)

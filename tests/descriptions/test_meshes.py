@@ -11,7 +11,7 @@ import pytest
 from trocar.descriptions import load_tool
 from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.meshes import Mesh, read_mesh
-from trocar.descriptions.shapes import read_shape
+from trocar.descriptions.shapes import read_shapes
 from trocar.descriptions.table import Table, parse_table
 from trocar.errors import DescriptionError
 
@@ -119,5 +119,5 @@ def test_a_mesh_touches_as_its_convex_hull_and_may_be_unseen(tmp_path: Path) -> 
         'shape = [{ kind = "mesh", file = "a.stl", collide = true, visible = false }]',
         str(tmp_path / "tool.toml"),
     )
-    shape = read_shape(table.tables("shape")[0])
+    (shape,) = read_shapes(table)
     assert (shape.collide, shape.visible, shape.weigh) == (True, False, False)

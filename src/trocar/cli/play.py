@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, duration
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, recording
@@ -34,46 +34,18 @@ VIDEO_HZ = 25.0
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "scene", metavar="SCENE", help="built-in scene (see trocar list scenes) or TOML file"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="seed of the first episode (default: 0)"
-    )
-    parser.add_argument(
-        "--policy",
-        choices=("scripted", "none"),
-        help="scripted: the scene's own policy (default with --headless); none: a person or a"
-        " client drives (default without)",
-    )
-    parser.add_argument(
-        "--headless", action="store_true", help="run without web viewer and clients"
-    )
-    parser.add_argument(
-        "--episodes",
-        type=int,
-        default=1,
-        metavar="N",
-        help="episodes, with the seeds that follow (default: 1)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        metavar="N",
-        help="processes that episodes run on; results do not depend on it (default: 1)",
-    )
-    parser.add_argument(
-        "--video", metavar="FILE", help="write an MP4 video of the endoscope (extra video)"
-    )
-    parser.add_argument(
-        "--duration", type=duration, metavar="S", help="stop serving after S simulated seconds"
-    )
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        help="of serving: real time, or as fast as possible (default: realtime)",
-    )
+    options(parser, """
+        scene SCENE             built-in scene (see trocar list scenes) or TOML file
+        --seed N:int = 0        seed of the first episode
+        --policy scripted|none  scripted: the scene's own policy (default with --headless); none: a
+                                person or a client drives (default without)
+        --headless              run without web viewer and clients
+        --episodes N:int = 1    episodes, with the seeds that follow
+        --workers N:int = 1     processes that episodes run on; results do not depend on it
+        --video FILE            write an MP4 video of the endoscope (extra video)
+        --duration S:duration   stop serving after S simulated seconds
+        --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
+    """)  # fmt: skip
     add_json(parser)
     add_record(parser)
     add_serving(parser)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.inertial import merged
 from trocar.descriptions.materials import MATERIALS
-from trocar.descriptions.needles import read_needle
+from trocar.descriptions.needles import Needle, read_needle
 from trocar.descriptions.plugins import registered_file
 from trocar.descriptions.records import (
     Band,
@@ -30,11 +30,12 @@ from trocar.descriptions.shapes import (
     read_drawn,
     read_inertia,
     read_mass,
-    read_shape,
+    read_shapes,
     read_touches,
 )
 from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.tissues import read_tissue
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
@@ -67,24 +68,27 @@ def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    before: list[str] = []
+    found: list[Prop] = []
 
     def read(row: Table) -> Prop:
-        prop = _read_prop(row, before)
+        prop = _read_prop(row, found)
         if prop.movable is not None:
             _check_object_name(row, prop.name, arms)
-        before.append(prop.name)
+        found.append(prop)
         return prop
 
     return rig.each("prop", read, again="name")
 
 
-def _read_prop(row: Table, before: Sequence[str]) -> Prop:
-    """Return a prop: a needle, shapes in the rig's own file, or bodies in a file of its own."""
+def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
+    """Return a prop: a needle, tissue, shapes in the rig's own file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
-    kind = row.text("kind", "shapes", allowed=("shapes", "needle"))
+    kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue"))
     needle = read_needle(row) if kind == "needle" else None
+    tissue = read_tissue(row, _needles(before)) if kind == "tissue" else None
     moves = row.flag("movable", False)
+    if moves and tissue is not None:
+        raise row.fail("movable", "got true; allowed: false, for tissue stands where it is put")
     if not moves:
         for key, given in (
             ("mass", row.has("mass", "mass")),
@@ -110,18 +114,24 @@ def _read_prop(row: Table, before: Sequence[str]) -> Prop:
         solid = read_drawn(row)
         touches = read_touches(row, solid)
         drawn = () if solid is None else seen_and_touched(solid, touches)
-        shapes = (*drawn, *row.each("shape", read_shape))
+        shapes = (*drawn, *read_shapes(row))
         if moves:
             mass = read_mass(row, shapes)
             movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
         elif any(shape.density is not None for shape in shapes):
             raise row.fail("movable", "is missing; a prop that stands still has no density")
-    joint = _read_joint(row.table("joint"), before) if "joint" in row else None
+    names = [prop.name for prop in before]
+    joint = _read_joint(row.table("joint"), names) if "joint" in row else None
     row.raw("joint")
     if moves:
         _check_touchable(row, shapes, free=joint is None)
     script = read_script(row, "before_step")
-    return Prop(name, at, shapes, movable, joint, script, needle)
+    return Prop(name, at, shapes, movable, joint, script, needle, tissue)
+
+
+def _needles(props: Iterable[Prop]) -> dict[str, Needle]:
+    """Return the needles that may pass tissue, {prop: needle}."""
+    return {p.name: p.needle for p in props if p.needle and p.movable and not p.joint}
 
 
 def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:

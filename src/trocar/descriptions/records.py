@@ -17,6 +17,7 @@ from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
@@ -377,6 +378,7 @@ class Prop:
         joint: of a movable prop; None: it is free
         script: path of the Python file whose `before_step` is called, "" for none
         needle: its dimensions, where it is a curved needle
+        tissue: soft halves of a pad with a wound between them, where it is tissue
     """
 
     name: str
@@ -386,6 +388,7 @@ class Prop:
     joint: PropJoint | None = None
     script: str = ""
     needle: Needle | None = None
+    tissue: Tissue | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -860,7 +860,10 @@ class Arm:
 
     def tip_in_world(self) -> Pose:
         """Return the tip's pose in the frame of the rig, whatever `measured_cp` is relative to."""
-        T = self._clock.frames.reference_pose(self.name) @ self.local_measured_cp().T
+        frames = self._clock.frames
+        if frames.follows(self.name):
+            return Pose(frames.tip_pose(self.name), "world", self._clock.time)
+        T = frames.reference_pose(self.name) @ self.local_measured_cp().T
         return Pose(T, "world", self._clock.time)
 
     def setpoint_cp(self) -> Pose:
@@ -955,7 +958,19 @@ class Arm:
             raise InputError(f"{self.name}: has no inverse kinematics")
         pose = checked_pose(self.name, T)
         start = self.control.setpoints(self._own) if seed is None else self._whole(seed)[self._own]
-        mechanism, local = self.description.mechanism, self._in_own_frame(pose)
+        return self.local_inverse_kinematics(self._in_own_frame(pose), start)
+
+    def local_inverse_kinematics(self, local: Array, start: Array) -> Array:
+        """Return the joint positions nearest to others that bring the tip to a pose, (n,).
+
+        Args:
+            local: pose in the arm's own reference frame, (4, 4), not checked
+            start: (n,) without the jaw [rad or m]
+
+        Raises:
+            UnreachableError, SingularError: no solution
+        """
+        structure, mechanism = self.description.inverse_kinematics, self.description.mechanism
         if self._clock.frames.follows(self.name):
             near = nearest_start(mechanism, structure, local, start)
             tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE

@@ -140,23 +140,50 @@ class Probes:
         data = self._touched(self.bodies())
         here = np.flatnonzero(data.contact.efc_address >= 0)
         found = data.contact
-        axes = found.frame[here].reshape(-1, 3, 3)  # rows; the normal leads from the first shape
-        # An elliptic cone's forces are along the axes: of the normal, and of two tangents where
-        # there is friction, as all shapes have it but pads whose object a weld holds.
-        rows = found.efc_address[here]
-        felt = np.zeros((len(here), 3))  # what the first shape does to the second
-        felt[:, 0] = data.efc_force[rows]
-        rubs = found.dim[here] > 1
-        felt[rubs, 1:] = data.efc_force[rows[rubs][:, None] + np.arange(1, 3)]
         return ContactTable(
             float(self._data.time),
             self._names,
             carriers(self._model, found.geom[here], found.flex[here]),
             found.pos[here].copy(),
-            -axes[:, 0],
-            -(felt[:, None] @ axes)[:, 0],
+            -found.frame[here, :3],  # the normal leads from the first shape
+            -self._contact_forces(data, here),
             -found.dist[here],
         )
+
+    def contact_forces(self) -> dict[str, Array]:
+        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
+        total, data = np.zeros((len(self._arms), 3)), self._acted()
+        if data.ncon:
+            found = data.contact
+            sides = self._arm_of_geom[found.geom]
+            here = np.flatnonzero((sides.max(axis=1) >= 0) & (found.efc_address >= 0))
+            if len(here):
+                sides, force = sides[here], self._contact_forces(data, here)
+                for side, sign in ((0, -1.0), (1, 1.0)):
+                    mine = sides[:, side] >= 0
+                    np.add.at(total, sides[mine, side], sign * force[mine])
+        return dict(zip(self._arms, total, strict=True))
+
+    @cached_property
+    def _arm_of_geom(self) -> Index:
+        """The arm that each geom is on, -1 for none and, in the end, for flexes."""
+        of_body = np.full(self._model.nbody, -1)
+        for k, name in enumerate(self._arms):
+            of_body[list(self._table.arms[name].bodies.values())] = k
+        return np.append(of_body[self._model.geom_bodyid], -1)
+
+    def _contact_forces(self, data: mujoco.MjData, here: Index) -> Array:
+        """Return what the first shapes of some contacts do to the second, in the world, (n, 3) [N].
+
+        An elliptic cone's forces are along the axes: of the normal, and of two tangents where there
+        is friction, as all shapes have it but pads whose object a weld holds.
+        """
+        found = data.contact
+        rows, felt = found.efc_address[here], np.zeros((len(here), 3))
+        felt[:, 0] = data.efc_force[rows]
+        rubs = found.dim[here] > 1
+        felt[rubs, 1:] = data.efc_force[rows[rubs][:, None] + np.arange(1, 3)]
+        return (felt[:, None] @ found.frame[here].reshape(-1, 3, 3))[:, 0]
 
     def wrench(self, mine: Bodies, at: Place) -> tuple[Array, Array]:
         """Return force and torque that act on some bodies from outside, at a place in its axes."""

@@ -40,6 +40,7 @@ from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
     ArmSample,
     ArmSnapshot,
+    Drawing,
     Health,
     Pose,
     Recording,
@@ -53,6 +54,7 @@ from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
+from trocar.simulation.tissues import SoftTissue, TissueState
 
 Array = NDArray[np.float64]
 
@@ -103,6 +105,7 @@ class State:
         grasps: of each jaw that may hold something
         errors: of the robots' readings, None for none
         drives: of identified drivetrains, anchors of their stop elements and springs
+        tissues: of each soft tissue
     """
 
     signature: str
@@ -121,6 +124,7 @@ class State:
     grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
     errors: Mapping[str, Any] | None = None
     drives: tuple[Array, Array] | None = None
+    tissues: Mapping[str, TissueState] = field(default_factory=dict[str, TissueState])
 
 
 class World:
@@ -193,6 +197,12 @@ class World:
         self._grasps = Grasps(self.rig, self.timestep, self._journal)
         self._objects = Objects(self.rig, self._journal, self._grasps)
         self._scripts = Scripts(self.rig, self._journal)
+        #: Soft tissue, by name.
+        self.tissues: dict[str, SoftTissue] = {
+            prop.name: SoftTissue(prop, len(self.rig.arms), self.timestep, self._journal)
+            for prop in self.rig.props
+            if prop.tissue is not None and self.options.collisions
+        }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
@@ -218,6 +228,7 @@ class World:
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
+        self._drawings: dict[str, Callable[[], Drawing]] = {}
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -293,6 +304,28 @@ class World:
 
         set_observers([*self._observers, row])
         return lambda: set_observers([one for one in self._observers if one is not row])
+
+    def draw(self, name: str, provider: Callable[[], Drawing]) -> Callable[[], None]:
+        """Show a surface or curve that bends beside the rig's bodies; call the result to stop.
+
+        Renderers and the web viewer show it. Physics does not touch it: whoever simulates it steps
+        with `observe`.
+
+        Args:
+            name: of this drawing
+            provider: returns it as it is now; called only when a snapshot is taken
+
+        Raises:
+            InputError: a drawing, body or object of the rig has this name
+        """
+        if name in {*self._drawings, *self.arms, *(prop.name for prop in self.rig.props)}:
+            raise InputError(f"draw: got {name!r}; allowed: a name that nothing else has")
+        self._drawings[name] = provider
+
+        def stop() -> None:
+            self._drawings.pop(name, None)
+
+        return stop
 
     def step(self, n: int = 1) -> None:
         """Advance n physics steps.
@@ -372,6 +405,8 @@ class World:
         self.reference_arm = self.rig.reference_arm
         mujoco.mj_resetData(self._model, self._data)
         self._grasps.begin()
+        for tissue in self.tissues.values():
+            tissue.begin()
         self.servos.restore()
         if self.servos.errors is not None:
             self.servos.errors.draw(self._seed)
@@ -428,6 +463,7 @@ class World:
             grasps=self._grasps.save(),
             errors=None if self.servos.errors is None else self.servos.errors.save(),
             drives=None if self.drives is None else (self._anchor.copy(), self._springs.copy()),
+            tissues={name: tissue.save() for name, tissue in self.tissues.items()},
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -466,6 +502,8 @@ class World:
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
         self._grasps.load(state.grasps)
+        for name, tissue in self.tissues.items():
+            tissue.load(state.tissues[name])
         self._bad[:] = 0
         self.past.forget("it began after a saved state was loaded")
         self.journal.event(WORLD, "state_loaded")
@@ -530,10 +568,13 @@ class World:
 
         Raises:
             UnknownNameError: no such arm or tool; the known ones are listed
-            InputError: the arm takes no tool, or this one is made for another generation
+            InputError: the arm takes no tool, this one is made for another generation, or the rig
+                has soft tissue
             DescriptionError: the tool's file is broken
         """
         self._scripts.check_outside("exchange_tool")
+        if self.tissues:
+            raise InputError(f"exchange_tool: the rig has tissue ({', '.join(self.tissues)})")
         arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
         model = build(rig, self.options)
         arm.come_off()
@@ -634,6 +675,10 @@ class World:
         """Return the same as arrays, in one go."""
         return self._probes.contact_table()
 
+    def contact_forces(self) -> dict[str, Array]:
+        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
+        return self._probes.contact_forces()
+
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
 
@@ -660,7 +705,8 @@ class World:
         if self.rig.bands:
             rods = band_poses(self.rig, self._model, shown)
             at, turn = np.concatenate([at, rods[0]]), np.concatenate([turn, rods[1]])
-        return Snapshot(self.time, at, turn, found, self._build)
+        drawings = tuple(provider() for provider in self._drawings.values())
+        return Snapshot(self.time, at, turn, found, self._build, drawings)
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""
@@ -793,6 +839,8 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        for tissue in self.tissues.values():
+            tissue.attach(model, data)
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
@@ -801,6 +849,7 @@ class World:
         model, data, journal, scripts = self._model, self._data, self.journal, self._scripts
         left, bad, stride = count, self._bad, self._stride
         errors, drives = self.servos.errors, self.drives
+        tissues = tuple(self.tissues.values())
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         looks = self._grasps.every if self._grasps else 0
         while left > 0:
@@ -824,6 +873,9 @@ class World:
                     count = min(count, fine - journal.period % fine)
                 if scripts.running:
                     scripts.call(self)
+                for tissue in tissues:
+                    tissue.apply()
+                if tissues or scripts.running:
                     mujoco.mj_getState(model, data, self._before, STEPPED)
                     count = 1
                 mujoco.mj_step(model, data, count)
@@ -839,6 +891,9 @@ class World:
                     self._diverged()
                 if looks and journal.period % looks == 0:
                     self._grasps.look()
+                for tissue in tissues:
+                    if journal.period % tissue.every == 0:
+                        tissue.look()
                 for observer, _ in self._observers:
                     observer()
 

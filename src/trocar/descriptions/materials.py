@@ -24,4 +24,5 @@ MATERIALS = {
     "accent": Material((0.18, 0.42, 0.66, 1.0), 0.35),
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
+    "tissue": Material((0.76, 0.40, 0.36, 1.0), 0.45),
 }

@@ -6,7 +6,7 @@ The base of every app that has scenes; `apps/tasks/registry.py` names its classe
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -65,7 +65,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
-        details: what a class of tasks scores beside this
+        figures: what else the scene measures, by name with its unit
     """
 
     scene: str
@@ -82,7 +82,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -290,12 +290,26 @@ class Task:
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
-            details=self.details(),
+            figures=self.figures(),
         )
 
-    def details(self) -> dict[str, Any]:
-        """Return what this class of tasks scores beside an episode's other numbers."""
+    #: Further topics that are served, {name: help}; their messages are JSON.
+    topics: Mapping[str, str] = {}
+
+    def messages(self) -> dict[str, Any]:
+        """Return what is to be sent on further topics since the last call, {name: content}."""
         return {}
+
+    def figures(self) -> dict[str, Any]:
+        """Return what else the scene measures, by name with its unit; none here."""
+        return {}
+
+    def picture(self, capture: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return an image for a video: what the endoscope sees, unless the task draws its own."""
+        return capture()
+
+    def close(self) -> None:
+        """Release what the task opened."""
 
     # ------------------------------------------------------------------ looking
 

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, duration
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, recording
@@ -22,6 +22,9 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
 
     from trocar.apps.tasks import Episode, Task
 
@@ -34,46 +37,18 @@ VIDEO_HZ = 25.0
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "scene", metavar="SCENE", help="built-in scene (see trocar list scenes) or TOML file"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="seed of the first episode (default: 0)"
-    )
-    parser.add_argument(
-        "--policy",
-        choices=("scripted", "none"),
-        help="scripted: the scene's own policy (default with --headless); none: a person or a"
-        " client drives (default without)",
-    )
-    parser.add_argument(
-        "--headless", action="store_true", help="run without web viewer and clients"
-    )
-    parser.add_argument(
-        "--episodes",
-        type=int,
-        default=1,
-        metavar="N",
-        help="episodes, with the seeds that follow (default: 1)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        metavar="N",
-        help="processes that episodes run on; results do not depend on it (default: 1)",
-    )
-    parser.add_argument(
-        "--video", metavar="FILE", help="write an MP4 video of the endoscope (extra video)"
-    )
-    parser.add_argument(
-        "--duration", type=duration, metavar="S", help="stop serving after S simulated seconds"
-    )
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        help="of serving: real time, or as fast as possible (default: realtime)",
-    )
+    options(parser, """
+        scene SCENE             built-in scene (see trocar list scenes) or TOML file
+        --seed N:int = 0        seed of the first episode
+        --policy scripted|none  scripted: the scene's own policy (default with --headless); none: a
+                                person or a client drives (default without)
+        --headless              run without web viewer and clients
+        --episodes N:int = 1    episodes, with the seeds that follow
+        --workers N:int = 1     processes that episodes run on; results do not depend on it
+        --video FILE            write an MP4 video of the endoscope (extra video)
+        --duration S:duration   stop serving after S simulated seconds
+        --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
+    """)  # fmt: skip
     add_json(parser)
     add_record(parser)
     add_serving(parser)
@@ -166,7 +141,11 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     scope = Endoscope(world, scopes[0], look=Look())
     stack.callback(scope.close)
     task.reset(args.seed)
-    first = picture(scope.capture(), "left", "colour")
+
+    def capture() -> NDArray[np.uint8]:
+        return picture(scope.capture(), "left", "colour")
+
+    first = task.picture(capture)
     add = stack.enter_context(
         video(path, (first.shape[1], first.shape[0]), VIDEO_HZ, overwrite=args.overwrite)
     )
@@ -174,7 +153,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
 
     def look() -> None:
         if world.periods % every == 0:
-            add(picture(scope.capture(), "left", "colour"))
+            add(task.picture(capture))
 
     stack.callback(world.observe(look, every=every))
 
@@ -196,7 +175,9 @@ def _report(found: list[Episode]) -> str:
     ]
     head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
     successes = sum(one.success for one in found)
+    measured = [[str(o.seed), *(fixed(v, 2) for v in o.figures.values())] for o in found]
     return (
         f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp}\n\n"
         + table([*head, "force [N]"], rows)
+        + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")
     )

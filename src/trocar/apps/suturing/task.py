@@ -98,7 +98,7 @@ class Suturing(Task):
         if self._failed and not self.done:
             self.done, self.reason = True, self._failed
 
-    def details(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Any]:
         """Return the scores of all stitches, and of the world's stiffness and noise."""
         return {
             "stiffness": self.tissue.stiffness,

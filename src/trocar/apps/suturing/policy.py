@@ -287,7 +287,7 @@ class Sewing:
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
         yield from self._one(hand, hand.follow(self._pull(hand, self._pull_way(stitch))))
-        if tissue.read().tension < 0.8 * TIGHT_N:
+        if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
 
@@ -318,7 +318,7 @@ class Sewing:
             goal[:3, 3] += step * way
             pulled += step
             yield goal
-            tension = self.op.tissue.read().tension
+            tension = self.op.tissue.tension()
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""

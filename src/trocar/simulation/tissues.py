@@ -337,6 +337,27 @@ class SoftTissue:
         held = np.repeat(~self.torn.ravel(), 3)
         return self._condensed().response @ (self._q - self._rest)[held]
 
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self._data.time)
+
+    def threaded(self) -> tuple[Array, Array, Array, float]:
+        """Return where thread passes now, from the needle on, in the world.
+
+        Returns:
+            the needle's end (3,); direction in which thread leaves it (3,); points of tissue that
+            it passes (n, 3); length from the needle to the last of these, where the knot stops [m]
+        """
+        data, count = self._data, len(self.plan)
+        turn = data.xmat[self._needle].reshape(3, 3)
+        swage = data.xpos[self._needle] + turn @ self.tissue.wire.swage[:3, 3]
+        local = self._q.reshape(count, -1, 3)[:, :4] + self._model.site_pos[self._sites]
+        passed = local[self.left][::-1]
+        points = passed @ self.pose[:3, :3].T + self.pose[:3, 3]
+        back = -turn @ self.tissue.wire.swage[:3, 1]
+        return swage, back, points, float(data.qpos[self._feed])
+
     def save(self) -> TissueState:
         """Return what the motion from here on depends on, beside the physics."""
         return TissueState(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.needles import Needle, needle_sizes
 from trocar.descriptions.records import Movable, Prop
-from trocar.descriptions.scenes import Scene, load_scene
+from trocar.descriptions.scenes import Scene
 from trocar.descriptions.shapes import needle_shapes
 from trocar.descriptions.tissues import MOST_STITCHES, Tissue
 from trocar.errors import InputError, UnknownNameError

@@ -147,7 +147,9 @@ class TissueDrawings:
         now = self._points
         speed = STAYS * (now - self._before)
         fastest = 0.3 * spacing
-        speed *= np.minimum(1.0, fastest / np.maximum(np.linalg.norm(speed, axis=1), 1e-12))[:, None]
+        speed *= np.minimum(1.0, fastest / np.maximum(np.linalg.norm(speed, axis=1), 1e-12))[
+            :, None
+        ]
         ahead = now + speed + GRAVITY * time**2
         free = np.ones(POINTS)
         free[index] = 0.0

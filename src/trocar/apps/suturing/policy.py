@@ -259,9 +259,7 @@ class Sewing:
         way = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         return (yield from self._take(stitch, 1, stitch.driver, way))
 
-    def _take(
-        self, stitch: Stitch, row: int, giver: str, then: list[Array]
-    ) -> Iterator[Array]:
+    def _take(self, stitch: Stitch, row: int, giver: str, then: list[Array]) -> Iterator[Array]:
         """Let an arm take the needle with one of the stitch's grips, the other let go of it.
 
         Args:
@@ -315,7 +313,9 @@ class Sewing:
         aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
         axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
         ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
-        reach = start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        reach = (
+            start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        )
         shafts = [
             np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
             for name, arm in world.arms.items()

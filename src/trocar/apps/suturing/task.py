@@ -28,6 +28,8 @@ PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 SEEN = 15
 #: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
 LOOK_PERIODS = 5
+#: Units at the end of the scores' names.
+UNITS = ("mm", "um", "deg", "n", "s")
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -101,10 +103,16 @@ class Suturing(Task):
             self.done, self.reason = True, self._failed
 
     def figures(self) -> dict[str, Any]:
-        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        """Return the scores of the stitches, of each the largest; see `StitchScore`."""
+        scores = [asdict(score) for score in self.watch.scores]
+        worst = {key: float(np.nanmax([*(one[key] for one in scores), -1.0])) for key in scores[0]}
+        names = {key: key.rpartition("_") for key in worst}
         return {
-            "stiffness": self.tissue.stiffness,
-            "stitches": [asdict(score) for score in self.watch.scores],
+            "stiffness": round(self.tissue.stiffness, 3),
+            **{
+                f"{name} [{unit}]" if name and unit in UNITS else key: worst[key]
+                for key, (name, _, unit) in names.items()
+            },
         }
 
     def announce(self, text: str) -> None:

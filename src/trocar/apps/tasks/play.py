@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.task import Episode, Task
 from trocar.apps.tasks.registry import make_task
+from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, TrocarError
 
 Array = NDArray[np.float64]
@@ -54,14 +55,14 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
     return task.result(seed)
 
 
-def play(scene: str, seeds: Sequence[int], workers: int = 1) -> Iterator[Episode]:
+def play(scene: Scene | str, seeds: Sequence[int], workers: int = 1) -> Iterator[Episode]:
     """Yield the scripted episodes of seeds in their order, as each is known.
 
     Each follows from scene and seed alone, however many workers there are. The episode of a worker
     that dies is run again; no other is.
 
     Args:
-        scene: name of the scene, or path of its file
+        scene: a scene, its name, or the path of its file
         seeds: of the episodes
         workers: processes; 1: this one
 
@@ -94,7 +95,7 @@ class _Worker:
 class _Pool:
     """Processes that each run one episode at a time."""
 
-    scene: str
+    scene: Scene | str
     seeds: list[int]
     count: int
     workers: list[_Worker] = field(default_factory=list[_Worker])
@@ -157,8 +158,9 @@ class _Pool:
             worker.connection.close()
             worker.process.join()
             if begun[index] == ATTEMPTS:
+                name = self.scene if isinstance(self.scene, str) else self.scene.name
                 raise TrocarError(
-                    f"{self.scene}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
+                    f"{name}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
                     f" last time with exit code {worker.process.exitcode}"
                 ) from None
             waiting.append(index)
@@ -169,7 +171,7 @@ class _Pool:
         found[index] = answer
 
 
-def _work(scene: str, connection: Connection[Any, Any]) -> None:
+def _work(scene: Scene | str, connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         task = make_task(scene)

@@ -10,8 +10,8 @@ recordings of real arms. errors: how far tips are from where the robots report t
 calibrations of the endoscope from views of a board, an ECM that centres an object (10 s a seed),
 a needle that is tracked in rendered images (40 s a seed).
 drives: cost and drift of identified dynamics in the simulation. tasks: success, time, forces and
-speed of the scripted policies of all scenes. suturing: stitches through soft tissue (50 episodes: 30
-minutes on one core).
+speed of the scripted policies of all scenes. suturing: stitches through soft tissue
+(50 episodes: 30 minutes on one core).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -81,7 +81,7 @@ def main(words: Sequence[str] | None = None) -> int:
         type=int,
         default=50,
         metavar="N",
-        help="of tasks, suturing: of each scene (50)",
+        help="of tasks, suturing: of each (50)",
     )
     parser.add_argument(
         "--transport",

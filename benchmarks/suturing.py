@@ -1,7 +1,7 @@
-"""Stitches through soft tissue: successes, errors of the path, forces, closure and speed, over many seeds.
+"""Stitches through soft tissue: successes, errors, forces, closure and speed, over many seeds.
 
-Each seed draws the wound's place (+-15 mm, +-20 deg), its stiffness (x 0.5 to 2) and the needle's (+-3 mm,
-+-20 deg), seen with 1 mm and 5 deg, in the jaws with 0.2 mm and 0.5 deg.
+Each seed draws the wound's place (+-15 mm, +-20 deg), its stiffness (x 0.5 to 2) and the needle's
+place (+-3 mm, +-20 deg), seen with 1 mm and 5 deg, in the jaws with 0.2 mm and 0.5 deg.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from trocar.apps.suturing.scene import suturing_scene
 from trocar.apps.suturing.task import Suturing
 from trocar.apps.tasks import Episode, run_episode
 
-#: Stitches of a running suture, and the share of the seeds that it is sewn for. Source: our own choice.
+#: Stitches of a running suture, and the share of the seeds that it is sewn for. Source: our own
+#: choice.
 RUNNING, SHARE = 4, 5
 #: Noise of the harder runs, by that of the others. Source: our own choice.
 HARDER = 2.5
@@ -100,7 +101,7 @@ def figures(
 
 
 def _physics(name: str, task: Suturing) -> Figure:
-    """Return the speed of physics alone where the last episode ended: thread through the tissue, and tight."""
+    """Return the speed of physics where the last episode ended: thread in tissue, and tight."""
     best = np.inf
     for _ in range(5):
         begin = time.process_time()

@@ -61,12 +61,12 @@ def pad_of(world: World) -> SoftTissue:
 
 def test_a_rigid_motion_of_the_mesh_takes_no_force() -> None:
     pad = ElasticPad(described())
-    about = np.cross([0.3, -0.2, 1.0], pad.nodes) + [0.1, 0.2, 0.3]
+    about = np.array([0.1, 0.2, 0.3]) + np.cross([0.3, -0.2, 1.0], pad.nodes)
     assert np.abs(pad.matrix @ about.ravel()).max() < 1e-11 * np.abs(pad.matrix.data).max()
 
 
 def test_a_uniform_strain_gives_the_stress_of_elasticity_inside() -> None:
-    """The patch test: with u = strain z, no inner node takes a force; the top takes E (1-nu)/.. strain."""
+    """The patch test: no inner node takes a force; the top takes the confined modulus."""
     tissue = described()
     pad = ElasticPad(tissue)
     moved = np.zeros_like(pad.nodes)
@@ -122,7 +122,7 @@ def test_what_tears_out_is_reported_and_no_longer_held(world: World) -> None:
     tears = [entry for entry in heard if entry.name == "tear"]
     assert [entry.values["place"] for entry in tears] == ["exit"]
     read = tissue.read()
-    assert read.torn[0].tolist() == [False, False, False, True] + [False] * 4
+    assert read.torn[0].tolist() == [False, False, False, True, *[False] * 4]
     assert not read.forces[0, 3].any()
 
 

@@ -22,8 +22,8 @@ POINTS = 72
 #: Time step of a thread's motion, sweeps of its constraints in each, and share of speed that stays.
 #: Source: our own choice: it then settles within half a second. [s]
 STEP_S, SWEEPS, STAYS = 0.005, 12, 0.96
-#: A thread's motion catches up with so much time at most; longer ago it begins anew. Source: our own
-#: choice. [s]
+#: A thread's motion catches up with so much time at most; longer ago it begins anew. Source: our
+#: own choice. [s]
 LONGEST_S = 0.1
 #: Three points in a row straighten by this share each sweep. Source: our own choice.
 STIFF = 0.15

@@ -426,8 +426,8 @@ class SoftTissue:
     def _count(self) -> None:
         """Set what follows from the plan and from what passed."""
         self._sides = np.sign(self.plan[:, 0, 1])
-        whole = self.left.all(axis=1)
-        self.stitch = int(np.argmin(whole)) if not whole.all() else len(whole)
+        whole = [bool(row.all()) for row in self.left]
+        self.stitch = whole.index(False) if False in whole else len(whole)
 
     def _arm_plates(self) -> None:
         """Let only the plates of the stitch under way be touched, until they are punctured."""
@@ -557,7 +557,7 @@ def _condensed(tissue: Tissue, places: bytes, torn: bytes) -> Condensed:
 
 def _checked_plan(name: str, tissue: Tissue, points: ArrayLike) -> Array:
     try:
-        plan = np.array(points, dtype=np.float64)
+        plan: Array = np.asarray(points, dtype=np.float64).copy()
     except (TypeError, ValueError, OverflowError):
         plan = np.zeros(0)
     if plan.ndim != 3 or plan.shape[1:] != (4, 3) or not 1 <= len(plan) <= tissue.stitches:

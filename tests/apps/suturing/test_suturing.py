@@ -79,7 +79,7 @@ def test_wounds_up_to_30_deg_are_planned_with_room_in_every_joint(
 def test_a_wound_across_the_line_between_the_ports_is_refused_with_the_reason(
     task: Suturing,
 ) -> None:
-    with pytest.raises(UnreachableError, match="wound at 90 deg.*reach"):
+    with pytest.raises(UnreachableError, match=r"wound at 90 deg.*reach"):
         plan_at(task, 90.0)
 
 
@@ -123,7 +123,7 @@ def test_scenes_have_the_stitches_needles_and_tissues_that_are_asked_for() -> No
     assert needle.length == pytest.approx(0.036)
     assert (tissue.stitches, tissue.wire, tissue.puncture) == (4, needle, 1.0)
     for bad, kind in (({"stitches": 0}, InputError), ({"needle": "9mm"}, UnknownNameError)):
-        with pytest.raises(kind, match="9mm|stitches"):
+        with pytest.raises(kind, match=r"9mm|stitches"):
             suturing_scene(**bad)  # type: ignore[arg-type]
 
 

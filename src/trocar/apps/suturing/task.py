@@ -21,8 +21,8 @@ from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
 
-#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each way.
-#: Source: our own choice. [m, rad]
+#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
+#: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
@@ -80,7 +80,7 @@ class Suturing(Task):
         middles = plan.mean(axis=1) @ pose[:3, :3].T + pose[:3, 3]
         return tuple((replace(goal), middle) for middle in middles)
 
-    def met(self, goal: Goal, at: Array) -> bool:
+    def met(self, goal: Goal, at: Array) -> bool:  # noqa: ARG002  the tissue says where
         """Return whether a stitch is made and the wound closed there."""
         number = next(k for k, (one, _) in enumerate(self.goals) if one is goal)
         tissue = self.tissue

@@ -23,5 +23,6 @@ MATERIALS = {
     "black": Material((0.10, 0.10, 0.12, 1.0), 0.5),
     "accent": Material((0.18, 0.42, 0.66, 1.0), 0.35),
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
+    "tissue": Material((0.72, 0.36, 0.31, 1.0), 0.45),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
 }

@@ -26,7 +26,6 @@ MATERIALS = {
     "yellow": Material((0.93, 0.75, 0.16, 1.0), 0.35),
     "green": Material((0.25, 0.58, 0.30, 1.0), 0.3),
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
-    "tissue": Material((0.72, 0.36, 0.31, 1.0), 0.45),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
     "tissue": Material((0.76, 0.40, 0.36, 1.0), 0.45),
 }

@@ -21,7 +21,7 @@ RED = (0.35, 0.08, 0.07, 1.0)
 
 
 def sheet(shift: float = 0.0, **settings: object) -> DrawnSurface:
-    """Return a plane of tissue across the camera's axis, vertices 1 mm apart, shifted to the right."""
+    """Return a plane of tissue across the camera's axis, shifted to the right [m]."""
     line = np.arange(-0.08, 0.0801, 0.001)
     x, y = np.meshgrid(line, line)
     at = np.stack([x + shift, y, np.full_like(x, 0.1)], axis=-1).reshape(-1, 3)
@@ -83,8 +83,7 @@ def test_shadows_have_soft_edges() -> None:
     rod = DrawnCurve("rod", np.array([[-0.03, 0, 0.07], [0.03, 0, 0.07]]), 0.004)
     plain_sheet = sheet(material="")
     edges = []
-    for style in ("plain", "surgical"):
-        look = replace(SURGICAL, style=style, wet=0.0)
+    for look in (Look(exposure=-1.0, wet=0.0), replace(SURGICAL, wet=0.0)):
         lit, dark = (
             grey(seen(replace(look, shadows=on), plain_sheet, rod)) for on in (False, True)
         )
@@ -107,8 +106,8 @@ def test_tissue_close_below_something_is_darker_beside_its_shadow() -> None:
 
 @pytest.mark.usefixtures("opengl")
 def test_exposure_of_dark_red_tissue_does_not_run_to_its_end_and_a_series_agrees() -> None:
-    def frames(style: str) -> list[StereoFrame]:
-        series = Series(Renderer(lambda: (1, ()), None, Look(style=style)))
+    def frames(look: Look) -> list[StereoFrame]:
+        series = Series(Renderer(lambda: (1, ()), None, look))
         shots = [
             series.render(snapshot(time=0.1 * k)._replace(drawings=(sheet(rgba=RED),)), EYES, "eye")
             for k in range(30)
@@ -116,7 +115,7 @@ def test_exposure_of_dark_red_tissue_does_not_run_to_its_end_and_a_series_agrees
         series.close()
         return shots
 
-    plain, surgical = frames("plain"), frames("surgical")
+    plain, surgical = frames(Look()), frames(Look(style="surgical"))
     assert plain[-1].exposure == MOST
     assert LEAST + 0.5 < surgical[0].exposure < 1.0
     assert abs(surgical[-1].exposure - surgical[0].exposure) < 0.5
@@ -133,10 +132,8 @@ def test_moisture_glitters_and_burns_nothing() -> None:
 def test_metal_mirrors_the_red_around_it() -> None:
     rod = DrawnCurve("rod", np.array([[-0.03, 0, 0.08], [0.03, 0, 0.08]]), 0.005,
                      (0.75, 0.75, 0.75, 1.0), 0.7, 1.0)  # fmt: skip
-    plain, surgical = (
-        seen(replace(SURGICAL, style=style), rod).left.astype(int)
-        for style in ("plain", "surgical")
-    )
+    looks = Look(exposure=-1.0), SURGICAL
+    plain, surgical = (seen(look, rod).left.astype(int) for look in looks)
     on = plain.max(axis=-1) > 0
     assert np.abs(plain[on][:, 0] - plain[on][:, 1]).max() <= 1
     assert (surgical[on][:, 0] - surgical[on][:, 1]).mean() > 8

@@ -6,8 +6,8 @@ The base of every app that has scenes; `apps/tasks/registry.py` names its classe
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
+        figures: what else the scene measures, by name with its unit
     """
 
     scene: str
@@ -81,6 +82,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
+    figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -97,6 +99,7 @@ class Task:
         scene, world: as given, and the simulation
         arms: that an action drives, in its order
         goals: of this episode, with places drawn
+        stage: of the goals that count now
         drops: objects dropped so far
         done: whether the episode is over
         reason: why: "done", "time", or what went wrong; "" before
@@ -105,6 +108,7 @@ class Task:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.world = World(scene.rig)
+        self.world.rig_source = scene.file  # by which a recording of it is replayed
         self.arms = scene.arms
         self._slices: dict[str, slice] = {}
         self._bounds: dict[str, tuple[Array, Array]] = {}
@@ -148,7 +152,8 @@ class Task:
         )
         for goal, at in self.goals:
             if goal.held or not (goal.arm and goal.object):
-                self._check_reach(goal.arm or goal.object, at)
+                self._check_reach(goal.arm or goal.object, self.place(goal, at))
+        self._floor = min(self.place(goal, at)[2] for goal, at in self.goals) - LOST_M
         self._begin()
         return self.observation()
 
@@ -163,7 +168,7 @@ class Task:
         self.drops, self.done, self.reason = 0, False, ""
         self.success, self.time = False, 0.0
         self._since: float | None = None
-        self._reward, self._met = 0.0, 0
+        self.stage, self._reward, self._met = 0, 0.0, 0
         self._held: dict[str, str] = {}
         self._fell_from: dict[str, float] = {}
         self.distance = dict.fromkeys(self.arms, 0.0)
@@ -178,7 +183,8 @@ class Task:
 
         Returns:
             {arm: tip position and quaternion wxyz, and opening of the jaw (8,); joints of an ECM
-            (4,)}, {object: position and quaternion (7,)}, "goals": (n, 3), "time": (1,)
+            (4,)}, {object: position and quaternion (7,)}, "goals": (n, 3), "time": (1,); without
+            the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
         for name in self.arms:
@@ -190,9 +196,12 @@ class Task:
             else:
                 found[name] = q
         states = self.world.object_states()
+        hidden = self.scene.hidden
         for row, name in enumerate(states.names):
-            found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
-        found["goals"] = np.array([at for _, at in self.goals])
+            if name not in hidden:
+                found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
+        seen = [self.place(goal, at) for goal, at in self.goals if goal.on not in hidden]
+        found["goals"] = np.array(seen).reshape(-1, 3)
         found["time"] = np.array([self.world.time])
         return found
 
@@ -281,7 +290,26 @@ class Task:
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
+            figures=self.figures(),
         )
+
+    #: Further topics that are served, {name: help}; their messages are JSON.
+    topics: Mapping[str, str] = {}
+
+    def messages(self) -> dict[str, Any]:
+        """Return what is to be sent on further topics since the last call, {name: content}."""
+        return {}
+
+    def figures(self) -> dict[str, Any]:
+        """Return what else the scene measures, by name with its unit; none here."""
+        return {}
+
+    def picture(self, capture: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return an image for a video: what the endoscope sees, unless the task draws its own."""
+        return capture()
+
+    def close(self) -> None:
+        """Release what the task opened."""
 
     # ------------------------------------------------------------------ looking
 
@@ -308,8 +336,16 @@ class Task:
         """Return the object that both fingers of an arm press, "" for none."""
         return self._held.get(arm, "")
 
+    def place(self, goal: Goal, at: Array) -> Array:
+        """Return where a goal is in the world, (3,) [m]."""
+        if not goal.on:
+            return at
+        T = self.object_pose(goal.on)
+        return T[:3, :3] @ at + T[:3, 3]
+
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met now."""
+        at = self.place(goal, at)
         if goal.arm and not goal.held:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
             if goal.object:
@@ -334,18 +370,22 @@ class Task:
             tip = world.arms[name].tip_in_world().T[:3, 3]
             self.distance[name] += float(np.linalg.norm(tip - self._tips[name]))
             self._tips[name] = tip
-        count = sum(self.met(goal, at) for goal, at in self.goals)
+        earlier = sum(goal.stage < self.stage for goal, _ in self.goals)
+        now = [(goal, at) for goal, at in self.goals if goal.stage == self.stage]
+        count = earlier + sum(self.met(goal, at) for goal, at in now)
         self._reward, self._met = (count - self._met) / len(self.goals), count
-        if count < len(self.goals):
+        if count < earlier + len(now):
             self._since = None
         elif self._since is None:
             self._since = self.time
         if self._since is not None and self.time - self._since >= SETTLED_S:
-            self.done, self.success, self.reason = True, True, "done"
-            return
-        states = world.object_states()
-        floor = min((at[2] for _, at in self.goals), default=0.0) - LOST_M
-        lost = [n for n, p in zip(states.names, states.positions, strict=True) if p[2] < floor]
+            later = [goal.stage for goal, _ in self.goals if goal.stage > self.stage]
+            if not later:
+                self.done, self.success, self.reason = True, True, "done"
+                return
+            self.stage, self._since = min(later), None
+        heights = world.object_states().positions[:, 2]
+        lost = [n for n, z in zip(self._names, heights, strict=True) if z < self._floor]
         faults = [n for n in self.arms if world.arms[n].operating_state().state == "FAULT"]
         if faults:
             self.done, self.reason = True, f"{', '.join(faults)}: FAULT"

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.errors import UnknownNameError
 from trocar.rendering.primitives import CELLS, Surface, drawn_surface, joined, levels, surface
 from trocar.simulation.records import Drawing, ShapeRecord
 
@@ -61,6 +62,18 @@ class Scenery:
     def radii(self) -> Array:
         """From each box's middle to its corners, (m,) [m]."""
         return np.linalg.norm(self.halves, axis=1)
+
+    def numbers(self, names: Collection[str]) -> list[int]:
+        """Return the ids of names.
+
+        Raises:
+            UnknownNameError: no such object; the known ones are listed
+        """
+        known = {name: number for number, name in self.names.items()}
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("object", name, known)
+        return [known[name] for name in names]
 
     def with_(self, other: Scenery) -> Scenery:
         """Return the objects of both; triangles of the other one are elsewhere."""

@@ -16,10 +16,10 @@ Bools = NDArray[np.bool_]
 
 #: Control modes of a joint, as small integers in `Servos.modes`.
 POSITION, EFFORT, SET = 0, 1, 2
-#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 um
+#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 pm
 #: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
 #: (measured). [N m s/rad or N s/m]
-HOLDING_DAMPING = 1e12
+HOLDING_DAMPING = 1e18
 #: What determines gains, brakes and limits in the model.
 WRITTEN = ("modes", "gains", "limit", "locked", "powered")
 #: What servos keep beside the physics state.

@@ -9,7 +9,7 @@ import pytest
 
 from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.descriptions import load_rig, names
-from trocar.descriptions.scenes import load_scene
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World

@@ -32,6 +32,8 @@ def task_component(task: Task) -> Component:
     def begin(core: Core) -> Callable[[], None]:
         def look() -> None:
             task.look()
+            for name, content in task.messages().items():
+                core.emit(name, {"data": json.dumps(content)})
             found = task.state()
             same = all(found[key] == last.get(key) for key in found if key not in PASSING)
             if same and 0.0 <= found["time_s"] - last["time_s"] < REPORT_S:
@@ -42,4 +44,5 @@ def task_component(task: Task) -> Component:
 
         return task.world.observe(look, every=round(PERIOD_S / task.world.timestep))
 
-    return Component(served([ROW]), begin)
+    rows = [Topic(name, STRING, "pub", depth=1, help=text) for name, text in task.topics.items()]
+    return Component(served([ROW, *rows]), begin)

@@ -324,6 +324,11 @@ class Task:
             found[name][-1] = self._joints[name][-1]
         return found
 
+    def stay(self) -> Array:
+        """Return the action that holds all arms."""
+        parts = self.idle()
+        return np.concatenate([parts[arm] for arm in self.arms])
+
     def object_pose(self, name: str) -> Array:
         """Return where an object is in the world, (4, 4)."""
         if name not in self._names:

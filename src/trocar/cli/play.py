@@ -15,7 +15,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, duration
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, recording
@@ -35,53 +35,20 @@ VIDEO_HZ = 25.0
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "scene", metavar="SCENE", help="built-in scene (see trocar list scenes) or TOML file"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="seed of the first episode (default: 0)"
-    )
-    parser.add_argument(
-        "--policy",
-        choices=("scripted", "none"),
-        help="scripted: the scene's own policy (default where it has one); none: a person or a"
-        " client drives",
-    )
-    parser.add_argument(
-        "--headless", action="store_true", help="run without web viewer and clients"
-    )
-    parser.add_argument(
-        "--episodes",
-        type=int,
-        default=1,
-        metavar="N",
-        help="episodes, with the seeds that follow (default: 1)",
-    )
-    parser.add_argument(
-        "--workers",
-        type=int,
-        default=1,
-        metavar="N",
-        help="processes that episodes run on; results do not depend on it (default: 1)",
-    )
-    parser.add_argument(
-        "--cluster",
-        default="",
-        metavar="ADDRESS",
-        help="run the episodes on the Ray cluster at HOST:PORT, or on a local one of --workers"
-        " processes: local (extra cluster)",
-    )
-    parser.add_argument(
-        "--video", metavar="FILE", help="write an MP4 video of the endoscope (extra video)"
-    )
-    parser.add_argument(
-        "--duration", type=duration, metavar="S", help="stop serving after S simulated seconds"
-    )
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        help="of serving: real time, or as fast as possible (default: realtime)",
-    )
+    options(parser, """
+        scene SCENE             built-in scene (see trocar list scenes) or TOML file
+        --seed N:int = 0        seed of the first episode
+        --policy scripted|none  scripted: the scene's own policy (default where it has one); none: a
+                                person or a client drives
+        --headless              run without web viewer and clients
+        --episodes N:int = 1    episodes, with the seeds that follow
+        --workers N:int = 1     processes that episodes run on; results do not depend on it
+        --cluster ADDRESS       run the episodes on the Ray cluster at HOST:PORT, or on a local one
+                                of --workers processes: local (extra cluster)
+        --video FILE            write an MP4 video of the endoscope (extra video)
+        --duration S:duration   stop serving after S simulated seconds
+        --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
+    """)  # fmt: skip
     add_json(parser)
     add_record(parser)
     add_serving(parser)
@@ -110,7 +77,7 @@ def run(args: Namespace) -> int:
             episodes = _filmed(args)
         else:
             seeds = range(args.seed, args.seed + args.episodes)
-            episodes = play(args.scene, seeds, args.workers, args.cluster)
+            episodes = play(args.scene, seeds, args.workers, args.cluster or "")
         for episode in episodes:
             found.append(episode)
             if watch is not None:

@@ -19,7 +19,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_origin, add_port, number
+from trocar.cli.arguments import add_origin, add_port, options
 from trocar.cli.worlds import (
     add_cameras,
     add_record_images,
@@ -50,7 +50,9 @@ def add_serving(parser: ArgumentParser) -> None:
     """Add the options of the web viewer, the transports and the cameras."""
     viewer = parser.add_argument_group("web viewer")
     add_port(viewer)
-    viewer.add_argument("--no-page", action="store_true", help="do not serve the web viewer")
+    options(viewer, """
+        --no-page  do not serve the web viewer
+    """)  # fmt: skip
     add_origin(viewer)
     clients = parser.add_argument_group("clients (docs/sockets.md, docs/ros.md)")
     for module in transport_modules():
@@ -58,45 +60,21 @@ def add_serving(parser: ArgumentParser) -> None:
             default = settings.get("default")
             kind = {"type": int} if isinstance(default, int) else {}
             clients.add_argument(option, **kind, **settings)
-    clients.add_argument(
-        "--rate",
-        type=number,
-        metavar="HZ",
-        help="publication rate of states (default: 220, at most 1000)",
-    )
-    clients.add_argument(
-        "--clock",
-        choices=("wall", "sim"),
-        default="wall",
-        help="message stamps: wall, start time plus simulated time; sim, simulated time (default:"
-        " wall)",
-    )
-    clients.add_argument(
-        "--compat",
-        action="append",
-        default=[],
-        choices=("dvrk_env", "dvrk_vrep"),
-        help="also serve the topics of an older simulator (repeatable)",
-    )
-    clients.add_argument(
-        "--exclusive",
-        action="store_true",
-        help="one client per arm: reject commands of others until it disconnects or is silent for"
-        " 5 s",
-    )
-    clients.add_argument(
-        "--setpoint-timeout",
-        type=number,
-        metavar="S",
-        help="simulated time after which an arm holds when a client sends no further effort, wrench"
-        " or velocity (default: 0.1; 0 = never, as on the dVRK)",
-    )
+    options(clients, """
+        --rate HZ:number                 publication rate of states (default: 220, at most 1000)
+        --clock wall|sim = wall          message stamps: wall, start time plus simulated time; sim,
+                                         simulated time
+        --compat dvrk_env|dvrk_vrep ...  also serve the topics of an older simulator (repeatable)
+        --exclusive                      one client per arm: reject commands of others until it
+                                         disconnects or is silent for 5 s
+        --setpoint-timeout S:number      simulated time after which an arm holds when a client sends
+                                         no further effort, wrench or velocity (default: 0.1; 0 =
+                                         never, as on the dVRK)
+    """)  # fmt: skip
     assistance = parser.add_argument_group("assistance (docs/assistance.md)")
-    assistance.add_argument(
-        "--fixture",
-        metavar="FILE",
-        help="virtual fixtures, TOML file: forces at masters, and a filter of servo_cp",
-    )
+    options(assistance, """
+        --fixture FILE  virtual fixtures, TOML file: forces at masters, and a filter of servo_cp
+    """)  # fmt: skip
     cameras = parser.add_argument_group("cameras (docs/endoscope.md)")
     add_cameras(cameras)
     add_record_images(cameras)

@@ -14,6 +14,7 @@ from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.inertial import merged
 from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.needles import Needle, read_needle
 from trocar.descriptions.plugins import registered_file
 from trocar.descriptions.records import (
     Band,
@@ -25,6 +26,7 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.descriptions.shapes import (
+    needle_shapes,
     read_body,
     read_drawn,
     read_inertia,
@@ -34,6 +36,7 @@ from trocar.descriptions.shapes import (
 )
 from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.tissues import read_tissue
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
@@ -68,7 +71,7 @@ def read_props(rows: Iterable[Table], arms: Sequence[str]) -> tuple[Prop, ...]:
     """
     found: list[Prop] = []
     for row in rows:
-        prop = _read_prop(row, [prop.name for prop in found])
+        prop = _read_prop(row, found)
         if prop.name in [other.name for other in found]:
             raise row.fail("name", f"got {prop.name!r} a second time")
         if prop.movable is not None:
@@ -77,10 +80,15 @@ def read_props(rows: Iterable[Table], arms: Sequence[str]) -> tuple[Prop, ...]:
     return tuple(found)
 
 
-def _read_prop(row: Table, before: Sequence[str]) -> Prop:
-    """Return a prop: shapes in the rig's own file, or bodies in a file of its own."""
+def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
+    """Return a prop: a needle, tissue, shapes in the rig's own file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
+    kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue"))
+    needle = read_needle(row) if kind == "needle" else None
+    tissue = read_tissue(row, _needles(before)) if kind == "tissue" else None
     moves = row.flag("movable", False)
+    if moves and tissue is not None:
+        raise row.fail("movable", "got true; allowed: false, for tissue stands where it is put")
     if not moves:
         for key, given in (
             ("mass", row.has("mass", "mass")),
@@ -91,7 +99,13 @@ def _read_prop(row: Table, before: Sequence[str]) -> Prop:
             if given:
                 raise row.fail("movable", f"is missing; a prop that stands still has no {key}")
     movable: Movable | None = None
-    if "description" in row:
+    if needle is not None:
+        material = row.text("material", "steel", allowed=tuple(MATERIALS))
+        shapes = needle_shapes(needle, material)
+        if moves:
+            mass = read_mass(row) if row.has("mass", "mass") else needle.mass
+            movable = Movable(mass, *read_inertia(row, None, shapes, mass))
+    elif "description" in row:
         bodies = _read_bodies(row)
         shapes = tuple(shape for body in bodies for shape in body.shapes)
         if moves:
@@ -106,14 +120,20 @@ def _read_prop(row: Table, before: Sequence[str]) -> Prop:
             movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
         elif any(shape.density is not None for shape in shapes):
             raise row.fail("movable", "is missing; a prop that stands still has no density")
-    joint = _read_joint(row.table("joint"), before) if "joint" in row else None
+    names = [prop.name for prop in before]
+    joint = _read_joint(row.table("joint"), names) if "joint" in row else None
     row.raw("joint")
     if moves:
         _check_touchable(row, shapes, free=joint is None)
     script = read_script(row, "before_step")
     row.text("source", "")
     row.done()
-    return Prop(name, at, shapes, movable, joint, script)
+    return Prop(name, at, shapes, movable, joint, script, needle, tissue)
+
+
+def _needles(props: Iterable[Prop]) -> dict[str, Needle]:
+    """Return the needles that may pass tissue, {prop: needle}."""
+    return {p.name: p.needle for p in props if p.needle and p.movable and not p.joint}
 
 
 def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:

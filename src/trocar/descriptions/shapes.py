@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
+from trocar.descriptions.needles import Needle
 from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
 from trocar.descriptions.rounds import cup, ring
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
@@ -24,6 +25,9 @@ KINDS = ("box", "capsule", "cylinder", "sphere", "mesh", "ring", "cup")
 SIDES, MOST_SIDES = 16, 64
 #: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
 INERTIA_SLACK = 1e-3
+#: Arc of a needle for each capsule that touches. Source: our own choice; their axes then lie within
+#: 0.09 mm of an arc of 10 mm radius. [rad]
+CAPSULE_RAD = np.pi / 12.0
 
 
 def read_shapes(rows: Iterable[Table]) -> tuple[Shape, ...]:
@@ -110,6 +114,21 @@ def _read_round(table: Table, kind: str, material: str) -> tuple[Shape, ...]:
     if kind == "ring":
         return ring(like, sizes[0], sizes[1], sides)
     return cup(like, sizes[0], sizes[1], sizes[2], sizes[3])
+
+
+def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
+    """Return the smooth surface of a needle that is drawn, and the capsules that touch."""
+    mesh = needle.mesh()
+    reach = np.abs(mesh.vertices).max(axis=0)
+    seen = Shape("mesh", np.eye(4), reach, material, collide=False, weigh=False, mesh=mesh)
+    angles = np.linspace(0.0, needle.arc, max(1, round(needle.arc / CAPSULE_RAD)) + 1)
+    ends, thick = needle.points(angles), needle.half_width(0.5 * (angles[1:] + angles[:-1]))
+    touching: list[Shape] = []
+    for start, end, radius in zip(ends[:-1], ends[1:], thick, strict=True):
+        pose = transform(_rotation_to(end - start), 0.5 * (start + end))
+        size = np.array([radius, 0.5 * np.linalg.norm(end - start), 0.0])
+        touching.append(Shape("capsule", pose, size, material, visible=False))
+    return (seen, *touching)
 
 
 class _Surface(TypedDict):

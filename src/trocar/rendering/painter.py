@@ -97,10 +97,10 @@ class Painter:
                 f"samples: got {samples}; allowed with this graphics driver: up to"
                 f" {self._card.context.max_samples}"
             )
-        rest = tuple(outputs[1:])
         if not samples:
             return [(tuple(outputs), 0)]
-        return [(("COLOUR",), samples), *([(rest, 0)] if rest else [])]
+        several = [o for o in outputs if o == "COLOUR"], [o for o in outputs if o != "COLOUR"]
+        return [(tuple(o), n) for o, n in zip(several, (samples, 0), strict=True) if o]
 
     def _shade(self, stage: Stage, lenses: Optics) -> None:
         card = self._card

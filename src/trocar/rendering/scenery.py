@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.rendering.primitives import CELLS, Surface, joined, levels, surface
-from trocar.simulation.records import ShapeRecord
+from trocar.errors import UnknownNameError
+from trocar.rendering.primitives import CELLS, Surface, drawn_surface, joined, levels, surface
+from trocar.simulation.records import Drawing, ShapeRecord
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: A level's error where an object has no such level: too coarse to be ever chosen.
 NEVER = np.inf
+#: What a `Scenery` has of each object.
+EACH = ("bodies", "centres", "halves", "first", "count", "errors",
+        "colours", "gloss", "ids", "of_arms")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +63,23 @@ class Scenery:
         """From each box's middle to its corners, (m,) [m]."""
         return np.linalg.norm(self.halves, axis=1)
 
+    def numbers(self, names: Collection[str]) -> list[int]:
+        """Return the ids of names.
+
+        Raises:
+            UnknownNameError: no such object; the known ones are listed
+        """
+        known = {name: number for number, name in self.names.items()}
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("object", name, known)
+        return [known[name] for name in names]
+
+    def with_(self, other: Scenery) -> Scenery:
+        """Return the objects of both; triangles of the other one are elsewhere."""
+        both = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in EACH}
+        return replace(self, **both, names={**self.names, **other.names})
+
 
 def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     """Return the scenery that shapes make; those that only touch are no part of it.
@@ -73,26 +94,31 @@ def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     ]
     surfaces = [levels(joined([surface(shape) for shape in group])) for group in groups]
     number = {body: k + 1 for k, body in enumerate(sorted({s.body for s in shapes}))}
-    ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
-    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
-    points, normals, indices, first, count, errors = _packed(surfaces)
-    return Scenery(
-        points=points,
-        normals=normals,
-        indices=indices,
-        bodies=np.array([group[0].body for group in groups], dtype=np.int64),
-        centres=0.5 * (low + high),
-        halves=0.5 * (high - low),
-        first=first,
-        count=count,
-        errors=errors,
-        colours=np.array(
-            [[*linear(group[0].rgba[:3]), group[0].metal] for group in groups], dtype=np.float32
-        ).reshape(-1, 4),
-        gloss=np.array([group[0].gloss for group in groups], dtype=np.float64),
-        ids=np.array([number[group[0].body] for group in groups], dtype=np.int64),
-        of_arms=np.array([group[0].arm is not None for group in groups], dtype=np.bool_),
-        names={number[shape.body]: owner(shape) for shape in shapes},
+    first = [group[0] for group in groups]
+    return _packed(
+        surfaces,
+        first,
+        np.array([shape.body for shape in first], dtype=np.int64),
+        np.array([number[shape.body] for shape in first], dtype=np.int64),
+        {number[shape.body]: owner(shape) for shape in shapes},
+    )
+
+
+def drawn_scenery(drawings: Sequence[Drawing], after: Scenery) -> Scenery:
+    """Return drawings as objects of the world's body, whose triangles follow those of a scenery.
+
+    Raises:
+        InputError: a drawing whose arrays have a wrong shape
+    """
+    surfaces = [[(0.0, drawn_surface(drawing))] for drawing in drawings]
+    ids = np.arange(len(drawings)) + len(after.names) + 1
+    names = {int(k): drawing.name for k, drawing in zip(ids, drawings, strict=True)}
+    body = np.zeros(len(drawings), dtype=np.int64)
+    found = _packed(surfaces, drawings, body, ids, names)
+    return replace(
+        found,
+        indices=found.indices + np.uint32(len(after.points)),
+        first=found.first + len(after.indices),
     )
 
 
@@ -109,8 +135,14 @@ def linear(rgb: Sequence[float]) -> Array:
 
 def _packed(
     surfaces: list[list[tuple[float, Surface]]],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32], Ints, Ints, Array]:
-    """Put all levels of all objects behind each other."""
+    looks: Sequence[ShapeRecord | Drawing],
+    bodies: Ints,
+    ids: Ints,
+    names: Mapping[int, str],
+) -> Scenery:
+    """Return objects, all levels of all of them behind each other."""
+    ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
+    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
     most = len(CELLS) + 1
     first = np.zeros((len(surfaces), most), dtype=np.int64)
     count = np.zeros((len(surfaces), most), dtype=np.int64)
@@ -127,11 +159,22 @@ def _packed(
             first[row, level], count[row, level] = place, part.faces.size
             errors[row, level] = error
             vertex, place = vertex + len(part.points), place + part.faces.size
-    return (
-        np.concatenate(points).astype(np.float32),
-        np.concatenate(normals).astype(np.float32),
-        np.concatenate(indices).astype(np.uint32),
-        first,
-        count,
-        errors,
+    colours = [[*linear(look.rgba[:3]), look.metal] for look in looks]
+    return Scenery(
+        points=np.concatenate(points).astype(np.float32),
+        normals=np.concatenate(normals).astype(np.float32),
+        indices=np.concatenate(indices).astype(np.uint32),
+        bodies=bodies,
+        centres=0.5 * (low + high),
+        halves=0.5 * (high - low),
+        first=first,
+        count=count,
+        errors=errors,
+        colours=np.array(colours, dtype=np.float32).reshape(-1, 4),
+        gloss=np.array([look.gloss for look in looks], dtype=np.float64),
+        ids=ids,
+        of_arms=np.array(
+            [getattr(look, "arm", None) is not None for look in looks], dtype=np.bool_
+        ),
+        names=names,
     )

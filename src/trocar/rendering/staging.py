@@ -53,7 +53,12 @@ class Stage:
 
 
 def stage(
-    things: Scenery, snapshot: Snapshot, T_reference_world: Array, lenses: Optics, shadows: bool
+    things: Scenery,
+    snapshot: Snapshot,
+    T_reference_world: Array,
+    lenses: Optics,
+    shadows: bool,
+    only: NDArray[np.bool_] | None = None,
 ) -> Stage:
     """Return what a camera sees of a snapshot.
 
@@ -63,6 +68,7 @@ def stage(
         T_reference_world: where the camera is, (4, 4)
         lenses: the camera's
         shadows: whether light throws them
+        only: which objects are there, (m,); all when omitted
     """
     rows = placed(things, snapshot, T_reference_world)
     around = boxes(things, rows)
@@ -71,6 +77,8 @@ def stage(
     in_sight = np.zeros(len(things.bodies), dtype=np.bool_)
     for frustum in frusta:
         in_sight |= inside(frustum, around)
+    if only is not None:
+        in_sight &= only
     seen = np.flatnonzero(in_sight)
     seen = seen[np.argsort(farthest[seen], kind="stable")]
     level = chosen_levels(things, frusta[0], seen, nearest[seen])
@@ -80,6 +88,8 @@ def stage(
         throws = inside(light.frustum, around) & (things.radii < FLOOR)
         if light.scope:
             throws &= things.of_arms | (things.radii < LARGE)
+        if only is not None:
+            throws &= only
     who = np.flatnonzero(throws)
     simple = chosen_levels(things, frusta[0], who, nearest[who], SHADOW_TOLERANCE_PX)
     return Stage(

@@ -266,8 +266,10 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
+        legs, drift = self.moves.legs, self.moves.drift
         if (
-            not self.moves.active
+            not legs
+            and drift is None
             and _fits(q, self._range[part])
             and (v is None or _fits(v, self._speeds[part]))
             and self.plain(part)

@@ -144,7 +144,7 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                samples[row] = self._servos.state()
+                self._servos.state(samples[row])
         for name in table.played:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]

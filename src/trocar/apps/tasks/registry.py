@@ -45,6 +45,7 @@ TASKS: dict[str, type[Task] | str] = {
     "reach": Reach,
     "track": Track,
     "active-track": ActiveTrack,
+    "suturing": "trocar.apps.suturing.task:Suturing",
 }
 
 

@@ -1,5 +1,13 @@
-"""What an endoscope's pictures are used for."""
+"""What the endoscope's pictures are used for."""
 
+from trocar.apps.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
 from trocar.apps.vision.servoing import ServoSettings, VisualServo
 
-__all__ = ["ServoSettings", "VisualServo"]
+__all__ = [
+    "JAWS",
+    "Holder",
+    "NeedleEstimate",
+    "NeedleTracker",
+    "ServoSettings",
+    "VisualServo",
+]

@@ -57,6 +57,8 @@ RATE_MAX_HZ = 1000.0
 SETPOINT_TIMEOUT_S = 0.1
 #: {verb: its set-point}, of verbs with a time-out.
 EXPIRING = {"servo_jf": "effort", "servo_cf": "wrench", "servo_jv": "v"}
+#: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
+LARGEST = 1_000_000
 #: Made for its first subscriber, since its meshes are written too.
 DESCRIPTION = "robot_description"
 
@@ -287,6 +289,18 @@ class Core:
             self.refuse(topic, name, "cannot be read", peer)
             return False
         return True
+
+    def decoded(
+        self, topic: Topic, data: bytes, decode: Callable[[str, bytes], Message], peer: str
+    ) -> Message | None:
+        """Decode a client's message; reject one that is too large or not of the topic's type."""
+        try:
+            if len(data) > LARGEST:
+                raise InputError(f"got {len(data)} bytes; allowed: up to {LARGEST}")
+            return decode(topic.type, data)
+        except InputError as problem:
+            self.refuse(topic, topic.name, str(problem), peer)
+            return None
 
     def disconnected(self, peer: str) -> None:
         """Note that a client has left: it commands no arm any longer; from any thread."""

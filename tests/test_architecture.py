@@ -78,7 +78,7 @@ HOMES = {
     "apsw": ("apps/bags",),
     "matplotlib": ("apps",),
     "clarabel": ("apps/identification",),
-    "cv2": ("apps/boards",),
+    "cv2": ("apps/boards", "apps/vision/images"),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/importers"),
     # Draws the solids in tools/cad.

@@ -6,8 +6,8 @@ The base of every app that has scenes; `apps/tasks/registry.py` names its classe
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, cast
 
 import numpy as np
@@ -68,6 +68,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
+        figures: what else the scene measures, by name with its unit
     """
 
     scene: str
@@ -84,6 +85,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
+    figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -309,7 +311,26 @@ class Task:
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
+            figures=self.figures(),
         )
+
+    #: Further topics that are served, {name: help}; their messages are JSON.
+    topics: Mapping[str, str] = {}
+
+    def messages(self) -> dict[str, Any]:
+        """Return what is to be sent on further topics since the last call, {name: content}."""
+        return {}
+
+    def figures(self) -> dict[str, Any]:
+        """Return what else the scene measures, by name with its unit; none here."""
+        return {}
+
+    def picture(self, capture: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return an image for a video: what the endoscope sees, unless the task draws its own."""
+        return capture()
+
+    def close(self) -> None:
+        """Release what the task opened."""
 
     # ------------------------------------------------------------------ looking
 

@@ -24,6 +24,9 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from trocar.apps.tasks import Episode, Task
 
 SUMMARY = "play a training scene, scripted or by hand"
@@ -140,7 +143,11 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     scope = Endoscope(world, scopes[0], look=Look())
     stack.callback(scope.close)
     task.reset(args.seed)
-    first = picture(scope.capture(), "left", "colour")
+
+    def capture() -> NDArray[np.uint8]:
+        return picture(scope.capture(), "left", "colour")
+
+    first = task.picture(capture)
     add = stack.enter_context(
         video(path, (first.shape[1], first.shape[0]), VIDEO_HZ, overwrite=args.overwrite)
     )
@@ -148,7 +155,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
 
     def look() -> None:
         if world.periods % every == 0:
-            add(picture(scope.capture(), "left", "colour"))
+            add(task.picture(capture))
 
     stack.callback(world.observe(look, every=every))
 
@@ -170,7 +177,9 @@ def _report(found: list[Episode]) -> str:
     ]
     head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
     successes = sum(one.success for one in found)
+    measured = [[str(o.seed), *(fixed(v, 2) for v in o.figures.values())] for o in found]
     return (
         f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp}\n\n"
         + table([*head, "force [N]"], rows)
+        + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")
     )

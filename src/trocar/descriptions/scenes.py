@@ -10,7 +10,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.props import read_bands, read_props
 from trocar.descriptions.records import GraspKind, RigDescription
@@ -153,8 +152,7 @@ def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> 
         DescriptionError: the file is broken; file, key, got and allowed are named
     """
     table = read_table(path)
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    table.check_schema()
     named, title, source = table.text("name"), table.text("title", ""), table.text("source")
     wanted = table.text("rig")
     base = load_rig(path.parent / wanted if wanted.endswith(".toml") else wanted)
@@ -168,13 +166,14 @@ def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> 
     placements: list[Placement] = []
     for row in table.tables("place"):
         placements.append(_read_placement(row, free, [p.object for p in placements]))
-    objects = [p.name for p in rig.objects]
-    goals = [_read_goal(row, objects, known) for row in table.tables("goal")]
+        row.done()
+    objects = [prop.name for prop in rig.objects]
+    goals = list(table.each("goal", lambda row: _read_goal(row, objects, known)))
     if not goals:
         raise table.fail("goal", "is missing; a scene needs at least one")
-    limit = _above_zero(table, "time_limit", "time")
-    drop = _above_zero(table, "drop_height", "length", DROP_M)
-    hidden = table.texts("hidden") if "hidden" in table else ()
+    limit = table.positive("time_limit", "time")
+    drop = table.positive("drop_height", "length", default=DROP_M)
+    hidden = table.texts("hidden")
     if not set(hidden) <= set(objects):
         raise table.fail("hidden", f"got {list(hidden)}; allowed: some of {', '.join(objects)}")
     table.done()
@@ -186,7 +185,7 @@ def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> 
 
 def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDescription:
     """Return the rig without the arms that the scene leaves out."""
-    gone = table.texts("without") if "without" in table else ()
+    gone = table.texts("without")
     carriers = {arm.on for arm in rig.arms if arm.name not in gone}
     carriers |= {one.arm for one in rig.cameras}
     carriers |= {rig.reference_arm} if rig.setup_joints else set()
@@ -211,13 +210,13 @@ def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDes
 
 def _rig(table: Table, rig: RigDescription) -> RigDescription:
     """Return the rig with the scene's props, bands, sensors, camera and start pose."""
-    new = read_props(table.tables("prop"), [arm.name for arm in rig.arms])
+    new = read_props(table, [arm.name for arm in rig.arms])
     taken = {prop.name for prop in rig.props} & {prop.name for prop in new}
     if taken:
         raise table.fail("prop", f"got {', '.join(sorted(taken))}, which the rig has already")
     props = *rig.props, *new
-    bands = *rig.bands, *read_bands(table.tables("band"), props)
-    sensors = *rig.sensors, *read_sensors(table.tables("sensor"), rig.arms, props, bands)
+    bands = *rig.bands, *read_bands(table, props)
+    sensors = *rig.sensors, *read_sensors(table, rig.arms, props, bands)
     start = dict(rig.poses["start"])
     if "start_q_rad_m" in table:
         row = table.table("start_q_rad_m")
@@ -243,14 +242,7 @@ def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> 
         if name not in start:
             raise row.fail(name, f"is no arm; allowed: {', '.join(start)}")
         mechanism = rig.arm(name).arm.mechanism
-        q = row.numbers(name, len(mechanism.joints))
-        if (q < mechanism.lower).any() or (q > mechanism.upper).any():
-            raise row.fail(
-                name,
-                f"got {q.tolist()}; allowed: {mechanism.lower.tolist()} to"
-                f" {mechanism.upper.tolist()}",
-            )
-        found[name] = q
+        found[name] = row.within(name, mechanism.lower, mechanism.upper)
     row.done()
     return found
 
@@ -265,7 +257,6 @@ def _read_placement(row: Table, free: Sequence[str], before: Sequence[str]) -> P
     radius = row.quantity("radius", "length", default=0.0)
     if (spread < 0.0).any() or turn < 0.0 or radius < 0.0:
         raise row.fail("spread", "allowed: spread, turn and radius of 0 or more")
-    row.done()
     return Placement(name, on, spread, turn, radius)
 
 
@@ -284,8 +275,8 @@ def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
         arm,
         at,
         spread,
-        _above_zero(row, "radius", "length"),
-        _above_zero(row, "height", "length"),
+        row.positive("radius", "length"),
+        row.positive("height", "length"),
         row.flag("held", False),
         row.text("on", "", allowed=("", *objects)),
         int(stage),
@@ -294,12 +285,4 @@ def _read_goal(row: Table, objects: Sequence[str], arms: Sequence[str]) -> Goal:
         raise row.fail("held", "got true; allowed: with an object")
     if (spread < 0.0).any():
         raise row.fail("spread", f"got {spread.tolist()}; allowed: 0 or more")
-    row.done()
     return goal
-
-
-def _above_zero(row: Table, name: str, dimension: str, default: float | None = None) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
-    return value

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from itertools import chain
 from typing import Literal, TypedDict, cast
 
 import numpy as np
@@ -30,13 +31,13 @@ INERTIA_SLACK = 1e-3
 CAPSULE_RAD = np.pi / 12.0
 
 
-def read_shapes(rows: Iterable[Table]) -> tuple[Shape, ...]:
-    """Return shapes; a ring or a cup is several.
+def read_shapes(table: Table) -> tuple[Shape, ...]:
+    """Return the shapes of a body or a prop; a ring or a cup is several.
 
     Raises:
         DescriptionError: unknown kind or material, a size that is not positive
     """
-    return tuple(shape for row in rows for shape in _read_shape(row))
+    return tuple(chain.from_iterable(table.each("shape", _read_shape)))
 
 
 def _read_shape(table: Table) -> tuple[Shape, ...]:
@@ -80,7 +81,6 @@ def _read_shape(table: Table) -> tuple[Shape, ...]:
     )
     if shape.density is not None and not shape.weigh:
         raise table.fail("density", "contradicts weigh = false; give one of them")
-    table.done()
     return (shape,)
 
 
@@ -100,17 +100,13 @@ def _read_round(table: Table, kind: str, material: str) -> tuple[Shape, ...]:
         **_read_surface(table),
     )
     keys = ("radius", "wire_radius") if kind == "ring" else ("radius", "wall", "height", "floor")
-    sizes = [table.quantity(key, "length") for key in keys]
-    for key, size in zip(keys, sizes, strict=True):
-        if size <= 0.0:
-            raise table.fail(key, f"got {size:g}; allowed: above 0")
+    sizes = [table.positive(key, "length") for key in keys]
     sides = 0
     if kind == "ring":
         sides = int(table.number("sides", SIDES))
         table.raw("sides")
         if not 3 <= sides <= MOST_SIDES:
             raise table.fail("sides", f"got {sides}; allowed: 3 to {MOST_SIDES}")
-    table.done()
     if kind == "ring":
         return ring(like, sizes[0], sizes[1], sides)
     return cup(like, sizes[0], sizes[1], sizes[2], sizes[3])
@@ -149,12 +145,7 @@ def _read_surface(table: Table) -> _Surface:
 
 
 def _positive(table: Table, name: str, dimension: str) -> float | None:
-    if not table.has(name, dimension):
-        return None
-    value = table.quantity(name, dimension)
-    if value <= 0.0:
-        raise table.fail(name, f"got {value:g}; allowed: above 0")
-    return value
+    return table.positive(name, dimension) if table.has(name, dimension) else None
 
 
 def _read_mesh_shape(table: Table, material: str) -> Shape:
@@ -170,7 +161,6 @@ def _read_mesh_shape(table: Table, material: str) -> Shape:
     at = table.vector("center", 3, "length", default=np.zeros(3))
     collide, visible = table.flag("collide", False), table.flag("visible", True)
     surface = _read_surface(table)
-    table.done()
     return Shape(
         "mesh",
         transform(turn, at),
@@ -194,12 +184,10 @@ def read_body(table: Table, part: str) -> Body:
     solid = read_drawn(table)
     touches = read_touches(table, solid)
     drawn = () if solid is None else seen_and_touched(solid, touches)
-    shapes = (*drawn, *read_shapes(table.tables("shape")))
+    shapes = (*drawn, *read_shapes(table))
     mass = read_mass(table, shapes)
     com, inertia, origin = read_inertia(table, solid, shapes, mass)
-    source = table.text("source", "")
-    table.done()
-    name = "" if solid is None else solid.name
+    source, name = table.text("source", ""), "" if solid is None else solid.name
     return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 

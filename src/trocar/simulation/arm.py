@@ -18,11 +18,19 @@ from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
-from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
+from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
-from trocar.simulation.control import LARGEST, Clock, ControlState, JointControl
+from trocar.simulation.control import (
+    LARGEST,
+    Clock,
+    ControlState,
+    Homing,
+    JointControl,
+    OperatingState,
+    State,
+)
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
@@ -32,9 +40,8 @@ from trocar.simulation.controllers import (
     TipState,
     WrenchFrame,
 )
-from trocar.simulation.gripper import Gripper
 from trocar.simulation.health import arm_health
-from trocar.simulation.jaw import Jaw
+from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.journal import command
 from trocar.simulation.masters import (
     GIMBAL,
@@ -57,7 +64,6 @@ from trocar.simulation.records import (
     Wrench,
 )
 from trocar.simulation.servos import EFFORT
-from trocar.simulation.states import Homing, OperatingState, State
 
 Array = NDArray[np.float64]
 Share = Literal["both", "velocity", "acceleration"]

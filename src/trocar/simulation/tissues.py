@@ -15,7 +15,6 @@ from trocar.descriptions.records import Prop
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
-from trocar.geometry.se3 import inverse, transform
 from trocar.modeling import naming
 from trocar.modeling.tissues import (
     BRANCH_M,
@@ -159,9 +158,11 @@ class SoftTissue:
         """Its mesh."""
         return _pad(self.tissue)
 
-    def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take the physics that the tissue is in."""
-        self._model, self._data = model, data
+    def attach(
+        self, model: mujoco.MjModel, data: mujoco.MjData, shadows: Sequence[mujoco.MjData] = ()
+    ) -> None:
+        """Take the physics that the tissue is in, and what shows the same bodies."""
+        self._model, self._data, self._shadows = model, data, shadows
         name, count = self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 
@@ -353,6 +354,7 @@ class SoftTissue:
         self._condense()
         for (field, row), value in zip(self._fields, state.fields, strict=True):
             field[row] = value
+        self._refresh()
 
     # ------------------------------------------------------------------ inside
 
@@ -381,6 +383,19 @@ class SoftTissue:
             self._sides[:, None, None] > 0.0, [0.0, SLACK_M], [-SLACK_M, 0.0]
         )
         self._arm_plates()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Bring the tissue's body, which stands still, to where it was put.
+
+        MuJoCo works out poses of bodies that stand still only once while bodies may sleep.
+        """
+        option, sleep = self._model.opt, int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        flags = option.enableflags
+        option.enableflags &= ~sleep
+        for data in (self._data, *self._shadows):
+            mujoco.mj_kinematics(self._model, data)
+        option.enableflags = flags
 
     def _count(self) -> None:
         """Set what follows from the plan and from what passed."""

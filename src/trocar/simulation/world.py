@@ -24,7 +24,6 @@ from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
-from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.drives import drives_of
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
@@ -36,7 +35,7 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player, fastest
-from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
+from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
     ArmSample,
@@ -51,9 +50,8 @@ from trocar.simulation.records import (
     WorldSample,
 )
 from trocar.simulation.scripts import Scripts
-from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import Servos
-from trocar.simulation.shapes import shape_records
+from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissues import SoftTissue, TissueState
@@ -842,7 +840,7 @@ class World:
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
         for tissue in self.tissues.values():
-            tissue.attach(model, data)
+            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:

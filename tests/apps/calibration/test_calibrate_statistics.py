@@ -64,7 +64,11 @@ def distance_errors(amplitude: float) -> np.ndarray:
 @pytest.mark.parametrize(
     # Source: the figures to reach.
     ("amplitude", "median", "most"),
-    [(0.3, 18e-6, 70e-6), (0.6, 8e-6, 32e-6), (0.8, 6e-6, 22e-6)],
+    [
+        pytest.param(0.3, 18e-6, 70e-6, marks=pytest.mark.slow),
+        (0.6, 8e-6, 32e-6),
+        pytest.param(0.8, 6e-6, 22e-6, marks=pytest.mark.slow),
+    ],
 )
 def test_one_sweep_tells_the_axes_to_their_figures(
     amplitude: float, median: float, most: float
@@ -74,6 +78,7 @@ def test_one_sweep_tells_the_axes_to_their_figures(
     assert np.median(errors) <= median and np.quantile(errors, 0.95) <= most
 
 
+@pytest.mark.slow
 def test_intervals_of_the_distances_cover_them() -> None:
     scaled = np.concatenate([distance_errors(amplitude)[1] for amplitude in (0.3, 0.6, 0.8)])
     # Source: 92 to 98 % is asked for. 480 numbers scatter by 1.0 % (binomial); the amplitudes have

@@ -65,7 +65,9 @@ class ServedTask:
             self._core = core
             return lambda: setattr(self, "_core", None)
 
-        return Component(served([ROW]), begin)
+        more = self.task.topics.items()
+        rows = [Topic(name, STRING, "pub", depth=1, help=text) for name, text in more]
+        return Component(served([ROW, *rows]), begin)
 
     def note(self) -> str:
         """Return what the page shows of it, HTML."""
@@ -122,6 +124,9 @@ class ServedTask:
         if not self._rows:
             if task.world.periods:
                 task.look()
+            for name, content in task.messages().items():
+                if self._core is not None:
+                    self._core.emit(name, {"data": json.dumps(content)})
             self._state = task.state()
             if self._scripted and not task.done:
                 action = next(self._script, None)

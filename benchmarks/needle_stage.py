@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -281,7 +282,7 @@ def _thread(body: int, needle: Needle) -> list[ShapeRecord]:
         [needle.radius + 0.004 * np.sin(5 * t), -0.035 * t, 0.006 * np.sin(4 * t) * t], axis=1
     )
     found = []
-    for k, (a, b) in enumerate(zip(line[:-1], line[1:], strict=True)):
+    for k, (a, b) in enumerate(pairwise(line)):
         z = (b - a) / np.linalg.norm(b - a)
         x = np.cross(z, [0.0, 0.0, 1.0])
         x /= np.linalg.norm(x)
@@ -346,3 +347,30 @@ def run(
         yield stage.shot(
             time, stage.tip() @ grasp, T_left, T_tissue, error, 1.0 if hidden else veiled
         )
+
+
+def lying(stage: Stage, seed: int, distance: float) -> Iterator[Shot]:
+    """Yield images of a needle that lies on tissue, beside the tools, without end.
+
+    Args:
+        stage: where
+        seed: of its place and the view
+        distance: from the left eye to the needle [m]
+    """
+    rng = np.random.default_rng([seed, 3])
+    stage.reset()
+    flat = transform(np.eye(3), [0.3, 0.0, 0.0])
+    turn = matrix_from_rotation_vector([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
+    T_needle = transform(turn, [0.3, 0.0, 0.5 * stage.needle.wire + 2e-4])
+    middle = transform_points(T_needle, stage.needle.points(0.5 * stage.needle.arc))
+    around, tilt = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.0, np.radians(50.0))
+    direction = np.array(
+        [np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)]
+    )
+    T_left = looking(middle, direction, distance, rng.uniform(-np.pi, np.pi))
+    off = [rng.uniform(-0.1, 0.1) * distance, rng.uniform(-0.06, 0.06) * distance, 0.0]
+    T_left = T_left @ transform(np.eye(3), off)
+    k = 0
+    while True:
+        yield stage.shot(k / RATE_HZ, T_needle, T_left, flat)
+        k += 1

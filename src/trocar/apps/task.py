@@ -6,9 +6,9 @@ The base of every app that has scenes; `apps/tasks/registry.py` names its classe
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,11 @@ from trocar.geometry.rotations import (
 )
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
 
 Array = NDArray[np.float64]
+#: Set-points and their velocities of arms, {arm: (q, v)}.
+Row = dict[str, tuple[Array, Array]]
 
 #: Time that a command lasts. Source: our own choice, 50 Hz. [s]
 PERIOD_S = 0.02
@@ -65,6 +68,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
+        figures: what else the scene measures, by name with its unit
     """
 
     scene: str
@@ -81,6 +85,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
+    figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -213,6 +218,18 @@ class Task:
             InputError: another shape or numbers that are not finite; nothing moves
             DivergedError: the simulation diverged
         """
+        for row in self.setpoints(action):
+            self.drive(row)
+            self.world.step(EVERY)
+        self.look()
+        return self._reward
+
+    def setpoints(self, action: ArrayLike) -> list[Row]:
+        """Return the set-points of a period, one row for every `EVERY` physics steps.
+
+        Raises:
+            InputError: as for `command`
+        """
         low, high = self.limits
         try:
             values = np.asarray(action, np.float64)
@@ -224,21 +241,27 @@ class Task:
             )
         if self.done:
             raise InputError(f"{self.scene.name}: the episode is over; allowed: reset")
-        values = np.clip(values, low, high)
-        steps = round(PERIOD_S / self.world.timestep)
-        rows = max(1, steps // EVERY)
-        shares = np.arange(1, rows + 1)[:, None] / rows
-        positions: dict[str, Array] = {}
-        velocities: dict[str, Array] = {}
+        values = np.minimum(np.maximum(values, low), high)
+        count = round(PERIOD_S / (EVERY * self.world.timestep))
+        rows: list[Row] = [{} for _ in range(count)]
         for name in self.arms:
             before = self._joints[name]
             after = self._next(name, before, values[self._slices[name]])
-            positions[name] = before + shares * (after - before)
-            velocities[name] = np.tile((after - before) / PERIOD_S, (rows, 1))
+            change = after - before
+            for k, row in enumerate(rows, 1):
+                row[name] = before + (k / count) * change, change / PERIOD_S
             self._joints[name] = after
-        self.world.play(positions, velocities, every=steps // rows, record=False)
-        self.look()
-        return self._reward
+        return rows
+
+    def drive(self, row: Row) -> None:
+        """Command the arms' servos, as `setpoints` has it."""
+        for name, (q, v) in row.items():
+            arm = self.world.arms[name]
+            if arm.type == "PSM":
+                arm.servo_jp(q[:-1], v[:-1])
+                cast(Jaw, arm.jaw).servo_jp(q[-1:], v[-1:])
+            else:
+                arm.servo_jp(q, v)
 
     def reward(self) -> float:
         """Return the change of the share of goals that are met, of the last command."""
@@ -288,7 +311,26 @@ class Task:
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
+            figures=self.figures(),
         )
+
+    #: Further topics that are served, {name: help}; their messages are JSON.
+    topics: Mapping[str, str] = {}
+
+    def messages(self) -> dict[str, Any]:
+        """Return what is to be sent on further topics since the last call, {name: content}."""
+        return {}
+
+    def figures(self) -> dict[str, Any]:
+        """Return what else the scene measures, by name with its unit; none here."""
+        return {}
+
+    def picture(self, capture: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return an image for a video: what the endoscope sees, unless the task draws its own."""
+        return capture()
+
+    def close(self) -> None:
+        """Release what the task opened."""
 
     # ------------------------------------------------------------------ looking
 
@@ -302,6 +344,11 @@ class Task:
         for name in self._targets:
             found[name][-1] = self._joints[name][-1]
         return found
+
+    def stay(self) -> Array:
+        """Return the action that holds all arms."""
+        parts = self.idle()
+        return np.concatenate([parts[arm] for arm in self.arms])
 
     def object_pose(self, name: str) -> Array:
         """Return where an object is in the world, (4, 4)."""
@@ -406,8 +453,9 @@ class Task:
         goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
         after, measured = before.copy(), arm.positions()
         try:
-            local = inverse(self.world.reference_pose(name)) @ goal
-            after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
+            if values[:6].any():
+                local = inverse(self.world.reference_pose(name)) @ goal
+                after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
             ahead = np.abs(after - measured)[:-1]
             pushed = ahead > LAG * tolerances
             further = ahead > np.abs(before - measured)[:-1]

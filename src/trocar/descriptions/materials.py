@@ -27,4 +27,5 @@ MATERIALS = {
     "green": Material((0.25, 0.58, 0.30, 1.0), 0.3),
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
+    "tissue": Material((0.76, 0.40, 0.36, 1.0), 0.45),
 }

@@ -840,8 +840,9 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
-            tissue.attach(model, data)
+            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
@@ -852,9 +853,9 @@ class World:
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
-        looks = self._grasps.every if self._grasps else 0
+        looks, renewal = self._looks, self._renewal
         while left > 0:
-            since = journal.period % self._renewal
+            since = journal.period % renewal
             if since == 0:
                 if self._load.size > 0.0:
                     self._load.apply()
@@ -863,7 +864,7 @@ class World:
                     self._supervise()
             if errors is not None:
                 errors.command()
-            run = min(left, self._renewal - since)
+            run = left if left < renewal - since else renewal - since
             if looks:
                 run = min(run, looks - journal.period % looks)
             left -= run

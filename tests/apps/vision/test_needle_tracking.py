@@ -143,5 +143,5 @@ def test_images_that_cannot_be_used_are_rejected(eyes: StereoCalibration) -> Non
 def test_exchanged_eyes_are_named(eyes: StereoCalibration) -> None:
     rng, tracker = np.random.default_rng(7), NeedleTracker(eyes, NEEDLE)
     left, right = drawn(eyes, before_the_eyes(), rng)
-    with pytest.raises(InputError, match="disparity -.* are the eyes exchanged"):
+    with pytest.raises(InputError, match=r"disparity -.* are the eyes exchanged"):
         tracker.update(0.0, right, left)

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
-from trocar.apps.task import Task
+from trocar.apps.suturing.scores import Watch
+from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
+#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+LOOK_PERIODS = 5
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -64,6 +68,8 @@ class Suturing(Task):
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.goals = self._stitch_goals()
         self.plan: Plan | None = None
+        self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
+        self._tight, self._failed = np.zeros(len(self.goals), bool), ""
         super()._begin()
 
     def _stitch_goals(self) -> tuple[tuple[Goal, Array], ...]:
@@ -80,6 +86,27 @@ class Suturing(Task):
         if not tissue.left[number].all() or tissue.torn[number].any():
             return False
         return tissue.locked(number) and bool(tissue.read().gaps[number, 0] < CLOSED_M)
+
+    def look(self) -> None:
+        """Note what counts, of the tissue too."""
+        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
+        if due and self.world.time >= self.time and not self.done:
+            read = self.watch.look(int(self._tight.sum()))
+            for number in np.flatnonzero(~self._tight):
+                if self.tissue.locked(int(number)) and read.left[number].all():
+                    self.watch.close(int(number), read)
+                    self._tight[number] = True
+            self.watch.measure_gaps(read)
+        super().look()
+        if self._failed and not self.done:
+            self.done, self.reason = True, self._failed
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        return {
+            "stiffness": self.tissue.stiffness,
+            "stitches": [asdict(score) for score in self.watch.scores],
+        }
 
     def announce(self, text: str) -> None:
         """Say what the policy does now."""
@@ -106,7 +133,9 @@ class Suturing(Task):
         """Yield the actions of the scripted policy."""
         try:
             self.make_plan()
-            yield from Sewing(self, self).run()
+            sewing = Sewing(self, self)
+            yield from sewing.run()
+            yield from sewing.rest(SETTLED_S + 0.1)
+            self._failed = "the wound is still open"
         except StitchError as problem:
-            self.done, self.reason = True, str(problem)
-            return
+            self._failed = str(problem)

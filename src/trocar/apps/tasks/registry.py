@@ -45,6 +45,9 @@ TASKS: dict[str, type[Task] | str] = {
     "reach": Reach,
     "track": Track,
     "active-track": ActiveTrack,
+    "needle-tracking": "trocar.apps.vision.scenes:NeedleTracking",
+    "augmented-reality": "trocar.apps.vision.scenes:AugmentedReality",
+    "visual-servoing": "trocar.apps.vision.scenes:VisualServoing",
     "suturing": "trocar.apps.suturing.task:Suturing",
 }
 

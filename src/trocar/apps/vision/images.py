@@ -104,7 +104,9 @@ def between(image: NDArray[Any], pixels: Array) -> NDArray[Any]:
 def filtered_rows(values: Floats, kernel: Array) -> Floats:
     """Return each row of values (n, k) correlated with a kernel of odd length, (n, k)."""
     cv2 = opencv()
-    return cv2.filter2D(values, -1, kernel[None].astype(np.float32), borderType=cv2.BORDER_REPLICATE)
+    return cv2.filter2D(
+        values, -1, kernel[None].astype(np.float32), borderType=cv2.BORDER_REPLICATE
+    )
 
 
 def smoothed_columns(values: Floats, count: int) -> Floats:

@@ -33,7 +33,8 @@ PROFILES = 56
 #: Neighbouring profiles are averaged, so that many are worth one. Source: our own choice; the share
 #: makes a profile's standard deviation hold: prototypes, and `python -m benchmarks vision`.
 SMOOTH, WORTH = 5, 0.4
-#: Spacing of a profile's samples, and width of the rims beside the wire [px]. Source: our own choice.
+#: Spacing of a profile's samples, and width of the rims beside the wire [px]. Source: our own
+#: choice.
 STEP, RIM = 0.5, 3.0
 #: Standard deviation of a profile's offset [px]. Source: measured on rendered tissue, 0.05 to 0.3;
 #: 0.5 leaves room for jaws and shadows.
@@ -161,8 +162,8 @@ class NeedleFit:
             + np.cov(np.clip(other - beside, -25.0, 25.0).T)
             + 25.0 * np.eye(3)
         )
-        direction = np.linalg.solve(scatter, middle - beside)
-        direction /= np.linalg.norm(direction) + 1e-12
+        direction = np.asarray(np.linalg.solve(scatter, middle - beside), np.float64)
+        direction = direction / (float(np.linalg.norm(direction)) + 1e-12)
         levels = float(middle @ direction), float(beside @ direction)
         spread = float(np.sqrt(direction @ scatter @ direction))
         return Colours(direction, *levels, abs(levels[0] - levels[1]) / spread)
@@ -192,8 +193,10 @@ class NeedleFit:
         spread = float(np.std(both[both < inside])) + 5.0
         return Colours(direction, float(inside), float(outside), float(inside - outside) / spread)
 
-    def views(self, images: Sequence[Picture], T: Array, colours: Colours, margin: float) -> list[_View]:
-        """Return evidence about a needle in both eyes, as far from the whole circle as given [px]."""
+    def views(
+        self, images: Sequence[Picture], T: Array, colours: Colours, margin: float
+    ) -> list[_View]:
+        """Return evidence in both eyes up to a margin about a needle's whole circle [px]."""
         width, height = self.eyes.size
         gain = 1.0 / (colours.inside - colours.outside + 1e-9)
         found: list[_View] = []
@@ -209,7 +212,9 @@ class NeedleFit:
 
     # ------------------------------------------------------------------ measurements
 
-    def rows(self, views: Sequence[_View], T: Array, length: float, rods: Sequence[Rod] = ()) -> Rows:
+    def rows(
+        self, views: Sequence[_View], T: Array, length: float, rods: Sequence[Rod] = ()
+    ) -> Rows:
         """Return offsets along profiles that reach so far to both sides [px]."""
         found: list[tuple[Array, Array, Array, Array]] = []
         for eye in range(2):
@@ -268,7 +273,9 @@ class NeedleFit:
             j = int(sums.argmax())
             if not 6 < j < len(s) - 7:
                 continue
-            contrast = float(there[j - 11 if j > 11 else 0 : j + 1].mean() - there[j + 1 : j + 13].mean())
+            contrast = float(
+                there[j - 11 if j > 11 else 0 : j + 1].mean() - there[j + 1 : j + 13].mean()
+            )
             middle = line.pixels[j : j + 1]
             if contrast < 0.55 or not (
                 self._inside(middle, 3.0)[0] and self._uncovered(middle, eye, rods)[0]
@@ -358,7 +365,9 @@ class NeedleFit:
             rows = self.rows(views, T, length, rods)
             pull = np.minimum(1.0, max(1.0, length / 6.0) / np.maximum(np.abs(rows.offset), 1e-6))
             weight = rows.weight * pull
-            A = (rows.jacobian * weight[:, None]).T @ rows.jacobian + np.diag([1.0] * 3 + [1e-4] * 3)
+            A = (rows.jacobian * weight[:, None]).T @ rows.jacobian + np.diag(
+                [1.0] * 3 + [1e-4] * 3
+            )
             b = (rows.jacobian * weight[:, None]).T @ rows.offset
             if k:
                 ends = self.ends(views, T, rods)
@@ -367,7 +376,7 @@ class NeedleFit:
                 strength = ends.weight * pull * (SIGMA_PX / END_RAD) ** 2 / WORTH
                 A += strength.sum() * np.outer(row, row)
                 b += (strength @ ends.angle) * row
-            x = np.linalg.solve(A, b)
+            x = np.asarray(np.linalg.solve(A, b), np.float64)
             x[:3] = np.clip(x[:3], -0.004, 0.004)
             x[3:] *= min(1.0, 0.35 / max(float(np.linalg.norm(x[3:])), 1e-9))
             T = moved(T, x)
@@ -397,14 +406,14 @@ class NeedleFit:
         return ((pixels > margin) & (pixels < limit)).all(axis=1).astype(np.float64)
 
     def _uncovered(self, pixels: Array, eye: int, rods: Sequence[Rod]) -> Array:
-        free = np.ones(len(pixels))
+        free: Array = np.ones(len(pixels))
         for start, end, radius in rods:
             both = np.stack([start, end])
             (a, b), depths, _ = self.eyes.project_with_jacobian(both, eye)
             way = b - a
             share = np.clip((pixels - a) @ way / (way @ way + 1e-9), 0.0, 1.0)
             off = np.linalg.norm(pixels - a - share[:, None] * way, axis=1)
-            free *= off > radius * self.eyes.focal / depths.min()
+            free = free * (off > radius * self.eyes.focal / depths.min())
         return free
 
 
@@ -414,4 +423,4 @@ def _box(low: float, high: float) -> Array:
     edges = (np.arange(-count, count + 2) - 0.5) * STEP
     share = np.clip(edges, low, high)
     kernel = np.diff(share)
-    return kernel / kernel.sum()
+    return np.asarray(kernel / kernel.sum(), np.float64)

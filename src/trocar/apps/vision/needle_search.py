@@ -174,7 +174,9 @@ class NeedleSearch:
         length = float(np.linalg.norm(base))
         turned = left.angles[steep[i]] - right.angles[j]
         turned = np.abs((turned + 0.5 * np.pi) % np.pi - 0.5 * np.pi)
-        good = (disparity > length / FARTHEST_M) & (disparity < length / NEAREST_M) & (turned < 0.35)
+        good = (
+            (disparity > length / FARTHEST_M) & (disparity < length / NEAREST_M) & (turned < 0.35)
+        )
         i, disparity = i[good], disparity[good]
         depth = length / disparity
         return np.stack([one[i, 0] * depth, one[i, 1] * depth, depth], axis=1) @ turn
@@ -206,7 +208,9 @@ class NeedleSearch:
         bb, cc = (ab**2).sum(axis=1)[:, None], (ac**2).sum(axis=1)[:, None]
         to_centre = (np.cross(normal, ab) * cc + np.cross(ac, normal) * bb) / (2.0 * area[:, None])
         radius = np.linalg.norm(to_centre, axis=1)
-        sides = np.stack([np.linalg.norm(B - C, axis=1), *(np.linalg.norm(v, axis=1) for v in (ab, ac))])
+        sides = np.stack(
+            [np.linalg.norm(B - C, axis=1), *(np.linalg.norm(v, axis=1) for v in (ab, ac))]
+        )
         good = (
             (sides.min(axis=0) > 0.0022)
             & (sides.max(axis=0) > 0.7 * R)

@@ -266,7 +266,7 @@ class NeedleTracker:
                 A, b = A + strength.sum() * np.outer(row, row), b + (strength @ rest) * row
             hessian = A + information
             back = np.concatenate([change(T, T0), bias0 - bias])
-            x = np.linalg.solve(hessian, b + information @ back)
+            x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
             T, bias = moved(T, x), bias + x[6:]
         rows = fit.rows(views, T, SHORTEST, rods)
         quality = fit.quality(rows)
@@ -320,9 +320,7 @@ class NeedleTracker:
             return None
         self._forget()
         self._T, self._colours = T, colours
-        self._P = np.diag(
-            [FOUND_M**2] * 3 + [FOUND_RAD**2] * 3 + [BIAS_PX**2] * 4 + [BIAS_RAD**2]
-        )
+        self._P = np.diag([FOUND_M**2] * 3 + [FOUND_RAD**2] * 3 + [BIAS_PX**2] * 4 + [BIAS_RAD**2])
         return quality
 
 

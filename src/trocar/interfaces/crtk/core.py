@@ -35,7 +35,7 @@ from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.sampler import Sampler
 from trocar.interfaces.crtk.scene import scene_topics
-from trocar.interfaces.crtk.services import Services, service_rows
+from trocar.interfaces.crtk.services import LARGEST, Services, service_rows
 from trocar.interfaces.crtk.topic import Emit, Message, Read, Service, Topic, by_name, prefix
 from trocar.interfaces.inbox import AT_ONCE, Command
 from trocar.interfaces.loop import Loop
@@ -57,8 +57,6 @@ RATE_MAX_HZ = 1000.0
 SETPOINT_TIMEOUT_S = 0.1
 #: {verb: its set-point}, of verbs with a time-out.
 EXPIRING = {"servo_jf": "effort", "servo_cf": "wrench", "servo_jv": "v"}
-#: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
-LARGEST = 1_000_000
 #: Made for its first subscriber, since its meshes are written too.
 DESCRIPTION = "robot_description"
 

@@ -33,6 +33,8 @@ _log = logging.getLogger("trocar")
 Array = NDArray[np.float64]
 Answer = dict[str, Any]
 
+#: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
+LARGEST = 1_000_000
 #: Source: CRTK as the dVRK 2.4 tells it.
 CRTK_VERSION = "1.1.0"
 #: Joints 3 and 4 of a master hang on its motors 2 and 3. Source: SAW share/kinematic/MTML.json.
@@ -105,6 +107,8 @@ def answered(
         the response as CDR, None where it would be an error that has no such field
     """
     try:
+        if len(request) > LARGEST:
+            raise InputError(f"got a request of {len(request)} bytes; allowed: up to {LARGEST}")
         found = call(name, cdr_decode(kind.request, request), timeout_s)
     except InputError as problem:
         _log.warning("ROS 2: %s: %s", name, problem)

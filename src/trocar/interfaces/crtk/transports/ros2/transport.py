@@ -13,7 +13,6 @@ from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
-from trocar.interfaces.crtk.core import LARGEST
 from trocar.interfaces.crtk.messages import (
     MessageError,
     ServiceType,
@@ -24,7 +23,7 @@ from trocar.interfaces.crtk.messages import (
 )
 from trocar.interfaces.crtk.parameters import Parameters
 from trocar.interfaces.crtk.queues import ImageQueue
-from trocar.interfaces.crtk.services import answered
+from trocar.interfaces.crtk.services import LARGEST, answered
 from trocar.interfaces.crtk.transports.ros2 import dds, naming, parameters
 from trocar.interfaces.crtk.transports.ros2.dds import (
     Bus,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -150,7 +151,7 @@ def needle_named(text: str) -> Needle:
     if len(words) == 1:
         return read_needle(Table({"size": text}, "needle"))
     try:
-        values = dict(zip(keys, map(float, words), strict=True))
+        values: dict[str, Any] = dict(zip(keys, map(float, words), strict=True))
     except ValueError:
         raise InputError(
             f"needle: got {text!r}; allowed: a size or ARC_DEG,RADIUS_MM,WIRE_MM,TAPER_MM"

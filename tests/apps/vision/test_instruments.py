@@ -7,6 +7,7 @@ import pytest
 
 from trocar.apps.vision import find_tip
 from trocar.apps.vision.instruments import instrument_masks
+from trocar.cameras import StereoCalibration
 from trocar.descriptions import load_rig
 from trocar.errors import InputError
 from trocar.geometry import inverse, matrix_from_rotation_vector, transform
@@ -22,6 +23,8 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
     scope = Endoscope(world, preset="dvrk_sd_640x480", ids=True, look=Look(noise=0.03))
     camera = world.camera("endoscope").T_world_camera
     frame = scope.capture()
+    eyes, right = frame.calibration, frame.right
+    assert isinstance(eyes, StereoCalibration) and right is not None
     tip = world.arms["PSM1"].tip_in_world().T
     truth = inverse(frame.T_world_camera[0]) @ tip @ [0.0, 0.0, 0.005, 1.0]
     # The hand-eye error turns and moves what is seen about the tip.
@@ -52,6 +55,6 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
     blank = np.full_like(frame.left, 90)
     masks = instrument_masks(there, "PSM1")
     with pytest.raises(InputError, match=r"of the instrument's edges .* Is it in view\?"):
-        find_tip(frame.calibration, blank, blank, there.eyes, masks, guess)
+        find_tip(eyes, blank, blank, there.eyes, masks, guess)
     with pytest.raises(InputError, match="a point ahead of the eyes"):
-        find_tip(frame.calibration, blank, blank, there.eyes, masks, -guess)
+        find_tip(eyes, blank, blank, there.eyes, masks, -guess)

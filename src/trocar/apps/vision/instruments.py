@@ -160,7 +160,9 @@ def _directions(image: Picture) -> tuple[Floats, Floats, Floats]:
     dx, dy, power = (np.take_along_axis(x, strongest, 2)[..., 0] for x in (dx, dy, power))
     weight = power / (power + FLOOR**2)
     scale = weight / (power + 1e-6)
-    return (dx * dx - dy * dy) * scale, 2.0 * dx * dy * scale, weight
+    found = (dx * dx - dy * dy) * scale, 2.0 * dx * dy * scale, weight
+    cosine, sine, strength = (values.astype(np.float32) for values in found)
+    return cosine, sine, strength
 
 
 def _peak(values: Floats, row: int, column: int) -> Array:

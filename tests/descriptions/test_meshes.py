@@ -11,7 +11,7 @@ import pytest
 from trocar.descriptions import load_tool
 from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.meshes import Mesh, read_mesh
-from trocar.descriptions.shapes import read_shape
+from trocar.descriptions.shapes import read_shapes
 from trocar.descriptions.table import Table, parse_table
 from trocar.errors import DescriptionError
 
@@ -97,7 +97,7 @@ def test_too_many_triangles_are_rejected(tmp_path: Path, monkeypatch: pytest.Mon
         ('kind = "mesh"', r"shape\[0\].file: is missing"),
         ('kind = "mesh", file = "gone.stl"', r"gone.stl cannot be read: No such file"),
         ('kind = "mesh", file = "a.stl", weigh = true', r"weigh: got true; allowed: false"),
-        ('kind = "mesh", file = "a.stl", scale_mm = 0.0', r"scale: got 0 m; allowed: above 0"),
+        ('kind = "mesh", file = "a.stl", scale_mm = 0.0', r"scale: got 0; allowed: above 0"),
         ('kind = "mesh", file = "a.stl", hull = "capsule"', r"hull: unknown key"),
         ('kind = "mesh", file = "a.stl"', r"inertia_kgm2: is missing, and there is no shape"),
     ],
@@ -119,5 +119,5 @@ def test_a_mesh_touches_as_its_convex_hull_and_may_be_unseen(tmp_path: Path) -> 
         'shape = [{ kind = "mesh", file = "a.stl", collide = true, visible = false }]',
         str(tmp_path / "tool.toml"),
     )
-    shape = read_shape(table.tables("shape")[0])
+    (shape,) = read_shapes(table)
     assert (shape.collide, shape.visible, shape.weigh) == (True, False, False)

@@ -57,9 +57,7 @@ def read_mesh(table: Table) -> Mesh:
     """
     name = table.text("file")
     path = Path(table.file).parent / name
-    scale = table.quantity("scale", "length", default=1e-3)
-    if scale <= 0.0:
-        raise table.fail("scale", f"got {scale:g} m; allowed: above 0")
+    scale = table.positive("scale", "length", default=1e-3)
     if path.suffix.lower() not in FORMATS:
         raise table.fail("file", f"got {name!r}; allowed: a file that ends in {', '.join(FORMATS)}")
     try:

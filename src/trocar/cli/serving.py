@@ -30,6 +30,7 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.apps.fixtures import Fixtures
+    from trocar.apps.tasks.served import ServedTask
     from trocar.apps.teleoperation.session import Session
     from trocar.interfaces.crtk import Component, Transport
     from trocar.interfaces.origins import PageAccess
@@ -80,6 +81,7 @@ def serve(
     args: Namespace,
     session: Session | None = None,
     components: Sequence[Component] = (),
+    task: ServedTask | None = None,
 ) -> None:
     """Run and serve a world until Ctrl-C or the end of --duration.
 
@@ -88,6 +90,7 @@ def serve(
         args: parsed options of `add_serving`
         session: teleoperation by devices of this machine; None: clients drive the rig's masters
         components: further topics
+        task: a scene's count and policy, for its topic and the page
 
     Raises:
         InputError: port, host, token or fixture is not usable, or nothing is served
@@ -115,6 +118,9 @@ def serve(
     tick_s = max(1, round(SERVER_TICK_S / world.timestep)) * world.timestep if shared else None
     loop = Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
     loop.while_running = recording(world, args)
+    if task is not None:
+        task.watch(loop)
+        components = (*components, task.component())
     if fixtures is not None:
         loop.filter_command = fixtures.filter_command
         if not shared:
@@ -181,6 +187,7 @@ def serve(
             on_ready=greet,
             loop=loop,
             pictures=pictures,
+            note=task and task.note,
             driving=session and session.driving(socket),
             access=access,
         )

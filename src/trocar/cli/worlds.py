@@ -115,6 +115,8 @@ def add_look(group: _ActionsContainer) -> None:
         --vignette 0..1:number = 0        darkening of the image corners
         --noise RATIO:number = 0          sensor noise
         --no-shadows                      render no shadows (faster)
+        --look plain|surgical             surgical: tissue with structure and moisture, mirroring
+                                          metal, soft shadows; slower (default: plain)
     """, exposure=_exposure)  # fmt: skip
 
 
@@ -163,6 +165,7 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
     from trocar.rendering import Look
 
     return Look(
+        style=args.look or "plain",
         shadows=not args.no_shadows,
         exposure=args.exposure,
         vignette=args.vignette,

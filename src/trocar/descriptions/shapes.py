@@ -107,7 +107,9 @@ def _read_round(table: Table, kind: str, material: str) -> tuple[Shape, ...]:
         table.raw("sides")
         if not 3 <= sides <= MOST_SIDES:
             raise table.fail("sides", f"got {sides}; allowed: 3 to {MOST_SIDES}")
-    return ring(like, *sizes, sides) if kind == "ring" else cup(like, *sizes)
+    if kind == "ring":
+        return ring(like, sizes[0], sizes[1], sides)
+    return cup(like, sizes[0], sizes[1], sizes[2], sizes[3])
 
 
 def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:

@@ -27,8 +27,11 @@ PULL_M_S, TIGHT_M_S = 0.03, 0.006
 #: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013 measured
 #: 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
 TIGHT_N, SLOW_N = 2.0, 0.5
-#: Direction of the pull: back across the wound, and up. Source: our own choice.
-PULL = (0.8, 0.6)
+#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up, and
+#: towards the arm's own side along it. Source: our own choice; the first closes a wound with the least force.
+PULLS = ((0.8, 0.6, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
+#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm thick. [m]
+APART_M = 0.03
 #: The pull ends here though the thread is not tight. Source: our own choice. [m]
 PULL_M = 0.1
 #: A needle that a jaw holds farther out of its plane is put down and picked again. Source: measured: at
@@ -283,12 +286,30 @@ class Sewing:
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
-        across = stitch.side * stitch.wound[:3, 1]
-        way = PULL[0] * across + PULL[1] * UP
-        yield from self._one(hand, hand.follow(self._pull(hand, way / np.linalg.norm(way))))
-        if tissue.read().tension < 0.8 * TIGHT_N:
+        yield from self._one(hand, hand.follow(self._pull(hand, self._pull_way(stitch))))
+        if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
+
+    def _pull_way(self, stitch: Stitch) -> Array:
+        """Return the direction of the pull, (3,)."""
+        world, along = self.task.world, stitch.wound[:3, 0]
+        start = self.task.target(stitch.taker)[:3, 3]
+        port = self.hands[stitch.taker].reach.port
+        aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
+        axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
+        ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
+        reach = start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        shafts = [
+            np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
+            for name, arm in world.arms.items()
+            if arm.type == "ECM"
+        ]
+        for k, way in enumerate(ways):
+            gaps = [np.linalg.norm(reach[:, k, None] - s, axis=2).min() for s in shafts]
+            if min(gaps, default=np.inf) > APART_M:
+                return way
+        return ways[-1]
 
     def _pull(self, hand: NeedleHand, way: Array) -> Iterator[Array]:
         goal, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
@@ -297,7 +318,7 @@ class Sewing:
             goal[:3, 3] += step * way
             pulled += step
             yield goal
-            tension = self.op.tissue.read().tension
+            tension = self.op.tissue.tension()
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""

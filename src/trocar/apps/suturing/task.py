@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
 from trocar.apps.suturing.scores import Watch
-from trocar.apps.task import SETTLED_S, Task
+from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
+#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+LOOK_PERIODS = 5
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -87,7 +89,8 @@ class Suturing(Task):
 
     def look(self) -> None:
         """Note what counts, of the tissue too."""
-        if self.world.time >= self.time and not self.done:
+        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
+        if due and self.world.time >= self.time and not self.done:
             read = self.watch.look(int(self._tight.sum()))
             for number in np.flatnonzero(~self._tight):
                 if self.tissue.locked(int(number)) and read.left[number].all():

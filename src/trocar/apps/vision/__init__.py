@@ -1,7 +1,9 @@
-"""What the endoscope's pictures are used for."""
+"""What an endoscope's pictures are used for."""
 
 from trocar.apps.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
+from trocar.apps.vision.overlay import View, overlaid
 from trocar.apps.vision.servoing import ServoSettings, VisualServo
+from trocar.apps.vision.wound import Wound, find_wound
 
 __all__ = [
     "JAWS",
@@ -9,5 +11,9 @@ __all__ = [
     "NeedleEstimate",
     "NeedleTracker",
     "ServoSettings",
+    "View",
     "VisualServo",
+    "Wound",
+    "find_wound",
+    "overlaid",
 ]

@@ -161,7 +161,7 @@ def ghost(needle: Needle, T_world_needle: Array, colour: Colour = GREEN) -> list
     """Return a needle's centre line, with a dot at its tip."""
     line = needle.points(np.linspace(0.0, needle.arc, 40))
     points = transform_points(T_world_needle, line)
-    return [Curve(points, colour), Curve(points[-2:], YELLOW, 4)]
+    return [Curve(points, colour, 1), Curve(points[-2:], YELLOW, 3)]
 
 
 def distance(a: ArrayLike, b: ArrayLike, colour: Colour = BLUE) -> list[Item]:
@@ -214,5 +214,6 @@ def _write(
 ) -> None:
     cv2: Any = opencv()
     place = int(at[0]), int(at[1])
-    for shade, width in (((0, 0, 0), 4), (colour, 1)):
-        cv2.putText(image, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, shade, width, cv2.LINE_AA)
+    for shift, shade in ((1, (0, 0, 0)), (0, colour)):
+        there = place[0] + shift, place[1] + shift
+        cv2.putText(image, text, there, cv2.FONT_HERSHEY_SIMPLEX, size, shade, 1, cv2.LINE_AA)

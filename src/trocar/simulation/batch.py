@@ -28,6 +28,7 @@ from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solution
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
+from trocar.simulation.drives import SPRING_FIELDS
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.servos import POSITION, pid_effort, read_matrix
@@ -37,8 +38,6 @@ Array = NDArray[np.float64]
 
 #: Model fields that the gains of one world are written into.
 GAIN_FIELDS = ("actuator_biasprm", "actuator_gainprm")
-#: Those that springs of identified dynamics are written into.
-SPRING_FIELDS = ("jnt_stiffness", "qpos_spring", "tendon_stiffness", "tendon_lengthspring")
 LIMIT_FIELD = "actuator_forcerange"
 
 

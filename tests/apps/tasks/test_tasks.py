@@ -44,12 +44,15 @@ def test_seeds_draw_different_places(task: Task) -> None:
 #: Tests of these take more than a few seconds; needle-handover has a test of its own.
 LONG = (
     "active-track",
+    "augmented-reality",
     "bi-peg-transfer",
     "match-board",
     "needle-handover",
     "needle-regrasp",
+    "needle-tracking",
     "peg-board",
     "pick-place",
+    "visual-servoing",
 )
 
 

@@ -37,7 +37,6 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        plan: of its stitches, None before the policy made one
         noise, noise_rng: errors of what the policy sees, and their generator
         banner: what the policy does
     """
@@ -67,7 +66,7 @@ class Suturing(Task):
         pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.goals = self._stitch_goals()
-        self.plan: Plan | None = None
+        self._plan: Plan | None = None
         self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
         self._tight, self._failed = np.zeros(len(self.goals), bool), ""
         super()._begin()
@@ -113,6 +112,11 @@ class Suturing(Task):
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
 
+    @property
+    def plan(self) -> Plan:
+        """Its stitches; made where the policy has not."""
+        return self._plan or self.make_plan()
+
     def make_plan(self) -> Plan:
         """Plan the stitches from points that are seen of the wound, and tell the tissue."""
         tissue, rng = self.tissue, self.noise_rng
@@ -126,7 +130,7 @@ class Suturing(Task):
         to_tissue = inverse(tissue.pose) @ wound
         points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
         tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
-        self.plan = plan
+        self._plan = plan
         return plan
 
     def policy(self) -> Iterator[Array]:

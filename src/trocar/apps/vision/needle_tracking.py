@@ -200,7 +200,7 @@ class NeedleTracker:
         self._holder = holder
         if self._T is None:
             status: Status = "searching"
-            covariance = np.full((6, 6), np.inf)
+            covariance = np.full((6, 6), np.inf, np.float64)
         else:
             status = "predicting" if quality is None else "tracking"
             covariance = self._P[:6, :6].copy()

@@ -67,7 +67,7 @@ class EndoscopeTask(Task):
         super().__init__(scene)
 
     def _begin(self) -> None:
-        self._looks, self.shown = 0, None
+        self._looks, self.shown = -1, None  # the first look, of a reset, opens no renderer
         self._worked = False
         T_world_left = self.world.camera("endoscope").T_world_camera @ self._eyes.mounts[0]
         self._T_tip_left = inverse(self._measured("ECM")) @ T_world_left

@@ -787,7 +787,7 @@ class World:
         model, data, journal = self._model, self._data, self.journal
         left, bad, stride = count, self._bad, self._stride
         errors, drives = self.servos.errors, self.drives
-        computed = bool(self.servos.computed.any())
+        computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         while left > 0:
             since = journal.period % self._renewal

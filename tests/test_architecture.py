@@ -63,6 +63,7 @@ HOMES = {
         "interfaces/crtk/transports/websocket",
     ),
     "rich": ("cli",),
+    "ray": ("apps/tasks",),
     "rospy": ("interfaces/crtk/transports/ros1",),
     "PyKDL": ("interfaces/crtk/scripts",),
     "rosgraph": ("interfaces/crtk/transports/ros1",),
@@ -77,7 +78,7 @@ HOMES = {
     "apsw": ("apps/bags",),
     "matplotlib": ("apps",),
     "clarabel": ("apps/identification",),
-    "cv2": ("apps/boards",),
+    "cv2": ("apps/boards", "apps/vision/images"),
     "imageio_ffmpeg": ("apps/filming",),
     "lxml": ("modeling", "apps/exports", "apps/importers"),
     # Draws the solids in tools/cad.

@@ -10,7 +10,7 @@ import pytest
 from trocar.errors import InputError
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
-from trocar.simulation.states import NEAR_RAD, PATIENCE_S
+from trocar.simulation.control import NEAR_RAD, PATIENCE_S
 
 HOME = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]
 GOAL = [0.2, -0.1, 0.15, 0.3, 0.2, -0.1]

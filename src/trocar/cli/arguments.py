@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NoReturn
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from trocar.errors import InputError
 
@@ -66,68 +68,91 @@ def _is_number(text: str) -> bool:
     return True
 
 
+#: Names, METAVAR:type, how often, its attribute, whether required, and the default.
+ROW = re.compile(
+    r"(\S+)(?: (?!required$|= |\.\.\.|\?)(\S+?)(?::([a-z]+))?(?= |$))?"
+    r"(?: (\.\.\.|\[\.\.\.\]|\?))?(?: as (\w+))?(?: (required))?(?: = (.*))?"
+)
+
+
+def options(parser: _ActionsContainer, table: str, **types: Callable[[str], Any]) -> None:
+    """Add arguments from a table that reads like --help.
+
+    A row is `-o,--output FILE:type = default  help`; its help may go on in indented lines. Rows
+    without a FILE are flags, `a|b` are choices. After the type, `...` repeats an option, or takes
+    one or more positional arguments, `[...]` any number, `?` one or none (of choices, the
+    first when the option stands alone); `as NAME` is the attribute that keeps the value.
+
+    Args:
+        parser: parser or argument group
+        table: the rows, parted from their help by two spaces
+        types: converters by name, beside int, number and duration
+    """
+    types = {"int": int, "number": number, "duration": duration, **types}
+    for row in re.split(r"\n(?=\S)", textwrap.dedent(table).strip()):
+        spec, text = re.split(r"\s{2,}", row, maxsplit=1)
+        found = ROW.fullmatch(spec)
+        if found is None:
+            raise ValueError(f"no row of options: {spec!r}")
+        names, metavar, kind, many, dest, required, default = found.groups()
+        help_text = " ".join(text.split())
+        keywords: dict[str, Any] = {"type": types[kind]} if kind else {}
+        if default is not None and "(default" not in help_text:
+            help_text += f" (default: {default})"
+        if metavar is None:
+            keywords["action"] = "store_true"
+        elif "|" in metavar and metavar.islower():
+            keywords["choices"] = tuple(metavar.split("|"))
+        else:
+            keywords["metavar"] = metavar
+        if many == "..." and names.startswith("-"):
+            keywords |= {"action": "append", "default": []}
+        elif many:
+            keywords["nargs"] = {"...": "+", "[...]": "*"}.get(many, "?")
+        if many == "?" and "choices" in keywords:
+            keywords |= {"const": keywords["choices"][0], "metavar": metavar}
+        given = {"dest": dest, "required": bool(required), "default": default}
+        keywords |= {key: value for key, value in given.items() if value}
+        parser.add_argument(*names.split(","), help=help_text, **keywords)
+
+
 def add_arm(parser: argparse.ArgumentParser) -> None:
     """Add the arm and its tool."""
-    parser.add_argument(
-        "arm", metavar="ARM", help="built-in arm (see trocar list arms) or TOML file"
-    )
-    parser.add_argument(
-        "--tool",
-        metavar="TOOL",
-        help='built-in tool, TOML file, or "none" (default: the tool of the arm\'s description)',
-    )
+    options(parser, """
+        arm ARM      built-in arm (see trocar list arms) or TOML file
+        --tool TOOL  built-in tool, TOML file, or "none" (default: the tool of the arm's
+                     description)
+    """)  # fmt: skip
 
 
 def add_calibration(parser: _ActionsContainer) -> None:
     """Add the calibration overlay of one arm."""
-    parser.add_argument(
-        "--calibration",
-        action="append",
-        metavar="OVERLAY",
-        help="calibration overlay, replaces nominal geometry (trocar calibrate)",
-    )
-    parser.add_argument(
-        "--dynamics",
-        action="append",
-        dest="calibration",
-        metavar="OVERLAY",
-        help="dynamics overlay, replaces masses and friction (trocar identify), or built-in: psm,"
-        " mtmr (default: the description's)",
-    )
+    options(parser, """
+        --calibration OVERLAY ...
+            calibration overlay, replaces nominal geometry (trocar calibrate)
+        --dynamics OVERLAY ... as calibration
+            dynamics overlay, replaces masses and friction (trocar identify), or built-in: psm,
+            mtmr (default: the description's)
+    """)  # fmt: skip
 
 
 def add_calibrations(parser: _ActionsContainer) -> None:
     """Add the calibration overlays of a rig's arms."""
-    parser.add_argument(
-        "--calibration",
-        action="append",
-        metavar="[ARM=]OVERLAY",
-        help="calibration overlay of ARM, or of every arm of its type (repeatable)",
-    )
-    parser.add_argument(
-        "--dynamics",
-        action="append",
-        dest="calibration",
-        metavar="[ARM=]OVERLAY",
-        help="dynamics overlay of ARM, or of every arm of its type (trocar identify), or built-in:"
-        " psm, mtmr (repeatable; default: the descriptions')",
-    )
+    options(parser, """
+        --calibration [ARM=]OVERLAY ...
+            calibration overlay of ARM, or of every arm of its type (repeatable)
+        --dynamics [ARM=]OVERLAY ... as calibration
+            dynamics overlay of ARM, or of every arm of its type (trocar identify), or built-in:
+            psm, mtmr (repeatable; default: the descriptions')
+    """)  # fmt: skip
 
 
 def add_gains(parser: _ActionsContainer) -> None:
     """Add the presets of servo gains and joint friction."""
-    parser.add_argument(
-        "--control",
-        choices=("dvrk", "paper"),
-        default="dvrk",
-        help="servo gain preset (default: dvrk)",
-    )
-    parser.add_argument(
-        "--friction",
-        choices=("identified", "paper"),
-        default="identified",
-        help="joint friction preset (default: identified)",
-    )
+    options(parser, """
+        --control dvrk|paper = dvrk         servo gain preset
+        --friction identified|paper = identified  joint friction preset
+    """)  # fmt: skip
 
 
 def add_rig(
@@ -149,31 +174,27 @@ def add_rig(
 
 def add_port(parser: _ActionsContainer) -> None:
     """Add the port of the web viewer."""
-    parser.add_argument(
-        "--port",
-        type=int,
-        default=PORT,
-        metavar="N",
-        help=f"web viewer port (default: {PORT}, 0 = any free port)",
-    )
+    options(parser, f"""
+        --port N:int = {PORT}  web viewer port (default: {PORT}, 0 = any free port)
+    """)  # fmt: skip
 
 
 def add_origin(parser: _ActionsContainer) -> None:
     """Add the origins of web pages that are allowed to connect."""
-    parser.add_argument(
-        "--origin",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="allow web pages of this origin, e.g. http://localhost:3000 (repeatable)",
-    )
+    options(parser, """
+        --origin URL ...  allow web pages of this origin, e.g. http://localhost:3000 (repeatable)
+    """)  # fmt: skip
 
 
 def add_overwrite(parser: _ActionsContainer, what: str = "an existing output file") -> None:
     """Add the permission to replace output files."""
-    parser.add_argument("--overwrite", action="store_true", help=f"replace {what}")
+    options(parser, f"""
+        --overwrite  replace {what}
+    """)  # fmt: skip
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add JSON output."""
-    parser.add_argument("--json", action="store_true", help="print the result as one JSON document")
+    options(parser, """
+        --json  print the result as one JSON document
+    """)  # fmt: skip

@@ -15,7 +15,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
 
@@ -35,49 +35,15 @@ STEPS = {"speed": 6, "figures": 11, "core": 10, "calibration": 6}
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "part",
-        nargs="*",
-        type=_part,
-        metavar="PART",
-        help=f"benchmark: {', '.join(ALL_PARTS)} (default: {', '.join(PARTS)})",
-    )
-    parser.add_argument(
-        "--duration",
-        type=number,
-        default=10.0,
-        metavar="S",
-        help="simulated time per pass (default: 10)",
-    )
-    parser.add_argument(
-        "--passes",
-        type=int,
-        default=5,
-        metavar="N",
-        help="number of interleaved passes (default: 5)",
-    )
-    parser.add_argument(
-        "--poses",
-        type=int,
-        default=10_000,
-        metavar="N",
-        help="number of inverse-kinematics poses (default: 10000)",
-    )
-    parser.add_argument(
-        "--robots",
-        type=int,
-        default=40,
-        metavar="N",
-        help="number of calibrated robots of each kind (default: 40)",
-    )
-    parser.add_argument("--log", metavar="FILE", help="replay this PSM recording (docs/replay.md)")
-    parser.add_argument(
-        "--calibration",
-        action="append",
-        default=[],
-        metavar="OVERLAY",
-        help="measure speed with this calibrated robot (repeatable)",
-    )
+    options(parser, f"""
+        part PART:part [...]       benchmark: {', '.join(ALL_PARTS)} (default: {', '.join(PARTS)})
+        --duration S:number = 10   simulated time per pass
+        --passes N:int = 5         number of interleaved passes
+        --poses N:int = 10000      number of inverse-kinematics poses
+        --robots N:int = 40        number of calibrated robots of each kind
+        --log FILE                 replay this PSM recording (docs/replay.md)
+        --calibration OVERLAY ...  measure speed with this calibrated robot (repeatable)
+    """, part=_part)  # fmt: skip
     add_json(parser)
 
 

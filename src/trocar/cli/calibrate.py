@@ -13,7 +13,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, print_result, progress_steps, table, warn
 from trocar.errors import InputError
 
@@ -49,95 +49,47 @@ ORDER = 110
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "tracks",
-        metavar="TRACKS",
-        nargs="?",
-        help="motion-capture tracks: Motive CSV export or tidy CSV",
-    )
-    parser.add_argument(
-        "--from",
-        dest="source",
-        choices=("tracks", "kinematics", "paper"),
-        default="tracks",
-        help="tracks: motion capture (default); kinematics: joint readings of arms that touch known"
-        " points or hold a board in front of a camera (TRACKS is a TOML file as of trocar touches);"
-        " paper: Tables 6 and 7 of the closed-loop paper (psm and ecm, without TRACKS)",
-    )
-    parser.add_argument(
-        "--arm",
-        metavar="ARM",
-        help="built-in arm (see trocar list arms) or TOML file; required except with --from"
-        " kinematics",
-    )
-    parser.add_argument("-o", "--output", metavar="OVERLAY", help="overlay file to write")
-    parser.add_argument(
-        "--rcm", metavar="FILE", help="tracks of the remote-centre sweep, if in a separate file"
-    )
-    parser.add_argument(
-        "--bodies",
-        metavar="BODY=NAME,...",
-        help='names of the bodies in the files, e.g. "psm_yaw=Rigid Body 3"',
-    )
-    parser.add_argument(
-        "--closure",
-        choices=("parallelogram", "general"),
-        help="parallelogram: constrain the loops to parallelograms (default if the description has"
-        " them); general: four-bar loops with independent side lengths",
-    )
-    parser.add_argument(
-        "--report", metavar="DIR", help="write an HTML report with tables and figures to DIR"
-    )
+    options(parser, """
+        tracks TRACKS ?                  motion-capture tracks: Motive CSV export or tidy CSV
+        --from tracks|kinematics|paper as source = tracks
+                                         tracks: motion capture (default); kinematics: joint
+                                         readings of arms that touch known points or hold a board in
+                                         front of a camera (TRACKS is a TOML file as of trocar
+                                         touches); paper: Tables 6 and 7 of the closed-loop paper
+                                         (psm and ecm, without TRACKS)
+        --arm ARM                        built-in arm (see trocar list arms) or TOML file; required
+                                         except with --from kinematics
+        -o,--output OVERLAY              overlay file to write
+        --rcm FILE                       tracks of the remote-centre sweep, if in a separate file
+        --bodies BODY=NAME,...           names of the bodies in the files, e.g. "psm_yaw=Rigid Body
+                                         3"
+        --closure parallelogram|general  parallelogram: constrain the loops to parallelograms
+                                         (default if the description has them); general: four-bar
+                                         loops with independent side lengths
+        --report DIR                     write an HTML report with tables and figures to DIR
+    """)  # fmt: skip
     add_overwrite(parser, "existing output files")
     add_json(parser)
     _add_plan(parser.add_argument_group("error budget"))
 
 
 def _add_plan(group: _ArgumentGroup) -> None:
-    group.add_argument(
-        "--plan",
-        action="store_true",
-        help="predict the standard deviations of a recording as planned and with each sweep twice"
-        " as long, without TRACKS; --report draws them",
-    )
-    group.add_argument(
-        "--duration",
-        type=number,
-        metavar="S",
-        help=f"with --plan: duration of each sweep (default: {PLAN['duration']:g})",
-    )
-    group.add_argument(
-        "--amplitude",
-        type=number,
-        metavar="RAD",
-        help=f"with --plan: amplitude of each sweep (default: {PLAN['amplitude']:g})",
-    )
-    group.add_argument(
-        "--rate",
-        type=number,
-        metavar="HZ",
-        help=f"with --plan: sample rate of the cameras (default: {PLAN['rate']:g})",
-    )
-    group.add_argument(
-        "--marker-noise-mm",
-        type=number,
-        metavar="MM",
-        help="with --plan: position noise of a marker per axis, 1 sigma (default:"
-        f" {PLAN['marker_noise_mm']:g})",
-    )
-    group.add_argument(
-        "--markers",
-        type=int,
-        metavar="N",
-        help=f"with --plan: markers per cluster (default: {PLAN['markers']})",
-    )
-    group.add_argument(
-        "--spread-mm",
-        type=number,
-        metavar="MM",
-        help="with --plan: RMS distance of a cluster's markers from their centre (default:"
-        f" {PLAN['spread_mm']:g})",
-    )
+    options(group, f"""
+        --plan                       predict the standard deviations of a recording as planned and
+                                     with each sweep twice as long, without TRACKS; --report draws
+                                     them
+        --duration S:number          with --plan: duration of each sweep (default:
+                                     {PLAN['duration']:g})
+        --amplitude RAD:number       with --plan: amplitude of each sweep (default:
+                                     {PLAN['amplitude']:g})
+        --rate HZ:number             with --plan: sample rate of the cameras (default:
+                                     {PLAN['rate']:g})
+        --marker-noise-mm MM:number  with --plan: position noise of a marker per axis, 1 sigma
+                                     (default: {PLAN['marker_noise_mm']:g})
+        --markers N:int              with --plan: markers per cluster (default: {PLAN['markers']})
+        --spread-mm MM:number        with --plan: RMS distance of a cluster's markers from their
+                                     centre (default: {PLAN['spread_mm']:g})
+    """)  # fmt: skip
 
 
 def run(args: Namespace) -> int:

@@ -13,7 +13,7 @@ import math
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
@@ -25,23 +25,14 @@ ORDER = 111
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("views", metavar="VIEWS", help="TOML file of views")
-    parser.add_argument(
-        "--offsets",
-        action="store_true",
-        help="find constant offsets of joint readings as well",
-    )
-    parser.add_argument(
-        "--joint-noise-deg",
-        type=number,
-        default=0.02,
-        metavar="DEG",
-        help="noise of joint readings, 1 sigma; of joints that slide, what this turn moves at 0.1 m"
-        " (default: 0.02, and 0.035 mm)",
-    )
-    parser.add_argument(
-        "-o", "--output", metavar="OVERLAY", help="overlay file to write, for --calibration"
-    )
+    options(parser, """
+        views VIEWS                         TOML file of views
+        --offsets                           find constant offsets of joint readings as well
+        --joint-noise-deg DEG:number = 0.02  noise of joint readings, 1 sigma; of joints that slide,
+                                            what this turn moves at 0.1 m (default: 0.02, and 0.035
+                                            mm)
+        -o,--output OVERLAY                 overlay file to write, for --calibration
+    """)  # fmt: skip
     parser.add_argument(
         "--ros",
         nargs=2,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result
 
 SUMMARY = "plan a trajectory that excites an arm's dynamics"
@@ -18,36 +18,17 @@ ORDER = 51
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--arm",
-        default="psm",
-        help="built-in arm (see trocar list arms) or TOML file (default: psm)",
-    )
-    parser.add_argument(
-        "--tool", help="built-in tool or TOML file (default: the tool of the arm's description)"
-    )
-    parser.add_argument(
-        "--period", type=number, default=10.0, metavar="S", help="of the series (default: 10)"
-    )
-    parser.add_argument(
-        "--repeats", type=int, default=3, metavar="N", help="number of periods (default: 3)"
-    )
-    parser.add_argument(
-        "--rate", type=number, default=200.0, metavar="HZ", help="sample rate (default: 200)"
-    )
-    parser.add_argument(
-        "--candidates", type=int, default=200, metavar="N", help="trajectories tried (default: 200)"
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, metavar="N", help="of the random numbers (default: 0)"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="CSV",
-        required=True,
-        help="file to write: time, JOINT_position, JOINT_velocity (SI units)",
-    )
+    options(parser, """
+        --arm ARM = psm           built-in arm (see trocar list arms) or TOML file
+        --tool TOOL               built-in tool or TOML file (default: the tool of the arm's
+                                  description)
+        --period S:number = 10    of the series
+        --repeats N:int = 3       number of periods
+        --rate HZ:number = 200    sample rate
+        --candidates N:int = 200  trajectories tried
+        --seed N:int = 0          of the random numbers
+        -o,--output CSV required  file to write: time, JOINT_position, JOINT_velocity (SI units)
+    """)  # fmt: skip
     add_overwrite(parser)
     add_json(parser)
 

@@ -10,7 +10,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, add_overwrite
+from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, options
 from trocar.cli.output import print_json, warn
 
 if TYPE_CHECKING:
@@ -24,38 +24,22 @@ MESH_FILES = (".obj", ".stl")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "subject", metavar="ARM|RIG", help="built-in arm or rig (see trocar list) or TOML file"
-    )
-    parser.add_argument(
-        "--format", required=True, metavar="FORMAT", help="output format: urdf, sdf or mjcf"
-    )
-    parser.add_argument(
-        "-o", "--out", required=True, metavar="DIR", help="output folder, new or empty"
-    )
-    parser.add_argument(
-        "--tool",
-        action="append",
-        default=[],
-        metavar="[ARM=]TOOL",
-        help='mount another tool: built-in, TOML file, or "none"; ARM= selects an arm of a rig'
-        " (repeatable)",
-    )
+    options(parser, """
+        subject ARM|RIG           built-in arm or rig (see trocar list) or TOML file
+        --format FORMAT required  output format: urdf, sdf or mjcf
+        -o,--out DIR required     output folder, new or empty
+        --tool [ARM=]TOOL ...     mount another tool: built-in, TOML file, or "none"; ARM= selects
+                                  an arm of a rig (repeatable)
+    """)  # fmt: skip
     add_calibrations(parser)
     parser.add_argument(
         "--package", default="", metavar="NAME", help="urdf: write a ROS package NAME"
     )
-    parser.add_argument(
-        "--fit-tip",
-        action="store_true",
-        help="urdf of a calibrated arm: add helper joints that fit the chain to its tip",
-    )
-    parser.add_argument(
-        "--sdf-version",
-        default="1.9",
-        metavar="V",
-        help="sdf: format version, 1.7, 1.9 or 1.11 (default: 1.9)",
-    )
+    options(parser, """
+        --fit-tip              urdf of a calibrated arm: add helper joints that fit the chain to its
+                               tip
+        --sdf-version V = 1.9  sdf: format version, 1.7, 1.9 or 1.11
+    """)  # fmt: skip
     add_overwrite(parser, "existing files in DIR")
     add_json(parser)
 

@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json, number
+from trocar.cli.arguments import add_arm, add_calibration, add_json, options
 from trocar.cli.output import fixed, print_result, short, table, title, warn
 from trocar.errors import InputError
 
@@ -32,10 +32,10 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
     add_calibration(parser)
-    parser.add_argument(
-        "q", metavar="Q", nargs="+", type=number, help="joint positions [rad, m if prismatic]"
-    )
-    parser.add_argument("--frame", metavar="NAME", help='frame name, or "all" (default: the tip)')
+    options(parser, """
+        q Q:number ...  joint positions [rad, m if prismatic]
+        --frame NAME    frame name, or "all" (default: the tip)
+    """)  # fmt: skip
     add_json(parser)
 
 

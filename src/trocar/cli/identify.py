@@ -13,7 +13,7 @@ import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import plain, print_result, table
 
 if TYPE_CHECKING:
@@ -27,70 +27,40 @@ ORDER = 52
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("log", metavar="LOG", nargs="+", help="logs of one arm, used together")
+    options(parser, """
+        log LOG ...  logs of one arm, used together
+    """)  # fmt: skip
     add_log(parser)
-    parser.add_argument(
-        "--weight",
-        action="append",
-        default=[],
-        type=weight,
-        metavar="KG[@FRAME[:X,Y,Z]]",
-        help="known weight strapped to the arm, X,Y,Z in metres in FRAME (default: at the tip);"
-        " once per LOG in their order, 0 for none",
-    )
-    parser.add_argument(
-        "--mass-bounds",
-        type=bounds,
-        default=(0.3, 3.0),
-        metavar="LOWER,UPPER",
-        help="bounds of the masses as ratios of the CAD estimates (default: 0.3,3)",
-    )
-    parser.add_argument(
-        "--cross-validate",
-        action="store_true",
-        help="also hold out each sixth of the trajectory's period in turn (first LOG)",
-    )
-    parser.add_argument("-o", "--output", metavar="OVERLAY", required=True, help="overlay to write")
-    parser.add_argument(
-        "--report", metavar="DIR", help="new folder for result.json and plots of the efforts"
-    )
+    options(parser, """
+        --weight KG[@FRAME[:X,Y,Z]]:weight ...  known weight strapped to the arm, X,Y,Z in metres in
+                                            FRAME (default: at the tip); once per LOG in their
+                                            order, 0 for none
+        --mass-bounds LOWER,UPPER:bounds = 0.3,3  bounds of the masses as ratios of the CAD
+                                            estimates (default: 0.3,3)
+        --cross-validate                    also hold out each sixth of the trajectory's period in
+                                            turn (first LOG)
+        -o,--output OVERLAY required        overlay to write
+        --report DIR                        new folder for result.json and plots of the efforts
+    """, bounds=bounds, weight=weight)  # fmt: skip
     add_overwrite(parser)
     add_json(parser)
 
 
 def add_log(parser: _ActionsContainer) -> None:
     """Add the arm of a log, and how to read the log."""
-    parser.add_argument(
-        "--arm",
-        default="psm",
-        help="built-in arm (see trocar list arms) or TOML file (default: psm)",
-    )
-    parser.add_argument(
-        "--tool", help="built-in tool or TOML file (default: the tool of the arm's description)"
-    )
-    parser.add_argument(
-        "--rate",
-        type=number,
-        default=200.0,
-        metavar="HZ",
-        help="sample rate of a CSV log without header; bags are resampled to it (default: 200)",
-    )
-    parser.add_argument(
-        "--wrist",
-        choices=("motor", "joint"),
-        default="motor",
-        help="CSV log without header: side of the coupling on which a PSM's wrist and jaw, or an"
-        " MTM's joints 2 to 4, were recorded (default: motor)",
-    )
-    parser.add_argument(
-        "--topic", help="bag: topic of joint states (default: the only one that fits the arm)"
-    )
-    parser.add_argument(
-        "--cutoff",
-        type=number,
-        metavar="HZ",
-        help="cut-off of the zero-phase filters (default: 16.96 for a PSM, 5.65 for an MTM)",
-    )
+    options(parser, """
+        --arm ARM = psm              built-in arm (see trocar list arms) or TOML file
+        --tool TOOL                  built-in tool or TOML file (default: the tool of the arm's
+                                     description)
+        --rate HZ:number = 200       sample rate of a CSV log without header; bags are resampled to
+                                     it
+        --wrist motor|joint = motor  CSV log without header: side of the coupling on which a PSM's
+                                     wrist and jaw, or an MTM's joints 2 to 4, were recorded
+        --topic TOPIC                bag: topic of joint states (default: the only one that fits the
+                                     arm)
+        --cutoff HZ:number           cut-off of the zero-phase filters (default: 16.96 for a PSM,
+                                     5.65 for an MTM)
+    """)  # fmt: skip
 
 
 def log_settings(args: Namespace) -> LogSettings:

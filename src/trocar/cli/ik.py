@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json, number
+from trocar.cli.arguments import add_arm, add_calibration, add_json, number, options
 from trocar.cli.output import fixed, print_json, print_result, table, title
 from trocar.errors import InputError, SingularError, UnreachableError
 
@@ -47,13 +47,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="sort solutions by distance from these joint positions (default: centre of the"
         " limits)",
     )
-    parser.add_argument(
-        "--platform",
-        metavar="RAD",
-        type=number,
-        help="wrist platform angle of an MTM [rad] (default: the one with wrist yaw 0, if within"
-        " limits)",
-    )
+    options(parser, """
+        --platform RAD:number  wrist platform angle of an MTM [rad] (default: the one with wrist yaw
+                               0, if within limits)
+    """)  # fmt: skip
     add_json(parser)
 
 

@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, warn
 
 SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
@@ -20,25 +20,18 @@ ORDER = 170
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("file", metavar="FILE", help="URDF, SDF, MJCF or mesh file")
-    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder")
-    parser.add_argument(
-        "--as",
-        dest="kind",
-        choices=("arm", "prop"),
-        help="import as arm or as prop (default: arm if it has movable joints)",
-    )
+    options(parser, """
+        file FILE                 URDF, SDF, MJCF or mesh file
+        -o,--output DIR required  output folder
+        --as arm|prop as kind     import as arm or as prop (default: arm if it has movable joints)
+    """)  # fmt: skip
     parser.add_argument("--name", default="", help="name (default: the name in FILE)")
     add_overwrite(parser, "existing files in DIR")
     add_json(parser)
     robot = parser.add_argument_group("robot files")
-    robot.add_argument(
-        "--package-path",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="search DIR for package:// files (repeatable)",
-    )
+    options(robot, """
+        --package-path DIR ...  search DIR for package:// files (repeatable)
+    """)  # fmt: skip
     robot.add_argument(
         "--passive",
         default="",
@@ -46,16 +39,11 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="passive joints, determined by the closed loops",
     )
     mesh = parser.add_argument_group("mesh files")
-    mesh.add_argument(
-        "--unit",
-        default="m",
-        choices=("m", "mm", "cm", "in"),
-        help="length unit of the mesh (default: m)",
-    )
-    mesh.add_argument("--mass", type=number, metavar="KG", help="mass of the body")
-    mesh.add_argument(
-        "--hull", action="store_true", help="use the convex hull, without decomposition"
-    )
+    options(mesh, """
+        --unit m|mm|cm|in = m  length unit of the mesh
+        --mass KG:number       mass of the body
+        --hull                 use the convex hull, without decomposition
+    """)  # fmt: skip
 
 
 def run(args: Namespace) -> int:

@@ -13,7 +13,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, table, warn
 
 if TYPE_CHECKING:
@@ -25,27 +25,14 @@ ORDER = 180
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("system", metavar="SYSTEM.json", help="system-*.json file of the dVRK")
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="RIG.toml", help="rig file to write"
-    )
-    parser.add_argument(
-        "--share",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="also search DIR for referenced files, e.g. sawIntuitiveResearchKit/share"
-        " (repeatable)",
-    )
-    parser.add_argument(
-        "--tool",
-        action="append",
-        default=[],
-        type=_tool,
-        metavar="PSM=TOOL",
-        help="mount TOOL in place of the configured instrument (repeatable)",
-    )
-    parser.add_argument("--literal", action="store_true", help="read 1.5708 literally, not as pi/2")
+    options(parser, """
+        system SYSTEM.json             system-*.json file of the dVRK
+        -o,--output RIG.toml required  rig file to write
+        --share DIR ...                also search DIR for referenced files, e.g.
+                                       sawIntuitiveResearchKit/share (repeatable)
+        --tool PSM=TOOL:tool ...       mount TOOL in place of the configured instrument (repeatable)
+        --literal                      read 1.5708 literally, not as pi/2
+    """, tool=_tool)  # fmt: skip
     add_overwrite(parser, "existing files")
     add_json(parser)
 

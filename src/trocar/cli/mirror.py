@@ -14,7 +14,7 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_origin, add_port, add_rig, number
+from trocar.cli.arguments import add_json, add_origin, add_port, add_rig, options
 from trocar.cli.output import print_json, table
 from trocar.cli.worlds import add_cameras, add_record, open_pictures, recording
 from trocar.errors import InputError
@@ -34,44 +34,29 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     group = parser.add_argument_group("source (one is required)")
     source = group.add_mutually_exclusive_group(required=True)
-    source.add_argument("--ros1", action="store_true", help="robot on ROS 1 (rospy)")
-    source.add_argument("--ros2", action="store_true", help="robot on ROS 2 (extra ros2)")
-    source.add_argument(
-        "--websocket", metavar="URL", help="robot behind rosbridge, e.g. ws://127.0.0.1:9090"
-    )
-    source.add_argument("--bag", metavar="FILE", help="recording: rosbag 1, rosbag 2 or MCAP file")
+    options(source, """
+        --ros1           robot on ROS 1 (rospy)
+        --ros2           robot on ROS 2 (extra ros2)
+        --websocket URL  robot behind rosbridge, e.g. ws://127.0.0.1:9090
+        --bag FILE       recording: rosbag 1, rosbag 2 or MCAP file
+    """)  # fmt: skip
     add_rig(parser)
-    parser.add_argument(
-        "--arms",
-        metavar="ARM,...",
-        help="arms to mirror (default: all with topics in the source)",
-    )
-    parser.add_argument(
-        "--by",
-        choices=("set", "servo"),
-        default="set",
-        help="set joint positions, or command them as servo set-points (default: set)",
-    )
-    parser.add_argument("--duration", type=number, metavar="S", help="stop after S seconds")
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        help="playback speed of a bag (default: realtime with the web viewer, else max)",
-    )
+    options(parser, """
+        --arms ARM,...        arms to mirror (default: all with topics in the source)
+        --by set|servo = set  set joint positions, or command them as servo set-points
+        --duration S:number   stop after S seconds
+        --speed realtime|max  playback speed of a bag (default: realtime with the web viewer, else
+                              max)
+    """)  # fmt: skip
     add_json(parser)
     add_record(parser)
     viewer = parser.add_argument_group("web viewer and clients")
     add_port(viewer)
-    viewer.add_argument(
-        "--no-page", action="store_true", help="do not serve the web viewer, print a report"
-    )
-    viewer.add_argument(
-        "--serve",
-        type=int,
-        metavar="N",
-        help="serve the simulated arms' topics and images over rosbridge WebSocket on port N"
-        " (0 = any free port)",
-    )
+    options(viewer, """
+        --no-page      do not serve the web viewer, print a report
+        --serve N:int  serve the simulated arms' topics and images over rosbridge WebSocket on port
+                       N (0 = any free port)
+    """)  # fmt: skip
     add_origin(viewer)
     cameras = parser.add_argument_group("cameras")
     add_cameras(cameras)

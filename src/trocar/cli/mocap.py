@@ -12,7 +12,7 @@ import math
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, progress_bar, table
 from trocar.errors import InputError
 
@@ -39,19 +39,14 @@ NOISE_MM, NOISE_DEG = 0.1, 0.05
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--arm", required=True, help="built-in arm (see trocar list arms) or TOML file"
-    )
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="FILE", help="tracks file to write"
-    )
+    options(parser, """
+        --arm ARM required         built-in arm (see trocar list arms) or TOML file
+        -o,--output FILE required  tracks file to write
+    """)  # fmt: skip
     add_overwrite(parser, "existing tracks")
-    parser.add_argument(
-        "--format",
-        choices=("tidy", "motive"),
-        default="tidy",
-        help="format of FILE (default: tidy)",
-    )
+    options(parser, """
+        --format tidy|motive = tidy  format of FILE
+    """)  # fmt: skip
     add_json(parser)
     _add_robot(parser.add_argument_group("robot"))
     _add_sweep(parser.add_argument_group("motion"))
@@ -60,31 +55,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def _add_robot(group: _ArgumentGroup) -> None:
     robot = group.add_mutually_exclusive_group()
-    robot.add_argument(
-        "--calibration",
-        metavar="OVERLAY",
-        help="calibration overlay, replaces nominal geometry (trocar calibrate)",
-    )
-    robot.add_argument(
-        "--perturb",
-        type=int,
-        metavar="SEED",
-        help="perturb the geometry at random: lengths by up to 3 mm, angles by up to 1 deg",
-    )
-    group.add_argument(
-        "--loops-mm",
-        type=number,
-        default=0.0,
-        metavar="MM",
-        help="displace the hinge that closes each loop by MM, so that no loop is a parallelogram"
-        " (default: 0; the paper's Table 6: 1)",
-    )
-    group.add_argument(
-        "--worn",
-        action="store_true",
-        help="add unequal side lengths (0.3 mm) and skew axes (1 mrad), so that the remote centre"
-        " moves",
-    )
+    options(robot, """
+        --calibration OVERLAY  calibration overlay, replaces nominal geometry (trocar calibrate)
+        --perturb SEED:int     perturb the geometry at random: lengths by up to 3 mm, angles by up
+                               to 1 deg
+    """)  # fmt: skip
+    options(group, """
+        --loops-mm MM:number = 0  displace the hinge that closes each loop by MM, so that no loop is
+                                  a parallelogram (default: 0; the paper's Table 6: 1)
+        --worn                    add unequal side lengths (0.3 mm) and skew axes (1 mrad), so that
+                                  the remote centre moves
+    """)  # fmt: skip
 
 
 def _add_sweep(group: _ArgumentGroup) -> None:
@@ -96,74 +77,27 @@ def _add_sweep(group: _ArgumentGroup) -> None:
         " the chain in turn (default: both, if the loops make a remote centre; else of the loops"
         " and of the chain)",
     )
-    group.add_argument(
-        "--duration",
-        type=number,
-        default=24.0,
-        metavar="S",
-        help="duration of each sweep, of each joint of a chain 0.6 of it (default: 24)",
-    )
-    group.add_argument(
-        "--amplitude",
-        type=number,
-        default=0.6,
-        metavar="RAD",
-        help="amplitude of each sweep (default: 0.6)",
-    )
-    group.add_argument(
-        "--motion",
-        choices=("dynamic", "kinematic"),
-        default="dynamic",
-        help="simulate dynamics and servos, or follow the trajectory exactly (default: dynamic)",
-    )
+    options(group, """
+        --duration S:number = 24            duration of each sweep, of each joint of a chain 0.6 of
+                                            it
+        --amplitude RAD:number = 0.6        amplitude of each sweep
+        --motion dynamic|kinematic = dynamic  simulate dynamics and servos, or follow the trajectory
+                                            exactly
+    """)  # fmt: skip
 
 
 def _add_cameras(group: _ArgumentGroup) -> None:
-    group.add_argument(
-        "--rate", type=number, default=120.0, metavar="HZ", help="sample rate (default: 120)"
-    )
-    group.add_argument(
-        "--noise-mm",
-        type=number,
-        default=NOISE_MM,
-        metavar="MM",
-        help=f"position noise per coordinate, 1 sigma (default: {NOISE_MM}, 0 = none)",
-    )
-    group.add_argument(
-        "--noise-deg",
-        type=number,
-        default=NOISE_DEG,
-        metavar="DEG",
-        help=f"rotation noise per axis, 1 sigma (default: {NOISE_DEG}, 0 = none)",
-    )
-    group.add_argument(
-        "--noise-time",
-        type=number,
-        default=0.0,
-        metavar="S",
-        help="time constant of the noise (default: 0, white)",
-    )
-    group.add_argument(
-        "--dropout",
-        type=number,
-        default=0.0,
-        metavar="RATIO",
-        help="ratio of samples lost in bursts, e.g. 0.05 (default: 0)",
-    )
-    group.add_argument(
-        "--outliers",
-        type=number,
-        default=0.0,
-        metavar="RATIO",
-        help="ratio of samples displaced by 20 mm, e.g. 0.01 (default: 0)",
-    )
-    group.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="random seed of clusters, cameras and noise (default: 0)",
-    )
+    options(group, f"""
+        --rate HZ:number = 120              sample rate
+        --noise-mm MM:number = {NOISE_MM}   position noise per coordinate, 1 sigma (default:
+                                            {NOISE_MM}, 0 = none)
+        --noise-deg DEG:number = {NOISE_DEG}  rotation noise per axis, 1 sigma (default:
+                                            {NOISE_DEG}, 0 = none)
+        --noise-time S:number = 0           time constant of the noise (default: 0, white)
+        --dropout RATIO:number = 0          ratio of samples lost in bursts, e.g. 0.05
+        --outliers RATIO:number = 0         ratio of samples displaced by 20 mm, e.g. 0.01
+        --seed N:int = 0                    random seed of clusters, cameras and noise
+    """)  # fmt: skip
 
 
 def run(args: Namespace) -> int:

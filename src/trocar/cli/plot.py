@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_overwrite
+from trocar.cli.arguments import add_overwrite, options
 
 SUMMARY = "plot a recording: joints, errors, efforts"
 ORDER = 100
@@ -18,13 +18,15 @@ ORDER = 100
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("file", metavar="FILE", help="recording, MCAP file")
-    parser.add_argument(
-        "-o", "--out", metavar="OUT", help="output file, .png or .html (default: FILE as .png)"
-    )
+    options(parser, """
+        file FILE     recording, MCAP file
+        -o,--out OUT  output file, .png or .html (default: FILE as .png)
+    """)  # fmt: skip
     add_overwrite(parser, "existing output files")
-    parser.add_argument("--arm", help="plot this arm only (default: every arm that moved)")
-    parser.add_argument("--joint", help="plot this joint only")
+    options(parser, """
+        --arm ARM      plot this arm only (default: every arm that moved)
+        --joint JOINT  plot this joint only
+    """)  # fmt: skip
 
 
 def run(args: Namespace) -> int:

@@ -11,7 +11,7 @@ import json
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.identify import add_log, log_settings, weight, weights
 from trocar.cli.output import plain, print_result, table
 
@@ -24,32 +24,20 @@ ORDER = 53
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("log", metavar="LOG", help="log of one arm, as for `trocar identify`")
+    options(parser, """
+        log LOG  log of one arm, as for `trocar identify`
+    """)  # fmt: skip
     add_log(parser)
-    parser.add_argument(
-        "--dynamics",
-        metavar="OVERLAY",
-        help='overlay of `trocar identify`, built-in (psm, mtmr), or "cad" for the masses and'
-        " friction of the description (default: the built-in one of the arm, else cad)",
-    )
-    parser.add_argument(
-        "--weight",
-        action="append",
-        default=[],
-        type=weight,
-        metavar="KG[@FRAME[:X,Y,Z]]",
-        help="known weight strapped to the arm, X,Y,Z in metres in FRAME (default: at the tip;"
-        " repeatable)",
-    )
-    parser.add_argument(
-        "--samples",
-        type=int,
-        metavar="N",
-        help="score the first N samples (default: all; published: 1111 of a PSM, 2000 of an MTM)",
-    )
-    parser.add_argument(
-        "--report", metavar="DIR", help="new folder for result.json and a plot of the efforts"
-    )
+    options(parser, """
+        --dynamics OVERLAY                  overlay of `trocar identify`, built-in (psm, mtmr), or
+                                            "cad" for the masses and friction of the description
+                                            (default: the built-in one of the arm, else cad)
+        --weight KG[@FRAME[:X,Y,Z]]:weight ...  known weight strapped to the arm, X,Y,Z in metres in
+                                            FRAME (default: at the tip; repeatable)
+        --samples N:int                     score the first N samples (default: all; published: 1111
+                                            of a PSM, 2000 of an MTM)
+        --report DIR                        new folder for result.json and a plot of the efforts
+    """, weight=weight)  # fmt: skip
     add_overwrite(parser)
     add_json(parser)
 

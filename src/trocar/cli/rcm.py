@@ -10,7 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, table, warn
 
 if TYPE_CHECKING:
@@ -27,15 +27,11 @@ ORDER = 90
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "tracks", metavar="TRACKS", help="motion-capture tracks: Motive CSV export or tidy CSV"
-    )
-    parser.add_argument("--arm", metavar="ARM", required=True, help="psm, ecm, or a TOML file")
-    parser.add_argument(
-        "--bodies",
-        metavar="BODY=NAME,...",
-        help='names of the bodies in the file, e.g. "psm_yaw=Rigid Body 3"',
-    )
+    options(parser, """
+        tracks TRACKS           motion-capture tracks: Motive CSV export or tidy CSV
+        --arm ARM required      psm, ecm, or a TOML file
+        --bodies BODY=NAME,...  names of the bodies in the file, e.g. "psm_yaw=Rigid Body 3"
+    """)  # fmt: skip
     add_json(parser)
 
 

@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, number
+from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, options
 from trocar.cli.output import print_result, progress_bar
 from trocar.cli.worlds import add_look, eyes_of, look_of
 from trocar.errors import InputError
@@ -32,66 +32,33 @@ MOTIONS = ("instruments", "sine", "still")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "-o",
-        "--out",
-        required=True,
-        metavar="FILE",
-        help="output file, .png, .jpg or .mp4",
-    )
+    options(parser, """
+        -o,--out FILE required  output file, .png, .jpg or .mp4
+    """)  # fmt: skip
     add_overwrite(parser)
     add_rig(parser)
     add_calibrations(parser)
-    parser.add_argument(
-        "--pose", metavar="NAME", help="initial pose of the rig (default: work, if the rig has it)"
-    )
-    parser.add_argument(
-        "--after",
-        type=number,
-        default=0.0,
-        metavar="S",
-        help="simulated time before the first frame (default: 0)",
-    )
+    options(parser, """
+        --pose NAME           initial pose of the rig (default: work, if the rig has it)
+        --after S:number = 0  simulated time before the first frame
+    """)  # fmt: skip
     add_json(parser)
     video = parser.add_argument_group("video")
-    video.add_argument(
-        "--duration",
-        type=number,
-        metavar="S",
-        help=f"duration in simulated time (default: {DURATION_S:g})",
-    )
-    video.add_argument(
-        "--rate", type=number, metavar="HZ", help=f"frame rate (default: {RATE_HZ:g})"
-    )
-    video.add_argument(
-        "--motion",
-        choices=MOTIONS,
-        default="instruments",
-        help="instruments: small motions of the instruments (default); sine: all arms along the"
-        " paper's sine trajectory; still: none",
-    )
+    options(video, f"""
+        --duration S:number                 duration in simulated time (default: {DURATION_S:g})
+        --rate HZ:number                    frame rate (default: {RATE_HZ:g})
+        --motion {'|'.join(MOTIONS)} = instruments  instruments: small motions of the instruments
+                                            (default); sine: all arms along the paper's sine
+                                            trajectory; still: none
+    """)  # fmt: skip
     picture = parser.add_argument_group("camera")
-    picture.add_argument(
-        "--camera", metavar="NAME", help="camera of the rig (default: the first one)"
-    )
-    picture.add_argument(
-        "--eye",
-        choices=EYES,
-        default="both",
-        help="image of a stereo camera (default: both, side by side)",
-    )
-    picture.add_argument(
-        "--show",
-        choices=SHOWN,
-        default="colour",
-        help="image content; ids: segmentation (default: colour)",
-    )
-    picture.add_argument(
-        "--angle", type=number, metavar="DEG", help="endoscope tip angle: 0, 30 or -30"
-    )
-    picture.add_argument(
-        "--samples", type=int, default=4, metavar="N", help="samples per pixel (default: 4)"
-    )
+    options(picture, f"""
+        --camera NAME                      camera of the rig (default: the first one)
+        --eye {'|'.join(EYES)} = both      image of a stereo camera (default: both, side by side)
+        --show {'|'.join(SHOWN)} = colour  image content; ids: segmentation
+        --angle DEG:number                 endoscope tip angle: 0, 30 or -30
+        --samples N:int = 4                samples per pixel
+    """)  # fmt: skip
     add_look(picture)
 
 

@@ -14,7 +14,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibration, add_gains, add_json, number
+from trocar.cli.arguments import add_calibration, add_gains, add_json, options
 from trocar.cli.output import print_json, progress_bar, table
 
 if TYPE_CHECKING:
@@ -26,51 +26,30 @@ ORDER = 70
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("log", metavar="FILE", help="recording of a simulation or log of an arm")
+    options(parser, """
+        log FILE  recording of a simulation or log of an arm
+    """)  # fmt: skip
     add_json(parser)
     own = parser.add_argument_group("recording of a simulation")
-    own.add_argument("--rig", help="TOML file of the recorded rig, if its path has changed")
+    options(own, """
+        --rig RIG  TOML file of the recorded rig, if its path has changed
+    """)  # fmt: skip
     real = parser.add_argument_group("log of a real arm")
-    real.add_argument(
-        "--arm",
-        default="psm",
-        help="built-in arm (see trocar list arms) or TOML file (default: psm)",
-    )
-    real.add_argument(
-        "--tool", help="built-in tool or TOML file (default: the tool of the arm's description)"
-    )
+    options(real, """
+        --arm ARM = psm  built-in arm (see trocar list arms) or TOML file
+        --tool TOOL      built-in tool or TOML file (default: the tool of the arm's description)
+    """)  # fmt: skip
     add_calibration(real)
-    real.add_argument(
-        "--mode",
-        choices=("position", "effort"),
-        default="position",
-        help="position: track the recorded positions (default); effort: apply the recorded efforts"
-        " open loop",
-    )
-    real.add_argument(
-        "--window",
-        type=number,
-        default=0.5,
-        metavar="S",
-        help="mode effort: reset to the recorded state every S seconds (default: 0.5)",
-    )
-    real.add_argument(
-        "--rate",
-        type=number,
-        default=200.0,
-        metavar="HZ",
-        help="sample rate of a CSV log; bags are resampled to it (default: 200)",
-    )
-    real.add_argument(
-        "--wrist",
-        choices=("motor", "joint"),
-        default="motor",
-        help="CSV log: side of the coupling on which a PSM's wrist and jaw, or an MTM's joints 2 to"
-        " 4, were recorded (default: motor)",
-    )
-    real.add_argument(
-        "--topic", help="bag: topic of joint states (default: the only one that fits the arm)"
-    )
+    options(real, """
+        --mode position|effort = position  position: track the recorded positions (default); effort:
+                                           apply the recorded efforts open loop
+        --window S:number = 0.5            mode effort: reset to the recorded state every S seconds
+        --rate HZ:number = 200             sample rate of a CSV log; bags are resampled to it
+        --wrist motor|joint = motor        CSV log: side of the coupling on which a PSM's wrist and
+                                           jaw, or an MTM's joints 2 to 4, were recorded
+        --topic TOPIC                      bag: topic of joint states (default: the only one that
+                                           fits the arm)
+    """)  # fmt: skip
     add_gains(real)
 
 

@@ -17,7 +17,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import Parser, add_port, number
+from trocar.cli.arguments import Parser, add_port, options
 from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError, TrocarError
 
@@ -38,7 +38,9 @@ FLAGS = ("-h", "--help", "--page", "--overwrite")
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     _add_options(parser)
-    parser.add_argument("script", metavar="SCRIPT.py", help="script to run")
+    options(parser, """
+        script SCRIPT.py  script to run
+    """)  # fmt: skip
     parser.add_argument(
         "arguments", metavar="...", nargs="*", help="arguments passed to the script"
     )
@@ -55,29 +57,19 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def _add_options(parser: ArgumentParser) -> None:
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        default="realtime",
-        help="realtime, or max: simulated time as fast as possible (default: realtime)",
-    )
-    parser.add_argument(
-        "--timeout",
-        type=number,
-        metavar="S",
-        help="abort after S seconds of simulated time, or S seconds of wall time without progress",
-    )
-    parser.add_argument(
-        "--rate",
-        type=number,
-        default=RATE_HZ,
-        metavar="HZ",
-        help=f"publication rate of states (default: {RATE_HZ:g}, as on the dVRK; at most 1000)",
-    )
+    options(parser, f"""
+        --speed realtime|max = realtime  realtime, or max: simulated time as fast as possible
+        --timeout S:number               abort after S seconds of simulated time, or S seconds of
+                                         wall time without progress
+        --rate HZ:number = {RATE_HZ}     publication rate of states (default: {RATE_HZ:g}, as on the
+                                         dVRK; at most 1000)
+    """)  # fmt: skip
     add_world(parser, None, "the smallest with the script's arms")
     add_record(parser)
     viewer = parser.add_argument_group("web viewer")
-    viewer.add_argument("--page", action="store_true", help="serve the web viewer")
+    options(viewer, """
+        --page  serve the web viewer
+    """)  # fmt: skip
     add_port(viewer)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
-from trocar.cli.arguments import add_json, add_overwrite
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result, table
 
 SUMMARY = "write small sample files for the other commands"
@@ -22,7 +22,9 @@ SEED, SWEEP_S, RATE_HZ, NOISE_M, NOISE_RAD = 7, 12.0, 60.0, 1e-4, 1e-3
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("folder", metavar="DIR", help="output folder, new or empty")
+    options(parser, """
+        folder DIR  output folder, new or empty
+    """)  # fmt: skip
     add_overwrite(parser, "existing files in DIR")
     add_json(parser)
 

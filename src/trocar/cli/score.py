@@ -12,7 +12,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, number
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, table, warn
 
 if TYPE_CHECKING:
@@ -24,15 +24,13 @@ ORDER = 105
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument("file", metavar="FILE", help="recording, MCAP file")
-    parser.add_argument("--arm", help="score this arm only (default: every arm that moved)")
-    parser.add_argument(
-        "--start", type=number, metavar="S", help="start of the interval (default: of FILE)"
-    )
-    parser.add_argument(
-        "--end", type=number, metavar="S", help="end of the interval (default: of FILE)"
-    )
-    parser.add_argument("--rig", help="recorded rig, if it is no longer at its recorded path")
+    options(parser, """
+        file FILE         recording, MCAP file
+        --arm ARM         score this arm only (default: every arm that moved)
+        --start S:number  start of the interval (default: of FILE)
+        --end S:number    end of the interval (default: of FILE)
+        --rig RIG         recorded rig, if it is no longer at its recorded path
+    """)  # fmt: skip
     add_json(parser)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json, add_overwrite
+from trocar.cli.arguments import add_arm, add_calibration, add_json, add_overwrite, options
 from trocar.cli.output import plain, print_result, short, table, warn
 from trocar.errors import InputError
 
@@ -36,7 +36,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_arm(parser)
     add_calibration(parser)
     add_json(parser)
-    parser.add_argument("--picture", metavar="DIR", help="render four views into DIR")
+    options(parser, """
+        --picture DIR  render four views into DIR
+    """)  # fmt: skip
     add_overwrite(parser, "existing pictures in DIR")
 
 

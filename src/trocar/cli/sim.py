@@ -13,7 +13,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, duration, number
+from trocar.cli.arguments import add_json, options
 from trocar.cli.output import print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, images_of_headless, make_world, recording
@@ -30,31 +30,16 @@ HEADLESS_DURATION_S = 10.0
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--headless",
-        action="store_true",
-        help="run without web viewer and clients, and print a report",
-    )
-    parser.add_argument(
-        "--duration",
-        type=duration,
-        metavar="S",
-        help="stop after S seconds of simulated time (headless default: 10)",
-    )
-    parser.add_argument(
-        "--speed",
-        choices=("realtime", "max"),
-        help="real time, or as fast as possible (default: realtime, headless: max)",
-    )
+    options(parser, """
+        --headless             run without web viewer and clients, and print a report
+        --duration S:duration  stop after S seconds of simulated time (headless default: 10)
+        --speed realtime|max   real time, or as fast as possible (default: realtime, headless: max)
+    """)  # fmt: skip
     add_json(parser)
     world = add_world(parser)
-    world.add_argument(
-        "--tip-load",
-        type=number,
-        default=0.0,
-        metavar="NEWTON",
-        help="apply a rotating force of NEWTON at every tool tip (default: 0)",
-    )
+    options(world, """
+        --tip-load NEWTON:number = 0  apply a rotating force of NEWTON at every tool tip
+    """)  # fmt: skip
     add_record(parser)
     add_serving(parser)
 

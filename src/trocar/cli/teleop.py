@@ -45,7 +45,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
 
-from trocar.cli.arguments import number
+from trocar.cli.arguments import options
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
@@ -61,32 +61,19 @@ POSE = "work"
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--device",
-        choices=("keyboard", "gamepad", "spacemouse", "masters"),
-        help="input device (default: masters if the rig has some, else keyboard)",
-    )
-    parser.add_argument(
-        "--arm", help="instrument to drive at the start (default: the first of the rig)"
-    )
-    parser.add_argument(
-        "--scale",
-        type=number,
-        help="scale of the device speed, or of the masters' translation, above 0 to 1",
-    )
-    parser.add_argument(
-        "--motion",
-        metavar="FILE",
-        help="device masters: replay the masters' motion from a recording",
-    )
-    parser.add_argument(
-        "--pose",
-        metavar="NAME",
-        help=f"initial pose of the rig (default: {POSE}, if the rig has it)",
-    )
-    parser.add_argument(
-        "--duration", type=number, metavar="S", help="stop after S seconds of simulated time"
-    )
+    options(parser, f"""
+        --device keyboard|gamepad|spacemouse|masters  input device (default: masters if the rig has
+                                            some, else keyboard)
+        --arm ARM                           instrument to drive at the start (default: the first of
+                                            the rig)
+        --scale SCALE:number                scale of the device speed, or of the masters'
+                                            translation, above 0 to 1
+        --motion FILE                       device masters: replay the masters' motion from a
+                                            recording
+        --pose NAME                         initial pose of the rig (default: {POSE}, if the rig has
+                                            it)
+        --duration S:number                 stop after S seconds of simulated time
+    """)  # fmt: skip
     add_world(parser, None, f"{RIG}, for masters {RIG_OF_MASTERS}")
     add_record(parser)
     parser.set_defaults(speed="realtime")

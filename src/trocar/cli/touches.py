@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_json, add_overwrite, number
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result
 from trocar.errors import InputError
 
@@ -20,45 +20,17 @@ ORDER = 85
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--arm",
-        action="append",
-        required=True,
-        metavar="NAME=ARM",
-        help="name of an arm in the files, and its description: built-in or TOML file"
-        " (repeatable), e.g. PSM1=psm",
-    )
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="FILE", help="TOML file to write, with a CSV file"
-    )
-    parser.add_argument(
-        "--boards", action="store_true", help="simulate views of a board on the tip, not touches"
-    )
-    parser.add_argument(
-        "--count", type=int, default=30, metavar="N", help="readings of each arm (default: 30)"
-    )
-    parser.add_argument(
-        "--noise-mm",
-        type=number,
-        default=0.2,
-        metavar="MM",
-        help="position noise per axis, 1 sigma (default: 0.2)",
-    )
-    parser.add_argument(
-        "--noise-deg",
-        type=number,
-        default=0.05,
-        metavar="DEG",
-        help="rotation noise of a board per axis, 1 sigma (default: 0.05)",
-    )
-    parser.add_argument(
-        "--offset-deg",
-        type=number,
-        default=1.0,
-        metavar="DEG",
-        help="largest offset of joint readings, of prismatic joints in mm (default: 1)",
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
+    options(parser, """
+        --arm NAME=ARM ... required    name of an arm in the files, and its description: built-in or
+                                       TOML file (repeatable), e.g. PSM1=psm
+        -o,--output FILE required      TOML file to write, with a CSV file
+        --boards                       simulate views of a board on the tip, not touches
+        --count N:int = 30             readings of each arm
+        --noise-mm MM:number = 0.2     position noise per axis, 1 sigma
+        --noise-deg DEG:number = 0.05  rotation noise of a board per axis, 1 sigma
+        --offset-deg DEG:number = 1    largest offset of joint readings, of prismatic joints in mm
+        --seed N:int = 0               random seed
+    """)  # fmt: skip
     add_overwrite(parser, "existing output files")
     add_json(parser)
 

@@ -12,7 +12,7 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json
+from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json, options
 from trocar.cli.output import print_json, short, table
 
 if TYPE_CHECKING:
@@ -26,13 +26,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
     add_arm(parser)
     add_calibration(parser)
-    parser.add_argument(
-        "--joint",
-        metavar="J",
-        action="append",
-        default=[],
-        help="tune this joint only (repeatable, default: all joints)",
-    )
+    options(parser, """
+        --joint J ...  tune this joint only (repeatable, default: all joints)
+    """)  # fmt: skip
     add_gains(parser)
     add_json(parser)
 

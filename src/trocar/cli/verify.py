@@ -13,7 +13,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite
+from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
@@ -28,29 +28,14 @@ PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "--only",
-        type=_parts,
-        default=PARTS,
-        metavar="PART,...",
-        help=f"run only these parts: {', '.join(PARTS)} (default: all)",
-    )
-    parser.add_argument(
-        "--arm",
-        action="append",
-        default=[],
-        metavar="ARM",
-        help="built-in arm or TOML file (repeatable; default: the calibrated arms, else psm and"
-        " ecm)",
-    )
-    parser.add_argument(
-        "--calibration",
-        action="append",
-        default=[],
-        metavar="OVERLAY.toml",
-        help="verify this calibrated robot (repeatable)",
-    )
-    parser.add_argument("--report", metavar="DIR", help="write an HTML report to DIR/index.html")
+    options(parser, f"""
+        --only PART,...:parts = {','.join(PARTS)}
+                                         run only these parts: {', '.join(PARTS)} (default: all)
+        --arm ARM ...                    built-in arm or TOML file (repeatable; default: the
+                                         calibrated arms, else psm and ecm)
+        --calibration OVERLAY.toml ...   verify this calibrated robot (repeatable)
+        --report DIR                     write an HTML report to DIR/index.html
+    """, parts=_parts)  # fmt: skip
     add_overwrite(parser, "an existing report")
     add_json(parser)
 

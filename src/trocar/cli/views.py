@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, number
+from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, options
 from trocar.cli.output import print_result, progress_bar
 from trocar.errors import InputError
 
@@ -19,51 +19,27 @@ ORDER = 86
 
 def add_arguments(parser: ArgumentParser) -> None:
     """Describe the arguments."""
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="DIR", help="directory to write to"
-    )
+    options(parser, """
+        -o,--output DIR required  directory to write to
+    """)  # fmt: skip
     add_rig(parser, "two_psm_ecm")
     add_calibrations(parser)
-    parser.add_argument(
-        "--psm", default="PSM1", metavar="ARM", help="arm that holds the board (default: PSM1)"
-    )
-    parser.add_argument(
-        "--count", type=int, default=20, metavar="N", help="number of views (default: 20)"
-    )
-    parser.add_argument(
-        "--board",
-        choices=("charuco", "chessboard"),
-        default="charuco",
-        help="what the tool holds (default: charuco, 8 x 6 squares of 5 mm; chessboard: 8 x 5)",
-    )
-    parser.add_argument(
-        "--pictures",
-        action="store_true",
-        help="draw what both eyes see, instead of a file of corners (extras scope and vision)",
-    )
-    parser.add_argument(
-        "--corner-noise-px",
-        type=number,
-        metavar="PX",
-        help="noise of a corner per axis, 1 sigma, without --pictures (default: 0.2)",
-    )
-    parser.add_argument(
-        "--joint-noise-deg",
-        type=number,
-        default=0.02,
-        metavar="DEG",
-        help="noise of joint readings, 1 sigma; of joints that slide, what this turn moves at 0.1 m"
-        " (default: 0.02, and 0.035 mm)",
-    )
-    parser.add_argument(
-        "--offset-deg",
-        type=number,
-        default=0.0,
-        metavar="DEG",
-        help="largest constant offset of joint readings; of joints that slide, what this turn moves"
-        " at 0.1 m (default: 0)",
-    )
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="random seed (default: 0)")
+    options(parser, """
+        --psm ARM = PSM1                    arm that holds the board
+        --count N:int = 20                  number of views
+        --board charuco|chessboard = charuco  what the tool holds (default: charuco, 8 x 6 squares
+                                            of 5 mm; chessboard: 8 x 5)
+        --pictures                          draw what both eyes see, instead of a file of corners
+                                            (extras scope and vision)
+        --corner-noise-px PX:number         noise of a corner per axis, 1 sigma, without --pictures
+                                            (default: 0.2)
+        --joint-noise-deg DEG:number = 0.02  noise of joint readings, 1 sigma; of joints that slide,
+                                            what this turn moves at 0.1 m (default: 0.02, and 0.035
+                                            mm)
+        --offset-deg DEG:number = 0         largest constant offset of joint readings; of joints
+                                            that slide, what this turn moves at 0.1 m
+        --seed N:int = 0                    random seed
+    """)  # fmt: skip
     add_overwrite(parser, "existing output files")
     add_json(parser)
 

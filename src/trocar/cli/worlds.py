@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from trocar.cli.arguments import add_calibrations, add_gains, add_rig, number
+from trocar.cli.arguments import add_calibrations, add_gains, add_rig, number, options
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,38 +35,20 @@ def add_world(
     """
     group = parser.add_argument_group("rig and physics")
     add_rig(group, rig, chosen)
-    group.add_argument(
-        "--tool",
-        action="append",
-        default=[],
-        type=_tool,
-        metavar="ARM=TOOL",
-        help="mount TOOL on ARM: built-in (see trocar list tools) or TOML file (repeatable)",
-    )
+    options(group, """
+        --tool ARM=TOOL:tool ...  mount TOOL on ARM: built-in (see trocar list tools) or TOML file
+                                  (repeatable)
+    """, tool=_tool)  # fmt: skip
     add_calibrations(group)
     add_gains(group)
-    group.add_argument(
-        "--errors",
-        metavar="NAME",
-        help="errors of encoders, cables and registrations: perfect, lab or wide (default: the"
-        " rig's)",
-    )
-    group.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        metavar="N",
-        help="random seed of errors and sensors, another robot each (default: 0)",
-    )
-    group.add_argument(
-        "--setup-joints",
-        choices=("braked", "locked"),
-        default="braked",
-        help="simulate setup joints with brakes, or weld them, which is faster (default: braked)",
-    )
-    group.add_argument(
-        "--timestep", type=number, default=0.001, metavar="S", help="physics step (default: 0.001)"
-    )
+    options(group, """
+        --errors NAME                       errors of encoders, cables and registrations: perfect,
+                                            lab or wide (default: the rig's)
+        --seed N:int = 0                    random seed of errors and sensors, another robot each
+        --setup-joints braked|locked = braked  simulate setup joints with brakes, or weld them,
+                                            which is faster
+        --timestep S:number = 0.001         physics step
+    """)  # fmt: skip
     return group
 
 
@@ -84,8 +66,10 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     Raises:
         InputError: an option is not usable
     """
+    from trocar.descriptions.calibrated import CAD
     from trocar.simulation import World
 
+    described = CAD in (args.calibration or ())
     world = World(
         args.rig,
         timestep_s=args.timestep,
@@ -94,6 +78,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         setup_joints=args.setup_joints,
         tip_load_n=tip_load_n,
         calibration=args.calibration,
+        dynamics="cad" if described else "identified",
         errors=args.errors,
         seed=args.seed,
     )
@@ -107,12 +92,10 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
 def add_record(parser: ArgumentParser) -> None:
     """Add the recording of the run."""
     group = parser.add_argument_group("recording")
-    group.add_argument(
-        "--record", metavar="FILE", help="record states, commands and events to a new MCAP file"
-    )
-    group.add_argument(
-        "--overwrite", action="store_true", help="overwrite the file of --record if it exists"
-    )
+    options(group, """
+        --record FILE  record states, commands and events to a new MCAP file
+        --overwrite    overwrite the file of --record if it exists
+    """)  # fmt: skip
 
 
 def recording(world: World, args: Namespace) -> Callable[[], AbstractContextManager[object]]:
@@ -126,55 +109,35 @@ def recording(world: World, args: Namespace) -> Callable[[], AbstractContextMana
 
 def add_look(group: _ActionsContainer) -> None:
     """Add the image options of cameras."""
-    group.add_argument(
-        "--preset",
-        metavar="CAMERA",
-        help="endoscope camera: built-in (see trocar list cameras), TOML file, or ROS or OpenCV"
-        " calibration (LEFT,RIGHT for both eyes)",
-    )
-    group.add_argument(
-        "--distortion",
-        action="store_true",
-        help="apply lens distortion; requires a calibrated camera",
-    )
-    group.add_argument(
-        "--exposure",
-        type=_exposure,
-        default="auto",
-        metavar="STOPS",
-        help="exposure compensation in stops (default: auto)",
-    )
-    group.add_argument(
-        "--vignette",
-        type=number,
-        default=0.0,
-        metavar="0..1",
-        help="darkening of the image corners (default: 0)",
-    )
-    group.add_argument(
-        "--noise", type=number, default=0.0, metavar="RATIO", help="sensor noise (default: 0)"
-    )
-    group.add_argument("--no-shadows", action="store_true", help="render no shadows (faster)")
+    options(group, """
+        --preset CAMERA                   endoscope camera: built-in (see trocar list cameras), TOML
+                                          file, or ROS or OpenCV calibration (LEFT,RIGHT for both
+                                          eyes)
+        --distortion                      apply lens distortion; requires a calibrated camera
+        --exposure STOPS:exposure = auto  exposure compensation in stops
+        --vignette 0..1:number = 0        darkening of the image corners
+        --noise RATIO:number = 0          sensor noise
+        --no-shadows                      render no shadows (faster)
+        --look plain|surgical             surgical: tissue with structure and moisture, mirroring
+                                          metal, soft shadows; slower (default: plain)
+    """, exposure=_exposure)  # fmt: skip
 
 
 def add_cameras(group: _ActionsContainer) -> None:
     """Add the camera options of a live simulation."""
-    group.add_argument("--no-cameras", action="store_true", help="render no images")
-    group.add_argument("--camera-rate", type=number, metavar="HZ", help="image rate (default: 60)")
-    group.add_argument(
-        "--image-format",
-        choices=("jpeg", "png"),
-        default="jpeg",
-        help="format of compressed images (default: jpeg)",
-    )
+    options(group, """
+        --no-cameras                    render no images
+        --camera-rate HZ:number         image rate (default: 60)
+        --image-format jpeg|png = jpeg  format of compressed images
+    """)  # fmt: skip
     add_look(group)
 
 
 def add_record_images(group: _ActionsContainer) -> None:
     """Add the recording of images."""
-    group.add_argument(
-        "--record-images", action="store_true", help="record compressed images at the camera rate"
-    )
+    options(group, """
+        --record-images  record compressed images at the camera rate
+    """)  # fmt: skip
 
 
 def _exposure(text: str) -> float | Literal["auto"]:
@@ -205,6 +168,7 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
     from trocar.rendering import Look
 
     return Look(
+        style=args.look or "plain",
         shadows=not args.no_shadows,
         exposure=args.exposure,
         vignette=args.vignette,

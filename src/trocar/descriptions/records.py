@@ -12,10 +12,12 @@ from numpy.typing import NDArray
 from trocar.cameras.records import CameraDescription
 from trocar.descriptions.calibration_plan import CalibrationPlan
 from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.needles import Needle
 from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
 from trocar.kinematics.mechanism import JointKind, Mechanism
@@ -375,6 +377,8 @@ class Prop:
         movable: None of one that stands still
         joint: of a movable prop; None: it is free
         script: path of the Python file whose `before_step` is called, "" for none
+        needle: its dimensions, where it is a curved needle
+        tissue: soft halves of a pad with a wound between them, where it is tissue
     """
 
     name: str
@@ -383,6 +387,8 @@ class Prop:
     movable: Movable | None = None
     joint: PropJoint | None = None
     script: str = ""
+    needle: Needle | None = None
+    tissue: Tissue | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError
-from trocar.fitting.correlation import widening
-from trocar.fitting.robust import near, shared_direction, shared_point, weighted_point
+from trocar.fitting.robust import near, shared_direction, shared_point, weighted_point, widening
 from trocar.geometry.rotations import rotation_vector_from_matrix, rotation_z
 from trocar.geometry.se3 import exp_twist, inverse, translation
 

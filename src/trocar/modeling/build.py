@@ -51,6 +51,7 @@ from trocar.modeling.options import (
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
+from trocar.modeling.tissues import add_tissue, tissue_bit
 
 Array = NDArray[np.float64]
 
@@ -241,6 +242,12 @@ class Draft:
             at = Anchor(mount.body, mount.pose @ arm.pose)
             anchors[arm.name] = self._add_arm(arm, at, self.masks[arm.name], group)
         self._set_islands(len(rig.objects))
+        if options.servo == "pid" and options.collisions and not options.standalone:
+            for prop in rig.props:
+                if prop.tissue is not None:
+                    bit = tissue_bit(len(rig.arms))
+                    step = options.timestep
+                    add_tissue(self.spec, prop.name, prop.tissue, bit=bit, timestep=step)
         if rig.extension:
             extend(self.spec, rig.extension)
         soften(self.spec, self._geoms, options.timestep)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from trocar.rendering import shaders
 from trocar.rendering.context import draw, limit, load, open_context
 from trocar.rendering.look import Look
-from trocar.rendering.scenery import Scenery
+from trocar.rendering.scenery import Scenery, scenery
 
 #: Sharpness of a glint without gloss and with all of it. Source: chosen by eye.
 SHARPNESS = 5.0, 260.0
@@ -56,7 +56,11 @@ Array = NDArray[np.float64]
 #: What each output holds: components and type.
 FORMATS = {"COLOUR": (4, "f1"), "DEPTH": (1, "f4"), "IDS": (1, "i4"), "NORMALS": (4, "f4")}
 #: Which commands: of what throws shadows, of what is seen.
-SHADING, SEEN = 0, 1
+SHADING, SEEN = "shading", "seen"
+#: Bytes of the smallest buffer: a card has no empty ones.
+LEAST = 64
+#: No drawings.
+NOTHING = scenery(())
 
 
 class Card:
@@ -75,48 +79,69 @@ class Card:
         self._arrays: dict[tuple[str, int], moderngl.VertexArray] = {}
         self._targets: dict[tuple[object, ...], moderngl.Framebuffer] = {}
         self._maps: dict[int, tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
+        self._things: Scenery | None = None
+        names = "point", "normal", "place", "index", "colour", "finish", "row", SHADING, SEEN
+        self._buffers = {name: self.context.buffer(reserve=LEAST, dynamic=True) for name in names}
 
-    def load(self, things: Scenery, look: Look) -> None:
-        """Take scenery, which is drawn from now on."""
-        make = self.context.buffer
-        count = max(1, len(things.bodies))
-        self._points = make(_bytes(things.points, 12))
-        self._normals = make(_bytes(things.normals, 12))
-        self._indices = make(_bytes(things.indices, 4))
-        self._colours = make(_bytes(shades(things), 16))
-        self._finishes = make(_bytes(finishes(things, look), 16))
-        self._rows = make(reserve=48 * count, dynamic=True)
-        self._orders = [make(reserve=20 * count, dynamic=True) for _ in (SHADING, SEEN)]
-        for array in self._arrays.values():
-            array.release()
-        self._arrays.clear()
+    def load(self, things: Scenery, look: Look, drawn: Scenery = NOTHING) -> None:
+        """Take scenery, which is drawn from now on, and what bends, which follows it.
+
+        Args:
+            things: whatever stays the same until it is another one
+            look: of its surfaces
+            drawn: see `drawn_scenery`
+        """
+        if things is not self._things:
+            self._things = things
+            self._fixed = _columns_of(things, look)
+            for name, rows in self._fixed.items():
+                self._write(name, rows, np.empty(0, dtype=rows.dtype), renew=True)
+        if drawn is not NOTHING:
+            for name, rows in _columns_of(drawn, look).items():
+                self._write(name, self._fixed[name], rows)
 
     def place(self, rows: Array, shading: Commands, seen: Commands) -> None:
         """Take where objects are, (m, 3, 4), and what is drawn of them."""
-        if len(rows):
-            self._rows.write(np.ascontiguousarray(rows, dtype=np.float32))
-        for orders, what in zip(self._orders, (shading, seen), strict=True):
-            if len(what):
-                orders.write(what)
+        nothing = np.empty(0, dtype=np.float32)
+        for name, what in (
+            ("row", np.ascontiguousarray(rows, dtype=np.float32)),
+            (SHADING, shading),
+            (SEEN, seen),
+        ):
+            self._write(name, nothing, what)
 
-    def render(self, program: moderngl.Program, which: int, count: int) -> None:
-        """Draw the first so many commands of one kind with a program."""
+    def _write(
+        self, name: str, fixed: NDArray[Any], rest: NDArray[Any], *, renew: bool = False
+    ) -> None:
+        """Write rows behind those that a buffer has, which grows when it must."""
+        buffer = self._buffers[name]
+        if renew or fixed.nbytes + rest.nbytes > buffer.size:
+            buffer.orphan(max(fixed.nbytes + 2 * rest.nbytes, LEAST))
+            if fixed.nbytes:
+                buffer.write(fixed)
+        if rest.nbytes:
+            buffer.write(rest, offset=fixed.nbytes)
+
+    def render(self, program: moderngl.Program, which: str, first: int, count: int) -> None:
+        """Draw so many commands with a program."""
         if not count:
             return
         key = "objects", program.glo
         if key not in self._arrays:
+            buffers = self._buffers
             content = [
-                (self._points, "3f", "point"),
-                (self._normals, "3f", "normal"),
-                (self._rows, "4f 4f 4f/i", "row0", "row1", "row2"),
-                (self._colours, "4f/i", "colour"),
-                (self._finishes, "4f/i", "finish"),
+                (buffers["point"], "3f", "point"),
+                (buffers["normal"], "3f", "normal"),
+                (buffers["place"], "3f", "place"),
+                (buffers["row"], "4f 4f 4f/i", "row0", "row1", "row2"),
+                (buffers["colour"], "4f/i", "colour"),
+                (buffers["finish"], "4f/i", "finish"),
             ]
             used = [entry for entry in content if all(name in program for name in entry[2:])]
             self._arrays[key] = self.context.vertex_array(
-                program, used, self._indices, index_element_size=4
+                program, used, buffers["index"], index_element_size=4
             )
-        draw(program, self._arrays[key], self._orders[which], count)
+        draw(program, self._arrays[key], self._buffers[which], first, count)
 
     def fill(self, program: moderngl.Program) -> None:
         """Draw one triangle that covers everything."""
@@ -133,6 +158,14 @@ class Card:
                 shaders.source(vertex, defines), shaders.source(fragment, defines)
             )
         return self._programs[key]
+
+    def picture(self, pixels: NDArray[np.uint8], repeats: bool) -> moderngl.Texture:
+        """Return a texture of pixels (height, width, 4), with smaller copies for what is far."""
+        found = self.context.texture(pixels.shape[1::-1], 4, pixels.tobytes())
+        found.build_mipmaps()
+        found.filter = (self.gl.LINEAR_MIPMAP_NEAREST, self.gl.LINEAR)
+        found.repeat_x = found.repeat_y = repeats
+        return found
 
     def shadow_map(self, size: int) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
         """Return a shadow map of this size, and what draws into it."""
@@ -173,6 +206,13 @@ def set_uniforms(program: moderngl.Program, uniforms: Mapping[str, object]) -> N
             program[name] = value
 
 
-def _bytes(array: NDArray[np.generic], least: int) -> bytes:
-    """Return the bytes of an array, some where it is empty: a card has no empty buffers."""
-    return array.tobytes() or bytes(least)
+def _columns_of(things: Scenery, look: Look) -> dict[str, NDArray[Any]]:
+    """Return what each buffer has of scenery."""
+    return {
+        "point": things.points,
+        "normal": things.normals,
+        "place": things.places if look.style == "surgical" else things.places[:0],
+        "index": things.indices,
+        "colour": shades(things),
+        "finish": finishes(things, look),
+    }

@@ -11,11 +11,13 @@ from types import TracebackType
 from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from trocar.cameras import Calibration
 from trocar.descriptions.cameras import load_camera
 from trocar.errors import InputError, TrocarError, UnknownNameError
-from trocar.rendering.exposure import followed
+from trocar.geometry.se3 import check_transform
+from trocar.rendering.exposure import AIMED_S, followed
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.renderer import Channels, Renderer
@@ -127,7 +129,7 @@ class Stream:
         if self._due - self._period <= time + SLACK_S < self._due:  # else it was reset
             return
         self._due = time + self._period - (time - self._due) % self._period
-        order = self._world.snapshot(arms=False), self._world.cameras()
+        order = self._world.snapshot(), self._world.cameras()
         with self._changed:
             self.dropped += self._order is not None
             self._order = order
@@ -179,7 +181,8 @@ class Series:
 
     A camera's first picture is exposed for itself, as is one after a reset, an exchange of a tool
     or a gap of a second. Time is that of snapshots, so the same snapshots give the same pictures.
-    While nothing moves, none is drawn: the one before is handed out with the new time.
+    While nothing moves, and nothing can bend, none is drawn: the one before is handed out with the
+    new time.
 
     Args:
         renderer: draws; its look says whether exposure is automatic
@@ -188,6 +191,7 @@ class Series:
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
         self._before: dict[str, StereoFrame] = {}
+        self._aims: dict[str, tuple[float, float]] = {}
         self._drawn: dict[str, tuple[Snapshot, tuple[object, ...]]] = {}
 
     def render(
@@ -214,9 +218,11 @@ class Series:
             and drawn is not None
             and drawn[1] == requested
             and self._renderer.look.noise == 0.0
+            and not drawn[0].drawings
+            and not snapshot.drawings
             and stands_still(drawn[0], snapshot)
         ):
-            frame = replace(before, time=snapshot.time)
+            frame = replace(before, time=snapshot.time, arms=snapshot.arms)
         else:
             draw = self._renderer.render
             frame = draw(snapshot, cameras, camera, stops=stops, channels=channels)
@@ -236,7 +242,11 @@ class Series:
             return None
         if cameras[camera].kind != "endoscope":
             return None
-        return followed(before.exposure, before.left, passed)
+        measured, aim = self._aims.get(camera, (-np.inf, 0.0))
+        if not 0.0 <= snapshot.time - measured < AIMED_S:
+            aim = self._renderer.aim(snapshot, cameras, camera)
+            self._aims[camera] = snapshot.time, aim
+        return followed(before.exposure, before.left, passed, aim)
 
     def close(self) -> None:
         """Let go of the graphics library."""
@@ -257,6 +267,7 @@ class Endoscope:
         angle_deg: a scope that is bent down by this (30 or -30) or straight (0); as the rig has it
             when omitted
         depth, ids, normals: whether frames have them
+        visible: objects whose visible share frames have
         look: light, exposure, lens and sensor
 
     Raises:
@@ -277,6 +288,7 @@ class Endoscope:
         depth: bool = False,
         ids: bool = False,
         normals: bool = False,
+        visible: Collection[str] = (),
         look: Look | None = None,
     ) -> None:
         self.world, self.camera = world, camera
@@ -287,7 +299,7 @@ class Endoscope:
         self._mounted(world.cameras())
         self.renderer = Renderer(
             lambda: (world.snapshot(arms=False).build, world.shapes()),
-            Channels(depth, ids, normals),
+            Channels(depth, ids, normals, tuple(visible)),
             look,
         )
         self._series = Series(self.renderer)
@@ -299,7 +311,7 @@ class Endoscope:
             InputError: a picture larger than the driver allows
             TrocarError: the graphics library was lost and cannot be opened again
         """
-        return self.render(self.world.snapshot(arms=False), self.world.cameras())
+        return self.render(self.world.snapshot(), self.world.cameras())
 
     def capture_next(self) -> StereoFrame:
         """Return what the camera sees now, exposed as the next of a film: light fades over.
@@ -308,15 +320,34 @@ class Endoscope:
             InputError, TrocarError: as for `capture`
         """
         cameras = self._mounted(self.world.cameras())
-        return self._series.render(self.world.snapshot(arms=False), cameras, self.camera)
+        return self._series.render(self.world.snapshot(), cameras, self.camera)
 
-    def render(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord]) -> StereoFrame:
-        """Return what the camera sees where a snapshot has everything.
+    def render(
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        *,
+        poses: Mapping[str, ArrayLike] | None = None,
+        only: Collection[str] | None = None,
+        T_world_camera: ArrayLike | None = None,
+    ) -> StereoFrame:
+        """Return what the camera sees where a snapshot has everything, or would see if.
+
+        Args:
+            snapshot, cameras: of the world
+            poses, only: objects that are elsewhere, and those that are there; see `Renderer.render`
+            T_world_camera: where the camera is instead, midway between its eyes (4, 4)
 
         Raises:
             InputError, TrocarError: as for `capture`
+            UnknownNameError: no such object; the known ones are listed
         """
-        return self.renderer.render(snapshot, self._mounted(cameras), self.camera)
+        mounted = self._mounted(cameras)
+        if T_world_camera is not None:
+            T, record = check_transform(T_world_camera), mounted[self.camera]
+            free = replace(record, body=0, T_body_mount=T, angle=0.0)
+            mounted = {self.camera: free}
+        return self.renderer.render(snapshot, mounted, self.camera, poses=poses, only=only)
 
     def stream(self, rate_hz: float = 60.0) -> Stream:
         """Draw in a thread of its own, so many frames a simulated second.

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from trocar.cameras import Calibration, StereoCalibration
+from trocar.cameras.lens import project
+from trocar.geometry.se3 import inverse, transform_points
+from trocar.simulation.records import ArmSnapshot
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -33,6 +36,9 @@ class StereoFrame:
         calibration: of the pictures; without distortion where they have none
         T_world_camera: each eye's pose, (eyes, 4, 4)
         exposure: that it was taken with [stops]
+        arms: joints of every arm at this time; empty where the snapshot has none
+        visible: {object: share of what each eye would see of it alone, (eyes,)}, 0 to 1 and NaN out
+            of its picture, of those that were requested
     """
 
     camera: str
@@ -47,6 +53,8 @@ class StereoFrame:
     calibration: Calibration
     T_world_camera: Array
     exposure: float = 0.0
+    arms: Mapping[str, ArmSnapshot] = field(default_factory=dict[str, ArmSnapshot])
+    visible: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @property
     def K(self) -> Array:
@@ -68,6 +76,20 @@ class StereoFrame:
     def eyes(self) -> tuple[Picture, ...]:
         """The picture of each eye, left first."""
         return (self.left,) if self.right is None else (self.left, self.right)
+
+    def project(self, points: ArrayLike, eye: int = 0) -> Array:
+        """Return the pixels of points in the world, seen or hidden.
+
+        Args:
+            points: in the world, (..., 3) [m]
+            eye: 0 left, 1 right
+
+        Returns:
+            (..., 2) [px], NaN of those behind the eye; as distorted as the picture
+        """
+        lens = self.calibration.eyes[eye]
+        ahead = transform_points(inverse(self.T_world_camera[eye]), np.asarray(points, float))
+        return project(ahead, lens.K, lens.distortion)
 
     @property
     def side_by_side(self) -> Picture:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError
-from trocar.simulation.records import ShapeRecord
+from trocar.geometry.surfaces import tube, vertex_normals
+from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,6 +49,27 @@ def surface(shape: ShapeRecord) -> Surface:
     own = _own_surface(shape)
     turn, shift = shape.pose[:3, :3], shape.pose[:3, 3]
     return Surface(own.points @ turn.T + shift, own.normals @ turn.T, own.faces)
+
+
+def drawn_surface(drawing: Drawing) -> Surface:
+    """Return the surface of a drawing, in the world.
+
+    Raises:
+        InputError: arrays of a wrong shape, or faces of vertices that are not there
+    """
+    if isinstance(drawing, DrawnSurface):
+        points, faces = drawing.vertices, drawing.faces.astype(np.int64)
+        if points.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
+            got = f"vertices {points.shape} and faces {faces.shape}"
+            raise InputError(f"drawing {drawing.name}: got {got}; allowed: (n, 3) and (m, 3)")
+        if faces.min() < 0 or faces.max() >= len(points):
+            got = f"faces of vertices {faces.min()} to {faces.max()}"
+            raise InputError(f"drawing {drawing.name}: got {got}; allowed: 0 to {len(points) - 1}")
+        return Surface(points, vertex_normals(points, faces), faces)
+    if len(drawing.points) < 2 or drawing.points.shape[1:] != (3,):
+        got = f"points {drawing.points.shape}"
+        raise InputError(f"drawing {drawing.name}: got {got}; allowed: (k, 3), k > 1")
+    return Surface(*tube(drawing.points, drawing.radius))
 
 
 def joined(parts: list[Surface]) -> Surface:

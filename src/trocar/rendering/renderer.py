@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from trocar.errors import OvertakenError, TrocarError, UnknownNameError
-from trocar.geometry.se3 import inverse
-from trocar.rendering.card import Card
+from trocar.geometry.rotations import quaternion_from_matrix
+from trocar.geometry.se3 import check_transform, inverse
+from trocar.rendering.card import NOTHING, Card
 from trocar.rendering.context import driver, load, on_processor, read
-from trocar.rendering.exposure import ENDLESS, stops_of, to_be_measured
-from trocar.rendering.frames import StereoFrame
+from trocar.rendering.exposure import ENDLESS, TARGET, aim_at, stops_of, to_be_measured
+from trocar.rendering.frames import Picture, StereoFrame
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
-from trocar.rendering.scenery import scenery
+from trocar.rendering.scenery import Scenery, drawn_scenery, scenery
 from trocar.rendering.staging import Stage, stage
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import ShapeRecord, Snapshot
@@ -42,16 +45,18 @@ READ = {
 
 @dataclass(frozen=True)
 class Channels:
-    """Images that are rendered beside colour."""
+    """Images that are rendered beside colour, and objects whose visible share is measured."""
 
     depth: bool = False
     ids: bool = False
     normals: bool = False
+    visible: tuple[str, ...] = ()
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the card's outputs."""
-        optional = (("DEPTH", self.depth), ("IDS", self.ids), ("NORMALS", self.normals))
+        ids = self.ids or bool(self.visible)
+        optional = (("DEPTH", self.depth), ("IDS", ids), ("NORMALS", self.normals))
         return ("COLOUR", *(name for name, on in optional if on))
 
     def with_(self, names: Collection[str]) -> Channels:
@@ -88,7 +93,7 @@ class Renderer:
         self._ask, self.channels, self.look = shapes, channels or Channels(), look or Look()
         self._lock = threading.Lock()
         self._build: int | None = None
-        self._things = scenery(())
+        self._things = self._shown = scenery(())
         self._optics: dict[tuple[object, ...], tuple[CameraRecord, Optics]] = {}
         self.contexts = self.triangles = 0
         self._card: Card | None = None
@@ -102,8 +107,10 @@ class Renderer:
         *,
         stops: float | None = None,
         channels: Channels | None = None,
+        poses: Mapping[str, ArrayLike] | None = None,
+        only: Collection[str] | None = None,
     ) -> StereoFrame:
-        """Draw what a camera sees.
+        """Draw what a camera sees, or would see if objects were elsewhere or not there.
 
         Args:
             snapshot: of the world
@@ -112,9 +119,11 @@ class Renderer:
             stops: exposure; as the look has it when omitted, where it is automatic measured on
                 this snapshot alone
             channels: images beside colour; as the renderer has it when omitted
+            poses: {object: T_world_object (4, 4)}: where these are instead
+            only: what is there, by name: "PSM1/wrist_yaw", "needle"; everything when omitted
 
         Raises:
-            UnknownNameError: no such camera; the known ones are listed
+            UnknownNameError: no such camera or object; the known ones are listed
             InputError: a picture larger than the driver allows
             OvertakenError: a camera of another build
             TrocarError: the graphics library was lost and cannot be opened again
@@ -122,16 +131,16 @@ class Renderer:
         if camera not in cameras:
             raise UnknownNameError("camera", camera, cameras)
         lost = load().Error, _LostError
-        outputs = (channels or self.channels).outputs
+        channels, poses = channels or self.channels, poses or {}
         with self._lock:
             record = cameras[camera].at(snapshot)
             try:
-                return self._drawn(snapshot, record, stops, outputs)
+                return self._drawn(snapshot, record, stops, channels, poses, only)
             except lost as problem:
                 _log.warning("the graphics context was lost (%s); it is made anew", problem)
                 self._open()
                 try:
-                    return self._drawn(snapshot, record, stops, outputs)
+                    return self._drawn(snapshot, record, stops, channels, poses, only)
                 except lost as again:
                     raise TrocarError(f"the graphics context was lost twice: {again}") from again
 
@@ -158,18 +167,35 @@ class Renderer:
         snapshot: Snapshot,
         record: CameraRecord,
         stops: float | None,
-        outputs: Sequence[str],
+        channels: Channels,
+        poses: Mapping[str, ArrayLike],
+        only: Collection[str] | None,
     ) -> StereoFrame:
         card = self._card or self._open()
         with card.context:
             self._follow(card, snapshot)
+            things = self._shown
+            there = None if only is None else np.isin(things.ids, things.numbers(only))
+            snapshot = _posed(snapshot, things, poses)
             if stops is None:
                 stops = self._exposed(card, snapshot, record)
             lenses = self._lenses(record, card.most)
-            seen = self._staged(snapshot, record, lenses, self.look.shadows)
+            seen = self._staged(snapshot, record, lenses, self.look.shadows, there)
             self.triangles = int(seen.seen[:, 0].sum()) // 3
-            drawn = self._painter.paint(seen, lenses, outputs, snapshot.time, stops)
+            drawn = self._painter.paint(seen, lenses, channels.outputs, snapshot.time, stops)
             pictures = _read(drawn, lenses)
+            if self.look.jpeg:
+                pictures["COLOUR"] = _compressed(pictures["COLOUR"], self.look.jpeg)
+            visible: dict[str, Array] = {}
+            numbers = things.numbers(channels.visible)
+            for name, number in zip(channels.visible, numbers, strict=True):
+                alone = self._staged(snapshot, record, lenses, False, things.ids == number)
+                drawn = self._painter.paint(alone, lenses, ("IDS",), 0.0, 0.0)
+                most, now = (
+                    np.count_nonzero(ids == number, axis=(1, 2))
+                    for ids in (_read(drawn, lenses)["IDS"], pictures["IDS"])
+                )
+                visible[name] = np.where(most > 0, now / np.maximum(most, 1), np.nan)
             error = card.context.error
         if error != "GL_NO_ERROR":
             raise _LostError(error)
@@ -178,20 +204,29 @@ class Renderer:
             left=pictures["COLOUR"][0],
             right=pictures["COLOUR"][1] if len(lenses.eyes) > 1 else None,
             depth=pictures.get("DEPTH"),
-            ids=pictures.get("IDS"),
+            ids=pictures["IDS"] if channels.ids else None,
             normals=pictures.get("NORMALS"),
-            names=self._things.names,
+            names=self._shown.names,
             time=snapshot.time,
             build=snapshot.build,
             calibration=lenses.shown,
             T_world_camera=np.stack(record.T_world_eyes),
             exposure=stops,
+            arms=snapshot.arms,
+            visible=visible,
         )
 
     def _staged(
-        self, snapshot: Snapshot, record: CameraRecord, lenses: Optics, shadows: bool
+        self,
+        snapshot: Snapshot,
+        record: CameraRecord,
+        lenses: Optics,
+        shadows: bool,
+        only: NDArray[np.bool_] | None = None,
     ) -> Stage:
-        return stage(self._things, snapshot, inverse(record.T_world_camera), lenses, shadows)
+        T_reference_world = inverse(record.T_world_camera)
+        alike = self.look.style == "plain"
+        return stage(self._shown, snapshot, T_reference_world, lenses, shadows, only, alike)
 
     def _exposed(self, card: Card, snapshot: Snapshot, record: CameraRecord) -> float:
         """Return the stops of a picture that is taken alone, of small ones without shadows."""
@@ -199,27 +234,50 @@ class Renderer:
             return self.look.exposure
         if record.kind != "endoscope":
             return 0.0
+        plain, endless = self._measured(card, snapshot, record, (0.0, ENDLESS))
+        return stops_of(plain, endless, self._aim(endless))
+
+    def _measured(
+        self, card: Card, snapshot: Snapshot, record: CameraRecord, stops: Sequence[float]
+    ) -> list[Picture]:
+        """Return small pictures of the left eye without shadows, with some stops each."""
         small = record.seeing(to_be_measured(record.calibration))
         lenses = self._lenses(small, card.most)
         seen = self._staged(snapshot, small, lenses, shadows=False)
-        plain, endless = (
-            _read(self._painter.paint(seen, lenses, ("COLOUR",), 0.0, stops), lenses)["COLOUR"][0]
-            for stops in (0.0, ENDLESS)
-        )
-        return stops_of(plain, endless)
+        paint = self._painter.paint
+        drawn = (paint(seen, lenses, ("COLOUR",), 0.0, each) for each in stops)
+        return [_read(one, lenses)["COLOUR"][0] for one in drawn]
+
+    def _aim(self, endless: Picture) -> float:
+        return TARGET if self.look.style == "plain" else aim_at(endless)
+
+    def aim(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> float:
+        """Return the median brightness that automatic exposure aims at, 0 to 1."""
+        if self.look.style == "plain":
+            return TARGET
+        with self._lock:
+            card = self._card or self._open()
+            with card.context:
+                self._follow(card, snapshot)
+                record = cameras[camera].at(snapshot)
+                return self._aim(*self._measured(card, snapshot, record, (ENDLESS,)))
 
     def _follow(self, card: Card, snapshot: Snapshot) -> None:
-        """Take the shapes of the snapshot's build."""
-        if snapshot.build == self._build:
-            return
-        build, shapes = self._ask()
-        if build != snapshot.build:
-            raise OvertakenError(
-                f"the snapshot is of build {snapshot.build} of the world, its shapes are of build"
-                f" {build}; ask for a new snapshot"
-            )
-        self._things, self._build = scenery(shapes), build
-        card.load(self._things, self.look)
+        """Take the shapes of the snapshot's build, and its drawings."""
+        if snapshot.build != self._build:
+            build, shapes = self._ask()
+            if build != snapshot.build:
+                raise OvertakenError(
+                    f"the snapshot is of build {snapshot.build} of the world, its shapes are of"
+                    f" build {build}; ask for a new snapshot"
+                )
+            self._things, self._build = scenery(shapes), build
+        self._shown = self._things
+        drawn = NOTHING
+        if snapshot.drawings:
+            drawn = drawn_scenery(snapshot.drawings, self._things)
+            self._shown = self._things.with_(drawn)
+        card.load(self._things, self.look, drawn)
 
     def _lenses(self, record: CameraRecord, most: int) -> Optics:
         """Return a camera's optics, computed at the first call."""
@@ -233,6 +291,28 @@ class Renderer:
 
 class _LostError(Exception):
     """The graphics context is gone."""
+
+
+def _posed(snapshot: Snapshot, things: Scenery, poses: Mapping[str, ArrayLike]) -> Snapshot:
+    """Return a snapshot with objects elsewhere."""
+    if not poses:
+        return snapshot
+    at, turn = snapshot.positions.copy(), snapshot.quaternions.copy()
+    for number, given in zip(things.numbers(poses), poses.values(), strict=True):
+        T, body = check_transform(given), things.bodies[things.ids == number][0]
+        at[body], turn[body] = T[:3, 3], quaternion_from_matrix(T[:3, :3])
+    return snapshot._replace(positions=at, quaternions=turn)
+
+
+def _compressed(eyes: Picture, quality: int) -> Picture:
+    """Return pictures (eyes, h, w, 3) as a stream that is compressed shows them, read-only."""
+    found = np.empty_like(eyes)
+    for k, eye in enumerate(eyes):
+        stream = io.BytesIO()
+        Image.fromarray(eye).save(stream, "jpeg", quality=quality)
+        found[k] = np.asarray(Image.open(stream))
+    found.setflags(write=False)
+    return found
 
 
 def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> dict[str, np.ndarray]:

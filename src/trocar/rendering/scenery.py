@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.rendering.primitives import CELLS, Surface, joined, levels, surface
-from trocar.simulation.records import ShapeRecord
+from trocar.errors import UnknownNameError
+from trocar.rendering.primitives import CELLS, Surface, drawn_surface, joined, levels, surface
+from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: A level's error where an object has no such level: too coarse to be ever chosen.
 NEVER = np.inf
+#: Surfaces that a program of its own draws in the surgical style: tissue by the name of its
+#: material, metal from this much of it on. Source: our own choice.
+KINDS, METAL = ("", "tissue", "metal"), 0.5
+#: What a `Scenery` has of each object.
+EACH = ("bodies", "centres", "halves", "first", "count", "errors",
+        "colours", "gloss", "kinds", "ids", "of_arms")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +33,7 @@ class Scenery:
     Attributes:
         points: (n, 3) float32 [m], in the frame of each object's body
         normals: (n, 3) float32
+        places: points before they bent, (n, 3) float32 [m]
         indices: (k,) uint32
         bodies: index of each object's body (m,)
         centres, halves: a box about each object in its body's frame: its middle and half of its
@@ -34,6 +42,7 @@ class Scenery:
         errors: by how much a level may be off, (m, levels) [m]
         colours: linear red, green, blue and how metallic, (m, 4) float32
         gloss: (m,), 0 to 1
+        kinds: which of KINDS each surface is, (m,)
         ids: of each object, (m,), from 1; objects of one body have one id
         of_arms: which objects are an arm's, and no prop's, (m,)
         names: {id: what it is}: "PSM1/wrist_yaw", "table"
@@ -41,6 +50,7 @@ class Scenery:
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
+    places: NDArray[np.float32]
     indices: NDArray[np.uint32]
     bodies: Ints
     centres: Array
@@ -50,6 +60,7 @@ class Scenery:
     errors: Array
     colours: NDArray[np.float32]
     gloss: Array
+    kinds: Ints
     ids: Ints
     of_arms: NDArray[np.bool_]
     names: Mapping[int, str]
@@ -59,6 +70,27 @@ class Scenery:
         """From each box's middle to its corners, (m,) [m]."""
         return np.linalg.norm(self.halves, axis=1)
 
+    def numbers(self, names: Collection[str]) -> list[int]:
+        """Return the ids of names.
+
+        Raises:
+            UnknownNameError: no such object; the known ones are listed
+        """
+        known = {name: number for number, name in self.names.items()}
+        for name in names:
+            if name not in known:
+                raise UnknownNameError("object", name, known)
+        return [known[name] for name in names]
+
+    def with_(self, other: Scenery) -> Scenery:
+        """Return the objects of both; triangles of the other one are elsewhere."""
+        both = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in EACH}
+        return replace(self, **both, names={**self.names, **other.names})
+
+
+def _look(shape: ShapeRecord) -> tuple[object, ...]:
+    return shape.body, shape.rgba, shape.gloss, shape.metal, shape.material
+
 
 def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     """Return the scenery that shapes make; those that only touch are no part of it.
@@ -66,33 +98,38 @@ def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     Raises:
         InputError: a kind of shape that nobody can draw
     """
-    ordered = sorted(shapes, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
-    groups = [
-        list(group)
-        for _, group in groupby(ordered, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
-    ]
+    ordered = sorted(shapes, key=_look)
+    groups = [list(group) for _, group in groupby(ordered, key=_look)]
     surfaces = [levels(joined([surface(shape) for shape in group])) for group in groups]
     number = {body: k + 1 for k, body in enumerate(sorted({s.body for s in shapes}))}
-    ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
-    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
-    points, normals, indices, first, count, errors = _packed(surfaces)
-    return Scenery(
-        points=points,
-        normals=normals,
-        indices=indices,
-        bodies=np.array([group[0].body for group in groups], dtype=np.int64),
-        centres=0.5 * (low + high),
-        halves=0.5 * (high - low),
-        first=first,
-        count=count,
-        errors=errors,
-        colours=np.array(
-            [[*linear(group[0].rgba[:3]), group[0].metal] for group in groups], dtype=np.float32
-        ).reshape(-1, 4),
-        gloss=np.array([group[0].gloss for group in groups], dtype=np.float64),
-        ids=np.array([number[group[0].body] for group in groups], dtype=np.int64),
-        of_arms=np.array([group[0].arm is not None for group in groups], dtype=np.bool_),
-        names={number[shape.body]: owner(shape) for shape in shapes},
+    first = [group[0] for group in groups]
+    return _packed(
+        surfaces,
+        first,
+        np.array([shape.body for shape in first], dtype=np.int64),
+        np.array([number[shape.body] for shape in first], dtype=np.int64),
+        {number[shape.body]: owner(shape) for shape in shapes},
+    )
+
+
+def drawn_scenery(drawings: Sequence[Drawing], after: Scenery) -> Scenery:
+    """Return drawings as objects of the world's body, whose triangles follow those of a scenery.
+
+    Raises:
+        InputError: a drawing whose arrays have a wrong shape
+    """
+    surfaces = [[(0.0, drawn_surface(drawing))] for drawing in drawings]
+    ids = np.arange(len(drawings)) + len(after.names) + 1
+    names = {int(k): drawing.name for k, drawing in zip(ids, drawings, strict=True)}
+    body = np.zeros(len(drawings), dtype=np.int64)
+    found = _packed(surfaces, drawings, body, ids, names)
+    rest = [drawing.rest if isinstance(drawing, DrawnSurface) else None for drawing in drawings]
+    rests = [s[0][1].points if r is None else r for s, r in zip(surfaces, rest, strict=True)]
+    return replace(
+        found,
+        places=np.concatenate(rests).astype(np.float32),
+        indices=found.indices + np.uint32(len(after.points)),
+        first=found.first + len(after.indices),
     )
 
 
@@ -109,8 +146,14 @@ def linear(rgb: Sequence[float]) -> Array:
 
 def _packed(
     surfaces: list[list[tuple[float, Surface]]],
-) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint32], Ints, Ints, Array]:
-    """Put all levels of all objects behind each other."""
+    looks: Sequence[ShapeRecord | Drawing],
+    bodies: Ints,
+    ids: Ints,
+    names: Mapping[int, str],
+) -> Scenery:
+    """Return objects, all levels of all of them behind each other."""
+    ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
+    low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
     most = len(CELLS) + 1
     first = np.zeros((len(surfaces), most), dtype=np.int64)
     count = np.zeros((len(surfaces), most), dtype=np.int64)
@@ -127,11 +170,29 @@ def _packed(
             first[row, level], count[row, level] = place, part.faces.size
             errors[row, level] = error
             vertex, place = vertex + len(part.points), place + part.faces.size
-    return (
-        np.concatenate(points).astype(np.float32),
-        np.concatenate(normals).astype(np.float32),
-        np.concatenate(indices).astype(np.uint32),
-        first,
-        count,
-        errors,
+    colours = [[*linear(look.rgba[:3]), look.metal] for look in looks]
+    material = [getattr(look, "material", "") for look in looks]
+    kinds = [KINDS.index("tissue") if name in KINDS[1:2] else
+             KINDS.index("metal") if look.metal >= METAL else 0
+             for name, look in zip(material, looks, strict=True)]  # fmt: skip
+    packed = np.concatenate(points).astype(np.float32)
+    return Scenery(
+        points=packed,
+        normals=np.concatenate(normals).astype(np.float32),
+        places=packed,
+        indices=np.concatenate(indices).astype(np.uint32),
+        bodies=bodies,
+        centres=0.5 * (low + high),
+        halves=0.5 * (high - low),
+        first=first,
+        count=count,
+        errors=errors,
+        colours=np.array(colours, dtype=np.float32).reshape(-1, 4),
+        gloss=np.array([look.gloss for look in looks], dtype=np.float64),
+        kinds=np.array(kinds, dtype=np.int64),
+        ids=ids,
+        of_arms=np.array(
+            [getattr(look, "arm", None) is not None for look in looks], dtype=np.bool_
+        ),
+        names=names,
     )

@@ -39,7 +39,9 @@ class Stage:
 
     Attributes:
         rows: T_reference_object of every object, (m, 3, 4)
-        seen: commands of what the eyes see, nearest first
+        seen: commands of what the eyes see, kind by kind, nearest first
+        kinds: [(kind, its first command, how many)]: which of `scenery.KINDS`; one, 0, where all
+            surfaces are drawn alike
         shading: commands of what throws shadows; empty without shadows
         light: in the reference frame
         backdrop: colour behind everything, 0 to 1
@@ -47,13 +49,20 @@ class Stage:
 
     rows: Array
     seen: Commands
+    kinds: list[tuple[int, int, int]]
     shading: Commands
     light: Light
     backdrop: tuple[float, float, float]
 
 
 def stage(
-    things: Scenery, snapshot: Snapshot, T_reference_world: Array, lenses: Optics, shadows: bool
+    things: Scenery,
+    snapshot: Snapshot,
+    T_reference_world: Array,
+    lenses: Optics,
+    shadows: bool,
+    only: NDArray[np.bool_] | None = None,
+    alike: bool = True,
 ) -> Stage:
     """Return what a camera sees of a snapshot.
 
@@ -63,6 +72,8 @@ def stage(
         T_reference_world: where the camera is, (4, 4)
         lenses: the camera's
         shadows: whether light throws them
+        only: which objects are there, (m,); all when omitted
+        alike: whether one program draws all surfaces
     """
     rows = placed(things, snapshot, T_reference_world)
     around = boxes(things, rows)
@@ -71,8 +82,15 @@ def stage(
     in_sight = np.zeros(len(things.bodies), dtype=np.bool_)
     for frustum in frusta:
         in_sight |= inside(frustum, around)
+    if only is not None:
+        in_sight &= only
     seen = np.flatnonzero(in_sight)
     seen = seen[np.argsort(farthest[seen], kind="stable")]
+    kinds = [(0, 0, len(seen))]
+    if lenses.light is not None and not alike:
+        seen = seen[np.argsort(things.kinds[seen], kind="stable")]
+        present, first, count = np.unique(things.kinds[seen], return_index=True, return_counts=True)
+        kinds = list(zip(present.tolist(), first.tolist(), count.tolist(), strict=True))
     level = chosen_levels(things, frusta[0], seen, nearest[seen])
     light = lenses.light or _room_light(things, around, T_reference_world)
     throws = np.zeros_like(in_sight)
@@ -80,11 +98,14 @@ def stage(
         throws = inside(light.frustum, around) & (things.radii < FLOOR)
         if light.scope:
             throws &= things.of_arms | (things.radii < LARGE)
+        if only is not None:
+            throws &= only
     who = np.flatnonzero(throws)
     simple = chosen_levels(things, frusta[0], who, nearest[who], SHADOW_TOLERANCE_PX)
     return Stage(
         rows=rows,
         seen=commands(things, seen, level),
+        kinds=kinds,
         shading=commands(things, who, simple),
         light=light,
         backdrop=DARK if light.scope else WALL,

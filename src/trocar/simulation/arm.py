@@ -18,11 +18,19 @@ from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
-from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
+from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
-from trocar.simulation.control import LARGEST, Clock, ControlState, JointControl
+from trocar.simulation.control import (
+    LARGEST,
+    Clock,
+    ControlState,
+    Homing,
+    JointControl,
+    OperatingState,
+    State,
+)
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
@@ -32,9 +40,8 @@ from trocar.simulation.controllers import (
     TipState,
     WrenchFrame,
 )
-from trocar.simulation.gripper import Gripper
 from trocar.simulation.health import arm_health
-from trocar.simulation.jaw import Jaw
+from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.journal import command
 from trocar.simulation.masters import (
     GIMBAL,
@@ -57,7 +64,6 @@ from trocar.simulation.records import (
     Wrench,
 )
 from trocar.simulation.servos import EFFORT
-from trocar.simulation.states import Homing, OperatingState, State
 
 Array = NDArray[np.float64]
 Share = Literal["both", "velocity", "acceleration"]
@@ -873,7 +879,10 @@ class Arm:
 
     def tip_in_world(self) -> Pose:
         """Return the tip's pose in the frame of the rig, whatever `measured_cp` is relative to."""
-        T = self._clock.frames.reference_pose(self.name) @ self.local_measured_cp().T
+        frames = self._clock.frames
+        if frames.follows(self.name):
+            return Pose(frames.tip_pose(self.name), "world", self._clock.time)
+        T = frames.reference_pose(self.name) @ self.local_measured_cp().T
         return Pose(T, "world", self._clock.time)
 
     def setpoint_cp(self) -> Pose:
@@ -968,7 +977,19 @@ class Arm:
             raise InputError(f"{self.name}: has no inverse kinematics")
         pose = checked_pose(self.name, T)
         start = self.control.setpoints(self._own) if seed is None else self._whole(seed)[self._own]
-        mechanism, local = self.description.mechanism, self._in_own_frame(pose)
+        return self.local_inverse_kinematics(self._in_own_frame(pose), start)
+
+    def local_inverse_kinematics(self, local: Array, start: Array) -> Array:
+        """Return the joint positions nearest to others that bring the tip to a pose, (n,).
+
+        Args:
+            local: pose in the arm's own reference frame, (4, 4), not checked
+            start: (n,) without the jaw [rad or m]
+
+        Raises:
+            UnreachableError, SingularError: no solution
+        """
+        structure, mechanism = self.description.inverse_kinematics, self.description.mechanism
         if self._clock.frames.follows(self.name):
             near = nearest_start(mechanism, structure, local, start)
             tolerance = DIRECTION_TOLERANCE if structure == "rcm_scope" else POSE_TOLERANCE

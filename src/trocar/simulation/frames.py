@@ -212,6 +212,11 @@ class Frames:
         self.tips()
         return self._reference[name].pose()
 
+    def tip_pose(self, name: str) -> Array:
+        """Return an arm's tip in the world, (4, 4)."""
+        self.tips()
+        return self._tip[name].pose()
+
     def remote_centres(self) -> dict[str, Array]:
         """Return the remote centre of every arm that has one, in the world, (3,) [m].
 

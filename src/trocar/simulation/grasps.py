@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import acos, sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -24,6 +25,18 @@ PERIOD_S = 0.005
 #: presses less than the other. Source: measured on needles and rings, of which 18.7 N is the most
 #: that the jaw of a large needle driver exerts. [N, s, N]
 PRESS_N, PRESSED_S, LOOSE_N = 3.0, 0.05, 1.0
+#: What a jaw holds is left to friction beyond this share of what the ellipsoid has, and stuck again
+#: below so much of it. Source: measured in twenty directions of forces and torques, in which a
+#: needle slips at 0.85 of the ellipsoid or later.
+LOADED, RESTUCK = 0.6, 0.8
+#: It slipped where it moved so far between the pads since. Source: our own choice, half a needle's
+#: wire. [m, rad]
+SLIPPED_M, SLIPPED_RAD = 2e-4, 0.04
+#: What falls farther than this after a jaw let go of it was dropped. Source: our own choice, two
+#: thirds of the height of a peg. [m]
+DROPPED_M = 0.008
+#: Rows of constraints of a weld.
+WELD_ROWS = 6
 #: What slipped is held again no sooner. Source: our own choice. [s]
 SLIPPED_S = 0.2
 
@@ -57,6 +70,7 @@ class Hold:
         axes: in the left finger, columns: along the pads' line of contact, across, normal (3, 3)
         levers: of friction about these axes: most torque per newton of both pads' force (3,) [m]
         friction: coefficient of the pads on the object
+        stuck: whether the weld holds it; else friction of the pads does
     """
 
     object: int
@@ -66,6 +80,7 @@ class Hold:
     axes: Array
     levers: Array
     friction: float
+    stuck: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,13 +105,14 @@ class Grasps:
 
     A free body between two jaws creeps in any time-stepping of Coulomb friction: the arm turns on
     arcs, the body moves along tangents. So what both pads press for 50 ms is held by a weld to the
-    left finger, with frictionless pads: no creep. The weld goes once its load leaves the ellipsoid
-    of what friction of the pads' forces carries, or once a pad no longer presses.
+    left finger, with frictionless pads: no creep. Where the load comes near the ellipsoid of what
+    friction of the pads' forces carries, friction itself takes over, until the load is less or the
+    object slips: so it is let go exactly where friction lets go.
 
     Args:
         rig: its description
         timestep: of the physics [s]
-        journal: receives "grasp/object" and "grasp/slipped" of arms
+        journal: receives "grasp/object" with the force, "grasp/slipped" and "grasp/dropped"
 
     Attributes:
         every: physics steps between two looks
@@ -127,6 +143,7 @@ class Grasps:
         held[self._bodies] = np.arange(len(bodies))
         #: Of each geom: its finger, 2 * jaws + side, and its object; -1 of others.
         self._finger, self._held = finger[model.geom_bodyid], held[model.geom_bodyid]
+        self._finger_of, self._held_of = self._finger.tolist(), self._held.tolist()
         self._condim, self._pair_dim = model.geom_condim.copy(), model.pair_dim.copy()
         ends = np.stack([model.pair_geom1, model.pair_geom2], axis=-1).reshape(-1, 2)
         self._pairs = self._finger[ends].max(axis=1), self._held[ends].max(axis=1)
@@ -158,6 +175,7 @@ class Grasps:
                 state = states[jaws.arm]
                 self._looks[row], self._read[row] = state.looks, state.read
                 self._set(row, state.hold)
+        self._pressing = bool(self._looks.any())
         self._slicken()
 
     def let_go(self, *, arm: str = "", prop: str = "") -> None:
@@ -171,38 +189,78 @@ class Grasps:
     def look(self) -> None:
         """Take hold and let go, as contacts of the last step tell; to be called after it."""
         data = self._data
-        if not data.ncon and not self._looks.any() and not any(self._holds):
+        if self._loose:
+            self._watch_falls()
+        if not data.ncon and not self._pressing and not any(self._holds):
             return
-        touching = data.contact
-        finger = self._finger[touching.geom]
-        held, first = self._held[touching.geom], touching.efc_address
-        met = (finger.max(axis=1) >= 0) & (held.max(axis=1) >= 0) & (first >= 0)
-        rows = np.flatnonzero(met)
-        finger, held = finger[rows].max(axis=1), held[rows].max(axis=1)
-        normal = data.efc_force[first[rows]]
-        force = np.zeros((2 * len(self._jaws), len(self.objects)))
-        np.add.at(force, (finger, held), normal)
-        for row, jaws in enumerate(self._jaws):
-            left, right = force[2 * row], force[2 * row + 1]
-            hold, mine = self._holds[row], finger // 2 == row
-            if hold is not None:
-                pressed = float(right[hold.object])
-                load = self._load(row, hold, rows[mine & (held == hold.object)], pressed)
-                self._read[row] = self._grasp(hold.object, pressed, load)
-                if pressed < LOOSE_N:
-                    self._release(row)
-                elif load > 1.0 and self._kind == "friction+stick":
-                    self._release(row)
-                    self._looks[row, hold.object] = self._again
-                    name = self.objects[hold.object]
-                    self._journal.event(jaws.arm, "grasp/slipped", object=name, load=load)
-                continue
-            least, looks = np.minimum(left, right), self._looks[row]
-            looks[:] = np.where((least > PRESS_N) | (looks < 0), looks + 1, 0)
-            most = int(least.argmax())
-            self._read[row] = self._grasp(most if looks[most] > 0 else None, float(least[most]))
-            if looks[most] >= self._enough:
-                self._take(row, most, rows[mine & (held == most)], float(least[most]))
+        contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
+        force: dict[tuple[int, int], float] = {}  # (finger, object): of its contacts [N]
+        if data.ncon:
+            touching, pushes = data.contact, data.efc_force
+            rows = zip(touching.geom.tolist(), touching.efc_address.tolist(), strict=True)
+            for k, ((one, two), first) in enumerate(rows):
+                finger = max(self._finger_of[one], self._finger_of[two])
+                held = max(self._held_of[one], self._held_of[two])
+                if finger >= 0 and held >= 0 and first >= 0:
+                    contacts.setdefault((finger // 2, held), []).append(k)
+                    force[finger, held] = force.get((finger, held), 0.0) + float(pushes[first])
+        for row in range(len(self._jaws)):
+            if (hold := self._holds[row]) is None:
+                self._watch(row, contacts, force)
+            else:
+                pressed = force.get((2 * row + 1, hold.object), 0.0)
+                self._guard(row, hold, contacts.get((row, hold.object), []), pressed)
+        self._pressing = bool(self._looks.any())
+
+    def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
+        """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
+        load = self._load(row, hold, contacts, pressed)
+        self._read[row] = self._grasp(hold.object, pressed, load)
+        self._most[row] = max(self._most[row], pressed)
+        if hold.stuck and pressed < LOOSE_N:
+            self._release(row)
+        elif self._kind != "friction+stick":
+            return
+        elif hold.stuck and load > LOADED:
+            self._set(row, replace(hold, stuck=False))
+            self._slicken()
+        elif not hold.stuck:
+            anchor, turned = self._placed(row, hold.object, hold.centre)
+            far = float(np.linalg.norm(anchor - hold.anchor))
+            same = min(1.0, abs(float(turned @ hold.turned)))
+            if pressed < LOOSE_N or far > SLIPPED_M or 2.0 * acos(same) > SLIPPED_RAD:
+                self._release(row)
+                self._looks[row, hold.object] = self._again
+                arm, name = self._jaws[row].arm, self.objects[hold.object]
+                self._journal.event(arm, "grasp/slipped", object=name, load=load)
+            elif load < LOADED * RESTUCK:
+                self._set(row, replace(hold, anchor=anchor, turned=turned, stuck=True))
+                self._slicken()
+
+    def _watch(
+        self,
+        row: int,
+        contacts: Mapping[tuple[int, int], list[int]],
+        force: Mapping[tuple[int, int], float],
+    ) -> None:
+        """Take hold of what both pads have pressed for long enough."""
+        looks, most, least = self._looks[row], -1, 0.0
+        pressed = [held for jaws, held in contacts if jaws == row]
+        if not pressed and not self._pressing:
+            self._read[row] = self._grasp(None, 0.0)
+            return
+        counts = np.where(looks < 0, looks + 1, 0)
+        for held in sorted(pressed):
+            weaker = min(force.get((2 * row + side, held), 0.0) for side in (0, 1))
+            if weaker > PRESS_N or looks[held] < 0:
+                counts[held] = looks[held] + 1
+            if weaker > least:
+                most, least = held, weaker
+        looks[:] = counts
+        holds = most >= 0 and looks[most] > 0
+        self._read[row] = self._grasp(most if holds else None, least)
+        if holds and looks[most] >= self._enough:
+            self._take(row, most, np.array(contacts[row, most]), least)
 
     # ------------------------------------------------------------------ inside
 
@@ -210,12 +268,16 @@ class Grasps:
         count = len(self._jaws)
         self._holds: list[Hold | None] = [None] * count
         self._looks = np.zeros((count, len(self.objects)), dtype=np.int64)
+        self._pressing = False  # whether any of these is not 0
+        #: The largest force of each hold so far; what was let go: by which jaw, and from where [m].
+        self._most = [0.0] * count
+        self._loose: dict[int, tuple[int, float]] = {}
         self._read = [Grasp("", 0.0, 0.0, 0.0)] * count
 
     def _take(self, row: int, found: int, contacts: Index, force: float) -> None:
         """Take hold of an object where it is now."""
-        model, data, body = self._model, self._data, self._bodies[found]
-        finger, touching = self._jaws[row].bodies[0], data.contact
+        data, finger = self._data, self._jaws[row].bodies[0]
+        touching = data.contact
         meets = self._finger[touching.geom[contacts]]
         sides = meets.max(axis=1) % 2
         # a normal points from the first geom to the second; pushes of both sides from left to right
@@ -228,29 +290,52 @@ class Grasps:
             (touching.frame[contacts][:, :3] * signs[:, None]) @ turn,
             touching.friction[contacts],
         )
-        mujoco.mj_kinematics(model, data)  # bodies were where the last step began
-        there, about = data.xmat[body].reshape(3, 3), data.xmat[finger].reshape(3, 3)
-        anchor = (data.xpos[finger] + about @ grip[0] - data.xpos[body]) @ there
-        back, turned = np.empty(4), np.empty(4)
-        mujoco.mju_negQuat(back, data.xquat[finger])
-        mujoco.mju_mulQuat(turned, back, data.xquat[body])
+        anchor, turned = self._placed(row, found, grip[0])
         self._set(row, Hold(found, anchor, turned, *grip))
         self._slicken()
         self._read[row] = self._grasp(found, force)
-        self._journal.event(self._jaws[row].arm, "grasp/object", object=self.objects[found])
+        self._most[row] = force
+        self._loose.pop(found, None)
+        name = self.objects[found]
+        self._journal.event(self._jaws[row].arm, "grasp/object", object=name, force=force)
+
+    def _placed(self, row: int, found: int, centre: Array) -> tuple[Array, Array]:
+        """Return where a grip's centre is in an object, and how that is turned in the finger."""
+        data, finger, body = self._data, self._jaws[row].bodies[0], self._bodies[found]
+        mujoco.mj_kinematics(self._model, data)  # bodies were where the last step began
+        there, about = data.xmat[body].reshape(3, 3), data.xmat[finger].reshape(3, 3)
+        anchor = (data.xpos[finger] + about @ centre - data.xpos[body]) @ there
+        back, turned = np.empty(4), np.empty(4)
+        mujoco.mju_negQuat(back, data.xquat[finger])
+        mujoco.mju_mulQuat(turned, back, data.xquat[body])
+        return anchor, turned
 
     def _release(self, row: int) -> None:
+        if (hold := self._holds[row]) is not None:
+            height = float(self._data.xpos[self._bodies[hold.object], 2])
+            self._loose[hold.object] = row, height
         self._set(row, None)
         self._slicken()
         self._looks[row] = 0
         self._read[row] = self._grasp(None, 0.0)
-        self._journal.event(self._jaws[row].arm, "grasp/object", object="")
+        self._journal.event(self._jaws[row].arm, "grasp/object", object="", force=self._most[row])
+
+    def _watch_falls(self) -> None:
+        """Report what fell since a jaw let go of it."""
+        holding = {hold.object for hold in self._holds if hold is not None}
+        for found, (row, height) in list(self._loose.items()):
+            fallen = height - float(self._data.xpos[self._bodies[found], 2])
+            if found in holding or fallen > DROPPED_M:
+                del self._loose[found]
+            if found not in holding and fallen > DROPPED_M:
+                arm, name = self._jaws[row].arm, self.objects[found]
+                self._journal.event(arm, "grasp/dropped", object=name, height=fallen)
 
     def _set(self, row: int, hold: Hold | None) -> None:
         """Hold an object where it is in the left finger, or nothing."""
         self._holds[row], welds = hold, self._jaws[row].welds
         self._data.eq_active[welds] = 0
-        if hold is not None and self._kind != "friction":
+        if hold is not None and hold.stuck and self._kind != "friction":
             weld = welds[hold.object]
             self._model.eq_data[weld, :10] = *hold.anchor, *hold.centre, *hold.turned
             self._data.eq_active[weld] = 1
@@ -262,32 +347,38 @@ class Grasps:
         if self._kind == "friction":
             return
         for row, hold in enumerate(self._holds):
-            if hold is None:
+            if hold is None or not hold.stuck:
                 continue
             mine, its = self._finger // 2 == row, self._held == hold.object
             # where its own friction prevails there are pairs: it keeps it towards all else
             model.geom_condim[mine | (its & (model.geom_priority == 0))] = 1
             model.pair_dim[(self._pairs[0] // 2 == row) & (self._pairs[1] == hold.object)] = 1
 
-    def _load(self, row: int, hold: Hold, contacts: Index, right: float) -> float:
+    def _load(self, row: int, hold: Hold, contacts: list[int], right: float) -> float:
         """Return the share of what friction carries that the grip's load takes."""
         if self._kind == "friction":
             return float("nan")
         data, finger = self._data, self._jaws[row].bodies[0]
-        is_weld = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        is_weld &= data.efc_id == self._jaws[row].welds[hold.object]
-        rows = [*data.contact.efc_address[contacts], *np.flatnonzero(is_weld)]
+        found, body = data.contact, self._bodies[hold.object]
+        pads = zip(found.efc_address[contacts].tolist(), found.dim[contacts].tolist(), strict=True)
+        rows = [k for first, count in pads for k in range(first, first + count)]
+        if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:
+            first = int(data.efc_id[: data.ne].searchsorted(weld))  # equalities first, in order
+            rows += range(first, first + WELD_ROWS)
         jacobian = data.efc_J.reshape(-1, self._model.nv)[rows, self._dofs[hold.object]]
-        push = jacobian.T @ data.efc_force[rows]
-        body = self._bodies[hold.object]
-        turn = data.xmat[finger].reshape(3, 3) @ hold.axes
-        arm = data.xpos[finger] + data.xmat[finger].reshape(3, 3) @ hold.centre - data.xpos[body]
-        torque = data.xmat[body].reshape(3, 3) @ push[3:] - np.cross(arm, push[:3])
-        force, torque = turn.T @ push[:3], turn.T @ torque
+        push = data.efc_force[rows] @ jacobian
+        facing = data.xmat[finger].reshape(3, 3)
+        arm = data.xpos[finger] + facing @ hold.centre - data.xpos[body]
+        turn = facing @ hold.axes
+        torque = data.xmat[body].reshape(3, 3) @ push[3:]
+        x, y, z = arm.tolist()
+        fx, fy, fz = push[:3].tolist()
+        torque -= (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
+        force, torque = (push[:3] @ turn).tolist(), (torque @ turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)
-        sliding = np.hypot(force[0], force[1]) / (hold.friction * both)
-        turning = torque / (hold.levers * both)
-        return float(np.sqrt(sliding**2 + turning @ turning))
+        sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
+        turning = sum((t / lever) ** 2 for t, lever in zip(torque, hold.levers, strict=True))
+        return sqrt(sliding + turning) / both
 
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:
         name = "" if found is None else self.objects[found]

@@ -55,6 +55,7 @@ class Player:
         self._model, self._data = model, data
         self._motors = {name: arm.motors for name, arm in arms.items() if not arm.motors.welded}
         self._servos = servos
+        self._fastest = {name: fastest(motors.arm) for name, motors in self._motors.items()}
 
     def table(
         self,
@@ -77,9 +78,9 @@ class Player:
             if name not in positions:
                 raise InputError(f"play: {name}: got no positions beside its other tables")
         count = rows.pop()
-        setpoints = np.tile(self._servos.setpoint[:, :2], (count, 1, 1))
-        setpoints[:, :, 1] = 0.0
-        open_loop = np.tile(self._servos.commanded, (count, 1))
+        setpoints = np.zeros((count, len(self._servos.setpoint), 2))
+        setpoints[:, :, 0] = self._servos.setpoint[:, 0]
+        open_loop = np.tile(self._servos.commanded, (count if efforts else 0, 1))
         clipped: dict[str, int] = {}
         for name, values in positions.items():
             if name not in self._motors:
@@ -97,7 +98,7 @@ class Player:
             setpoints[:, used, 0] = inside
             if name in velocities:
                 speed = _checked(name, velocities[name], target.shape, "velocities")
-                most = fastest(d.arm)
+                most = self._fastest[name]
                 if (np.abs(speed) > most).any():
                     row = int(np.argmax((np.abs(speed) > most).any(axis=1)))
                     raise InputError(
@@ -126,8 +127,9 @@ class Player:
         """
         if isinstance(every, bool) or not isinstance(every, (int, np.integer)) or every < 1:
             raise InputError(f"play: got every={every!r}; allowed: a whole number above 0")
-        for arm in arms.values():
-            arm.come_to_rest()
+        for name, arm in arms.items():
+            if arm.active or name not in table.played:  # else its set-points follow the last ones
+                arm.come_to_rest()
         for name in table.played:
             arms[name].prepare_to_play()
         if table.efforts is not None:
@@ -142,7 +144,7 @@ class Player:
                 self._servos.write_efforts()
             advance(every)
             if record:
-                samples[row] = self._servos.state()
+                self._servos.state(samples[row])
         for name in table.played:
             used = self._motors[name].index.rows
             last = table.setpoints[-1, used]
@@ -159,6 +161,8 @@ class Player:
 
     def _recording(self, times: Array, samples: Array, clipped: dict[str, int]) -> Recording:
         """Take samples of the state apart."""
+        if not len(samples):
+            return Recording(times, {}, {}, {}, {}, clipped)
         read, limits = self._servos.matrix()
         count = len(limits)
         found = samples @ read.T

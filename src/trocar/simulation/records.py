@@ -147,12 +147,59 @@ class TrueState:
     world: Array
 
 
+class DrawnSurface(NamedTuple):
+    """A surface that bends, as tissue: triangles in the world at one time.
+
+    Only the front of a triangle is seen, from where its corners run anticlockwise. Shading is
+    smooth across shared vertices; an edge is sharp where its vertices are doubled.
+
+    Attributes:
+        name: in id images
+        vertices: in the world, (n, 3) [m]
+        faces: (m, 3); the same array object while the triangles stay the same
+        rgba, gloss, metal: as of `ShapeRecord`
+        material: "tissue" where its surface has that structure, "" without
+        rest: vertices before it bent, to which that structure sticks, (n, 3) [m]; the vertices when
+            omitted
+    """
+
+    name: str
+    vertices: Array
+    faces: NDArray[np.integer]
+    rgba: tuple[float, float, float, float] = (0.75, 0.35, 0.32, 1.0)
+    gloss: float = 0.4
+    metal: float = 0.0
+    material: str = ""
+    rest: Array | None = None
+
+
+class DrawnCurve(NamedTuple):
+    """A round line that bends, as a thread: points in the world at one time.
+
+    Attributes:
+        name: in id images
+        points: in the world, (k, 3), k > 1 [m]
+        radius: [m]
+        rgba, gloss, metal: as of `ShapeRecord`
+    """
+
+    name: str
+    points: Array
+    radius: float
+    rgba: tuple[float, float, float, float] = (0.15, 0.1, 0.45, 1.0)
+    gloss: float = 0.3
+    metal: float = 0.0
+
+
+Drawing = DrawnSurface | DrawnCurve
+
+
 class Snapshot(NamedTuple):
     """A world at a time: where every body is, and every arm.
 
     `build` counts how often the rig was compiled: bodies of another build are others, as after an
     exchange of a tool. `arms` is empty where they were not requested. The rods that draw elastic
-    bands follow the model's bodies.
+    bands follow the model's bodies. `drawings` are those of `World.draw`.
     """
 
     time: float
@@ -160,6 +207,7 @@ class Snapshot(NamedTuple):
     quaternions: Array
     arms: Mapping[str, ArmSnapshot]
     build: int = 1
+    drawings: tuple[Drawing, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -215,6 +263,7 @@ class ShapeRecord:
     `size` as in `descriptions.Shape`: half edges of a box, (radius, half length, 0) of a capsule
     or cylinder, (radius, 0, 0) of a sphere, farthest from its origin of a mesh [m]. `triangles`
     of a mesh: vertices (n, 3) [m] and faces (m, 3); `normals`: its surface's at the vertices.
+    `material`: name of a row of `descriptions.materials`.
     """
 
     body: int
@@ -231,6 +280,7 @@ class ShapeRecord:
     collide: bool
     triangles: tuple[Array, NDArray[np.int64]] | None = None
     normals: Array | None = None
+    material: str = ""
 
 
 @dataclass(frozen=True, eq=False)

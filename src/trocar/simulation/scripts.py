@@ -45,9 +45,10 @@ class Scripts:
         Raises:
             DescriptionError: a file is no Python, raises, or has no `before_step`
         """
-        with self._called(", ".join(self._paths)):
-            self._functions = {name: run_script(p, FUNCTION) for name, p in self._paths.items()}
-        self.running = tuple(self._functions)
+        if self._paths:
+            with self._called(", ".join(self._paths)):
+                self._functions = {name: run_script(p, FUNCTION) for name, p in self._paths.items()}
+            self.running = tuple(self._functions)
 
     def keep(self, running: Iterable[str]) -> None:
         """Call the scripts of these objects only."""

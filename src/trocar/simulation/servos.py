@@ -17,10 +17,10 @@ Bools = NDArray[np.bool_]
 
 #: Control modes of a joint, as small integers in `Servos.modes`.
 POSITION, EFFORT, SET = 0, 1, 2
-#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 um
+#: Damping of a joint that its brake or the mode "set" holds: a column under its 300 N creeps 1 pm
 #: an hour. Source: our own choice; a constraint per brake would cost the cart 10 % of its speed
 #: (measured). [N m s/rad or N s/m]
-HOLDING_DAMPING = 1e12
+HOLDING_DAMPING = 1e18
 #: What determines gains, brakes and limits in the model.
 WRITTEN = ("modes", "gains", "limit", "locked", "powered")
 #: What servos keep beside the physics state.
@@ -167,12 +167,13 @@ class Servos:
         mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
         return self._found(self._state)
 
-    def state(self) -> Array:
-        """Return what READ is multiplied with: a buffer that the next call overwrites."""
-        mujoco.mj_getState(self._model, self._data, self._state, READ_STATE)
+    def state(self, out: Array | None = None) -> Array:
+        """Return what READ is multiplied with, in `out` or a buffer that is used again."""
+        found = self._state if out is None else out
+        mujoco.mj_getState(self._model, self._data, found, READ_STATE)
         if self.errors is not None:
-            self.report(self._state)
-        return self._state
+            self.report(found)
+        return found
 
     def report(self, state: Array) -> None:
         """Overwrite a copy of the physics state, from `qpos` to `ctrl`, with what robots report."""
@@ -186,8 +187,12 @@ class Servos:
 
     def _found(self, state: Array) -> Array:
         read, limits = self.matrix()
-        found = read.dot(state).reshape(3, -1)
-        effort = found[2]
+        count, nq, nv = len(limits), self._model.nq, self._model.nv
+        found = np.empty((3, count))
+        q, qd, effort = found
+        self.table.drive.dot(state[:nq], out=q)  # READ is zero beside these blocks
+        self.table.rate.dot(state[nq : nq + nv], out=qd)
+        read[2 * count :].dot(state, out=effort)
         np.minimum(effort, limits, out=effort)
         np.maximum(effort, -limits, out=effort)
         return found

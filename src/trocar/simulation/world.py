@@ -24,7 +24,6 @@ from trocar.modeling import naming
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
-from trocar.simulation.bands import band_poses
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.drives import drives_of, spring_fields
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
@@ -36,11 +35,12 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player, fastest
-from trocar.simulation.probes import ContactTable, Probes, carrier_names, moved_carrier
+from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
     ArmSample,
     ArmSnapshot,
+    Drawing,
     Health,
     Pose,
     Recording,
@@ -50,11 +50,11 @@ from trocar.simulation.records import (
     WorldSample,
 )
 from trocar.simulation.scripts import Scripts
-from trocar.simulation.sensors import Sensors
 from trocar.simulation.servos import Servos
-from trocar.simulation.shapes import shape_records
+from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
+from trocar.simulation.tissues import SoftTissue, TissueState
 
 Array = NDArray[np.float64]
 
@@ -79,6 +79,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
+    "dynamics": ("cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
@@ -105,6 +106,7 @@ class State:
         grasps: of each jaw that may hold something
         errors: of the robots' readings, None for none
         drives: of identified drivetrains, anchors of their stop elements and springs
+        tissues: of each soft tissue
     """
 
     signature: str
@@ -123,6 +125,7 @@ class State:
     grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
     errors: Mapping[str, Any] | None = None
     drives: tuple[Array, Array] | None = None
+    tissues: Mapping[str, TissueState] = field(default_factory=dict[str, TissueState])
 
 
 class World:
@@ -141,6 +144,9 @@ class World:
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
+        dynamics: of arms whose overlays have none: "cad", masses and friction of the descriptions,
+            or "identified", from recordings of real arms where there are any for the kind of arm
+            (with the friction "identified" only)
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
 
@@ -163,6 +169,7 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
+        dynamics: Literal["cad", "identified"] = "cad",
         errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
@@ -176,7 +183,8 @@ class World:
             choices |= _choices(model)
         else:
             nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-            described = calibrated_rig(nominal, calibration)
+            measured = dynamics == friction == "identified"
+            described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
         #: What the world was built with, the rig apart; a recording takes these along.
         self.arguments = choices
@@ -195,6 +203,12 @@ class World:
         self._grasps = Grasps(self.rig, self.timestep, self._journal)
         self._objects = Objects(self.rig, self._journal, self._grasps)
         self._scripts = Scripts(self.rig, self._journal)
+        #: Soft tissue, by name.
+        self.tissues: dict[str, SoftTissue] = {
+            prop.name: SoftTissue(prop, len(self.rig.arms), self.timestep, self._journal)
+            for prop in self.rig.props
+            if prop.tissue is not None and self.options.collisions
+        }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
@@ -212,14 +226,15 @@ class World:
         self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
+        self._rng: np.random.Generator | None = None
         self._seed = _checked_seed(seed)
-        self.rng = np.random.default_rng(self._seed)
         self.reset()
         #: The commands so far, from which a recording that begins later is repeated.
         self.past = self._journal.past
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
+        self._drawings: dict[str, Callable[[], Drawing]] = {}
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -231,7 +246,14 @@ class World:
     @property
     def time(self) -> float:
         """Simulation time [s]."""
-        return float(self._data.time)
+        return self.journal.time
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Random numbers of this world, made from its seed when first needed."""
+        if self._rng is None:
+            self._rng = np.random.default_rng(self._seed)
+        return self._rng
 
     @property
     def signature(self) -> str:
@@ -288,6 +310,28 @@ class World:
 
         set_observers([*self._observers, row])
         return lambda: set_observers([one for one in self._observers if one is not row])
+
+    def draw(self, name: str, provider: Callable[[], Drawing]) -> Callable[[], None]:
+        """Show a surface or curve that bends beside the rig's bodies; call the result to stop.
+
+        Renderers and the web viewer show it. Physics does not touch it: whoever simulates it steps
+        with `observe`.
+
+        Args:
+            name: of this drawing
+            provider: returns it as it is now; called only when a snapshot is taken
+
+        Raises:
+            InputError: a drawing, body or object of the rig has this name
+        """
+        if name in {*self._drawings, *self.arms, *(prop.name for prop in self.rig.props)}:
+            raise InputError(f"draw: got {name!r}; allowed: a name that nothing else has")
+        self._drawings[name] = provider
+
+        def stop() -> None:
+            self._drawings.pop(name, None)
+
+        return stop
 
     def step(self, n: int = 1) -> None:
         """Advance n physics steps.
@@ -363,10 +407,12 @@ class World:
             raise UnknownNameError("pose", pose, self.rig.poses, f"rig {self.rig.name}")
         self._scripts.begin()
         self._seed = self._seed if seed is None else _checked_seed(seed)
-        self.rng = np.random.default_rng(self._seed)
+        self._rng = None
         self.reference_arm = self.rig.reference_arm
         mujoco.mj_resetData(self._model, self._data)
         self._grasps.begin()
+        for tissue in self.tissues.values():
+            tissue.begin()
         self.servos.restore()
         if self.servos.errors is not None:
             self.servos.errors.draw(self._seed)
@@ -374,10 +420,16 @@ class World:
         if not self._homed:
             self.servos.powered[:] = False
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
+        placed = self._placed.get(pose) if self.errors is None else None
         for name, arm in self.arms.items():
             q = self.options.locked.get(name, at[name])
             arm.begin(q, self._homed)
-            arm.motors.put(q, np.zeros(len(q)))
+            if placed is None:
+                arm.motors.put(q, np.zeros(len(q)))
+        if placed is None:
+            self._placed[pose] = self._data.qpos.copy()
+        else:
+            self._data.qpos[:] = placed
         self.servos.apply()
         if self.servos.errors is not None:
             self.servos.errors.begin()
@@ -417,6 +469,7 @@ class World:
             grasps=self._grasps.save(),
             errors=None if self.servos.errors is None else self.servos.errors.save(),
             drives=None if self.drives is None else (self._anchor.copy(), self._springs.copy()),
+            tissues={name: tissue.save() for name, tissue in self.tissues.items()},
         )
 
     def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
@@ -440,7 +493,7 @@ class World:
         self._put(state.row, state.asleep)
         self._data.qacc[:], self._data.qacc_smooth[:] = state.qacc, state.smooth
         self.journal.period, self._seed = state.periods, state.seed
-        self.rng = np.random.default_rng(self._seed)
+        self._rng = None
         self.rng.bit_generator.state = state.random
         self.journal.time = self._data.time
         self.reference_arm = state.reference_arm
@@ -455,6 +508,8 @@ class World:
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
         self._grasps.load(state.grasps)
+        for name, tissue in self.tissues.items():
+            tissue.load(state.tissues[name])
         self._bad[:] = 0
         self.past.forget("it began after a saved state was loaded")
         self.journal.event(WORLD, "state_loaded")
@@ -519,10 +574,13 @@ class World:
 
         Raises:
             UnknownNameError: no such arm or tool; the known ones are listed
-            InputError: the arm takes no tool, or this one is made for another generation
+            InputError: the arm takes no tool, this one is made for another generation, or the rig
+                has soft tissue
             DescriptionError: the tool's file is broken
         """
         self._scripts.check_outside("exchange_tool")
+        if self.tissues:
+            raise InputError(f"exchange_tool: the rig has tissue ({', '.join(self.tissues)})")
         arm, rig = self.arm(name), rig_with_tool(self.rig, name, str(tool))
         model = build(rig, self.options)
         arm.come_off()
@@ -623,6 +681,10 @@ class World:
         """Return the same as arrays, in one go."""
         return self._probes.contact_table()
 
+    def contact_forces(self) -> dict[str, Array]:
+        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
+        return self._probes.contact_forces()
+
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
 
@@ -645,9 +707,12 @@ class World:
                 read = None if motors.welded else every[:, motors.index.rows]
                 found[name] = arm.snapshot(centres.get(name), read)
         shown = self._true.shadow
-        bands = band_poses(self.rig, self._model, shown)
-        at, turn = np.concatenate([shown.xpos, bands[0]]), np.concatenate([shown.xquat, bands[1]])
-        return Snapshot(self.time, at, turn, found, self._build)
+        at, turn = shown.xpos.copy(), shown.xquat.copy()
+        if self.rig.bands:
+            rods = band_poses(self.rig, self._model, shown)
+            at, turn = np.concatenate([at, rods[0]]), np.concatenate([turn, rods[1]])
+        drawings = tuple(provider() for provider in self._drawings.values())
+        return Snapshot(self.time, at, turn, found, self._build, drawings)
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""
@@ -745,6 +810,7 @@ class World:
         self._model = copy.copy(model.mj)  # gains, brakes and limits are written into this one
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
+        self._alarms = memoryview(self._bad)  # read after every step, in half the time
         self.joints = model.joints
         physics = self.joints, self._model, self._data
         errors = self.errors and ReadingErrors(self.rig, *physics, self.errors)
@@ -757,6 +823,8 @@ class World:
         self._anchor, self._springs = self.drives.rest() if self.drives else np.zeros((2, 0))
         self._fields = spring_fields(self._model)
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
+        #: Coordinates of each pose that a reset has put the arms at; closing loops takes time.
+        self._placed: dict[str, Array] = {}
         self._build += 1
 
     def _motors(self, name: str) -> Motors:
@@ -779,18 +847,23 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        self._looks = self._grasps.every if self._grasps else 0
+        for tissue in self.tissues.values():
+            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
         """Step the physics and call observers; stop when the state is no longer finite."""
         self._scripts.check_outside("step")
-        model, data, journal = self._model, self._data, self.journal
-        left, bad, stride = count, self._bad, self._stride
+        model, data, journal, scripts = self._model, self._data, self.journal, self._scripts
+        left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
+        tissues = tuple(self.tissues.values())
         computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
+        looks, renewal = self._looks, self._renewal
         while left > 0:
-            since = journal.period % self._renewal
+            since = journal.period % renewal
             if since == 0:
                 if self._load.size > 0.0:
                     self._load.apply()
@@ -799,9 +872,9 @@ class World:
                     self._supervise()
             if errors is not None:
                 errors.command()
-            run = min(left, self._renewal - since)
-            if self._grasps:
-                run = min(run, self._grasps.every - journal.period % self._grasps.every)
+            run = left if left < renewal - since else renewal - since
+            if looks:
+                run = min(run, looks - journal.period % looks)
             left -= run
             mujoco.mj_getState(model, data, self._before, STEPPED)
             while run > 0:
@@ -811,8 +884,11 @@ class World:
                 if computed:
                     self.servos.compute_torque()
                     count = 1
-                if self._scripts.running:
-                    self._scripts.call(self)
+                if scripts.running:
+                    scripts.call(self)
+                for tissue in tissues:
+                    tissue.apply()
+                if tissues or scripts.running:
                     mujoco.mj_getState(model, data, self._before, STEPPED)
                     count = 1
                 mujoco.mj_step(model, data, count)
@@ -826,8 +902,11 @@ class World:
                     errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
                     self._diverged()
-                if self._grasps and journal.period % self._grasps.every == 0:
+                if looks and journal.period % looks == 0:
                     self._grasps.look()
+                for tissue in tissues:
+                    if journal.period % tissue.every == 0:
+                        tissue.look()
                 for observer, _ in self._observers:
                     observer()
 
@@ -887,6 +966,7 @@ class World:
             mujoco.mj_step(self._model, self._data)
             if self._bad[list(BAD)].any():
                 break
+        self.journal.time = self._data.time
         kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
         index = self._culprit(kind)
         name, detail = self._model.joint(index).name, f"the {BAD[kind]} of {{}} is not finite"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 from dataclasses import replace
@@ -42,39 +41,23 @@ def random_joints(rig, rng):
 def test_only_the_newest_folders_of_meshes_are_kept() -> None:
     pytest.importorskip("lxml", reason="URDF needs the extra 'export'")
     rigs = [replace(load_rig("psm")) for _ in range(KEPT + 1)]
-    first = [robot_model(rig) for rig in rigs[:KEPT]]
-    assert robot_model(rigs[0]) is first[0]  # asked for again, so it is the newest
+    first = [robot_model(rig).folder for rig in rigs[:KEPT]]
+    assert robot_model(rigs[0]).folder == first[0]  # asked for again, so it is the newest
     robot_model(rigs[KEPT])
-    assert [model.folder.is_dir() for model in first] == [True, False, True, True]
+    assert [folder.is_dir() for folder in first] == [True, False, True, True]
     assert robot_model(rigs[1]).folder.is_dir()  # written anew
 
 
-KILLED = """
-import os, signal
+def test_the_folders_of_a_process_go_with_it(tmp_path: Path) -> None:
+    pytest.importorskip("lxml", reason="URDF needs the extra 'export'")
+    text = """
 from trocar.descriptions import load_rig
 from trocar.interfaces.crtk.robot_model import robot_model
-robot_model(load_rig("psm"))
-os.kill(os.getpid(), signal.SIGKILL)
+assert robot_model(load_rig("psm")).folder.is_dir()
 """
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="folders are not held there")
-def test_the_folder_of_a_killed_process_goes_and_that_of_one_that_lives_stays(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("lxml", reason="URDF needs the extra 'export'")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     environment = {**os.environ, "TMPDIR": str(tmp_path)}
-    mine = robot_model(replace(load_rig("psm"))).folder
-    done = subprocess.run([sys.executable, "-c", KILLED], env=environment, check=False)
-    assert done.returncode == -signal.SIGKILL
-    (left,) = set(tmp_path.iterdir()) - {mine}
-    other = robot_model(replace(load_rig("psm"))).folder
-    assert set(tmp_path.iterdir()) == {mine, left, other}  # it may be somebody's newest
-    for folder in (mine, left):
-        os.utime(folder, (0.0, 0.0))
-    robot_model(replace(load_rig("psm")))
-    assert mine.is_dir() and other.is_dir() and not left.exists()
+    subprocess.run([sys.executable, "-c", text], env=environment, check=True)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", RIGS)

@@ -37,9 +37,10 @@ from trocar.interfaces.viewer.panel import (
     goal_range,
     read_arm,
 )
-from trocar.interfaces.viewer.scene import Bodies
+from trocar.interfaces.viewer.scene import Bodies, Drawings
 from trocar.interfaces.viewer.server import LocalServer, serving
 from trocar.simulation import World
+from trocar.simulation.records import DrawnCurve
 
 from ..fake_world import FakeWorld
 
@@ -264,6 +265,18 @@ def test_small_moves_add_up_until_they_are_sent(server: LocalServer) -> None:
         world.arms["PSM2"].q[2] += 3e-6
         sent += bodies.show(world.snapshot())
     assert sent > 0
+
+
+def test_drawings_send_only_what_bent_and_remove_what_is_gone(server: LocalServer) -> None:
+    drawings, now = Drawings(server.scene), FakeWorld().snapshot()
+    points = np.array([[0.0, 0.0, 1.0], [0.1, 0.0, 1.0], [0.2, 0.1, 1.0]])
+    thread, other = (DrawnCurve(name, points, 0.001) for name in ("thread", "other"))
+    assert drawings.show(now._replace(drawings=(thread, other))) == 2
+    assert drawings.show(now._replace(drawings=(thread, other))) == 0
+    bent = thread._replace(points=points + np.array([0.0, 0.0, 0.01]))
+    assert drawings.show(now._replace(drawings=(bent, other))) == 1
+    assert drawings.nodes["thread"].vertices[:, 2].min() > 1.005
+    assert drawings.show(now) == 0 and not drawings.nodes
 
 
 def test_the_page_refreshes_with_a_reader_and_leaves_the_rest_alone_without(

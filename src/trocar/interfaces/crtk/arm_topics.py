@@ -295,198 +295,82 @@ def _endoscope(message: Message, arm: ArmDescription) -> Verb:  # noqa: ARG001
 
 EVERY = (
     latched("operating_state", STATE, "state, is_homed, is_busy; again every second"),
-    latched(
-        "desired_state",
-        STRING,
-        "the state that was commanded last",
-        first=lambda arm: {"data": arm.state},
-    ),
+    latched("desired_state", STRING, "the state that was commanded last",
+            first=lambda arm: {"data": arm.state}),
     event("goal_reached", BOOL, "whether a move that ended came to its goal"),
     event("error", STRING, "why the arm is in FAULT"),
     event("warning", STRING, "what was rejected or clipped, and why"),
     event("status", STRING, "other events"),
     command("state_command", COMMAND, "", "enable, disable, home, unhome, pause, resume", _state),
     state("measured_js", JOINTS, SI, "measured joints, jaw or gripper not included", _joints("")),
-    state(
-        "measured_cp",
-        POSE,
-        PLACE,
-        "the tip, in the frame that the header names",
-        _tip(False, False),
-    ),
-    state(
-        "local/measured_cp", POSE, PLACE, "the tip in the arm's own base frame", _tip(False, True)
-    ),
+    state("measured_cp", POSE, PLACE, "the tip, in the frame that the header names",
+            _tip(False, False)),
+    state("local/measured_cp", POSE, PLACE, "the tip in the arm's own base frame",
+            _tip(False, True)),
     command("servo_jp", JOINTS, "rad, m", "set-points now; may carry velocities", _servo_jp, True),
-    command(
-        "move_jp",
-        JOINTS,
-        "rad, m",
-        "a goal, reached within the arm's limits",
-        _joint_verb("move_jp"),
-    ),
-)
+    command("move_jp", JOINTS, "rad, m", "a goal, reached within the arm's limits",
+            _joint_verb("move_jp")),
+)  # fmt: skip
 
 #: Of arms with motors of their own: PSM, ECM, MTM.
 MOVERS = (
     state("setpoint_js", JOINTS, SI, "set-points of the joints' servos", _joints("setpoint_")),
-    state(
-        "gravity_compensation/setpoint_js",
-        JOINTS,
-        "N m, N",
-        "efforts that carry the links' weight; zero while switched off",
-        _gravity,
-    ),
-    state(
-        "setpoint_cp", POSE, PLACE, "the tip at the set-points, as measured_cp", _tip(True, False)
-    ),
-    state(
-        "local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame", _tip(True, True)
-    ),
+    state("gravity_compensation/setpoint_js", JOINTS, "N m, N",
+            "efforts that carry the links' weight; zero while switched off", _gravity),
+    state("setpoint_cp", POSE, PLACE, "the tip at the set-points, as measured_cp",
+            _tip(True, False)),
+    state("local/setpoint_cp", POSE, PLACE, "the same in the arm's own base frame",
+            _tip(True, True)),
     state("measured_cv", TWIST, SPEED, "of the tip, in axes of measured_cp's frame", _twist(False)),
-    state(
-        "local/measured_cv", TWIST, SPEED, "of the tip, in axes of its own base frame", _twist(True)
-    ),
-    state(
-        "body/measured_cf",
-        WRENCH,
-        FORCE,
-        "what the motors exert at the tip, its axes",
-        partial(_wrench, frame="body"),
-    ),
-    state(
-        "spatial/measured_cf",
-        WRENCH,
-        FORCE,
-        "the same about the base frame's origin, in its axes",
-        partial(_wrench, frame="spatial"),
-    ),
-    state(
-        "body/jacobian",
-        MATRIX,
-        "",
-        "6 x n, (linear; angular), tip and its axes",
-        partial(_jacobian, frame="body"),
-    ),
-    state(
-        "spatial/jacobian",
-        MATRIX,
-        "",
-        "6 x n, about the base frame's origin",
-        partial(_jacobian, frame="spatial"),
-    ),
-    latched(
-        "trajectory_j/ratio",
-        FLOAT,
-        "ratio of both limits that moves keep to",
-        content=lambda arm: {"data": min(arm.ratios)},
-    ),
-    latched(
-        "trajectory_j/ratio_v",
-        FLOAT,
-        "ratio of the velocity limits",
-        content=lambda arm: {"data": arm.ratios[0]},
-    ),
-    latched(
-        "trajectory_j/ratio_a",
-        FLOAT,
-        "ratio of the acceleration limits",
-        content=lambda arm: {"data": arm.ratios[1]},
-    ),
+    state("local/measured_cv", TWIST, SPEED, "of the tip, in axes of its own base frame",
+            _twist(True)),
+    state("body/measured_cf", WRENCH, FORCE, "what the motors exert at the tip, its axes",
+            partial(_wrench, frame="body")),
+    state("spatial/measured_cf", WRENCH, FORCE,
+            "the same about the base frame's origin, in its axes",
+            partial(_wrench, frame="spatial")),
+    state("body/jacobian", MATRIX, "", "6 x n, (linear; angular), tip and its axes",
+            partial(_jacobian, frame="body")),
+    state("spatial/jacobian", MATRIX, "", "6 x n, about the base frame's origin",
+            partial(_jacobian, frame="spatial")),
+    latched("trajectory_j/ratio", FLOAT, "ratio of both limits that moves keep to",
+            content=lambda arm: {"data": min(arm.ratios)}),
+    latched("trajectory_j/ratio_v", FLOAT, "ratio of the velocity limits",
+            content=lambda arm: {"data": arm.ratios[0]}),
+    latched("trajectory_j/ratio_a", FLOAT, "ratio of the acceleration limits",
+            content=lambda arm: {"data": arm.ratios[1]}),
     command("servo_jr", JOINTS, "rad, m", "add to the set-points now", _joint_verb("servo_jr")),
     command("move_jr", JOINTS, "rad, m", "move on from the goal", _joint_verb("move_jr")),
-    command(
-        "servo_jv",
-        JOINTS,
-        "rad/s, m/s",
-        "velocities, in the field velocity",
-        _joint_verb("servo_jv"),
-        True,
-    ),
-    command(
-        "servo_jf", JOINTS, "N m, N", "efforts, in the field effort", _joint_verb("servo_jf"), True
-    ),
-    command(
-        "servo_cp",
-        POSE,
-        PLACE,
-        "a pose of the tip now, as measured_cp",
-        _pose_verb("servo_cp"),
-        True,
-    ),
+    command("servo_jv", JOINTS, "rad/s, m/s", "velocities, in the field velocity",
+            _joint_verb("servo_jv"), True),
+    command("servo_jf", JOINTS, "N m, N", "efforts, in the field effort", _joint_verb("servo_jf"),
+            True),
+    command("servo_cp", POSE, PLACE, "a pose of the tip now, as measured_cp",
+            _pose_verb("servo_cp"), True),
     command("servo_cr", POSE, PLACE, "a step from the pose that was set", _pose_verb("servo_cr")),
     command("move_cp", POSE, PLACE, "a goal of the tip, as measured_cp", _pose_verb("move_cp")),
-    command(
-        "servo_cs",
-        "crtk_msgs/CartesianState",
-        SI,
-        "pose, velocity and force, by its mask",
-        _servo_cs,
-        True,
-    ),
-    command(
-        "body/servo_cf",
-        WRENCH,
-        FORCE,
-        "a wrench at the tip, in its axes",
-        _wrench_verb("body"),
-        True,
-    ),
-    command(
-        "spatial/servo_cf",
-        WRENCH,
-        FORCE,
-        "a wrench about the base frame's origin",
-        _wrench_verb("spatial"),
-        True,
-    ),
-    command(
-        "servo_ci",
-        "crtk_msgs/CartesianImpedance",
-        SI,
-        "a spring and damper about a pose",
-        _servo_ci,
-        True,
-    ),
+    command("servo_cs", "crtk_msgs/CartesianState", SI, "pose, velocity and force, by its mask",
+            _servo_cs, True),
+    command("body/servo_cf", WRENCH, FORCE, "a wrench at the tip, in its axes",
+            _wrench_verb("body"), True),
+    command("spatial/servo_cf", WRENCH, FORCE, "a wrench about the base frame's origin",
+            _wrench_verb("spatial"), True),
+    command("servo_ci", "crtk_msgs/CartesianImpedance", SI, "a spring and damper about a pose",
+            _servo_ci, True),
     command("hold", EMPTY, "", "end every move and stay", _plain("hold")),
     command("free", EMPTY, "", "exert nothing but gravity compensation", _plain("free")),
-    command(
-        "use_gravity_compensation",
-        BOOL,
-        "",
-        "switch gravity compensation",
-        _switch("use_gravity_compensation"),
-    ),
-    command(
-        "body/set_cf_orientation_absolute",
-        BOOL,
-        "",
-        "wrenches in axes of measured_cp's frame",
-        _switch("set_cf_orientation_absolute"),
-    ),
-    command(
-        "trajectory_j/set_ratio",
-        FLOAT,
-        "0.002 to 1",
-        "slow down moves that begin from now on",
-        _ratio("both"),
-    ),
-    command(
-        "trajectory_j/set_ratio_v",
-        FLOAT,
-        "0.002 to 1",
-        "their velocities alone",
-        _ratio("velocity"),
-    ),
-    command(
-        "trajectory_j/set_ratio_a",
-        FLOAT,
-        "0.002 to 1",
-        "their accelerations alone",
-        _ratio("acceleration"),
-    ),
+    command("use_gravity_compensation", BOOL, "", "switch gravity compensation",
+            _switch("use_gravity_compensation")),
+    command("body/set_cf_orientation_absolute", BOOL, "",
+            "wrenches in axes of measured_cp's frame", _switch("set_cf_orientation_absolute")),
+    command("trajectory_j/set_ratio", FLOAT, "0.002 to 1",
+            "slow down moves that begin from now on", _ratio("both")),
+    command("trajectory_j/set_ratio_v", FLOAT, "0.002 to 1", "their velocities alone",
+            _ratio("velocity")),
+    command("trajectory_j/set_ratio_a", FLOAT, "0.002 to 1", "their accelerations alone",
+            _ratio("acceleration")),
     command("set_base_frame", POSE, PLACE, "the arm's base in measured_cp's frame", _base_frame),
-)
+)  # fmt: skip
 
 CLUTCHES = (
     latched("arm_clutch", JOY, "the button on the arm", first=_up),
@@ -496,44 +380,24 @@ CLUTCHES = (
 
 PSM = (
     state("jaw/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
-    state(
-        "jaw/setpoint_js",
-        JOINTS,
-        "rad, N m",
-        "set-point of the opening",
-        _joints("setpoint_", "end"),
-    ),
+    state("jaw/setpoint_js", JOINTS, "rad, N m", "set-point of the opening",
+            _joints("setpoint_", "end")),
     command("jaw/servo_jp", JOINTS, "rad", "an opening now", _jaw_verb("servo_jp"), True),
-    command(
-        "jaw/move_jp", JOINTS, "rad", "an opening to go to; below 0 it grips", _jaw_verb("move_jp")
-    ),
+    command("jaw/move_jp", JOINTS, "rad", "an opening to go to; below 0 it grips",
+            _jaw_verb("move_jp")),
     command("jaw/servo_jf", JOINTS, "N m", "the jaw's effort", _jaw_verb("servo_jf"), True),
     command("set_tool_type", STRING, "", "mount a tool, NAME:CODE[VERSION]", _tool),
     latched("tool_type", STRING, "the mounted tool", content=lambda arm: {"data": arm.tool}),
     event("tool_type_request", EMPTY, "a tool of unknown kind was mounted"),
-    command(
-        "emulate_adapter_present",
-        BOOL,
-        "",
-        "as if the sterile adapter were mounted",
-        _switch("emulate_adapter_present"),
-    ),
-    command(
-        "emulate_tool_present",
-        BOOL,
-        "",
-        "as if a tool were mounted or taken off",
-        _switch("emulate_tool_present"),
-    ),
+    command("emulate_adapter_present", BOOL, "", "as if the sterile adapter were mounted",
+            _switch("emulate_adapter_present")),
+    command("emulate_tool_present", BOOL, "", "as if a tool were mounted or taken off",
+            _switch("emulate_tool_present")),
     *CLUTCHES,
     latched("IO/adapter", JOY, "whether a sterile adapter is mounted"),
-    latched(
-        "IO/tool",
-        JOY,
-        "whether a tool is mounted",
-        content=lambda arm: build.joy(int(bool(arm.tool))),
-    ),
-)
+    latched("IO/tool", JOY, "whether a tool is mounted",
+            content=lambda arm: build.joy(int(bool(arm.tool)))),
+)  # fmt: skip
 
 ECM = (
     command("set_endoscope_type", STRING, "", "which endoscope is mounted", _endoscope),
@@ -543,45 +407,25 @@ ECM = (
 
 MTM = (
     state("gripper/measured_js", JOINTS, "rad, N m", "the measured opening", _joints("", "end")),
-    command(
-        "gripper/servo_jp",
-        JOINTS,
-        "rad",
-        "fingers that hold an opening; wide open: none",
-        _gripper,
-        True,
-    ),
+    command("gripper/servo_jp", JOINTS, "rad", "fingers that hold an opening; wide open: none",
+            _gripper, True),
     event("gripper/pinch", EMPTY, "the gripper was shut"),
     latched("gripper/closed", BOOL, "whether it is shut", content=lambda arm: {"data": arm.closed}),
-    command(
-        "lock_orientation", "geometry_msgs/Quaternion", "xyzw", "let the gimbal hold one", _lock
-    ),
+    command("lock_orientation", "geometry_msgs/Quaternion", "xyzw", "let the gimbal hold one",
+            _lock),
     command("unlock_orientation", EMPTY, "", "let the gimbal go", _plain("unlock_orientation")),
-    latched(
-        "orientation_locked",
-        BOOL,
-        "whether the gimbal holds one",
-        content=lambda arm: {"data": arm.orientation_locked},
-    ),
-)
+    latched("orientation_locked", BOOL, "whether the gimbal holds one",
+            content=lambda arm: {"data": arm.orientation_locked}),
+)  # fmt: skip
 
 #: Setup joints; potentiometers and brakes are this simulator's own.
 SUJ = (
-    state(
-        "potentiometers/measured_js",
-        JOINTS,
-        "rad, m",
-        "readings of the potentiometers",
-        _joints(""),
-    ),
+    state("potentiometers/measured_js", JOINTS, "rad, m", "readings of the potentiometers",
+            _joints("")),
     command("lock_brakes", BOOL, "", "lock or release all brakes", _brakes),
-    latched(
-        "brakes_locked",
-        BOOL,
-        "whether every brake is locked",
-        content=lambda arm: {"data": arm.brakes_locked},
-    ),
-)
+    latched("brakes_locked", BOOL, "whether every brake is locked",
+            content=lambda arm: {"data": arm.brakes_locked}),
+)  # fmt: skip
 
 EXTRA = {"PSM": PSM, "ECM": ECM, "MTM": MTM, "SUJ": SUJ}
 

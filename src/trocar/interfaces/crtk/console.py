@@ -277,9 +277,8 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         ),
         command(sound[0], FLOAT, "0 to 1", "of beeps and speech", shows(sound[0], _volume)),
         latched("system/volume", FLOAT, "of beeps and speech", "0 to 1"),
-        command(
-            sound[1], MATRIX, "s, Hz, 0 to 1", "duration, frequency, volume", shows(sound[1], _beep)
-        ),
+        command(sound[1], MATRIX, "s, Hz, 0 to 1", "duration, frequency, volume",
+                shows(sound[1], _beep)),
         command(words, STRING, "", "said, in the log", shows(words, _speech)),
         event("system/error", STRING, "errors that concern no single arm"),
         event("system/warning", STRING, "rejections that concern no single arm"),
@@ -305,7 +304,7 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
             )
             for topic in BUTTONS
         ),
-    ]
+    ]  # fmt: skip
     if any(arm.arm.type == "SUJ" for arm in rig.arms):
         says = "arm in whose tip frame the poses of the others on setup joints are: ECM, PSM1, ..."
         rows.append(command("SUJ/set_reference_arm", STRING, "", says, reference_arm))

@@ -6,15 +6,11 @@ name of such a frame ends in `_link` here.
 
 from __future__ import annotations
 
-import atexit
-import os
 import shutil
-import sys
 import tempfile
 import threading
-import time
+import weakref
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,9 +24,6 @@ from trocar.modeling.links import LinkModel, own_joints, rig_links
 from trocar.modeling.mesh_files import mesh_files, mesh_names, seen_materials
 from trocar.modeling.urdf import urdf
 
-if sys.platform != "win32":
-    import fcntl
-
 Array = NDArray[np.float64]
 
 #: What a link's name ends in where it would have the name of a frame.
@@ -39,104 +32,51 @@ LINK = "_link"
 WORLD = "world"
 #: Folders of meshes that are kept: viewers read them soon. Source: our own choice.
 KEPT = 4
-PREFIX = "trocar-meshes-"
-#: Folders younger than this are nobody's leavings, though nobody may hold them yet. Source: our own
-#: choice. [s]
-YOUNG_S = 60.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RobotModel:
     """A rig as URDF.
 
     Attributes:
         urdf: the text; meshes are named by `file://` and a path on this machine
-        folder: where the meshes are
-        hold: a descriptor that tells others that the folder is in use, -1 where there is none
+        folder: where the meshes are, as long as this object or the process lives
     """
 
     urdf: str
     folder: Path
-    hold: int = -1
-
-    def throw_away(self) -> None:
-        """Remove the folder."""
-        shutil.rmtree(self.folder, ignore_errors=True)
-        if self.hold >= 0:
-            os.close(self.hold)
 
 
 _lock = threading.Lock()
-_written: dict[int, tuple[RigDescription, RobotModel]] = {}
 
 
 def robot_model(rig: RigDescription) -> RobotModel:
-    """Write a rig's meshes into a folder, and its URDF.
-
-    The same rig's are written once. A folder is there until KEPT others were asked for since, or
-    the process ends; one that was killed leaves its own to the next that writes one.
+    """Write a rig's meshes into a folder, and its URDF; those of the newest KEPT rigs stay.
 
     Raises:
         MissingExtraError: lxml is not installed
         InputError: a moving frame of an arm has no mass
     """
     with _lock:
-        found = _written.pop(id(rig), None) or (rig, _write(rig))
-        _written[id(rig)] = found
-        if len(_written) > KEPT:
-            _, oldest = _written.pop(next(iter(_written)))
-            oldest.throw_away()
-        return found[1]
+        return _written(rig)
 
 
-@atexit.register
-def _tidy() -> None:
-    while _written:
-        _written.popitem()[1][1].throw_away()
-
-
-def _hold(folder: Path) -> int:
-    """Return a descriptor that holds a folder while this process lives.
-
-    It is -1 where another process holds it, or the folder or the system has no such locks.
-    """
-    if sys.platform == "win32":
-        return -1
-    descriptor = -1
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        if descriptor >= 0:
-            os.close(descriptor)
-        return -1
-    return descriptor
-
-
-def _tidy_after_others() -> None:
-    """Remove the folders of processes that were killed: nobody holds them."""
-    for folder in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
-        with suppress(OSError):
-            old = time.time() - folder.stat().st_mtime > YOUNG_S
-            if old and (hold := _hold(folder)) >= 0:
-                shutil.rmtree(folder, ignore_errors=True)
-                os.close(hold)
-
-
-def _write(rig: RigDescription) -> RobotModel:
-    _tidy_after_others()
+@lru_cache(maxsize=KEPT)
+def _written(rig: RigDescription) -> RobotModel:
     model = without_clashes(rig_links(rig), set(frames(rig)))
     names = mesh_names(model)
     files = mesh_files(names, seen_materials(model))
-    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+    folder = Path(tempfile.mkdtemp(prefix="trocar-meshes-"))
     try:
         text = urdf(model, {mesh: (folder / f"{n}.obj").as_uri() for mesh, n in names.items()})
         for name, content in files.items():
             (folder / name).write_bytes(content)
-        return RobotModel(text.decode(), folder, _hold(folder))
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
+    found = RobotModel(text.decode(), folder)
+    weakref.finalize(found, shutil.rmtree, folder, ignore_errors=True)
+    return found
 
 
 def without_clashes(model: LinkModel, taken: set[str]) -> LinkModel:

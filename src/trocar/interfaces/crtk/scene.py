@@ -83,49 +83,24 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
         state(CONTACTS, CONTACTS_TYPE, "m, N", "every place where two bodies touch", _contacts),
         state("scene/time", FLOAT, "s", "simulated time since the last reset", _time),
         latched("scene/paused", BOOL, "whether time is paused"),
-        command(
-            "scene/reset",
-            EMPTY,
-            "",
-            "arms and objects back to the start, at time 0",
-            _flow("reset"),
-        ),
-        command(
-            "scene/pause",
-            EMPTY,
-            "",
-            "pause time; commands are applied all the same",
-            _flow("pause"),
-        ),
+        command("scene/reset", EMPTY, "", "arms and objects back to the start, at time 0",
+                _flow("reset")),
+        command("scene/pause", EMPTY, "", "pause time; commands are applied all the same",
+                _flow("pause")),
         command("scene/resume", EMPTY, "", "let time flow again", _flow("resume")),
-        command(
-            "scene/step",
-            "std_msgs/Int32",
-            "periods",
-            "while paused: so many periods, then all states",
-            _step,
-        ),
-    ]
+        command("scene/step", "std_msgs/Int32", "periods",
+                "while paused: so many periods, then all states", _step),
+    ]  # fmt: skip
     for index, prop in enumerate(rig.objects):
         at = f"scene/{prop.name}"
         rows += [
             state(f"{at}/measured_cp", POSE, PLACE, "the object in the world", _place_of(index)),
-            state(
-                f"{at}/measured_cv",
-                TWIST,
-                SPEED,
-                "its velocity, in axes of the world",
-                _speed_of(index),
-            ),
-            command(
-                f"{at}/servo_cf",
-                WRENCH,
-                FORCE,
-                "force at its centre of mass, and torque, in axes of the world, until the next",
-                partial(_push, prop.name),
-                newest=True,
-            ),
-        ]
+            state(f"{at}/measured_cv", TWIST, SPEED, "its velocity, in axes of the world",
+                    _speed_of(index)),
+            command(f"{at}/servo_cf", WRENCH, FORCE,
+                    "force at its centre of mass, and torque, in axes of the world, until the next",
+                    partial(_push, prop.name), newest=True),
+        ]  # fmt: skip
         if prop.joint is None:
             help_ = "put the object there, at rest"
             rows.append(command(f"{at}/set_cp", POSE, PLACE, help_, partial(_put, prop.name)))
@@ -135,7 +110,7 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
             rows += [
                 state(f"{at}/measured_js", JOINTS, unit, "its joint", _joint_of(index, prop.name)),
                 command(f"{at}/set_jp", JOINTS, unit, "put its joint there, at rest", put),
-            ]
+            ]  # fmt: skip
         if prop.script:
             rows.append(event(f"{at}/error", STRING, "its script raised and is called no longer"))
     if any(prop.joint is None for prop in rig.objects):
@@ -164,6 +139,7 @@ def _grasp_rows(arm: str) -> list[Topic]:
         make("object", lambda grasp: grasp.object),
         make("force", lambda grasp: grasp.force),
         event(f"{arm}/grasp/slipped", STRING, "it let go of this: the load was more than friction"),
+        event(f"{arm}/grasp/dropped", STRING, "this fell after it let go of it"),
     ]
 
 

@@ -24,6 +24,7 @@ from trocar.interfaces.viewer.measurements import History, JointPlots, Notices, 
 from trocar.interfaces.viewer.panel import Panel, read_arm
 from trocar.interfaces.viewer.scene import (
     Bodies,
+    Drawings,
     RemoteCentres,
     ToolFrames,
     stage,
@@ -76,6 +77,7 @@ class Page:
         shapes, now = world.shapes(), loop.latest
         stage(server, shapes, now)
         self.bodies = Bodies(server.scene, shapes)
+        self._drawings = Drawings(server.scene)
         self._build = now.build
         self._shapes: Future[tuple[int, tuple[ShapeRecord, ...]]] | None = None
         self._centres = RemoteCentres(server.scene, now)
@@ -116,6 +118,7 @@ class Page:
             return
         with self._server.atomic():
             self._show_bodies(state.snapshot)
+            self._drawings.show(state.snapshot)
             self._centres.show(state.snapshot)
             self._show_tools()
             if self._driving is not None:

@@ -17,6 +17,7 @@ from trimesh.visual.material import PBRMaterial
 
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
+from trocar.rendering.primitives import drawn_surface
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -193,6 +194,37 @@ class Bodies:
             node.position, node.wxyz = poses[row, :3], poses[row, 3:]
         self._sent[moved] = poses[moved]
         return int(np.count_nonzero(moved))
+
+
+class Drawings:
+    """One node per surface or curve that bends; what moved is sent.
+
+    Attributes:
+        nodes: {drawing: its mesh}
+    """
+
+    def __init__(self, scene: viser.SceneApi) -> None:
+        self._scene = scene
+        self.nodes: dict[str, viser.MeshHandle] = {}
+
+    def show(self, snapshot: Snapshot) -> int:
+        """Send the drawings that changed, and remove those that are gone; return how many."""
+        sent = 0
+        for name in self.nodes.keys() - {drawing.name for drawing in snapshot.drawings}:
+            self.nodes.pop(name).remove()
+        for drawing in snapshot.drawings:
+            found, node = drawn_surface(drawing), self.nodes.get(drawing.name)
+            points, faces = found.points.astype(np.float32), found.faces.astype(np.uint32)
+            if node is None or not np.array_equal(node.faces, faces):
+                self.nodes[drawing.name] = self._scene.add_mesh_simple(
+                    f"/cart/drawing_{drawing.name}", points, faces, color=drawing.rgba[:3]
+                )
+            elif np.abs(node.vertices - points).max() > STILL:
+                node.vertices = points
+            else:
+                continue
+            sent += 1
+        return sent
 
 
 class RemoteCentres:

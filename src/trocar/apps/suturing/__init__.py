@@ -1,0 +1,1 @@
+"""Suturing: stitches through soft tissue, planned, executed and scored."""

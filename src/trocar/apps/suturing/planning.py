@@ -1,0 +1,443 @@
+"""Plans of stitches: where needle and thread pass a wound, which arm holds what, and how near to its limits.
+
+A stitch is a circle in a plane across the wound: the needle turns about its centre, which lies above the
+surface. One arm drives it in from one side until its tip has come out on the other; the other arm takes it
+there and turns it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from trocar.descriptions.needles import Needle
+from trocar.descriptions.table import parse_table, toml_text
+from trocar.descriptions.tissues import Tissue
+from trocar.errors import InputError, SingularError, UnreachableError
+from trocar.geometry.se3 import inverse, transform
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
+from trocar.outputs import write_text
+from trocar.simulation import World
+from trocar.simulation.tissues import RISE, stitch_points
+
+Array = NDArray[np.float64]
+UP = np.array([0.0, 0.0, 1.0])
+
+#: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a large needle
+#: driver's pads. [m]
+REACH_M = 0.0085
+#: Angles of the tip about the circle, from the surface on the side where it goes in: where driving begins,
+#: how far beyond the surface the tip comes out, where the needle has left. Source: measured: the jaws then
+#: stay clear of the tissue, and 16 deg of tip are left for the other arm. [rad]
+START, EMERGE, END = np.radians([12.0, 36.0, 332.0])
+#: Where the driving arm holds the needle from its swage, and the other from its tip. Source: as above. [rad]
+HOLD_SWAGE, HOLD_TIP = np.radians([18.0, 16.0])
+#: Steps in which reach is looked at. Source: measured: steps of 12 deg miss solutions. [rad]
+STEP = np.radians(4.0)
+#: Joints this near to a limit are as good as out of reach. Source: our own choice. [rad]
+LEAST = np.radians(2.0)
+#: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
+ENOUGH = np.radians(8.0)
+
+
+@dataclass(frozen=True)
+class Grip:
+    """How a jaw holds a needle.
+
+    Attributes:
+        angle: on the needle, from its swage [rad]
+        along: 1: the jaw points along the needle's z axis; -1: against it
+        across: 1: the fingers close outwards from the circle's centre; -1: inwards
+    """
+
+    angle: float
+    along: int
+    across: int
+
+    def pose(self, needle: Needle) -> Array:
+        """Return the pose of the arm's tip in the needle's frame, (4, 4)."""
+        on_wire = needle.pose(self.angle)
+        z, y = self.along * on_wire[:3, 2], self.across * on_wire[:3, 0]
+        return transform(np.column_stack([np.cross(y, z), y, z]), on_wire[:3, 3] - REACH_M * z)
+
+
+@dataclass(frozen=True, eq=False)
+class Stitch:
+    """One stitch.
+
+    Attributes:
+        wound: frame of the wound in the world: origin in its middle on the surface, x along it, z up (4, 4)
+        points: channel points in this frame: in, on both sides of the wound, out (4, 3) [m]
+        radius, height: of the circle, and of its centre above the surface [m]
+        side: 1: in on the side of the wound's +y; -1: of -y
+        driver, taker: arms that drive the needle in, and out
+        grips: of both
+        margins: least distances of their joints from limits [rad]
+        limited: which joints these are
+    """
+
+    wound: Array
+    points: Array
+    radius: float
+    height: float
+    side: int
+    driver: str
+    taker: str
+    grips: tuple[Grip, Grip]
+    margins: tuple[float, float]
+    limited: tuple[str, str]
+
+    @property
+    def surface(self) -> float:
+        """Angle of the tip where it goes in [rad]."""
+        return float(np.arcsin(self.height / self.radius))
+
+    @property
+    def out(self) -> float:
+        """Angle of the tip where the other arm takes the needle [rad]."""
+        return np.pi - self.surface + EMERGE
+
+    def needle_pose(self, needle: Needle, angle: float) -> Array:
+        """Return the needle in the world while its tip is at an angle of the circle, (4, 4) [rad]."""
+        x = float(self.points[0, 0])
+        return needle_on_circle(self.wound, x, self.height, self.side, angle - needle.arc)
+
+    def angle_of(self, needle: Needle, pose: Array) -> float:
+        """Return the angle of the tip of a needle in the world, 0 to 2 pi [rad]."""
+        local = self.wound[:3, :3].T @ pose[:3, 0]
+        return float(np.arctan2(-local[2], self.side * local[1]) + needle.arc) % (2.0 * np.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Stitches of a wound, in their order.
+
+    Attributes:
+        stitches: each
+        needle: with which
+    """
+
+    stitches: tuple[Stitch, ...]
+    needle: Needle
+
+    def document(self) -> dict[str, object]:
+        """Return it as a file has it."""
+        n = self.needle
+        dimensions = {"radius_m": n.radius, "arc_rad": n.arc, "wire_m": n.wire, "taper_m": n.taper}
+        rows: list[dict[str, object]] = []
+        for one in self.stitches:
+            rows.append(
+                {
+                    "wound": one.wound.tolist(),
+                    "points_m": one.points.tolist(),
+                    "radius_m": one.radius,
+                    "height_m": one.height,
+                    "side": one.side,
+                    "arms": [one.driver, one.taker],
+                    "grips": [[g.angle, g.along, g.across] for g in one.grips],
+                    "margins_rad": list(one.margins),
+                    "limited": list(one.limited),
+                }
+            )
+        return {"schema": 1, "needle": dimensions, "stitch": rows}
+
+    def save(self, path: Path, *, overwrite: bool = False) -> None:
+        """Write it as TOML."""
+        write_text(path, toml_text(self.document()), overwrite)
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan.
+
+    Raises:
+        DescriptionError: file, key, what was got and what is allowed
+    """
+    table = parse_table(path.read_text(), str(path))
+    row = table.table("needle")
+    needle = Needle(*(row.number(k) for k in ("radius_m", "arc_rad", "wire_m", "taper_m")))
+    stitches: list[Stitch] = []
+    for one in table.tables("stitch"):
+        grips = one.matrix("grips", 2, 3)
+        margins, limited = one.numbers("margins_rad", 2), one.texts("limited")
+        arms = one.texts("arms")
+        stitches.append(
+            Stitch(
+                one.matrix("wound", 4, 4),
+                one.matrix("points_m", 4, 3),
+                one.number("radius_m"),
+                one.number("height_m"),
+                round(one.number("side")),
+                *(arms[0], arms[1]),
+                (_grip(grips[0]), _grip(grips[1])),
+                (float(margins[0]), float(margins[1])),
+                (limited[0], limited[1]),
+            )
+        )
+    return Plan(tuple(stitches), needle)
+
+
+def _grip(row: Array) -> Grip:
+    return Grip(float(row[0]), round(float(row[1])), round(float(row[2])))
+
+
+def needle_on_circle(wound: Array, x: float, height: float, side: int, swage: float) -> Array:
+    """Return the pose of a needle on a stitch's circle, its swage at an angle of it, (4, 4).
+
+    Args:
+        wound: frame of the wound in the world, (4, 4)
+        x: where along it [m]
+        height: of the circle's centre above the surface [m]
+        side: as of a stitch
+        swage: angle of the needle's swage [rad]
+    """
+    out, c, s = np.array([0.0, side, 0.0]), np.cos(swage), np.sin(swage)
+    first, second = c * out - s * UP, -s * out - c * UP
+    turn = np.column_stack([first, second, np.cross(first, second)])
+    return wound @ transform(turn, np.array([x, 0.0, height]))
+
+
+def wound_frame(line: ArrayLike, up: ArrayLike = UP) -> tuple[Array, float]:
+    """Return the frame of a wound that points along its middle were seen of, and its length.
+
+    Args:
+        line: points on the surface along the wound in the world, (n, 3) [m]
+        up: direction out of the surface, (3,)
+
+    Returns:
+        T_world_wound (4, 4): origin in the middle, x along the wound towards +x of the world, z up; length [m]
+
+    Raises:
+        InputError: fewer than two points, or all in one place
+    """
+    points = np.asarray(line, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < 2 or not np.isfinite(points).all():
+        raise InputError(f"wound: got points of shape {points.shape}; allowed: (n, 3), n from 2 on")
+    middle, z = points.mean(axis=0), np.asarray(up, dtype=np.float64) / np.linalg.norm(up)
+    flat = (points - middle) - np.outer((points - middle) @ z, z)
+    x = np.linalg.svd(flat, full_matrices=False)[2][0]
+    x = x if x[int(np.argmax(np.abs(x)))] > 0.0 else -x
+    reach = flat @ x
+    length = float(np.ptp(reach))
+    if length < 1e-3:
+        raise InputError(f"wound: got points within {1e3 * length:.2g} mm; allowed: 1 mm or more")
+    origin = middle + 0.5 * (reach.max() + reach.min()) * x
+    return transform(np.column_stack([x, np.cross(z, x), z]), origin), length
+
+
+class Reach:
+    """What an arm reaches with its tip.
+
+    Args:
+        world: with the arm where its base is
+        arm: its name
+    """
+
+    def __init__(self, world: World, arm: str) -> None:
+        self.arm = world.arms[arm]
+        self._mechanism, self._structure = (
+            self.arm.description.mechanism,
+            self.arm.description.inverse_kinematics,
+        )
+        self._forward = world.reference_pose(arm)
+        self._back = inverse(self._forward)
+        count = self.arm.description.own_joints
+        self._lower, self._upper = self.arm.lower[:count], self.arm.upper[:count]
+        self.names = self.arm.joint_names[:count]
+        #: Joints that turn: whose distances from limits are angles.
+        self._turns = np.array([j.kind != "prismatic" for j in self.arm.description.joints[:count]])
+        self.port = world.remote_centres()[arm]
+
+    def pose(self, q: Array) -> Array:
+        """Return the pose of the tip in the world at joint positions, (4, 4)."""
+        return self._forward @ chain_pose(self._mechanism)(np.append(q, 0.0))
+
+    def all(self, T: Array) -> Array:
+        """Return every joint position with the tip at a pose in the world, (k, n); none: (0, n)."""
+        try:
+            return inverse_kinematics(self._mechanism, self._structure, self._back @ T)
+        except (UnreachableError, SingularError):
+            return np.zeros((0, len(self.names)))
+
+    def near(self, T: Array, q: Array) -> Array | None:
+        """Return the joint position nearest to q with the tip at a pose in the world, None: none."""
+        try:
+            return nearest_solution(self._mechanism, self._structure, self._back @ T, q)
+        except (UnreachableError, SingularError):
+            return None
+
+    def margin(self, q: Array) -> tuple[float, str]:
+        """Return the least distance of a turning joint from a limit, and which [rad]."""
+        room = np.where(self._turns, np.minimum(q - self._lower, self._upper - q), np.inf)
+        worst = int(np.argmin(room, axis=-1))
+        return float(room[worst]), self.names[worst]
+
+    def along(self, poses: Sequence[Array]) -> tuple[float, str, Array] | None:
+        """Return the way through poses that stays farthest from limits.
+
+        Returns:
+            least margin, its joint, joint positions at the first pose; None where there is no way
+        """
+        best: tuple[float, str, Array] | None = None
+        for first in self.all(poses[0]):
+            q: Array | None = first
+            room, joint = self.margin(first)
+            for T in poses[1:]:
+                before = q
+                q = self.near(T, before)
+                if q is None or (np.abs(q - before)[self._turns] > 8.0 * STEP).any():
+                    room = -np.inf
+                    break
+                room, joint = min((room, joint), self.margin(q))
+                if best is not None and room <= best[0]:
+                    break
+            if np.isfinite(room) and (best is None or room > best[0]):
+                best = room, joint, first
+        return best
+
+
+def make_plan(
+    world: World, tissue: Tissue, wound: Array, places: Sequence[float], needle_pose: Array
+) -> Plan:
+    """Plan stitches across a wound: which arm, which side, which grips.
+
+    Args:
+        world: with the arms
+        tissue: what is stitched, as far as it is known: its gap, depth and width, and the needle
+        wound: its frame in the world, (4, 4)
+        places: where along it, of each stitch [m]
+        needle_pose: of the needle where it lies, in the world (4, 4): it is picked from above
+
+    Raises:
+        InputError: the needle does not fit jaws or tissue
+        UnreachableError: no arm reaches it; says which joint is in the way
+    """
+    needle = tissue.wire
+    check_needle(tissue)
+    arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
+    reaches = {name: Reach(world, name) for name in arms}
+    found: list[Stitch] = []
+    kept: tuple[str, int, Grip, Grip] | None = None
+    for place in places:
+        options = [
+            one
+            for one in _options(reaches, tissue, wound, place, needle_pose, kept)
+            if min(one.margins) >= LEAST
+        ]
+        if not options:
+            raise UnreachableError(_why_not(reaches, tissue, wound, place))
+        best = max(options, key=lambda one: min(one.margins))
+        kept = best.driver, best.side, *best.grips
+        found.append(best)
+    return Plan(tuple(found), needle)
+
+
+def check_needle(tissue: Tissue) -> None:
+    """Reject a needle that does not fit jaws or tissue.
+
+    Raises:
+        InputError: which, and what is allowed
+    """
+    needle = tissue.wire
+    height = RISE * needle.radius
+    wide, deep = float(np.sqrt(needle.radius**2 - height**2)), needle.radius - height
+    room = 0.5 * tissue.gap + tissue.width
+    if wide > 0.9 * room or deep > 0.9 * tissue.depth:
+        raise InputError(
+            f"needle of {1e3 * needle.radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide and"
+            f" {1e3 * deep:.1f} mm deep; allowed: {900 * room:.1f} mm and {900 * tissue.depth:.1f} mm"
+        )
+    if wide < 0.5 * tissue.gap + 2.5e-3:
+        raise InputError(
+            f"needle of {1e3 * needle.radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide; needed:"
+            f" {500 * tissue.gap + 2.5:.1f} mm for a wound of {1e3 * tissue.gap:.1f} mm"
+        )
+    if needle.wire > 2e-3:
+        raise InputError(
+            f"needle: got a wire of {1e3 * needle.wire:.2f} mm; allowed: up to 2 mm, for the jaws"
+        )
+
+
+def _options(
+    reaches: dict[str, Reach],
+    tissue: Tissue,
+    wound: Array,
+    place: float,
+    needle_pose: Array,
+    kept: tuple[str, int, Grip, Grip] | None,
+) -> Iterator[Stitch]:
+    """Yield the ways to make a stitch; those of the stitch before come first, and alone if they are good."""
+    needle = tissue.wire
+    height = RISE * needle.radius
+    faces_up = needle_pose[2, 2] > 0.0
+    for (driver, taker), side in product(_pairs(reaches, needle_pose), (1, -1)):
+        if kept is not None and (driver, side) != kept[:2]:
+            continue
+        points = stitch_points(tissue, place, needle.radius, height, float(side))
+        draft = Stitch(
+            wound, points, needle.radius, height, side, driver, taker, _NO_GRIPS, (0, 0), ("", "")
+        )
+        middle = draft.needle_pose(needle, np.pi)
+        grips: list[Grip] = []
+        ways: list[tuple[float, str, Array]] = []
+        for row, (arm, angle, tips) in enumerate(
+            (
+                (driver, HOLD_SWAGE, np.arange(START, draft.out + STEP, STEP)),
+                (taker, needle.arc - HOLD_TIP, np.arange(draft.out - STEP, END + STEP, STEP)),
+            )
+        ):
+            inwards = wound[:3, 3] - reaches[arm].port
+            along = 1 if middle[:3, 2] @ inwards > 0.0 else -1
+            if arm == driver and kept is None and (along > 0) == faces_up:
+                break  # from above, the jaw would hold it the other way round
+            best: tuple[float, str, Array] | None = None
+            for across in (1, -1) if kept is None else (kept[2 + row].across,):
+                grip = Grip(angle, along, across)
+                held = grip.pose(needle)
+                way = reaches[arm].along([draft.needle_pose(needle, tip) @ held for tip in tips])
+                if way is not None and arm == driver and kept is None:
+                    above = needle_pose @ held
+                    above[2, 3] += 0.02
+                    picks = [reaches[arm].margin(q) for q in reaches[arm].all(above)]
+                    way = min(way[:2], max(picks, default=(-np.inf, ""))) + way[2:]
+                if way is not None and (best is None or way[0] > best[0]):
+                    best, chosen = way, grip
+            if best is None:
+                break
+            grips.append(chosen)
+            ways.append(best)
+        if len(grips) == 2:
+            found = replace(
+                draft,
+                grips=(grips[0], grips[1]),
+                margins=(ways[0][0], ways[1][0]),
+                limited=(ways[0][1], ways[1][1]),
+            )
+            yield found
+            if min(found.margins) > ENOUGH:
+                return
+
+
+_NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))
+
+
+def _pairs(reaches: dict[str, Reach], needle_pose: Array) -> list[tuple[str, str]]:
+    """Return arms that drive and take, first with the one nearer to the needle."""
+    near = sorted(reaches, key=lambda name: np.linalg.norm(reaches[name].port - needle_pose[:3, 3]))
+    return [(one, two) for one in near for two in near if one != two]
+
+
+def _why_not(reaches: dict[str, Reach], tissue: Tissue, wound: Array, place: float) -> str:
+    """Say why no arm reaches a stitch."""
+    yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
+    at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()
+    return (
+        f"stitch at {at} mm across a wound at {yaw:.0f} deg: {' and '.join(reaches)} do not reach its"
+        f" whole arc of {1e3 * tissue.wire.radius:.1f} mm radius by {np.degrees(LEAST):.0f} deg from"
+        " every joint's limit; allowed: within 45 deg of the line between the ports, and 30 mm"
+    )

@@ -1,0 +1,455 @@
+"""How two arms make stitches: motions with force limits, looks at what came of them, and second tries."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.motions import OPEN, UP, Hand, Motion, together
+from trocar.apps.suturing.planning import END, LEAST, START, Plan, Reach, Stitch, needle_on_circle
+from trocar.apps.task import PERIOD_S, Task
+from trocar.errors import TrocarError
+from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
+from trocar.geometry.se3 import exp_twist, inverse, log_transform, transform
+from trocar.simulation.tissues import SoftTissue
+
+Array = NDArray[np.float64]
+
+#: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no effect of
+#: 1 to 10 mm/s on forces. [rad/s]
+DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(30.0)
+#: Speeds of the pull: slack, and under tension. Source: our own choice. [m/s]
+PULL_M_S, TIGHT_M_S = 0.03, 0.006
+#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013 measured
+#: 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
+TIGHT_N, SLOW_N = 2.0, 0.5
+#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up, and
+#: towards the arm's own side along it. Source: our own choice; the first closes a wound with the least force.
+PULLS = ((0.8, 0.6, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
+#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm thick. [m]
+APART_M = 0.03
+#: The pull ends here though the thread is not tight. Source: our own choice. [m]
+PULL_M = 0.1
+#: A needle that a jaw holds farther out of its plane is put down and picked again, and one with which the
+#: arm would not reach the whole arc. Source: our own choice. [deg]
+TILT_DEG = 35.0
+#: Times that anything is tried. Source: our own choice.
+TRIES = 4
+#: Time in which a jaw has closed on a needle. Source: our own choice. [s]
+CLOSE_S = 0.6
+#: Openings of jaws about a needle. Source: our own choice. [rad]
+AROUND, GRIP = 0.6, -0.349
+#: Heights above the needle and above the surface. Source: our own choice. [m]
+ABOVE_M, CLEAR_M = 0.02, 0.006
+#: Looks at a needle in the jaws whose mean is taken. Source: our own choice.
+LOOKS = 3
+#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice. [rad]
+MISSED_RAD = np.radians(25.0)
+
+
+class StitchError(TrocarError):
+    """A stitch that could not be made: what went wrong."""
+
+
+@dataclass
+class Noise:
+    """Errors of what is seen, uniform up to these, and of a needle's pose in the jaws, normal.
+
+    Attributes:
+        place, turn: of a needle that lies [m, rad]
+        held, held_turn: of a needle in the jaws, along and about each axis [m, rad]
+        wound: of each point that is seen of the wound, normal [m]
+    """
+
+    place: float = 1e-3
+    turn: float = float(np.radians(5.0))
+    held: float = 2e-4
+    held_turn: float = float(np.radians(0.5))
+    wound: float = 2.5e-4
+
+    def scaled(self, factor: float) -> Noise:
+        """Return errors larger by a factor; of the wound, too."""
+        values = (self.place, self.turn, self.held, self.held_turn, self.wound)
+        return Noise(*(factor * value for value in values))
+
+
+class Operation(Protocol):
+    """The episode that a policy works in."""
+
+    tissue: SoftTissue
+    noise: Noise
+    noise_rng: np.random.Generator
+
+    @property
+    def plan(self) -> Plan:
+        """Its stitches."""
+        ...
+
+    def make_plan(self) -> Plan:
+        """Plan the stitches, from where wound and needle are seen."""
+        ...
+
+    def announce(self, text: str) -> None:
+        """Say what happens now."""
+        ...
+
+
+class NeedleHand(Hand):
+    """An instrument that holds a needle.
+
+    Args:
+        task: the episode
+        arm: name of a PSM
+        reach: of it
+    """
+
+    def __init__(self, task: Task, arm: str, reach: Reach) -> None:
+        super().__init__(task, arm)
+        self.reach = reach
+
+    @property
+    def holds(self) -> bool:
+        """Whether its jaw holds the needle."""
+        grasp = self.task.world.grasps()[self.arm]
+        return grasp.object != "" and grasp.load != 0.0  # 0 while it only presses
+
+    def follow(self, poses: Iterator[Array]) -> Motion:
+        """Bring the tip through poses in the world, one each period.
+
+        Raises:
+            StitchError: it stays behind: a limit, a singular pose, or something in the way
+        """
+        behind = 0
+        for T in poses:
+            now = self.task.target(self.arm)
+            change = rotation_vector_from_matrix(T[:3, :3] @ now[:3, :3].T)
+            way = T[:3, 3] - now[:3, 3]
+            far = float(np.linalg.norm(way)) > 0.006 or float(np.linalg.norm(change)) > 0.15
+            behind = behind + 1 if far else 0
+            if behind > 10:
+                raise StitchError(f"{self.arm} does not follow its path")
+            yield np.concatenate([way / PERIOD_S, change / PERIOD_S, [self.jaw]])
+
+    def to_joints(self, q: Array, speed: float = 1.2) -> Motion:
+        """Go to joint positions, (n,), along a line between joints."""
+        start = self.task.world.arms[self.arm].setpoints()[: len(q)]
+        scale = np.array([1.0, 1.0, 10.0, 0.6, 1.0, 1.0])  # m are 10 rad, a roll turns faster
+        time = 1.5 * float(np.abs((q - start) * scale).max()) / speed
+        count = max(1, int(np.ceil(time / PERIOD_S)))
+        smooth = (np.arange(1, count + 1) / count) ** 2 * (
+            3.0 - 2.0 * np.arange(1, count + 1) / count
+        )
+        yield from self.follow(self.reach.pose(start + s * (q - start)) for s in smooth)
+
+    def line(self, goal: Array, speed: float = 0.05) -> Motion:
+        """Go straight to a pose in the world (4, 4), and settle."""
+        yield from self.go(goal, speed)
+        now = self.task.target(self.arm)
+        if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
+            raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
+
+    def back(self, way: float, speed: float = 0.08) -> Motion:
+        """Withdraw along the jaw [m]."""
+        yield from self.shift(-way * self.task.target(self.arm)[:3, 2], speed)
+
+
+class Sewing:
+    """The policy of one episode.
+
+    Args:
+        task: the episode
+        operation: the same, as what it has beside a task
+    """
+
+    def __init__(self, task: Task, operation: Operation) -> None:
+        self.task, self.op = task, operation
+        self.needle = operation.plan.needle
+        names = [name for name, arm in task.world.arms.items() if arm.type == "PSM"]
+        self.hands = {name: NeedleHand(task, name, Reach(task.world, name)) for name in names}
+
+    def run(self) -> Iterator[Array]:
+        """Yield the actions of all stitches."""
+        held = yield from self._pick()
+        stitches = self.op.plan.stitches
+        for number, stitch in enumerate(stitches):
+            self.op.announce(f"stitch {number + 1}: approach")
+            yield from self._drive(number, stitch, held)
+            held = yield from self._regrasp(stitch)
+            yield from self._pull_through(number, stitch, held)
+            self.op.tissue.lock(number)
+            if number + 1 < len(stitches):
+                self.op.announce("hand back")
+                held = yield from self._hand_back(stitches[number + 1], held)
+        self.op.announce("done")
+
+    def rest(self, time: float) -> Iterator[Array]:
+        """Stay where everything is [s]."""
+        return self._one(hand := next(iter(self.hands.values())), hand.wait(time))
+
+    # ------------------------------------------------------------------ parts of a stitch
+
+    def _pick(self) -> Iterator[Array]:
+        """Pick the needle up, again where it cannot be used as it is held; return how it is held."""
+        for attempt in range(TRIES):
+            self.op.announce("pick" if attempt == 0 else f"pick again ({attempt + 1})")
+            seen = self._see()
+            if seen[2, 2] * self.op.plan.stitches[0].grips[0].along > 0.0:
+                self.op.announce("the needle lies on its other side: plan again")
+                self.op.make_plan()
+            stitch = self.op.plan.stitches[0]
+            hand, grip = self.hands[stitch.driver], stitch.grips[0]
+            held = grip.pose(self.needle)
+            start = self._start_joints(stitch, held)
+            if start is None:
+                raise StitchError(f"{hand.arm} does not reach the stitch")
+            above, there = _raised(seen @ held, ABOVE_M), seen @ held
+            hand.jaw = AROUND
+            solutions = hand.reach.all(above)
+            if not len(solutions):
+                raise StitchError(f"{hand.arm} does not reach the needle")
+            roll = np.abs(solutions - start)[:, [0, 1, 3, 4, 5]].max(axis=1)
+            yield from self._one(hand, hand.to_joints(solutions[int(np.argmin(roll))]))
+            yield from self._one(hand, hand.line(there, 0.04))
+            yield from self._close(hand)
+            yield from self._one(hand, hand.line(above))
+            if hand.holds:
+                now = self._held(hand)
+                tilt = np.degrees(np.arccos(np.clip(now[2, 2] * grip.along, -1.0, 1.0)))
+                start = self._start_joints(stitch, now) if tilt < TILT_DEG else None
+                if start is not None:
+                    yield from self._one(hand, hand.to_joints(start, 1.5))
+                    return now
+                self.op.announce(f"needle tilted by {tilt:.0f} deg in the jaws: put it down")
+                yield from self._one(hand, hand.line(there))
+            else:
+                self.op.announce("missed the needle")
+            yield from self._one(hand, hand.open(AROUND))
+            yield from self._one(hand, hand.line(above))
+            yield from self._one(hand, hand.wait(0.5))
+        raise StitchError(f"the needle was not picked in {TRIES} tries")
+
+    def _drive(self, number: int, stitch: Stitch, held: Array) -> Iterator[Array]:
+        """Bring the needle to the wound and through both of its sides."""
+        hand, tissue = self.hands[stitch.driver], self.op.tissue
+        begin = stitch.needle_pose(self.needle, START)
+        yield from self._one(hand, hand.line(_raised(begin @ held, CLEAR_M)))
+        held = yield from self._look_again(hand, held)
+        yield from self._one(hand, hand.line(begin @ held, 0.02))
+        yield from self._one(hand, hand.wait(0.1))
+        self.op.announce(f"stitch {number + 1}: drive")
+
+        def late(angle: float) -> bool:
+            return not tissue.passed[number, 0] and angle > stitch.surface + MISSED_RAD
+
+        yield from self._arc(hand, stitch, held, (START, stitch.out), DRIVE_RAD_S, late)
+        yield from self._one(hand, hand.wait(0.1))
+        if not tissue.passed[number].all():
+            reached = int(tissue.passed[number].sum())
+            raise StitchError(f"stitch {number + 1}: the tip passed {reached} of 4 points")
+
+    def _regrasp(self, stitch: Stitch) -> Iterator[Array]:
+        """Let the other arm take the needle by its tip; return how it holds it."""
+        self.op.announce("the other arm takes the needle")
+        held = stitch.grips[1].pose(self.needle)
+        angles = np.arange(stitch.out, END, np.radians(4.0))
+        way = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
+        return (yield from self._take(stitch, 1, stitch.driver, way))
+
+    def _take(
+        self, stitch: Stitch, row: int, giver: str, then: list[Array]
+    ) -> Iterator[Array]:
+        """Let an arm take the needle with one of the stitch's grips, the other let go of it.
+
+        Args:
+            stitch: whose grips
+            row: 0: of the driver, 1: of the taker
+            giver: the arm that holds it now
+            then: poses that the taker's tip shall go through afterwards
+        """
+        taker = (stitch.driver, stitch.taker)[row]
+        give, take = self.hands[giver], self.hands[taker]
+        grip = stitch.grips[row]
+        goal = self._seen_in(give) @ grip.pose(self.needle)
+        for attempt in range(TRIES):
+            yield from self._one(take, take.open(AROUND))
+            yield from self._approach(take, [goal, *then])
+            yield from self._one(take, take.line(goal, 0.03))
+            yield from self._close(take)
+            if take.holds:
+                break
+            self.op.announce(f"{taker} missed the needle")
+            yield from self._one(take, take.open(AROUND))
+            yield from self._one(take, take.back(ABOVE_M))
+            goal = self._seen_in(give) @ grip.pose(self.needle)
+        else:
+            raise StitchError(f"{taker} did not take the needle in {TRIES} tries")
+        yield from self._one(give, give.open(AROUND))
+        held = self._held(take)
+        yield from self._one(give, give.back(0.015))
+        yield from self._one(give, give.shift(0.02 * UP))
+        return (yield from self._look_again(take, held))
+
+    def _pull_through(self, number: int, stitch: Stitch, held: Array) -> Iterator[Array]:
+        """Turn the needle out and pull the thread until the stitch is tight."""
+        hand, tissue = self.hands[stitch.taker], self.op.tissue
+        self.op.announce(f"stitch {number + 1}: pull the needle out")
+        now = stitch.angle_of(self.needle, self.task.object_pose(tissue.tissue.needle))
+        yield from self._arc(hand, stitch, held, (now, END), OUT_RAD_S, lambda _: False)
+        if not tissue.left[number].all():
+            raise StitchError(f"stitch {number + 1}: the needle is not out")
+        self.op.announce(f"stitch {number + 1}: pull the thread")
+        yield from self._one(hand, hand.follow(self._pull(hand, self._pull_way(stitch))))
+        if tissue.tension() < 0.8 * TIGHT_N:
+            raise StitchError(f"stitch {number + 1}: the thread is not tight")
+        yield from self._one(hand, hand.wait(0.3))
+
+    def _pull_way(self, stitch: Stitch) -> Array:
+        """Return the direction of the pull, (3,)."""
+        world, along = self.task.world, stitch.wound[:3, 0]
+        start = self.task.target(stitch.taker)[:3, 3]
+        port = self.hands[stitch.taker].reach.port
+        aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
+        axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
+        ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
+        reach = start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        shafts = [
+            np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
+            for name, arm in world.arms.items()
+            if arm.type == "ECM"
+        ]
+        for k, way in enumerate(ways):
+            gaps = [np.linalg.norm(reach[:, k, None] - s, axis=2).min() for s in shafts]
+            if min(gaps, default=np.inf) > APART_M:
+                return way
+        return ways[-1]
+
+    def _pull(self, hand: NeedleHand, way: Array) -> Iterator[Array]:
+        goal, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
+        while tension < TIGHT_N and pulled < PULL_M:
+            step = (PULL_M_S if tension < SLOW_N else TIGHT_M_S) * PERIOD_S
+            goal[:3, 3] += step * way
+            pulled += step
+            yield goal
+            tension = self.op.tissue.tension()
+
+    def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
+        """Turn the needle on in the air and give it back; return how the driver holds it."""
+        take, give = self.hands[stitch.driver], self.hands[stitch.taker]
+        begin = self.task.target(give.arm) @ inverse(held)
+        goal = stitch.needle_pose(self.needle, START + np.radians(4.0))
+        goal[2, 3] += 0.018
+        angle = stitch.angle_of(self.needle, begin)
+        turn = (START + np.radians(4.0) - angle) % (2.0 * np.pi)
+        x, count = float(stitch.points[0, 0]), 120
+
+        def way() -> Iterator[Array]:
+            for k in range(1, count + 1):
+                s = k / count
+                s = s * s * (3.0 - 2.0 * s)
+                swage = angle + s * turn - self.needle.arc
+                T = needle_on_circle(stitch.wound, x, stitch.height, stitch.side, swage)
+                T[:3, 3] = begin[:3, 3] + s * (goal[:3, 3] - begin[:3, 3])
+                T[2, 3] += 0.01 * np.sin(np.pi * s)
+                yield T @ held
+
+        yield from self._one(give, give.follow(way()))
+        yield from self._one(give, give.wait(0.1))
+        held = stitch.grips[0].pose(self.needle)
+        angles = np.arange(START, stitch.out, np.radians(4.0))
+        then = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
+        return (yield from self._take(stitch, 0, give.arm, [_raised(then[0], CLEAR_M), *then]))
+
+    # ------------------------------------------------------------------ inside
+
+    def _one(self, hand: Hand, motion: Motion) -> Iterator[Array]:
+        return together(self.task, **{hand.arm: motion})
+
+    def _close(self, hand: NeedleHand) -> Iterator[Array]:
+        """Close a jaw until it holds the needle, or for half a second."""
+        hand.jaw = GRIP
+        for _ in range(round(CLOSE_S / PERIOD_S)):
+            yield from self._one(hand, hand.wait(PERIOD_S))
+            if hand.holds:
+                return
+
+    def _arc(
+        self,
+        hand: NeedleHand,
+        stitch: Stitch,
+        held: Array,
+        angles: tuple[float, float],
+        rate: float,
+        stop: Callable[[float], bool],
+    ) -> Iterator[Array]:
+        """Turn the needle about the stitch's circle."""
+
+        def way() -> Iterator[Array]:
+            angle, last = angles
+            while angle < last:
+                angle = min(last, angle + rate * PERIOD_S)
+                yield stitch.needle_pose(self.needle, angle) @ held
+                if stop(angle):
+                    raise StitchError("the tip did not puncture where it was expected")
+
+        yield from self._one(hand, hand.follow(way()))
+
+    def _approach(self, hand: NeedleHand, poses: list[Array]) -> Iterator[Array]:
+        """Go in front of the first of poses, along the jaw, on the way with most room for all of them.
+
+        Raises:
+            StitchError: there is no way
+        """
+        before = poses[0].copy()
+        before[:3, 3] -= ABOVE_M * poses[0][:3, 2]
+        found = hand.reach.along([before, *poses])
+        if found is None:
+            raise StitchError(f"{hand.arm} does not reach the needle and what is to come")
+        yield from self._one(hand, hand.to_joints(found[2], 1.5))
+
+    def _start_joints(self, stitch: Stitch, held: Array) -> Array | None:
+        """Return where the driver is above the wound, on the way with most room for the arc; None: none."""
+        hand = self.hands[stitch.driver]
+        angles = np.arange(START, stitch.out, np.radians(4.0))
+        poses = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
+        found = hand.reach.along([_raised(poses[0], ABOVE_M), *poses])
+        return None if found is None or found[0] < LEAST else found[2]
+
+    def _see(self) -> Array:
+        """Return where the needle lies, as it is seen."""
+        rng, noise = self.op.noise_rng, self.op.noise
+        T = self.task.object_pose(self.op.tissue.tissue.needle)
+        T[:2, 3] += noise.place * rng.uniform(-1.0, 1.0, 2)
+        turn = matrix_from_rotation_vector(noise.turn * rng.uniform(-1.0, 1.0) * UP)
+        return transform(turn @ T[:3, :3], T[:3, 3])
+
+    def _seen_in(self, hand: NeedleHand) -> Array:
+        """Return the needle's pose in the world, by how a hand holds it."""
+        return self.task.object_pose(self.op.tissue.tissue.needle)
+
+    def _look_again(self, hand: NeedleHand, held: Array) -> Iterator[Array]:
+        """Look at the needle in the jaws from a few places, and return the mean of how it is held."""
+        looks = [held]
+        for _ in range(LOOKS - 1):
+            yield from self._one(hand, hand.wait(PERIOD_S))
+            looks.append(self._held(hand))
+        apart = np.array([log_transform(inverse(held) @ one) for one in looks])
+        return held @ exp_twist(apart.mean(axis=0))
+
+    def _held(self, hand: NeedleHand) -> Array:
+        """Return the pose of a hand's tip in the needle's frame as it is measured, (4, 4)."""
+        rng, noise = self.op.noise_rng, self.op.noise
+        needle = self.task.object_pose(self.op.tissue.tissue.needle)
+        held = inverse(needle) @ self.task.world.arms[hand.arm].tip_in_world().T
+        turn = matrix_from_rotation_vector(noise.held_turn * rng.normal(size=3))
+        return transform(turn, noise.held * rng.normal(size=3)) @ held
+
+
+def _raised(T: Array, height: float) -> Array:
+    """Return a pose moved upwards."""
+    found = T.copy()
+    found[2, 3] += height
+    return found

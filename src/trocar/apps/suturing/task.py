@@ -1,0 +1,145 @@
+"""Suturing as a task: a wound anywhere on the table, a needle beside it, stitches to make."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
+from trocar.apps.suturing.policy import Noise, Sewing, StitchError
+from trocar.apps.suturing.scores import Watch
+from trocar.apps.task import PERIOD_S, SETTLED_S, Task
+from trocar.descriptions.scenes import Goal, Scene
+from trocar.errors import InputError
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import inverse, transform
+from trocar.simulation.tissues import SoftTissue
+
+Array = NDArray[np.float64]
+
+#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each way.
+#: Source: our own choice. [m, rad]
+PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
+#: Points that are seen of a wound. Source: our own choice.
+SEEN = 15
+#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+LOOK_PERIODS = 5
+#: A stitch is closed with less than this between the edges. Source: our own choice. [m]
+CLOSED_M = 3e-4
+
+
+class Suturing(Task):
+    """Every stitch of the tissue is made, tight, and the wound closed there.
+
+    Attributes:
+        tissue: that is stitched
+        noise, noise_rng: errors of what the policy sees, and their generator
+        banner: what the policy does
+    """
+
+    noise = Noise()
+    spread = (PLACE_M, TURN_RAD, STIFFER)
+
+    def __init__(self, scene: Scene) -> None:
+        self._seed, self.banner = 0, ""
+        super().__init__(scene)
+
+    def reset(self, seed: int) -> dict[str, Array]:
+        """Begin an episode: the wound, its stiffness and the needle are drawn."""
+        self._seed = seed
+        return super().reset(seed)
+
+    def _begin(self) -> None:
+        tissues = self.world.tissues
+        if len(tissues) != 1:
+            raise InputError(f"{self.scene.name}: got {len(tissues)} tissues; allowed: one")
+        self.tissue: SoftTissue = next(iter(tissues.values()))
+        rng = np.random.default_rng([self._seed, 1])
+        self.noise_rng = np.random.default_rng([self._seed, 2])
+        place, turn, stiffer = self.spread
+        start = next(p.pose for p in self.scene.rig.props if p.name == self.tissue.name)
+        at = start[:3, 3] + [*rng.uniform(-place, place, 2), 0.0]
+        pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
+        self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
+        self.goals = self._stitch_goals()
+        self._plan: Plan | None = None
+        self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
+        self._tight, self._failed = np.zeros(len(self.goals), bool), ""
+        super()._begin()
+
+    def _stitch_goals(self) -> tuple[tuple[Goal, Array], ...]:
+        """Return one goal for each stitch."""
+        goal, _ = self.goals[0]
+        pose, plan = self.tissue.pose, self.tissue.plan
+        middles = plan.mean(axis=1) @ pose[:3, :3].T + pose[:3, 3]
+        return tuple((replace(goal), middle) for middle in middles)
+
+    def met(self, goal: Goal, at: Array) -> bool:
+        """Return whether a stitch is made and the wound closed there."""
+        number = next(k for k, (one, _) in enumerate(self.goals) if one is goal)
+        tissue = self.tissue
+        if not tissue.left[number].all() or tissue.torn[number].any():
+            return False
+        return tissue.locked(number) and bool(tissue.read().gaps[number, 0] < CLOSED_M)
+
+    def look(self) -> None:
+        """Note what counts, of the tissue too."""
+        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
+        if due and self.world.time >= self.time and not self.done:
+            read = self.watch.look(int(self._tight.sum()))
+            for number in np.flatnonzero(~self._tight):
+                if self.tissue.locked(int(number)) and read.left[number].all():
+                    self.watch.close(int(number), read)
+                    self._tight[number] = True
+            self.watch.measure_gaps(read)
+        super().look()
+        if self._failed and not self.done:
+            self.done, self.reason = True, self._failed
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        return {
+            "stiffness": self.tissue.stiffness,
+            "stitches": [asdict(score) for score in self.watch.scores],
+        }
+
+    def announce(self, text: str) -> None:
+        """Say what the policy does now."""
+        self.banner = text
+        self.world.journal.event(self.tissue.name, "status", text=text)
+
+    @property
+    def plan(self) -> Plan:
+        """Its stitches; made where the policy has not."""
+        return self._plan or self.make_plan()
+
+    def make_plan(self) -> Plan:
+        """Plan the stitches from points that are seen of the wound, and tell the tissue."""
+        tissue, rng = self.tissue, self.noise_rng
+        line = np.zeros((SEEN, 3))
+        line[:, 0] = np.linspace(-0.45, 0.45, SEEN) * tissue.tissue.length
+        seen = line @ tissue.pose[:3, :3].T + tissue.pose[:3, 3]
+        wound, _ = wound_frame(seen + self.noise.wound * rng.normal(size=seen.shape))
+        places = [float(row[0, 0]) for row in tissue.plan]
+        needle = self.object_pose(tissue.tissue.needle)
+        plan = make_plan(self.world, tissue.tissue, wound, places, needle)
+        to_tissue = inverse(tissue.pose) @ wound
+        points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
+        tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
+        self._plan = plan
+        return plan
+
+    def policy(self) -> Iterator[Array]:
+        """Yield the actions of the scripted policy."""
+        try:
+            self.make_plan()
+            sewing = Sewing(self, self)
+            yield from sewing.run()
+            yield from sewing.rest(SETTLED_S + 0.1)
+            self._failed = "the wound is still open"
+        except StitchError as problem:
+            self._failed = str(problem)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,11 @@ from trocar.geometry.rotations import (
 )
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
 
 Array = NDArray[np.float64]
+#: Set-points and their velocities of arms, {arm: (q, v)}.
+Row = dict[str, tuple[Array, Array]]
 
 #: Time that a command lasts. Source: our own choice, 50 Hz. [s]
 PERIOD_S = 0.02
@@ -40,6 +43,8 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
+#: Velocities of an endoscope stay this far below its limits. Source: our own choice, rounding.
+ROUNDING = 1e-9
 #: What limits the set-points of a joint.
 BOUNDS = "velocity_max", "tracking_tolerance"
 #: Goals must be met for so long. Source: our own choice. [s]
@@ -123,7 +128,7 @@ class Task:
                 high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
-                most = [joint.velocity_max for joint in arm.description.joints]
+                most = [(1.0 - ROUNDING) * joint.velocity_max for joint in arm.description.joints]
                 high += most
                 low += [-value for value in most]
             self._slices[name] = slice(begin, len(high))
@@ -215,6 +220,18 @@ class Task:
             InputError: another shape or numbers that are not finite; nothing moves
             DivergedError: the simulation diverged
         """
+        for row in self.setpoints(action):
+            self.drive(row)
+            self.world.step(EVERY)
+        self.look()
+        return self._reward
+
+    def setpoints(self, action: ArrayLike) -> list[Row]:
+        """Return the set-points of a period, one row for every `EVERY` physics steps.
+
+        Raises:
+            InputError: as for `command`
+        """
         low, high = self.limits
         try:
             values = np.asarray(action, np.float64)
@@ -226,21 +243,27 @@ class Task:
             )
         if self.done:
             raise InputError(f"{self.scene.name}: the episode is over; allowed: reset")
-        values = np.clip(values, low, high)
-        steps = round(PERIOD_S / self.world.timestep)
-        rows = max(1, steps // EVERY)
-        shares = np.arange(1, rows + 1)[:, None] / rows
-        positions: dict[str, Array] = {}
-        velocities: dict[str, Array] = {}
+        values = np.minimum(np.maximum(values, low), high)
+        count = round(PERIOD_S / (EVERY * self.world.timestep))
+        rows: list[Row] = [{} for _ in range(count)]
         for name in self.arms:
             before = self._joints[name]
             after = self._next(name, before, values[self._slices[name]])
-            positions[name] = before + shares * (after - before)
-            velocities[name] = np.tile((after - before) / PERIOD_S, (rows, 1))
+            change = after - before
+            for k, row in enumerate(rows, 1):
+                row[name] = before + (k / count) * change, change / PERIOD_S
             self._joints[name] = after
-        self.world.play(positions, velocities, every=steps // rows, record=False)
-        self.look()
-        return self._reward
+        return rows
+
+    def drive(self, row: Row) -> None:
+        """Command the arms' servos, as `setpoints` has it."""
+        for name, (q, v) in row.items():
+            arm = self.world.arms[name]
+            if arm.type == "PSM":
+                arm.servo_jp(q[:-1], v[:-1])
+                cast(Jaw, arm.jaw).servo_jp(q[-1:], v[-1:])
+            else:
+                arm.servo_jp(q, v)
 
     def reward(self) -> float:
         """Return the change of the share of goals that are met, of the last command."""
@@ -323,6 +346,11 @@ class Task:
         for name in self._targets:
             found[name][-1] = self._joints[name][-1]
         return found
+
+    def stay(self) -> Array:
+        """Return the action that holds all arms."""
+        parts = self.idle()
+        return np.concatenate([parts[arm] for arm in self.arms])
 
     def object_pose(self, name: str) -> Array:
         """Return where an object is in the world, (4, 4)."""

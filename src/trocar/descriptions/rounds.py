@@ -108,7 +108,9 @@ def revolved(lines: Sequence[Line], name: str) -> Mesh:
     """
     turn = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
     c, s = np.cos(turn), np.sin(turn)
-    points, normals, faces = [], [], []
+    points: list[Array] = []
+    normals: list[Array] = []
+    faces: list[NDArray[np.int64]] = []
     for number, line in enumerate(lines):
         for end, out in (line[:2], line[2:]):
             points.append(np.stack([end[0] * c, end[0] * s, np.full(CORNERS, end[1])], axis=-1))

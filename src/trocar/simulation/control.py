@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,6 +179,7 @@ class JointControl:
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
         self._range = list(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
+        self._speeds = [(-joint.velocity_max, joint.velocity_max) for joint in arm.joints]
         #: Joints that an effort command switched to mode "effort"; those of them that a controller
         #: switched back.
         self.switched: set[int] = set()
@@ -264,10 +265,16 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        legs, drift = self.moves.legs, self.moves.drift
-        if v is None and not legs and drift is None and self._fits(q, part) and self.plain(part):
-            self.motors.position[part] = q
-            self.motors.velocity[part] = 0.0
+        m, moves = self.motors, self.moves
+        if (  # joints that simply follow their servos, in few calls
+            not (moves.legs or moves.drift or self.switched or self.restored)
+            and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
+            and self.states.ready
+            and _fits(q, self._range[part])
+            and (v is None or _fits(v, self._speeds[part]))
+        ):
+            m.position[part] = q
+            m.velocity[part] = 0.0 if v is None else v
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -441,34 +448,11 @@ class JointControl:
             self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
         return not why
 
-    def plain(self, part: slice) -> bool:
-        """Return whether joints simply follow their servos: ready, no brake, no other mode."""
-        m = self.motors
-        return (
-            self.states.ready
-            and not (self.switched or self.restored or m.brakes or m.welded)
-            and not np.count_nonzero(m.modes[part])
-        )
-
     def report(self, event: str, **values: object) -> None:
         """Enter an event of this arm into the journal."""
         self._clock.journal.event(self._name, event, **values)
 
     # ------------------------------------------------------------------ inside
-
-    def _fits(self, q: ArrayLike, part: slice) -> bool:
-        """Return whether q is one number inside the limits for each joint; quickly."""
-        limits = self._range[part]
-        try:
-            values = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
-            if len(values) != len(limits):
-                return False
-            for value, (low, high) in zip(values, limits):  # noqa: B905  as many, and often
-                if type(value) is not float or not low <= value <= high:  # NaN is neither
-                    return False
-        except TypeError:
-            return False
-        return True
 
     def _over(self, motion: Motion) -> None:
         self.report("goal_reached", reached=motion.goal_reached)
@@ -539,6 +523,20 @@ class JointControl:
                 f"{verb} {which} held", f"{verb}: {which} stays: its brake is locked"
             )
         return np.where(locked, setpoint, inside), ~locked
+
+
+def _fits(values: ArrayLike, limits: Sequence[tuple[float, float]]) -> bool:
+    """Return whether there is one number inside the limits for each joint; quickly."""
+    try:
+        found: Any = values.tolist() if isinstance(values, np.ndarray) else list(values)  # type: ignore[arg-type]
+        if len(found) != len(limits):
+            return False
+        for value, (low, high) in zip(found, limits):  # noqa: B905  as many, and often
+            if type(value) is not float or not low <= value <= high:  # NaN is neither
+                return False
+    except TypeError:
+        return False
+    return True
 
 
 #: How near measured positions must be. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own

@@ -177,8 +177,8 @@ def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
     """Score a tip's path through two holes as tasks 2 and 3 of the challenge do.
 
     The tip crosses an entry from +z to -z of its frame, an exit from -z to +z, each within 5 mm;
-    what counts is the distance from the hole's middle where it crosses its plane, and how far the tip
-    stands out of the exit in the end.
+    what counts is the distance from the middle of the hole where it crosses its plane, and how
+    far the tip stands out of the exit in the end.
     Source: AccelNet surgical robotics challenge 2021-22, evaluation of tasks 2 and 3.
 
     Args:

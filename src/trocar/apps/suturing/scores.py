@@ -188,7 +188,7 @@ def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
     path = np.asarray(tips, dtype=np.float64)
     went_in, at_entry = _crossing(path, entry, -1.0)
     came_out, at_exit = _crossing(path[went_in:], out, 1.0)
-    last = (path[-1] - out[:3, 3]) @ out[:3, :3] if len(path) else np.zeros(3)
+    last = (path[-1] - out[:3, 3]) @ out[:3, :3]
     protrusion = float(max(last[2], 0.0)) if not np.isnan(at_exit) else 0.0
     return Pass(at_entry, at_exit if came_out else float("nan"), protrusion)
 

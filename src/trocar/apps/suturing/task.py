@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
-from trocar.apps.suturing.scores import Watch
+from trocar.apps.suturing.scores import Watch, score_pass
 from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
@@ -151,3 +151,41 @@ class Suturing(Task):
             self._failed = "the wound is still open"
         except StitchError as problem:
             self._failed = str(problem)
+
+
+class NeedleThroughPhantom(Suturing):
+    """Four passes through a phantom that stands still, as in task 3 of the AccelNet challenge.
+
+    The wound, the needle and the grips are seen with the noise of `Suturing`; each pass is scored
+    as the challenge defines it, beside the scores of stitches.
+    """
+
+    spread = (0.0, 0.0, 1.0)
+
+    def _begin(self) -> None:
+        self._ways: dict[int, list[Array]] = {}
+        super()._begin()
+
+    def look(self) -> None:
+        """Note what counts, and where the tip is until thread follows it."""
+        super().look()
+        number = int(self._tight.sum())
+        if number < len(self.goals) and not self.tissue.left[number].any():
+            tip = self.object_pose(self.tissue.tissue.needle) @ self.tissue.tissue.wire.tip
+            self._ways.setdefault(number, []).append(tip[:3, 3])
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of the stitches, and those of the passes."""
+        found, pose = super().figures(), self.tissue.pose
+        for number, tips in self._ways.items():
+            points = self.tissue.plan[number]
+            entry, out = (pose @ transform(np.eye(3), points[k]) for k in (0, 3))
+            made = score_pass(tips, entry, out)
+            if made.complete:
+                name = f"pass {number + 1}"
+                found |= {
+                    f"{name} entry [mm]": 1e3 * made.entry_m,
+                    f"{name} exit [mm]": 1e3 * made.exit_m,
+                    f"{name} out [mm]": 1e3 * made.protrusion_m,
+                }
+        return found

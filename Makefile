@@ -21,6 +21,10 @@ ROS1_PYTHON ?= /usr/bin/python3
 # What make run installs (the extra `all`, pip and the build backend) stands with hashes in
 # requirements.txt; these are added to it for other targets. Only make skipped installs judges,
 # one of which needs a proprietary wheel (docs/licences.md).
+# Linux on ARM: no wheels of these (pip's index, for Python 3.11); built from sources with known
+# hashes, which takes a C++ compiler.
+SOURCES := $(if $(filter Linux-aarch64,$(shell uname -s)-$(shell uname -m)),\
+	--no-binary glcontext$(comma)moderngl$(comma)ruckig)
 EXTRAS_test := [test,browser]
 EXTRAS_cad := [cad]
 EXTRAS_docs := [docs]
@@ -106,7 +110,7 @@ cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
-	$(BIN)/python tools/docs/command_line.py
+	$(BIN)/python tools/docs/command_line.py && $(BIN)/python tools/docs/sizes.py
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 
@@ -128,7 +132,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
 .venv/.ready-run: .venv/.created pyproject.toml requirements.txt src/trocar/__init__.py
 	@echo "Installing trocar into .venv from wheels with known hashes; this takes about a minute:"
-	$(call pip,.venv,--require-hashes --only-binary :all: --requirement requirements.txt)
+	$(call pip,.venv,--require-hashes --only-binary :all: $(SOURCES) --requirement requirements.txt)
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 

@@ -63,6 +63,7 @@ HOMES = {
         "interfaces/crtk/transports/websocket",
     ),
     "rich": ("cli",),
+    "ray": ("apps/tasks",),
     "rospy": ("interfaces/crtk/transports/ros1",),
     "PyKDL": ("interfaces/crtk/scripts",),
     "rosgraph": ("interfaces/crtk/transports/ros1",),

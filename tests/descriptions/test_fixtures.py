@@ -192,7 +192,7 @@ def test_a_file_is_read_in_si(tmp_path: Path) -> None:
         (TUBE.replace("[10, 0, 0]", "[10, 0]"), "allowed: a list of 3 numbers"),
         (TUBE + "radius_mm = 2\n", "unknown key; this table knows"),
         (TUBE + TUBE.removeprefix("schema = 1\n"), "name: got 'tube' a second time"),
-        (ARC.replace("[0, 0, 2]", "[0, 0, 0]"), "normal: got [0, 0, 0]; allowed: a direction"),
+        (ARC.replace("[0, 0, 2]", "[0, 0, 0]"), "got [0.0, 0.0, 0.0]; allowed: a direction"),
         (ARC.replace("[8, 0, 0]", "[8, 0, 1]"), "start: allowed: a point in the plane"),
         (ARC.replace("180", "400"), "sweep: got 6.98132 rad; allowed: above 0 to 2 pi"),
         (ARC.replace("_mm = 1\n", "_mm = 9\n"), "allowed: below the radius of the arc, 0.008 m"),

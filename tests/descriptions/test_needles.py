@@ -14,7 +14,7 @@ from trocar.errors import DescriptionError
 
 
 def read(text: str) -> Prop:
-    (prop,) = read_props(parse_table(f"[[prop]]\n{text}", "here.toml").tables("prop"), ())
+    (prop,) = read_props(parse_table(f"[[prop]]\n{text}", "here.toml"), ())
     return prop
 
 

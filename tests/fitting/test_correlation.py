@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from trocar.fitting.correlation import widening
+from trocar.fitting.robust import widening
 
 
 def slow(rng: np.random.Generator, count: int, samples: float) -> np.ndarray:

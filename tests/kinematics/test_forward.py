@@ -7,9 +7,9 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError, UnknownNameError
+from trocar.geometry.screws import remote_centre
 from trocar.geometry.se3 import inverse
 from trocar.kinematics import forward
-from trocar.kinematics.rcm import remote_centre
 
 EXACT = 1e-12  # a product of fifteen transforms of metre size
 

@@ -5,7 +5,7 @@ import pytest
 
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry import modified_dh, pose_difference, rotation_x, transform
-from trocar.kinematics.inverse_rcm_arm import RcmArmGeometry, inverse_rcm_arm
+from trocar.kinematics.inverse_rcm import RcmArmGeometry, inverse_rcm_arm
 
 # The dVRK's numbers: facts section 1, Large Needle Driver 400006, and the Si generation's limits.
 OFFSET, TOOL, WRIST = 0.4318, 0.4162, 0.0091

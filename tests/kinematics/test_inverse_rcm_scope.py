@@ -5,7 +5,7 @@ import pytest
 
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry import modified_dh, pose_difference, rotation_x, transform, translation
-from trocar.kinematics.inverse_rcm_scope import RcmScopeGeometry, inverse_rcm_scope
+from trocar.kinematics.inverse_rcm import RcmScopeGeometry, inverse_rcm_scope
 
 # The dVRK's numbers: facts section 3.
 ECM = RcmScopeGeometry(insertion_offset=0.3822, scope_length=0.3829)

@@ -5,8 +5,8 @@ import pytest
 
 from trocar.errors import InputError
 from trocar.geometry import exp_twist, modified_dh, transform_points
-from trocar.kinematics.rcm import remote_centre
-from trocar.kinematics.rcm_shaft import shaft_angles, shaft_axes
+from trocar.geometry.screws import remote_centre
+from trocar.kinematics.inverse_rcm import shaft_angles, shaft_axes
 
 
 def shaft_frame(q1, q2, q3):

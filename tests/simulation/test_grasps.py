@@ -29,7 +29,7 @@ def events(world: World) -> list[tuple[str, object]]:
     found: list[tuple[str, object]] = []
 
     def hear(entry: Entry) -> None:
-        if entry.kind == "event" and entry.name.startswith("grasp/"):
+        if entry.kind == "event" and entry.name in ("grasp/object", "grasp/slipped"):
             found.append((entry.name, entry.values["object"]))
 
     world.listen(hear)
@@ -86,6 +86,19 @@ def test_an_open_jaw_lets_go_and_does_not_hold_again_without_pressing(held: Grip
     held.world.step(500)
     assert heard == [("grasp/object", "")]
     assert held.world.grasps()["PSM1"].object == ""
+
+
+def test_grips_and_drops_are_events_with_force_and_height(held: Grip) -> None:
+    found: list[Entry] = []
+    held.world.listen(lambda entry: found.append(entry) if entry.kind == "event" else None)
+    assert held.arm.jaw is not None
+    held.arm.jaw.open().wait(timeout_s=1.0)
+    held.world.step(200)
+    let_go, dropped = (entry for entry in found if entry.name.startswith("grasp/"))
+    assert let_go.values["force"] == pytest.approx(22.0, rel=0.3)
+    assert (dropped.name, dropped.values["object"]) == ("grasp/dropped", "needle")
+    assert dropped.values["height"] > 0.008
+    assert dropped.time - let_go.time == pytest.approx(np.sqrt(2 * 0.008 / 9.81), abs=0.02)
 
 
 def test_where_it_is_put_the_jaw_no_longer_holds_it(held: Grip) -> None:

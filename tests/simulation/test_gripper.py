@@ -9,7 +9,7 @@ from trocar.descriptions import load_arm
 from trocar.errors import InputError
 from trocar.interfaces.inbox import Command
 from trocar.simulation import World
-from trocar.simulation.gripper import DEBOUNCE_S
+from trocar.simulation.jaw import DEBOUNCE_S
 
 OPEN = np.deg2rad(60.0)
 #: A lever of 8 g with its middle 28 mm from its hinge weighs 2.2 mN m; both do, by half an angle.

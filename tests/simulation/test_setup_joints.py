@@ -38,6 +38,14 @@ def test_brakes_are_locked_and_hold_ten_newtons():
     assert np.linalg.norm(world.remote_centres()["PSM1"] - centre) < 1e-8
 
 
+def test_a_loaded_column_stays_on_its_brake(world):
+    """In an hour it sinks by less than the width of an atom: 2.8e-14 m/s."""
+    setup = world.arm("SUJ_PSM1")
+    before = setup.measured_js().position
+    world.step(round(2.0 / world.timestep))
+    assert np.abs(setup.measured_js().position - before).max() < 2.0 * 2.8e-14
+
+
 def test_motors_behind_locked_brakes_exert_nothing(world):
     """The column's weight rests on its brake; released, it is carried."""
     setup = world.arm("SUJ_PSM1")

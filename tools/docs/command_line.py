@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections import Counter
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from trocar.cli.program import build_parser
@@ -11,6 +13,8 @@ from trocar.cli.program import build_parser
 ROOT = Path(__file__).parents[2]
 TEMPLATE = Path(__file__).with_name("command-line.in.md")
 PAGE = ROOT / "docs" / "command-line.md"
+#: Options of so many commands, with the same words, stand in one table.
+SHARED = 3
 
 
 def page() -> str:
@@ -22,9 +26,14 @@ def page() -> str:
     unknown = after.keys() - found.keys()
     if unknown:
         raise ValueError(f"{TEMPLATE.name}: no command {', '.join(sorted(unknown))}")
-    parts = [head.strip()]
+    every = [row for parser in found.values() for row in _rows(parser)]
+    shared: dict[str, tuple[str, str]] = {}
+    for row, count in Counter(every).most_common():
+        if count >= SHARED and row[0].startswith("-"):
+            shared.setdefault(row[0].split()[0], row)
+    parts = [head.strip(), "## Shared options", *_table(shared.values())]
     for name, parser in found.items():
-        parts += [f"## {name}", *_command(f"trocar {name}", parser)]
+        parts += [f"## {name}", *_command(f"trocar {name}", parser, shared.values())]
         parts += [after[name]] if name in after else []
     return "\n\n".join(parts) + "\n"
 
@@ -36,24 +45,34 @@ def _subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
     return {}
 
 
-def _command(called: str, parser: argparse.ArgumentParser) -> list[str]:
+def _command(
+    called: str, parser: argparse.ArgumentParser, shared: Collection[tuple[str, str]]
+) -> list[str]:
     """Return what a command does, how it is called, and a table of its options."""
-    inner = _subparsers(parser)
-    rows = [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest != "help"]
-    rows = [a for a in rows if not isinstance(a, argparse._SubParsersAction)]
-    options = ["[OPTIONS]"] if any(a.option_strings and not a.required for a in rows) else []
-    words = [_usage(a) for a in rows if a.required or not a.option_strings]
-    line = " ".join([called, *words, *options, *(["COMMAND ..."] if inner else [])])
+    actions = _arguments(parser)
+    options = ["[OPTIONS]"] if any(a.option_strings and not a.required for a in actions) else []
+    words = [_usage(a) for a in actions if a.required or not a.option_strings]
+    line = " ".join([called, *words, *options])
     parts = [*_description(parser.description or ""), f"```\n{line}\n```"]
-    if rows:
-        table = [f"| `{_name(a)}` | {_help(parser, a)} |" for a in rows]
-        parts.append("\n".join(["| argument | |", "|---|---|", *table]))
-    for name, one in inner.items():
-        parts += [
-            f"### {called.removeprefix('trocar ')} {name}",
-            *_command(f"{called} {name}", one),
-        ]
+    rows = _rows(parser)
+    parts += _table(row for row in rows if row not in shared)
+    if also := " ".join(name.split()[0] for name, text in rows if (name, text) in shared):
+        parts.append(f"[Shared options](#shared-options): `{also}`")
     return [part for part in parts if part]
+
+
+def _arguments(parser: argparse.ArgumentParser) -> list[argparse.Action]:
+    return [a for a in parser._actions if a.help != argparse.SUPPRESS and a.dest != "help"]
+
+
+def _rows(parser: argparse.ArgumentParser) -> list[tuple[str, str]]:
+    """Return the name and the help of each argument."""
+    return [(_name(action), _help(parser, action)) for action in _arguments(parser)]
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> list[str]:
+    table = [f"| `{name}` | {text} |" for name, text in rows]
+    return ["\n".join(["| argument | |", "|---|---|", *table])] if table else []
 
 
 def _description(text: str) -> list[str]:

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.task import PERIOD_S, Task
+from trocar.descriptions.pads import pads
+from trocar.descriptions.records import Shape
+from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
 Motion = Iterator[Array]
 
-#: How far beyond the tip (the fingers' pivot) objects are held. Source: the pads of a large needle
-#: driver end 10.5 mm beyond it. [m]
-REACH_M = 0.0085
+#: How far the ends of the pads are beyond what they hold. Source: our own choice, the radius of a
+#: peg and of a ring's rubber, and more. [m]
+BEYOND_M = 0.002
+#: How often a grasp is tried, and how far its object may be tilted then. Source: our own choice; a
+#: needle that is tilted by more than 12 deg turns on in the jaw. [rad]
+TRIES, TILTED_RAD = 3, math.radians(12.0)
 #: Peak speeds of scripted motion. Source: our own choice. [m/s, rad/s]
 SPEED_M_S, SPIN_RAD_S = 0.12, 2.5
 #: A minimum-jerk motion is 15/8 times as fast in its middle as on average. Source: its polynomial.
@@ -36,11 +42,21 @@ class Hand:
     Args:
         task: the episode
         arm: name of a PSM that the task drives
+
+    Attributes:
+        task, arm: as given
+        jaw: opening that motions keep [rad]
+        reach: how far beyond the tip, the fingers' pivot, objects are held [m]
     """
 
     def __init__(self, task: Task, arm: str) -> None:
         self.task, self.arm = task, arm
         self.jaw = float(task.idle()[arm][-1])
+        described = task.world.arms[arm].description
+        faces = pads(described)
+        self.reach = float(faces.T_tip[2, 3]) + 0.5 * faces.length - BEYOND_M
+        widest = described.joints[-1].upper
+        self._gap = 2.0 * self.reach * math.sin(0.5 * min(widest, math.pi))
 
     def go(self, goal: Array, speed: float = SPEED_M_S) -> Motion:
         """Bring the tip to a pose in the world, (4, 4), with minimum jerk."""
@@ -86,7 +102,7 @@ class Hand:
         """Go above a point in the world, (3,), fingers closing along an angle about z [m, rad]."""
         now = self.task.target(self.arm)
         turn = now[:3, :3] if angle is None else pointing_down(angle, now[:3, :3])
-        yield from self.go(transform(turn, point + (height + REACH_M) * UP))
+        yield from self.go(transform(turn, point + (height + self.reach) * UP))
 
     def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
         """Grasp what is at a point from above and lift it.
@@ -103,6 +119,46 @@ class Hand:
         yield from self.close()
         yield from self.shift(height * UP)
 
+    def take(
+        self,
+        name: str,
+        grip: Callable[[], tuple[Array, float]],
+        height: float,
+        opening: float = OPEN,
+        level: bool = False,
+    ) -> Motion:
+        """Pick an object up, again where the jaw does not hold it then.
+
+        Args:
+            name: of the object
+            grip: point and angle as `pick` takes them, of where the object is then
+            height: above the point, on the way there and back [m]
+            opening: of the jaw on the way down [rad]
+            level: also again where its z axis is more than 12 deg from the vertical then
+
+        Raises:
+            InputError: no part of it fits between the pads
+        """
+        self._check_fits(name)
+        for tried in range(TRIES):
+            yield from self.pick(*grip(), height, opening)
+            T = self.task.object_pose(name)
+            if self.task.held(self.arm) == name:
+                if not level or tried + 1 == TRIES or abs(T[2, 2]) > math.cos(TILTED_RAD):
+                    return
+                yield from self.shift(-height * UP)
+                yield from self.open(opening)
+
+    def _check_fits(self, name: str) -> None:
+        """Reject an object that is too large for the jaw."""
+        prop = next(prop for prop in self.task.scene.rig.objects if prop.name == name)
+        widths = [2.0 * thinnest(shape) for shape in prop.shapes if shape.collide]
+        if widths and min(widths) > self._gap:
+            raise InputError(
+                f"{self.task.scene.name}: {name} is {1e3 * min(widths):.1f} mm wide where it is"
+                f" thinnest; allowed: up to {1e3 * self._gap:.1f} mm between the pads of {self.arm}"
+            )
+
     def place(self, name: str, at: Array, height: float, opening: float = OPEN) -> Motion:
         """Carry a held object over a place, lower it, release it and withdraw.
 
@@ -118,6 +174,12 @@ class Hand:
         yield from self.wait(0.1)
         yield from self.open(opening)
         yield from self.shift(up)
+
+
+def thinnest(shape: Shape) -> float:
+    """Return the half width of a shape where it is thinnest [m]."""
+    sizes = {"box": 3, "sphere": 1, "mesh": 3}.get(shape.kind, 2)
+    return float(shape.size[0] if shape.kind == "capsule" else shape.size[:sizes].min())
 
 
 def pointing_down(angle: float, near: Array) -> Array:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,8 +23,11 @@ from trocar.geometry.rotations import (
 )
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
+from trocar.simulation.jaw import Jaw
 
 Array = NDArray[np.float64]
+#: Set-points and their velocities of arms, {arm: (q, v)}.
+Row = dict[str, tuple[Array, Array]]
 
 #: Time that a command lasts. Source: our own choice, 50 Hz. [s]
 PERIOD_S = 0.02
@@ -40,6 +43,8 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
+#: Velocities of an endoscope stay this far below its limits. Source: our own choice, rounding.
+ROUNDING = 1e-9
 #: What limits the set-points of a joint.
 BOUNDS = "velocity_max", "tracking_tolerance"
 #: Goals must be met for so long. Source: our own choice. [s]
@@ -82,7 +87,7 @@ class Episode:
     grip_n: Mapping[str, float]
     grasp: str
     digest: str
-    figures: Mapping[str, float] = field(default_factory=dict[str, float])
+    figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class Task:
@@ -99,6 +104,7 @@ class Task:
         scene, world: as given, and the simulation
         arms: that an action drives, in its order
         goals: of this episode, with places drawn
+        stage: of the goals that count now
         drops: objects dropped so far
         done: whether the episode is over
         reason: why: "done", "time", or what went wrong; "" before
@@ -107,6 +113,7 @@ class Task:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.world = World(scene.rig)
+        self.world.rig_source = scene.file  # by which a recording of it is replayed
         self.arms = scene.arms
         self._slices: dict[str, slice] = {}
         self._bounds: dict[str, tuple[Array, Array]] = {}
@@ -121,7 +128,7 @@ class Task:
                 high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
-                most = [joint.velocity_max for joint in arm.description.joints]
+                most = [(1.0 - ROUNDING) * joint.velocity_max for joint in arm.description.joints]
                 high += most
                 low += [-value for value in most]
             self._slices[name] = slice(begin, len(high))
@@ -150,7 +157,8 @@ class Task:
         )
         for goal, at in self.goals:
             if goal.held or not (goal.arm and goal.object):
-                self._check_reach(goal.arm or goal.object, at)
+                self._check_reach(goal.arm or goal.object, self.place(goal, at))
+        self._floor = min(self.place(goal, at)[2] for goal, at in self.goals) - LOST_M
         self._begin()
         return self.observation()
 
@@ -165,7 +173,7 @@ class Task:
         self.drops, self.done, self.reason = 0, False, ""
         self.success, self.time = False, 0.0
         self._since: float | None = None
-        self._reward, self._met = 0.0, 0
+        self.stage, self._reward, self._met = 0, 0.0, 0
         self._held: dict[str, str] = {}
         self._fell_from: dict[str, float] = {}
         self.distance = dict.fromkeys(self.arms, 0.0)
@@ -180,7 +188,8 @@ class Task:
 
         Returns:
             {arm: tip position and quaternion wxyz, and opening of the jaw (8,); joints of an ECM
-            (4,)}, {object: position and quaternion (7,)}, "goals": (n, 3), "time": (1,)
+            (4,)}, {object: position and quaternion (7,)}, "goals": (n, 3), "time": (1,); without
+            the scene's hidden objects and goals on them
         """
         found: dict[str, Array] = {}
         for name in self.arms:
@@ -192,9 +201,12 @@ class Task:
             else:
                 found[name] = q
         states = self.world.object_states()
+        hidden = self.scene.hidden
         for row, name in enumerate(states.names):
-            found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
-        found["goals"] = np.array([at for _, at in self.goals])
+            if name not in hidden:
+                found[name] = np.concatenate([states.positions[row], states.quaternions[row]])
+        seen = [self.place(goal, at) for goal, at in self.goals if goal.on not in hidden]
+        found["goals"] = np.array(seen).reshape(-1, 3)
         found["time"] = np.array([self.world.time])
         return found
 
@@ -208,6 +220,18 @@ class Task:
             InputError: another shape or numbers that are not finite; nothing moves
             DivergedError: the simulation diverged
         """
+        for row in self.setpoints(action):
+            self.drive(row)
+            self.world.step(EVERY)
+        self.look()
+        return self._reward
+
+    def setpoints(self, action: ArrayLike) -> list[Row]:
+        """Return the set-points of a period, one row for every `EVERY` physics steps.
+
+        Raises:
+            InputError: as for `command`
+        """
         low, high = self.limits
         try:
             values = np.asarray(action, np.float64)
@@ -219,21 +243,27 @@ class Task:
             )
         if self.done:
             raise InputError(f"{self.scene.name}: the episode is over; allowed: reset")
-        values = np.clip(values, low, high)
-        steps = round(PERIOD_S / self.world.timestep)
-        rows = max(1, steps // EVERY)
-        shares = np.arange(1, rows + 1)[:, None] / rows
-        positions: dict[str, Array] = {}
-        velocities: dict[str, Array] = {}
+        values = np.minimum(np.maximum(values, low), high)
+        count = round(PERIOD_S / (EVERY * self.world.timestep))
+        rows: list[Row] = [{} for _ in range(count)]
         for name in self.arms:
             before = self._joints[name]
             after = self._next(name, before, values[self._slices[name]])
-            positions[name] = before + shares * (after - before)
-            velocities[name] = np.tile((after - before) / PERIOD_S, (rows, 1))
+            change = after - before
+            for k, row in enumerate(rows, 1):
+                row[name] = before + (k / count) * change, change / PERIOD_S
             self._joints[name] = after
-        self.world.play(positions, velocities, every=steps // rows, record=False)
-        self.look()
-        return self._reward
+        return rows
+
+    def drive(self, row: Row) -> None:
+        """Command the arms' servos, as `setpoints` has it."""
+        for name, (q, v) in row.items():
+            arm = self.world.arms[name]
+            if arm.type == "PSM":
+                arm.servo_jp(q[:-1], v[:-1])
+                cast(Jaw, arm.jaw).servo_jp(q[-1:], v[-1:])
+            else:
+                arm.servo_jp(q, v)
 
     def reward(self) -> float:
         """Return the change of the share of goals that are met, of the last command."""
@@ -293,7 +323,7 @@ class Task:
         """Return what is to be sent on further topics since the last call, {name: content}."""
         return {}
 
-    def figures(self) -> dict[str, float]:
+    def figures(self) -> dict[str, Any]:
         """Return what else the scene measures, by name with its unit; none here."""
         return {}
 
@@ -317,6 +347,11 @@ class Task:
             found[name][-1] = self._joints[name][-1]
         return found
 
+    def stay(self) -> Array:
+        """Return the action that holds all arms."""
+        parts = self.idle()
+        return np.concatenate([parts[arm] for arm in self.arms])
+
     def object_pose(self, name: str) -> Array:
         """Return where an object is in the world, (4, 4)."""
         if name not in self._names:
@@ -329,8 +364,16 @@ class Task:
         """Return the object that both fingers of an arm press, "" for none."""
         return self._held.get(arm, "")
 
+    def place(self, goal: Goal, at: Array) -> Array:
+        """Return where a goal is in the world, (3,) [m]."""
+        if not goal.on:
+            return at
+        T = self.object_pose(goal.on)
+        return T[:3, :3] @ at + T[:3, 3]
+
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met now."""
+        at = self.place(goal, at)
         if goal.arm and not goal.held:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
             if goal.object:
@@ -355,18 +398,22 @@ class Task:
             tip = world.arms[name].tip_in_world().T[:3, 3]
             self.distance[name] += float(np.linalg.norm(tip - self._tips[name]))
             self._tips[name] = tip
-        count = sum(self.met(goal, at) for goal, at in self.goals)
+        earlier = sum(goal.stage < self.stage for goal, _ in self.goals)
+        now = [(goal, at) for goal, at in self.goals if goal.stage == self.stage]
+        count = earlier + sum(self.met(goal, at) for goal, at in now)
         self._reward, self._met = (count - self._met) / len(self.goals), count
-        if count < len(self.goals):
+        if count < earlier + len(now):
             self._since = None
         elif self._since is None:
             self._since = self.time
         if self._since is not None and self.time - self._since >= SETTLED_S:
-            self.done, self.success, self.reason = True, True, "done"
-            return
-        states = world.object_states()
-        floor = min((at[2] for _, at in self.goals), default=0.0) - LOST_M
-        lost = [n for n, p in zip(states.names, states.positions, strict=True) if p[2] < floor]
+            later = [goal.stage for goal, _ in self.goals if goal.stage > self.stage]
+            if not later:
+                self.done, self.success, self.reason = True, True, "done"
+                return
+            self.stage, self._since = min(later), None
+        heights = world.object_states().positions[:, 2]
+        lost = [n for n, z in zip(self._names, heights, strict=True) if z < self._floor]
         faults = [n for n in self.arms if world.arms[n].operating_state().state == "FAULT"]
         if faults:
             self.done, self.reason = True, f"{', '.join(faults)}: FAULT"
@@ -408,8 +455,9 @@ class Task:
         goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
         after, measured = before.copy(), arm.positions()
         try:
-            local = inverse(self.world.reference_pose(name)) @ goal
-            after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
+            if values[:6].any():
+                local = inverse(self.world.reference_pose(name)) @ goal
+                after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
             ahead = np.abs(after - measured)[:-1]
             pushed = ahead > LAG * tolerances
             further = ahead > np.abs(before - measured)[:-1]

@@ -92,7 +92,7 @@ def _cameras() -> list[dict[str, Any]]:
 
 def _scenes() -> list[dict[str, Any]]:
     from trocar.descriptions import names
-    from trocar.descriptions.scenes import load_scene
+    from trocar.descriptions.catalogue import load_scene
 
     return [
         {"name": s.name, "arms": list(s.arms), "time_limit_s": s.time_limit, "title": s.title}

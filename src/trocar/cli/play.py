@@ -1,8 +1,9 @@
 """Play a training scene: by its scripted policy and scored, or by a person or a client.
 
---policy scripted (default with --headless) runs episodes as fast as possible and prints success,
-score, time, distances, forces and drops of each. --policy none (default without --headless) serves
-the scene like trocar sim; the score is on the topic task/state. See docs/scenes.md.
+The scene is served like trocar sim, its scripted policy drives, and score, time and drops are in
+the web viewer and on the topic task/state. With --policy none a person or a client drives. With
+--headless scripted episodes run as fast as possible, and success, score, time, distances, forces
+and drops of each are printed. See docs/scenes.md.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, recording
+from trocar.cli.worlds import add_record, look_of, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,11 +41,13 @@ def add_arguments(parser: ArgumentParser) -> None:
     options(parser, """
         scene SCENE             built-in scene (see trocar list scenes) or TOML file
         --seed N:int = 0        seed of the first episode
-        --policy scripted|none  scripted: the scene's own policy (default with --headless); none: a
-                                person or a client drives (default without)
+        --policy scripted|none  scripted: the scene's own policy (default where it has one); none: a
+                                person or a client drives
         --headless              run without web viewer and clients
         --episodes N:int = 1    episodes, with the seeds that follow
         --workers N:int = 1     processes that episodes run on; results do not depend on it
+        --cluster ADDRESS       run the episodes on the Ray cluster at HOST:PORT, or on a local one
+                                of --workers processes: local (extra cluster)
         --video FILE            write an MP4 video of the endoscope (extra video)
         --duration S:duration   stop serving after S simulated seconds
         --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
@@ -56,7 +59,6 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Play."""
-    policy = args.policy or ("scripted" if args.headless else "none")
     for name, value, least in (
         ("seed", args.seed, 0),
         ("episodes", args.episodes, 1),
@@ -64,11 +66,11 @@ def run(args: Namespace) -> int:
     ):
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
-    if policy == "none":
-        return _serve(args)
     if not args.headless:
-        raise InputError("--policy scripted: requires --headless; --video FILE shows it")
-    if (args.record or args.video) and (args.episodes > 1 or args.workers > 1):
+        return _serve(args)
+    if args.policy == "none":
+        raise InputError("--policy none: got --headless, where nobody drives; allowed: without it")
+    if (args.record or args.video) and (args.episodes > 1 or args.workers > 1 or args.cluster):
         raise InputError("--record, --video: allowed with one episode and one worker only")
     from trocar.apps.tasks import play
 
@@ -78,14 +80,14 @@ def run(args: Namespace) -> int:
             episodes = _filmed(args)
         else:
             seeds = range(args.seed, args.seed + args.episodes)
-            episodes = play(args.scene, seeds, args.workers)
+            episodes = play(args.scene, seeds, args.workers, args.cluster or "")
         for episode in episodes:
             found.append(episode)
             if watch is not None:
                 watch(len(found), args.episodes)
     document = {
         "scene": found[0].scene,
-        "policy": policy,
+        "policy": "scripted",
         "grasp": found[0].grasp,
         "successes": sum(one.success for one in found),
         "episodes": [asdict(one) for one in found],
@@ -95,19 +97,19 @@ def run(args: Namespace) -> int:
 
 
 def _serve(args: Namespace) -> int:
-    """Serve the scene; a person or a client drives."""
-    if args.headless or args.json or args.video or args.episodes > 1 or args.workers > 1:
+    """Serve the scene; its policy, or a person or a client drives."""
+    if args.json or args.video or args.episodes > 1 or args.workers > 1 or args.cluster:
         raise InputError(
-            "--policy none: got --headless, --json, --video, --episodes or --workers; allowed:"
-            " without them"
+            "--json, --video, --episodes, --workers, --cluster: allowed with --headless only"
         )
-    from trocar.apps.tasks import make_task
-    from trocar.apps.tasks.topics import task_component
+    from trocar.apps.tasks import Task, make_task
+    from trocar.apps.tasks.served import ServedTask
 
     task = make_task(args.scene)
-    task.reset(args.seed)
+    has_policy = type(task).policy is not Task.policy
+    scripted = has_policy if args.policy is None else args.policy == "scripted"
     print(f"trocar: {args.scene}: starting ...", file=sys.stderr, flush=True)
-    serve(task.world, args, components=(task_component(task),))
+    serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
     print(_report([task.result(args.seed)]))
     return 0
 
@@ -129,7 +131,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     from trocar.apps.filming.film import video
     from trocar.apps.filming.layers import picture
     from trocar.outputs import check_file
-    from trocar.rendering import Endoscope, Look
+    from trocar.rendering import Endoscope
 
     path, world = Path(args.video).expanduser(), task.world
     if path.suffix != ".mp4":
@@ -138,7 +140,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
     if not scopes:
         raise InputError(f"--video: the rig of {args.scene} has no endoscope")
-    scope = Endoscope(world, scopes[0], look=Look())
+    scope = Endoscope(world, scopes[0], look=look_of(args))
     stack.callback(scope.close)
     task.reset(args.seed)
 

@@ -11,13 +11,12 @@ import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
-from ast import literal_eval
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_origin, add_port, options
 from trocar.cli.worlds import (
@@ -31,6 +30,7 @@ from trocar.errors import InputError
 
 if TYPE_CHECKING:
     from trocar.apps.fixtures import Fixtures
+    from trocar.apps.tasks.served import ServedTask
     from trocar.apps.teleoperation.session import Session
     from trocar.interfaces.crtk import Component, Transport
     from trocar.interfaces.origins import PageAccess
@@ -55,10 +55,7 @@ def add_serving(parser: ArgumentParser) -> None:
     add_origin(viewer)
     clients = parser.add_argument_group("clients (docs/sockets.md, docs/ros.md)")
     for module in transport_modules():
-        for option, settings in module.options.items():
-            default = settings.get("default")
-            kind = {"type": int} if isinstance(default, int) else {}
-            clients.add_argument(option, **kind, **settings)
+        options(clients, module.options)
     options(clients, """
         --rate HZ:number                 publication rate of states (default: 220, at most 1000)
         --clock wall|sim = wall          message stamps: wall, start time plus simulated time; sim,
@@ -84,6 +81,7 @@ def serve(
     args: Namespace,
     session: Session | None = None,
     components: Sequence[Component] = (),
+    task: ServedTask | None = None,
 ) -> None:
     """Run and serve a world until Ctrl-C or the end of --duration.
 
@@ -92,6 +90,7 @@ def serve(
         args: parsed options of `add_serving`
         session: teleoperation by devices of this machine; None: clients drive the rig's masters
         components: further topics
+        task: a scene's count and policy, for its topic and the page
 
     Raises:
         InputError: port, host, token or fixture is not usable, or nothing is served
@@ -119,6 +118,9 @@ def serve(
     tick_s = max(1, round(SERVER_TICK_S / world.timestep)) * world.timestep if shared else None
     loop = Loop(world, speed=args.speed or "realtime", tick_s=tick_s)
     loop.while_running = recording(world, args)
+    if task is not None:
+        task.watch(loop)
+        components = (*components, task.component())
     if fixtures is not None:
         loop.filter_command = fixtures.filter_command
         if not shared:
@@ -185,6 +187,7 @@ def serve(
             on_ready=greet,
             loop=loop,
             pictures=pictures,
+            note=task and task.note,
             driving=session and session.driving(socket),
             access=access,
         )
@@ -208,20 +211,20 @@ class TransportModule:
     Attributes:
         name: as imported
         order: its place among the options
-        options: {option: keyword arguments of argparse}
+        options: its table of options
     """
 
     name: str
     order: int
-    options: Mapping[str, Mapping[str, Any]]
+    options: str
 
     def requested(self, args: Namespace) -> bool:
         """Whether an option was given, or the transport is served by default."""
-        return any(
-            option.startswith("--no-")
-            or getattr(args, option[2:].replace("-", "_"))
-            != settings.get("default", False if "action" in settings else None)
-            for option, settings in self.options.items()
+        parser = ArgumentParser()
+        options(parser, self.options)
+        usual = vars(parser.parse_args([]))
+        return any(name.startswith("no_") for name in usual) or any(
+            getattr(args, name) != value for name, value in usual.items()
         )
 
 
@@ -230,12 +233,12 @@ def transport_modules() -> list[TransportModule]:
     found: list[TransportModule] = []
     for path in (*TRANSPORTS.glob("*.py"), *TRANSPORTS.glob("*/__init__.py")):
         text = path.read_text(encoding="utf-8")
-        options = re.search(r"^OPTIONS = (\{.*?^\})", text, re.MULTILINE | re.DOTALL)
+        table = re.search(r'^OPTIONS = """(.*?)"""', text, re.MULTILINE | re.DOTALL)
         order = re.search(r"^ORDER = (\d+)$", text, re.MULTILINE)
-        if options is not None:
+        if table is not None:
             name = path.parent.name if path.stem == "__init__" else path.stem
             place = int(order[1]) if order else sys.maxsize
-            found.append(TransportModule(f"{PACKAGE}.{name}", place, literal_eval(options[1])))
+            found.append(TransportModule(f"{PACKAGE}.{name}", place, table[1]))
     return sorted(found, key=lambda module: (module.order, module.name))
 
 

@@ -109,22 +109,31 @@ def take(
     return Tracks(f"{parts}.csv", "", made.times, made.poses, made.rate_hz), made.truth
 
 
+def draws(robots: int) -> Iterator[tuple[ArmDescription, int]]:
+    """Yield each kind of arm with so many seeds of its own.
+
+    With the same seeds the two kinds would have the same noise on their bases, so that the errors
+    of one remote centre are those of the other, and half of the intervals show nothing new.
+    """
+    for kind, name in enumerate(NAMES):
+        for k in range(robots):
+            yield load_arm(name), kind + len(NAMES) * k
+
+
 def accuracy(
     robots: int, noise: Noise, title: str, covered: tuple[float, float]
 ) -> Iterator[Figure]:
     """Calibrate perturbed robots."""
     distances, betas, centres = Errors(), Errors(), Errors()
-    for name in NAMES:
-        nominal = load_arm(name)
-        for seed in range(robots):
-            robot = perturbed(nominal, np.random.default_rng(seed))
-            tracks, truth = take(robot, "both", noise, seed)
-            found = calibrate(tracks, nominal)
-            distances.add(found.axis_distances, truth["axis_distances_m"])
-            betas.add(found.betas, truth["beta_rad"])
-            if found.centre is not None:
-                fit, place = found.centre.fit, truth["rcm"]["position_in_base_body_m"]
-                centres.add_place(fit.post, fit.sigma_post, np.array(place))
+    for nominal, seed in draws(robots):
+        robot = perturbed(nominal, np.random.default_rng(seed))
+        tracks, truth = take(robot, "both", noise, seed)
+        found = calibrate(tracks, nominal)
+        distances.add(found.axis_distances, truth["axis_distances_m"])
+        betas.add(found.betas, truth["beta_rad"])
+        if found.centre is not None:
+            fit, place = found.centre.fit, truth["rcm"]["position_in_base_body_m"]
+            centres.add_place(fit.post, fit.sigma_post, np.array(place))
     every = distances.scaled + betas.scaled + centres.scaled
     source = f"{robots} perturbed robots of each of {', '.join(NAMES)}"
     for what, value, most in (
@@ -192,14 +201,12 @@ def exchange_is_named(
 def wandering(robots: int) -> Iterator[Figure]:
     """Find the point of smallest error of robots with broken loops."""
     centres = Errors()
-    for name in NAMES:
-        nominal = load_arm(name)
-        for seed in range(robots):
-            rng = np.random.default_rng(seed)
-            tracks, truth = take(broken(perturbed(nominal, rng), rng, LOOPS_M), "both", NOISE, seed)
-            fit = find_rcm(tracks, nominal).fit
-            place = np.array(truth["rcm"]["position_in_base_body_m"])
-            centres.add_place(fit.post, fit.sigma_post, place)
+    for nominal, seed in draws(robots):
+        rng = np.random.default_rng(seed)
+        tracks, truth = take(broken(perturbed(nominal, rng), rng, LOOPS_M), "both", NOISE, seed)
+        fit = find_rcm(tracks, nominal).fit
+        place = np.array(truth["rcm"]["position_in_base_body_m"])
+        centres.add_place(fit.post, fit.sigma_post, place)
     label = f"remote centre, loops broken by {1e3 * LOOPS_M:g} mm"
     yield Figure(f"{label}, median", centres.quantile(0.5), "m", shown="um")
     yield Figure(f"{label}: 95 % intervals that hold", centres.covered, "", lower=0.92)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.calibration_plan import check_plan, read_calibration
-from trocar.descriptions.checks import check_arm, check_name
-from trocar.descriptions.frames import read_closure, read_frame, read_joint
-from trocar.descriptions.pins import (
+from trocar.descriptions.frames import (
     PIN_ROTOR_KG,
     pin_body,
     pin_frame,
     pin_name,
     pinned,
+    read_closure,
+    read_frame,
+    read_joint,
     rest_poses,
 )
 from trocar.descriptions.records import (
@@ -41,58 +42,45 @@ Array = NDArray[np.float64]
 def read_friction(table: Table) -> dict[str, dict[str, Friction]]:
     """Return {model: {frame or joint: friction}}."""
     models = table.optional_table("friction")
-    found: dict[str, dict[str, Friction]] = {}
-    for name in models.entries():
-        model = models.table(name)
-        model.text("source", "")
-        found[name] = {}
-        for key in model.entries():
-            row = model.table(key)
-            found[name][key] = Friction(
-                row.quantity("coulomb", "torque", "force", default=0.0),
-                row.quantity("viscous", "angular damping", "linear damping", default=0.0),
-            )
-            if min(found[name][key].coulomb, found[name][key].viscous) < 0.0:
-                raise row.fail("", "friction must not be negative")
-            row.done()
-    return found
+    return {name: models.named(name, _read_hinge_friction) for name in models.entries()}
+
+
+def _read_hinge_friction(row: Table) -> Friction:
+    return Friction(
+        row.not_negative("coulomb", "torque", "force"),
+        row.not_negative("viscous", "angular damping", "linear damping"),
+    )
 
 
 def read_rotor(table: Table) -> dict[str, float]:
     """Return {frame: reflected inertia or mass}."""
-    rotors = table.optional_table("rotor")
-    rotors.text("source", "")
-    found: dict[str, float] = {}
-    for key in rotors.entries():
-        row = rotors.table(key)
-        found[key] = row.quantity("inertia" if "inertia_kgm2" in row else "mass", "inertia", "mass")
-        if found[key] < 0.0:
-            raise row.fail("", f"got {found[key]:g}; allowed: 0 or more")
-        row.done()
-    return found
+
+    def read(row: Table) -> float:
+        key = "inertia" if "inertia_kgm2" in row else "mass"
+        value = row.quantity(key, "inertia", "mass")
+        return row.not_negative(key, "inertia", "mass", default=value)
+
+    return table.named("rotor", read)
 
 
 def read_control(table: Table) -> dict[str, Control]:
     """Return {name: gains and what goes with them}."""
-    presets = table.optional_table("control")
-    found: dict[str, Control] = {}
-    for name in presets.entries():
-        row = presets.table(name)
+
+    def read(row: Table) -> Control:
         pid = row.table("pid")
         gains: dict[str, Gains] = {}
         for joint in pid.entries():
             gains[joint] = Gains(*pid.numbers(joint, 3))
             if min(gains[joint].p, gains[joint].i, gains[joint].d) < 0.0:
                 raise pid.fail(joint, f"got {pid.raw(joint)}; allowed: 0 or more")
-        found[name] = Control(
-            name,
-            gains,
-            row.flag("gravity_compensation", True),
-            row.flag("effort_limits", True),
-            row.text("source", ""),
+        compensated, limited = (
+            row.flag(k, True) for k in ("gravity_compensation", "effort_limits")
         )
-        row.done()
-    return found
+        return Control(
+            row.path.partition(".")[2], gains, compensated, limited, row.text("source", "")
+        )
+
+    return table.named("control", read)
 
 
 def read_coupling(table: Table) -> Coupling | None:
@@ -102,7 +90,6 @@ def read_coupling(table: Table) -> Coupling | None:
     row = table.table("coupling")
     joints = row.texts("joints")
     matrix = row.matrix("actuator_to_joint", len(joints), len(joints))
-    row.text("source", "")
     row.done()
     try:
         return Coupling(matrix, joints)
@@ -122,7 +109,6 @@ def read_counterweight(table: Table) -> Counterweight | None:
     return found
 
 
-SCHEMA = 1
 #: OTHER: an arm that the dVRK does not know, with no rules of its own.
 ARM_TYPES = ("PSM", "ECM", "SUJ", "MTM", "OTHER")
 STRUCTURES = ("", "rcm_arm", "rcm_scope", "gimbal_arm")
@@ -172,7 +158,7 @@ def read_tool(table: Table) -> ToolDescription:
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    _check_schema(table)
+    table.check_schema()
     name, title = table.text("name"), table.text("title", "")
     source, tip = table.text("source"), table.text("tip")
     fits = table.texts("fits")
@@ -189,7 +175,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
         DescriptionError: naming file, key, what was got and what is allowed
         InputError: the tool is for arms of another generation
     """
-    _check_schema(table)
+    table.check_schema()
     name, path = table.text("name"), table.file
     kind = table.text("type", allowed=ARM_TYPES)
     generation, title = table.text("generation", ""), table.text("title", "")
@@ -199,7 +185,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
     structure = table.text("inverse_kinematics", "", allowed=STRUCTURES)
     tool_frame = table.text("tool_frame", "")
     table.text("default_tool", "")
-    missing = tuple(Missing(row.text("what"), row.text("why")) for row in table.tables("missing"))
+    missing = table.each("missing", lambda row: Missing(row.text("what"), row.text("why")))
     parts = _read_parts(table, name)
     balance = read_counterweight(table)
     plan = read_calibration(table)
@@ -269,21 +255,15 @@ def check_fit(arm: str, generation: str, tool: ToolDescription) -> None:
         )
 
 
-def _check_schema(table: Table) -> None:
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-
-
 def _read_parts(table: Table, part: str) -> Parts:
-    joints = tuple(read_joint(row) for row in table.tables("joint"))
-    rows = table.tables("frame")
-    sources = {row.text("name"): row.text("source", "") for row in rows}
-    frames = tuple(read_frame(row) for row in rows)
-    hinges = [read_closure(row) for row in table.tables("closure")]
+    joints = table.each("joint", read_joint)
+    sources = {row.text("name"): row.text("source", "") for row in table.tables("frame")}
+    frames = table.each("frame", read_frame)
+    hinges = table.each("closure", read_closure)
     known = {frame.name: frame for frame in frames}
     at = rest_poses(known)  # a closure on other frames is rejected with the whole mechanism
     pins = [c for c, slides in hinges if slides and c.frame_a in at and c.frame_b in at]
-    bodies = tuple(read_body(row, part) for row in table.tables("body"))
+    bodies = table.each("body", lambda row: read_body(row, part))
     return Parts(
         joints,
         (*frames, *(pin_frame(closure, known) for closure in pins)),
@@ -292,19 +272,12 @@ def _read_parts(table: Table, part: str) -> Parts:
         read_friction(table),
         {**read_rotor(table), **{pin_name(closure.name): PIN_ROTOR_KG for closure in pins}},
         read_control(table),
-        _read_poses(table, len(joints)),
+        dict(
+            table.each("pose", lambda r: (r.text("name"), r.vector("q", len(joints), "position")))
+        ),
         sources,
         _block_sources(table),
     )
-
-
-def _read_poses(table: Table, count: int) -> dict[str, Array]:
-    found: dict[str, Array] = {}
-    for row in table.tables("pose"):
-        found[row.text("name")] = row.vector("q", count, "position")
-        row.text("source", "")
-        row.done()
-    return found
 
 
 def _block_sources(table: Table) -> dict[str, str]:
@@ -376,3 +349,76 @@ def _balanced(
         replace(b, mass=mass, inertia=b.inertia * mass / b.mass) if b.frame == balance.body else b
         for b in parts.bodies
     )
+
+
+#: Ratios in a file are decimal numbers of about sixteen digits.
+INVERSE_TOLERANCE = 1e-9
+
+
+def check_arm(arm: ArmDescription) -> None:
+    """Reject names that nobody has, gains that are missing, and contradictions.
+
+    Raises:
+        DescriptionError: naming file, key, what was got and what is allowed
+    """
+    joints, frames = arm.mechanism.joint_names, tuple(arm.mechanism.frame_index)
+    for name in joints:
+        if joints.count(name) > 1:
+            raise DescriptionError(arm.file, "joint", f"got {name!r} a second time")
+    for joint in arm.joints[:-1]:
+        if joint.spring is not None:
+            raise DescriptionError(
+                arm.file, f"joint {joint.name}.spring", "allowed: on the last joint only"
+            )
+    for model, entries in arm.friction.items():
+        for name in entries:
+            check_name(arm.file, f"friction.{model}", name, dict.fromkeys((*joints, *frames)))
+    for name in arm.rotor:
+        check_name(arm.file, "rotor", name, frames)
+    for preset in arm.control.values():
+        for name in preset.pid:
+            check_name(arm.file, f"control.{preset.name}.pid", name, joints)
+        lacking = [name for name in joints if name not in preset.pid]
+        if lacking:
+            raise DescriptionError(
+                arm.file, f"control.{preset.name}.pid", f"has no gains for {', '.join(lacking)}"
+            )
+    _check_poses(arm)
+    _check_drives(arm)
+
+
+def check_name(file: str, key: str, name: str, known: Iterable[str]) -> None:
+    """Reject a name that is not known.
+
+    Raises:
+        DescriptionError: with the known names
+    """
+    known = tuple(known)
+    if name not in known:
+        raise DescriptionError(file, key, f"got {name!r}; allowed: {', '.join(known)}")
+
+
+def _check_poses(arm: ArmDescription) -> None:
+    lower, upper = arm.mechanism.lower, arm.mechanism.upper
+    for name, q in arm.poses.items():
+        if (q < lower).any() or (q > upper).any():
+            raise DescriptionError(
+                arm.file,
+                f"pose {name}",
+                f"got {q.tolist()}; allowed: {lower.tolist()} to {upper.tolist()}",
+            )
+
+
+def _check_drives(arm: ArmDescription) -> None:
+    """Reject drives and couplings that are not each other's inverse."""
+    mechanism = arm.mechanism
+    for row, joint in enumerate(mechanism.joints):
+        moved = sum(w * mechanism.ratios[mechanism.frame_index[f]] for f, w in joint.drive)
+        if np.abs(moved - np.eye(len(mechanism.joints))[row]).max() > INVERSE_TOLERANCE:
+            frame, weight = joint.drive[0]
+            raise DescriptionError(
+                arm.file,
+                f"joint {joint.name}.drive",
+                f"got {frame} = {weight:g}, but {frame} moves by"
+                f" {dict(mechanism.frame(frame).couplings)}; allowed: the inverse",
+            )

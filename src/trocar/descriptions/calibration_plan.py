@@ -36,7 +36,6 @@ def read_calibration(table: Table) -> CalibrationPlan | None:
         table.raw("calibration")
         return None
     row = table.table("calibration")
-    row.text("source", "")
     names = row.table("axes")
     axes = {label: names.text(label) for label in names.entries()}
     for label in axes:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast, get_args
 
@@ -32,8 +32,6 @@ Array = NDArray[np.float64]
 PRESETS = Path(__file__).parent / "data" / "cameras"
 #: Where a camera comes from: a preset or file, or the files of the left and the right eye.
 Source = str | Path | Sequence[str | Path]
-#: The version of camera files. Source: that of arms, tools and rigs.
-SCHEMA = 1
 KINDS: tuple[str, ...] = get_args(CameraKind)
 #: A view looks this way up: away from the patient's floor. Source: our own choice.
 UP = np.array([0.0, 0.0, 1.0])
@@ -93,22 +91,6 @@ def load_stereo_camera(source: Source) -> StereoCalibration:
     )
 
 
-def read_cameras(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[CameraDescription, ...]:
-    """Return a rig's cameras.
-
-    Raises:
-        DescriptionError: an unknown kind, key, arm, frame or preset, a name used twice, a broken
-            calibration, or a direction that is none
-    """
-    found: list[CameraDescription] = []
-    for row in rows:
-        camera = _read_camera(row, arms)
-        if camera.name in [other.name for other in found]:
-            raise row.fail("name", f"got {camera.name!r} a second time")
-        found.append(camera)
-    return tuple(found)
-
-
 def _read_preset(path: Path) -> Calibration:
     """Read a camera: two eyes alike and side by side where it has a baseline, else one.
 
@@ -116,8 +98,7 @@ def _read_preset(path: Path) -> Calibration:
         DescriptionError: naming file, key, what was got and what is allowed
     """
     table = read_table(path)
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    table.check_schema()
     name, title, source = table.text("name"), table.text("title", ""), table.text("source")
     eye = read_eye(table)
     baseline = table.quantity("baseline", "length", default=np.inf)
@@ -142,13 +123,8 @@ def read_eye(table: Table) -> Intrinsics:
         raise table.fail("size_px", f"got {size.tolist()}; allowed: two whole numbers above 0")
     width, height = (int(v) for v in size)
     focal = _read_focal_lengths(table, width)
-    middle = np.array([0.5 * (width - 1.0), 0.5 * (height - 1.0)])
-    if "principal_px" in table:
-        middle = table.numbers("principal_px", 2)
-    else:
-        table.raw("principal_px")
-    distortion = table.numbers("distortion") if "distortion" in table else np.zeros(0)
-    table.raw("distortion")
+    middle = table.numbers("principal_px", 2, [0.5 * (width - 1.0), 0.5 * (height - 1.0)])
+    distortion = table.numbers("distortion", default=[])
     K = np.array([[focal[0], 0.0, middle[0]], [0.0, focal[1], middle[1]], [0.0, 0.0, 1.0]])
     try:
         return Intrinsics(width, height, K, distortion)
@@ -172,10 +148,14 @@ def _read_focal_lengths(table: Table, width: int) -> Array:
     return np.array([f, f])
 
 
-def _read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
-    name = row.text("name")
-    if not name:
-        raise row.fail("name", "got an empty text; allowed: a name")
+def read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
+    """Return a camera of a rig.
+
+    Raises:
+        DescriptionError: an unknown kind, arm, frame or preset, a broken calibration, or a
+            direction that is none
+    """
+    name = row.name()
     kind = row.text("kind", allowed=KINDS)
     source = row.text("source", "")
     angle = 0.0
@@ -189,7 +169,6 @@ def _read_camera(row: Table, arms: Sequence[RigArm]) -> CameraDescription:
     else:
         arm, frame, at = _read_view(row, arms)
         calibration = _read_calibration(row, stereo=False)
-    row.done()
     return CameraDescription(
         name, cast(CameraKind, kind), arm, frame, at, angle, calibration, source
     )
@@ -215,18 +194,10 @@ def _read_view(row: Table, arms: Sequence[RigArm]) -> tuple[str, str, Array]:
     name, frame = row.text("arm", ""), ""
     if name:
         known = {a.name: a for a in arms}
-        if name not in known:
-            raise row.fail(
-                "arm", f"got {name!r}; this rig has no such arm; allowed: {', '.join(known)}"
-            )
+        row.known("arm", name, known, "this rig has no such arm")
         mechanism = known[name].arm.mechanism
         frame = row.text("frame", mechanism.tip)
-        if frame not in mechanism.frame_index:
-            raise row.fail(
-                "frame",
-                f"got {frame!r}; {name} has no such frame; allowed:"
-                f" {', '.join(mechanism.frame_index)}",
-            )
+        row.known("frame", frame, mechanism.frame_index, f"{name} has no such frame")
     elif "frame" in row:
         raise row.fail("frame", "needs arm = NAME, whose frame it is")
     else:

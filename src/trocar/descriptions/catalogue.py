@@ -11,6 +11,7 @@ from trocar.descriptions.calibrated import Calibration, One, calibrated, calibra
 from trocar.descriptions.plugins import registered, registered_file
 from trocar.descriptions.records import ArmDescription, RigDescription
 from trocar.descriptions.rigs import read_rig
+from trocar.descriptions.scenes import Scene, is_scene, read_scene
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import DescriptionError, TrocarError, UnknownNameError
 from trocar.inputs import is_file
@@ -79,7 +80,7 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
     """Load a rig by its name or path; paths inside it are relative to its folder.
 
     Args:
-        name: a built-in rig ("psm"), or the path of a TOML file
+        name: a built-in rig ("psm"), or the path of a TOML file; of a scene, its rig with its props
         calibration: an overlay (or its path) for every arm of its kind, {arm of the rig: overlay},
             or a list of overlays and texts "ARM=FILE"; arms without one are nominal
 
@@ -89,6 +90,8 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
         InputError: an overlay for none of the arms
     """
     path = find("rigs", name)
+    if is_scene(path):
+        return calibrated_rig(read_scene(path, load_rig).rig, calibration)
     loaded: dict[tuple[str, str | None], ArmDescription] = {}
 
     def beside(entry: str) -> str:
@@ -100,6 +103,19 @@ def load_rig(name: str | Path, calibration: Calibration | None = None) -> RigDes
         return loaded[arm, tool]
 
     return calibrated_rig(read_rig(path, load), calibration)
+
+
+def load_scene(name: str | Path) -> Scene:
+    """Load a scene by its name or path; paths inside it are relative to its folder.
+
+    Args:
+        name: a built-in or registered scene ("peg-board"), or the path of a TOML file
+
+    Raises:
+        UnknownNameError: no such scene, or no such rig; the known ones are listed
+        DescriptionError: the file is broken; file, key, got and allowed are named
+    """
+    return read_scene(find("scenes", name), load_rig)
 
 
 def _open(shelf: Shelf, path: Path, above: tuple[Path, ...] = ()) -> Table:

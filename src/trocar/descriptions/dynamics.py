@@ -123,9 +123,7 @@ def read_dynamics(table: Table) -> Dynamics | None:
     """
     if "bodies" not in table and "drivetrains" not in table:
         return None
-    rows, trains = table.optional_table("bodies"), table.optional_table("drivetrains")
-    bodies = {name: _read_body(rows.table(name)) for name in rows.entries()}
-    found = {name: _read_drivetrain(trains.table(name)) for name in trains.entries()}
+    bodies, found = table.named("bodies", _read_body), table.named("drivetrains", _read_drivetrain)
     return Dynamics(bodies, found, _read_filters(table.optional_table("filters")))
 
 
@@ -196,7 +194,6 @@ def _read_body(row: Table) -> BodyDynamics:
         row.vector("com_sigma", 3, "length") if row.has("com_sigma", "length") else None,
         _full(row.numbers("inertia_sigma_kgm2", 6)) if "inertia_sigma_kgm2" in row else None,
     )
-    row.done()
     return BodyDynamics(mass, com, inertia, *sigmas)
 
 
@@ -205,10 +202,10 @@ def _read_drivetrain(row: Table) -> Drivetrain:
     along = {joint: weights.number(joint) for joint in weights.entries()}
     if not along:
         raise row.fail("along", "is empty; allowed: { JOINT = WEIGHT, ... }")
-    limits = row.numbers("stop_limits") if "stop_limits" in row else np.zeros(0)
+    limits = row.numbers("stop_limits", default=[])
     if (limits <= 0.0).any():
         raise row.fail("stop_limits", f"got {limits.tolist()}; allowed: more than 0")
-    span = row.numbers("cable_range", 2) if "cable_range" in row else np.zeros(2)
+    span = row.numbers("cable_range", 2, [0.0, 0.0])
     if "cable" in row and not span[0] < span[1]:
         raise row.fail("cable_range", f"got {span.tolist()}; allowed: [LOWER, UPPER]")
     terms: dict[str, tuple[float, ...]] = {}
@@ -227,7 +224,6 @@ def _read_drivetrain(row: Table) -> Drivetrain:
         term: tuple(spread.numbers(term, len(terms.get(term, ()))).tolist())
         for term in spread.entries()
     }
-    row.done()
     return Drivetrain(along, terms, sigma, tuple(limits.tolist()), (span[0], span[1]))
 
 

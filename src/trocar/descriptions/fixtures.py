@@ -19,7 +19,6 @@ from typing import Literal, Protocol, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.table import Table, read_table
 
 Array = NDArray[np.float64]
@@ -196,18 +195,12 @@ def read_fixtures(path: str | Path) -> tuple[Fixture, ...]:
             what was got and what is allowed
     """
     table = read_table(Path(path).expanduser())
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-    found: list[Fixture] = []
-    for row in table.tables("fixture"):
-        fixture = _read_fixture(row)
-        if fixture.name in [other.name for other in found]:
-            raise row.fail("name", f"got {fixture.name!r} a second time")
-        found.append(fixture)
+    table.check_schema()
+    found = table.each("fixture", _read_fixture, again="name")
     if not found:
         raise table.fail("fixture", "is missing; allowed: one or more [[fixture]] tables")
     table.done()
-    return tuple(found)
+    return found
 
 
 def _read_fixture(row: Table) -> Fixture:
@@ -216,9 +209,9 @@ def _read_fixture(row: Table) -> Fixture:
     mode = cast(Mode, row.text("mode", allowed=MODES))
     stiffness, force_max = 0.0, 0.0
     if mode == "force":
-        stiffness = _positive(row, "stiffness", "linear stiffness")
-        force_max = _positive(row, "force_max", "force", FORCE_MAX_N)
-    fixture = Fixture(
+        stiffness = row.positive("stiffness", "linear stiffness")
+        force_max = row.positive("force_max", "force", default=FORCE_MAX_N)
+    return Fixture(
         row.text("name", kind),
         row.text("arm"),
         mode,
@@ -229,19 +222,17 @@ def _read_fixture(row: Table) -> Fixture:
         row.file,
         row.path,
     )
-    row.done()
-    return fixture
 
 
 def _plane(row: Table) -> Plane:
-    return Plane(row.vector("point", 3, "length"), _direction(row, "normal"))
+    return Plane(row.vector("point", 3, "length"), row.direction("normal"))
 
 
 def _cone(row: Table) -> Cone:
     half = row.quantity("half_angle", "angle")
     if not 0.0 < half < 0.5 * math.pi:
         raise row.fail("half_angle", f"got {half:g} rad; allowed: above 0 and below pi/2 (90 deg)")
-    return Cone(row.vector("apex", 3, "length"), _direction(row, "axis"), half)
+    return Cone(row.vector("apex", 3, "length"), row.direction("axis"), half)
 
 
 def _tube(row: Table) -> Tube:
@@ -251,39 +242,24 @@ def _tube(row: Table) -> Tube:
     points = 1e-3 * row.matrix("points_mm", len(cast(list[object], rows)), 3)
     if (np.diff(points, axis=0) == 0.0).all(axis=1).any():
         raise row.fail("points_mm", "got the same point twice in a row; allowed: different ones")
-    return Tube(points, _positive(row, "clearance", "length"))
+    return Tube(points, row.positive("clearance", "length"))
 
 
 def _needle_arc(row: Table) -> NeedleArc:
     center, start = row.vector("center", 3, "length"), row.vector("start", 3, "length")
-    normal, sweep = _direction(row, "normal"), row.quantity("sweep", "angle")
+    normal, sweep = row.direction("normal"), row.quantity("sweep", "angle")
     radius = float(np.linalg.norm(start - center))
     if radius == 0.0 or abs(normal @ (start - center)) > SQUARE * radius:
         raise row.fail("start", "allowed: a point in the plane through center, square to normal")
     if not 0.0 < sweep <= math.tau:
         raise row.fail("sweep", f"got {sweep:g} rad; allowed: above 0 to 2 pi (360 deg)")
-    clearance = _positive(row, "clearance", "length")
+    clearance = row.positive("clearance", "length")
     if clearance >= radius:
         raise row.fail(
             "clearance", f"got {clearance:g} m; allowed: below the radius of the arc, {radius:g} m"
         )
     square = start - (normal @ (start - center)) * normal
     return NeedleArc(center, normal, square, sweep, clearance)
-
-
-def _direction(row: Table, key: str) -> Array:
-    given = row.numbers(key, 3)
-    length = float(np.linalg.norm(given))
-    if length == 0.0:
-        raise row.fail(key, "got [0, 0, 0]; allowed: a direction")
-    return given / length
-
-
-def _positive(row: Table, name: str, dimension: str, default: float | None = None) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
-    return value
 
 
 def _within(p: Array, foot: Array, clearance: float) -> Array:

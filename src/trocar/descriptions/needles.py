@@ -180,3 +180,9 @@ def _read_dimensions(row: Table) -> Needle:
                 key, f"got {1e3 * value:g} mm; allowed: above 0, up to {1e3 * most:g} mm"
             )
     return needle
+
+
+def needle_sizes() -> dict[str, Needle]:
+    """Return the needles of known sizes by name."""
+    sizes = read_table(DATA)
+    return {name: _read_dimensions(sizes.table(name)) for name in sizes.entries()}

@@ -15,7 +15,14 @@ from trocar.cameras.records import Intrinsics, StereoCalibration
 from trocar.descriptions.calibration_plan import hinge_side
 from trocar.descriptions.cameras import read_eye
 from trocar.descriptions.dynamics import apply_dynamics, dynamics_document, read_dynamics
-from trocar.descriptions.frames import read_pose
+from trocar.descriptions.frames import (
+    PIN_ROTOR_KG,
+    pin_body,
+    pin_frame,
+    pin_name,
+    pinned,
+    read_pose,
+)
 from trocar.descriptions.overlay_records import (
     CameraPatch,
     ClosureKind,
@@ -23,10 +30,9 @@ from trocar.descriptions.overlay_records import (
     FramePatch,
     Overlay,
 )
-from trocar.descriptions.pins import PIN_ROTOR_KG, pin_body, pin_frame, pin_name, pinned
 from trocar.descriptions.records import ArmDescription, Body, Shape
 from trocar.descriptions.solids import read_solid, seen_and_touched
-from trocar.descriptions.table import Table, parse_table, read_table, toml_text
+from trocar.descriptions.table import SCHEMA, Table, parse_table, read_table, toml_text
 from trocar.errors import DescriptionError, InputError, LoopError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -242,7 +248,6 @@ def _check_closed(mechanism: Mechanism, overlay: Overlay, where: str) -> None:
         raise DescriptionError(where, "closures", str(problem)) from problem
 
 
-SCHEMA = 1
 CLOSURES = ("parallelogram", "general")
 HEADER = """\
 # A calibrated robot's own geometry, laid over the description of its kind:
@@ -354,25 +359,20 @@ def _eye(eye: Intrinsics) -> dict[str, Any]:
 
 
 def _read(table: Table) -> Overlay:
-    if table.raw("schema") != SCHEMA:
-        raise table.fail(
-            "schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}, of a calibration's overlay"
-        )
+    table.check_schema(", of a calibration's overlay")
     arm = table.text("arm")
     closure = table.text("closure", "parallelogram", allowed=CLOSURES)
     warnings = table.texts("warnings")
     source = table.optional_table("source")
     about = {key: source.text(key) for key in source.entries()}
-    rows, hinges = table.optional_table("frames"), table.optional_table("closures")
-    frames = {name: _read_frame(rows.table(name)) for name in rows.entries()}
-    closures = {name: _read_closure(hinges.table(name)) for name in hinges.entries()}
+    frames = table.named("frames", _read_frame)
+    closures = table.named("closures", _read_closure)
     measured = table.raw("measured", {})
     if not isinstance(measured, dict):
         raise table.fail("measured", f"got {measured!r}; allowed: a table")
     dynamics = read_dynamics(table)
     camera = _read_camera(table.table("camera")) if "camera" in table else None
-    others = table.optional_table("bases")
-    bases = {name: _read_frame(others.table(name)) for name in others.entries()}
+    bases = table.named("bases", _read_frame)
     table.done()
     return Overlay(
         arm,
@@ -399,30 +399,28 @@ def _read_camera(table: Table) -> CameraPatch:
         calibration = StereoCalibration(*eyes, T, "calibrated", table.file)
     except InputError as problem:
         raise table.fail("right", str(problem)) from problem
-    return CameraPatch(_read_frame(table), calibration)
+    place = _read_frame(table)
+    table.done()
+    return CameraPatch(place, calibration)
 
 
 def _read_frame(row: Table) -> FramePatch:
-    patch = FramePatch(
+    return FramePatch(
         row.vector("xyz", 3, "length"),
         row.vector("rpy", 3, "angle"),
         _read_sigma(row, "xyz_sigma", "length"),
         _read_sigma(row, "rpy_sigma", "angle"),
     )
-    row.done()
-    return patch
 
 
 def _read_closure(row: Table) -> ClosurePatch:
-    patch = ClosurePatch(
+    return ClosurePatch(
         row.vector("point_a", 3, "length"),
         row.vector("point_b", 3, "length"),
         _read_sigma(row, "point_a_sigma", "length"),
         _read_sigma(row, "point_b_sigma", "length"),
         row.flag("slides", False),
     )
-    row.done()
-    return patch
 
 
 def _read_sigma(row: Table, name: str, dimension: str) -> Array | None:

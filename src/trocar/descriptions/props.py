@@ -10,7 +10,6 @@ from typing import cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.inertial import merged
 from trocar.descriptions.materials import MATERIALS
@@ -31,7 +30,7 @@ from trocar.descriptions.shapes import (
     read_drawn,
     read_inertia,
     read_mass,
-    read_shape,
+    read_shapes,
     read_touches,
 )
 from trocar.descriptions.solids import seen_and_touched
@@ -59,29 +58,30 @@ DIMENSIONS = {
 BAND_RADIUS_M = 5e-4
 
 
-def read_props(rows: Iterable[Table], arms: Sequence[str]) -> tuple[Prop, ...]:
-    """Return a rig's props, carriers before what they carry.
+def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
+    """Return the props of a rig or a scene, carriers before what they carry.
 
     Args:
-        rows: the `[[prop]]` tables
+        rig: its file
         arms: names that no movable prop may have
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
     found: list[Prop] = []
-    for row in rows:
+
+    def read(row: Table) -> Prop:
         prop = _read_prop(row, found)
-        if prop.name in [other.name for other in found]:
-            raise row.fail("name", f"got {prop.name!r} a second time")
         if prop.movable is not None:
             _check_object_name(row, prop.name, arms)
         found.append(prop)
-    return tuple(found)
+        return prop
+
+    return rig.each("prop", read, again="name")
 
 
 def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
-    """Return a prop: a needle, tissue, shapes in the rig's own file, or bodies in a file of its own."""
+    """Return a prop: needle, tissue, shapes in the rig's file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
     kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue"))
     needle = read_needle(row) if kind == "needle" else None
@@ -114,7 +114,7 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
         solid = read_drawn(row)
         touches = read_touches(row, solid)
         drawn = () if solid is None else seen_and_touched(solid, touches)
-        shapes = (*drawn, *(read_shape(s) for s in row.tables("shape")))
+        shapes = (*drawn, *read_shapes(row))
         if moves:
             mass = read_mass(row, shapes)
             movable = Movable(mass, *read_inertia(row, solid, shapes, mass))
@@ -126,8 +126,6 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
     if moves:
         _check_touchable(row, shapes, free=joint is None)
     script = read_script(row, "before_step")
-    row.text("source", "")
-    row.done()
     return Prop(name, at, shapes, movable, joint, script, needle, tissue)
 
 
@@ -140,18 +138,11 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
     """Return the joint of a prop on the world or on a prop before it."""
     kind = cast(PropJointKind, row.text("kind", allowed=KINDS))
     on = row.text("on", "world")
-    if on != "world" and on not in before:
-        known = ", ".join(("world", *before))
-        raise row.fail("on", f"got {on!r}; allowed: {known} (props before this one)")
+    row.known("on", on, ("world", *before), "no prop before this one")
     measure, damps, springs = DIMENSIONS[kind]
     axis, lower, upper, rest = np.zeros(3), -np.inf, np.inf, 0.0
     if kind != "ball":
-        axis = row.numbers("axis", 3) if "axis" in row else np.array([0.0, 0.0, 1.0])
-        row.raw("axis")
-        length = float(np.linalg.norm(axis))
-        if length < FLAT:
-            raise row.fail("axis", f"got {axis.tolist()}; allowed: a direction")
-        axis = axis / length
+        axis = row.direction("axis", np.array([0.0, 0.0, 1.0]))
         if row.has("lower", measure) or row.has("upper", measure):
             lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
             if not lower <= 0.0 <= upper or lower == upper:
@@ -167,63 +158,46 @@ def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:
         axis,
         lower,
         upper,
-        _not_negative(row, "damping", damps),
-        _not_negative(row, "stiffness", springs),
+        row.not_negative("damping", damps),
+        row.not_negative("stiffness", springs),
         rest,
     )
-    row.text("source", "")
     row.done()
     return joint
 
 
-def read_bands(rows: Iterable[Table], props: Sequence[Prop]) -> tuple[Band, ...]:
+def read_bands(rig: Table, props: Sequence[Prop]) -> tuple[Band, ...]:
     """Return a rig's elastic bands.
 
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    found: list[Band] = []
-    for row in rows:
-        name = row.text("name")
-        if not name or name in [other.name for other in found]:
-            raise row.fail("name", f"got {name!r}; allowed: a name that no other band has")
-        points = tuple(_read_end(end, props) for end in row.tables("point"))
+    still = {prop.name for prop in props if prop.movable is None}
+
+    def read(row: Table) -> Band:
+        name = row.name()
+        points = row.each("point", lambda end: _read_end(end, props))
         if len(points) < 2:
             raise row.fail("point", f"got {len(points)}; allowed: two points of props, or more")
-        still = {prop.name for prop in props if prop.movable is None}
         if {prop for prop, _ in points} <= still:
             raise row.fail("point", "got points of props that stand still; allowed: a movable one")
-        stiffness = row.quantity("stiffness", "linear stiffness")
-        radius = row.quantity("radius", "length", default=BAND_RADIUS_M)
-        for key, value in (("stiffness", stiffness), ("radius", radius)):
-            if value <= 0.0:
-                raise row.fail(key, f"got {value:g}; allowed: above 0")
-        rest = row.quantity("rest_length", "length")
-        if rest <= 0.0:
-            raise row.fail("rest_length", f"got {rest:g}; allowed: above 0")
-        damping = _not_negative(row, "damping", "linear damping")
-        material = row.text("material", "accent", allowed=tuple(MATERIALS))
-        row.text("source", "")
-        row.done()
-        found.append(Band(name, points, rest, stiffness, damping, radius, material))
-    return tuple(found)
+        return Band(
+            name,
+            points,
+            row.positive("rest_length", "length"),
+            row.positive("stiffness", "linear stiffness"),
+            row.not_negative("damping", "linear damping"),
+            row.positive("radius", "length", default=BAND_RADIUS_M),
+            row.text("material", "accent", allowed=tuple(MATERIALS)),
+        )
+
+    return rig.each("band", read, again="name")
 
 
 def _read_end(row: Table, props: Sequence[Prop]) -> tuple[str, Array]:
     name = row.text("prop")
-    if name not in [prop.name for prop in props]:
-        known = ", ".join(prop.name for prop in props) or "none, for the rig has no props"
-        raise row.fail("prop", f"got {name!r}; allowed: {known}")
-    at = row.vector("xyz", 3, "length", default=np.zeros(3))
-    row.done()
-    return name, at
-
-
-def _not_negative(row: Table, name: str, dimension: str) -> float:
-    value = row.quantity(name, dimension, default=0.0)
-    if value < 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: 0 or more")
-    return value
+    row.known("prop", name, [prop.name for prop in props])
+    return name, row.vector("xyz", 3, "length", default=np.zeros(3))
 
 
 def read_script(row: Table, key: str) -> str:
@@ -252,25 +226,24 @@ def _check_object_name(row: Table, name: str, arms: Iterable[str]) -> None:
         raise row.fail("name", f"got {name!r}, which is an arm or the world itself")
 
 
-def _read_bodies(row: Table) -> list[Body]:
+def _read_bodies(row: Table) -> tuple[Body, ...]:
     """Return the bodies of a prop's own file: a path beside the rig, or a registered name."""
     name = row.text("description")
     if name.endswith(".toml"):
         table = read_table(Path(row.file).parent / name)
     else:
         table = read_table(registered_file("props", name, row.fail("description", "")))
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
-    for key in ("name", "title", "source"):
+    table.check_schema()
+    for key in ("name", "title"):
         table.text(key, "")
-    bodies = [read_body(body, table.file) for body in table.tables("body")]
+    bodies = table.each("body", lambda body: read_body(body, table.file))
     if not bodies:
         raise table.fail("body", "is missing; a prop needs at least one body")
     table.done()
     return bodies
 
 
-def _from_bodies(row: Table, bodies: list[Body]) -> Movable:
+def _from_bodies(row: Table, bodies: Sequence[Body]) -> Movable:
     """Return what bodies weigh as one, or what they would at the mass that the rig gives."""
     mass, com, inertia = merged(bodies)
     total = read_mass(row) if row.has("mass", "mass") else mass

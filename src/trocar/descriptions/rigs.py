@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.arms import SCHEMA
-from trocar.descriptions.cameras import read_cameras
-from trocar.descriptions.checks import check_name
+from trocar.descriptions.cameras import read_camera
 from trocar.descriptions.frames import read_pose
 from trocar.descriptions.props import read_bands, read_props, read_script
 from trocar.descriptions.records import (
@@ -46,31 +44,13 @@ ANGLES = {
 }
 
 
-def read_teleops(rows: Iterable[Table], arms: Sequence[RigArm]) -> tuple[TeleopDescription, ...]:
-    """Return a rig's teleoperations.
-
-    Raises:
-        DescriptionError: an unknown kind, key or unit, a name used twice, an arm that cannot do
-            what is asked of it
-    """
-    found: list[TeleopDescription] = []
-    for row in rows:
-        teleop = _read_teleop(row, arms)
-        if teleop.name in [other.name for other in found]:
-            raise row.fail("name", f"got {teleop.name!r} a second time")
-        found.append(teleop)
-    return tuple(found)
-
-
 def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
     kind = cast(TeleopKind, row.text("kind", allowed=KINDS))
     masters = _masters(row, kind, {arm.name: arm.arm.type for arm in arms})
     slave = row.text("slave")
     type_ = kind.upper()
     able = [arm.name for arm in arms if arm.arm.type == type_]
-    if slave not in able:
-        known = ", ".join(able) or f"none, for this rig has no {type_}"
-        raise row.fail("slave", f"got {slave!r}; allowed: {known}")
+    row.known("slave", slave, able or [f"none, for this rig has no {type_}"])
     scale = row.number("scale", SCALE)
     if not 0.0 < scale <= 1.0:
         raise row.fail("scale", f"got {scale:g}; allowed: above 0 to 1")
@@ -92,7 +72,6 @@ def _read_teleop(row: Table, arms: Sequence[RigArm]) -> TeleopDescription:
             "gripper_zero",
             f"got {teleop.gripper_zero:g} rad; allowed: below gripper_max, {teleop.gripper_max:g}",
         )
-    row.done()
     return teleop
 
 
@@ -110,15 +89,11 @@ def _masters(row: Table, kind: TeleopKind, types: dict[str, str]) -> tuple[str, 
 
 def _angles(row: Table) -> dict[str, float]:
     """Return those that the file gives [rad, rad/s]."""
-    found: dict[str, float] = {}
-    for name, dimension in ANGLES.items():
-        if not row.has(name, dimension):
-            continue
-        found[name] = row.quantity(name, dimension)
-        if found[name] < 0.0 or (name.startswith("jaw") and not found[name]):
-            least = "above 0" if name.startswith("jaw") else "0 or more"
-            raise row.fail(name, f"got {found[name]:g}; allowed: {least}")
-    return found
+    return {
+        name: (row.positive if name.startswith("jaw") else row.not_negative)(name, dimension)
+        for name, dimension in ANGLES.items()
+        if row.has(name, dimension)
+    }
 
 
 #: Reads an arm by name (or path beside the rig) with a tool's name.
@@ -132,27 +107,27 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
         DescriptionError: naming file, key, what was got and what is allowed
     """
     table = read_table(path)
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}")
+    table.check_schema()
     name, title = table.text("name"), table.text("title", "")
     source = table.text("source")
     display = _read_display(table)
     arms: list[RigArm] = []
     for row in table.tables("arm"):
         arms.append(_read_arm(row, (arms, display), load_arm))
+        row.done()
     if not arms:
         raise table.fail("arm", "is missing; a rig needs at least one arm")
-    props = read_props(table.tables("prop"), [arm.name for arm in arms])
-    bands = read_bands(table.tables("band"), props)
-    poses = dict(_read_pose(row, arms) for row in table.tables("pose"))
-    found = _names(table, "pose")
+    props = read_props(table, [arm.name for arm in arms])
+    bands = read_bands(table, props)
+    poses = dict(table.each("pose", lambda row: _read_pose(row, arms)))
+    found = [row.text("name") for row in table.tables("pose")]
     for again in {n for n in found if found.count(n) > 1}:
         raise table.fail("pose", f"got {again!r} a second time")
     if "start" not in poses:
         raise table.fail("pose", f'got {", ".join(poses) or "none"}; a rig needs the pose "start"')
-    sensors = read_sensors(table.tables("sensor"), arms, props, bands)
-    teleops = read_teleops(table.tables("teleop"), arms)
-    cameras = read_cameras(table.tables("camera"), arms)
+    sensors = read_sensors(table, arms, props, bands)
+    teleops = table.each("teleop", lambda row: _read_teleop(row, arms), again="name")
+    cameras = table.each("camera", lambda row: read_camera(row, arms), again="name")
     share = _read_test_share(table)
     reference = table.text("reference_arm", REFERENCE_ARM)
     extension = read_script(table, "extend_spec")
@@ -177,7 +152,6 @@ def _read_display(table: Table) -> Array | None:
         return None
     row = table.table("display")
     found = read_pose(row)
-    row.text("source", "")
     row.done()
     return found
 
@@ -197,23 +171,19 @@ def _read_arm(
     on = row.text("on", "world")
     carriers = [a.name for a in before]
     places = ["world"] if display is None else ["world", DISPLAY]
-    if on not in (*places, *carriers):
-        known = ", ".join((*places, *carriers))
-        raise row.fail("on", f"got {on!r}; allowed: {known} (earlier arms)")
+    row.known("on", on, (*places, *carriers), "no earlier arm")
     carrier = next((a for a in before if a.name == on), None)
     frame = row.text("frame", "mount" if carrier else "")
     if carrier is not None:
-        check_name(row.file, f"{row.path}.frame", frame, carrier.arm.mechanism.frame_index)
+        row.known("frame", frame, carrier.arm.mechanism.frame_index)
     place = row.text("place", arm.root)
-    check_name(row.file, f"{row.path}.place", place, arm.mechanism.frame_index)
+    row.known("place", place, arm.mechanism.frame_index)
     rest = np.clip(np.zeros(len(arm.joints)), arm.mechanism.lower, arm.mechanism.upper)
     root_place = pose(arm.mechanism, rest, place, arm.root)
     at = read_pose(row) @ inverse(root_place)
     if on == DISPLAY and display is not None:
         at = display @ at
     base_frame = _read_base_frame(row)
-    row.text("source", "")
-    row.done()
     return RigArm(name, arm, "" if carrier is None else on, frame, at, base_frame)
 
 
@@ -222,21 +192,13 @@ def _read_base_frame(row: Table) -> BaseFrame | None:
     if "base_frame" not in row:
         return None
     table = row.table("base_frame")
-    name = table.text("name")
-    if not name:
-        raise table.fail("name", "got an empty text; allowed: a name")
-    found = BaseFrame(name, read_pose(table))
+    found = BaseFrame(table.name(), read_pose(table))
     table.done()
     return found
 
 
-def _names(table: Table, key: str) -> list[str]:
-    return [row.text("name") for row in table.tables(key)]
-
-
 def _read_test_share(table: Table) -> float:
     row = table.optional_table("test_sine")
-    row.text("source", "")
     share = row.number("share", 1.0)
     if not 0.0 < share <= 1.0:
         raise row.fail("share", f"got {share:g}; allowed: above 0 to 1")
@@ -245,23 +207,13 @@ def _read_test_share(table: Table) -> float:
 
 
 def _read_pose(row: Table, arms: list[RigArm]) -> tuple[str, dict[str, Array]]:
-    name = row.text("name")
-    row.text("source", "")
-    table = row.table("q_rad_m")
+    name, table = row.text("name"), row.table("q_rad_m")
     found: dict[str, Array] = {}
     for arm in arms:
         if arm.name in table:
             mechanism = arm.arm.mechanism
-            q = table.numbers(arm.name, len(mechanism.joints))
-            if (q < mechanism.lower).any() or (q > mechanism.upper).any():
-                raise table.fail(
-                    arm.name,
-                    f"got {q.tolist()}; allowed: {mechanism.lower.tolist()} to"
-                    f" {mechanism.upper.tolist()}",
-                )
-            found[arm.name] = q
+            found[arm.name] = table.within(arm.name, mechanism.lower, mechanism.upper)
         elif name == "start":
             raise table.fail(arm.name, 'is missing; "start" places every arm')
     table.done()
-    row.done()
     return name, found

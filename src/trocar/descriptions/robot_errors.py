@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trocar.descriptions.table import Table, read_table
@@ -140,20 +140,18 @@ def _preset(table: Table, key: str) -> RobotErrors | None:
 
 
 def _read_errors(table: Table, base: RobotErrors) -> RobotErrors:
-    rows = tuple(_read_row(row) for row in table.tables("joint"))
+    rows = table.each("joint", _read_row)
     along, about = base.registration
     found = replace(
         base,
         joints=(*base.joints, *rows),
         registration=(
-            table.quantity("registration", "length", default=along),
-            table.quantity("registration", "angle", default=about),
+            table.not_negative("registration", "length", default=along),
+            table.not_negative("registration", "angle", default=about),
         ),
         latency=table.quantity("latency", "time", default=base.latency),
     )
     table.done()
-    if min(found.registration) < 0.0:
-        raise table.fail("registration", f"got {min(found.registration):g}; allowed: 0 or more")
     if not 0.0 <= found.latency <= LONGEST_LATENCY_S:
         raise table.fail(
             "latency", f"got {found.latency:g} s; allowed: 0 to {LONGEST_LATENCY_S:g} s"
@@ -162,13 +160,7 @@ def _read_errors(table: Table, base: RobotErrors) -> RobotErrors:
 
 
 def _read_row(row: Table) -> JointRow:
-    values = {f.name: row.quantity(f.name, *DIMENSIONS[f.name], default=0.0)
-              for f in fields(JointErrors)}  # fmt: skip
-    for name, value in values.items():
-        if value < 0.0:
-            raise row.fail(name, f"got {value:g}; allowed: 0 or more")
+    values = {name: row.not_negative(name, *units) for name, units in DIMENSIONS.items()}
     if values["hysteresis"] and not values["travel"]:
         raise row.fail("travel", "is missing; allowed: more than 0, as there is hysteresis")
-    found = JointRow(row.texts("arms"), row.texts("joints"), JointErrors(**values))
-    row.done()
-    return found
+    return JointRow(row.texts("arms"), row.texts("joints"), JointErrors(**values))

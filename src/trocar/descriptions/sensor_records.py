@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, TypedDict
+from typing import Any, ClassVar, Protocol, TypedDict, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+#: {value of a reading: dimension of its noise, "" for none, and unit}.
+Values = Mapping[str, tuple[str, str]]
 #: Which bodies and flexes of the model, (n_bodies + n_flexes,).
 Bodies = NDArray[np.bool_]
 
@@ -55,6 +57,8 @@ class SensorDescription:
         kind: name of the kind, as files have it
         armless: whether a sensor of this kind may be on no arm
         on_props: whether it may be on a prop instead of an arm
+        reading: class of its readings
+        values: numbers of these
         name: of the sensor
         arm: name of the arm it is on, "" for none
         prop: name of the prop it is on, "" for none
@@ -66,6 +70,8 @@ class SensorDescription:
     kind: ClassVar[str]
     armless: ClassVar[bool] = False
     on_props: ClassVar[bool] = False
+    reading: ClassVar[type[SensorReading]] = SensorReading
+    values: ClassVar[Values] = {}
 
     name: str
     arm: str
@@ -73,6 +79,16 @@ class SensorDescription:
     source: str
     noise: Mapping[str, float]
     prop: str = field(default="", kw_only=True)
+
+    @property
+    def frame_id(self) -> str:
+        """The frame of its vectors."""
+        return self.name
+
+    @property
+    def units(self) -> dict[str, str]:
+        """{value of a reading: unit}."""
+        return {value: unit for value, (_, unit) in self.values.items()}
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -91,25 +107,37 @@ class SensorDescription:
             physics: the simulation
             rng: noise is drawn from it
         """
+        found = {
+            name: self.noisy(name, cast(ArrayLike, value), rng) if name in self.noise else value
+            for name, value in self.measure(physics).items()
+        }
+        return self.reading(**self.head(physics), **found)
+
+    def measure(self, physics: Physics) -> dict[str, object]:
+        """Return the values of a reading without noise, by name."""
         raise NotImplementedError
 
-    def head(self, physics: Physics, frame_id: str, units: Mapping[str, str]) -> ReadingHead:
+    def head(self, physics: Physics) -> ReadingHead:
         """Return the arguments that every reading takes."""
         return {
             "name": self.name,
             "kind": self.kind,
             "time": physics.time,
-            "frame_id": frame_id,
-            "units": dict(units),
+            "frame_id": self.frame_id,
+            "units": self.units,
         }
 
-    def noisy(self, value: str, exact: ArrayLike, rng: np.random.Generator) -> Array:
-        """Return a read-only value with its normal noise; without noise nothing is drawn."""
+    def noisy(self, value: str, exact: ArrayLike, rng: np.random.Generator) -> Any:
+        """Return a value with its normal noise; without noise nothing is drawn.
+
+        Returns:
+            a number, or a read-only array
+        """
         result, deviation = np.asarray(exact, dtype=np.float64), self.noise[value]
         if deviation > 0.0:
             result = np.asarray(result + rng.normal(0.0, deviation, result.shape))
         result.setflags(write=False)
-        return result
+        return result if result.ndim else float(result)
 
 
 @dataclass(frozen=True, eq=False)

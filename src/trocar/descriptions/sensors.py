@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, TypedDict
+from typing import ClassVar, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,11 @@ from trocar.descriptions.sensor_records import (
     Place,
     SensorDescription,
     SensorReading,
+    Values,
     shown,
 )
 from trocar.descriptions.table import Table
-from trocar.geometry.se3 import transform
+from trocar.geometry.se3 import translation
 from trocar.kinematics.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -63,9 +64,7 @@ class SensorTable:
         bands: Sequence[Band],
         kind: type[SensorDescription],
     ) -> None:
-        name = table.text("name")
-        if not name:
-            raise table.fail("name", "got an empty text; allowed: a name")
+        name = table.name()
         rate = table.quantity("rate", "frequency", default=0.0)
         if rate <= 0.0 and table.has("rate", "frequency"):
             raise table.fail("rate_hz", f"got {rate:g}; allowed: above 0")
@@ -83,9 +82,9 @@ class SensorTable:
         if prop:
             if owner:
                 raise table.fail("prop", f"contradicts arm = {owner!r}; give one of them")
-            self._check("prop", prop, [p.name for p in props], "this rig has no such prop")
+            table.known("prop", prop, [p.name for p in props], "this rig has no such prop")
         elif owner or not kind.armless:
-            self._check("arm", owner, [a.name for a in arms], "this rig has no such arm")
+            table.known("arm", owner, [a.name for a in arms], "this rig has no such arm")
         self._arm = next((a.arm for a in arms if a.name == owner), None)
 
     def arm(self, key: str) -> ArmDescription:
@@ -101,34 +100,26 @@ class SensorTable:
     def joint(self, key: str) -> str:
         """Return the name of a joint of the arm."""
         known, joint = self.mechanism(key).joint_names, self.table.text(key)
-        self._check(key, joint, known, f"{self.head['arm']} has no such joint")
-        return joint
+        return self.table.known(key, joint, known, f"{self.head['arm']} has no such joint")
 
     def frame(self, key: str, default: str | None = None) -> str:
         """Return the name of a frame of the arm, or the prop that the sensor is on."""
         if self.head["prop"]:
             return self.head["prop"]
         known, frame = self.mechanism(key).frame_index, self.table.text(key, default)
-        self._check(key, frame, known, f"{self.head['arm']} has no such frame")
-        return frame
+        return self.table.known(key, frame, known, f"{self.head['arm']} has no such frame")
 
     def band(self, key: str) -> str:
         """Return the name of an elastic band of the rig."""
-        name = self.table.text(key)
-        self._check(key, name, self._bands, "this rig has no such band")
-        return name
+        return self.table.known(key, self.table.text(key), self._bands, "this rig has no such band")
 
     def noise(self, dimension: str) -> float:
         """Return a standard deviation in SI, 0 when absent."""
-        deviation = self.table.quantity("noise", dimension, default=0.0)
-        if deviation < 0.0:
-            raise self.table.fail("noise", f"got {deviation:g}; allowed: 0 or more")
-        return deviation
+        return self.table.not_negative("noise", dimension)
 
-    def _check(self, key: str, name: str, known: Iterable[str], missing: str) -> None:
-        if name not in known:
-            allowed = ", ".join(known) or "none"
-            raise self.table.fail(key, f"got {name!r}; {missing}; allowed: {allowed}")
+    def noises(self, kind: type[SensorDescription]) -> dict[str, float]:
+        """Return the standard deviation of each value of a kind that has noise, in SI."""
+        return {value: self.noise(d) for value, (d, _) in kind.values.items() if d}
 
 
 # ------------------------------------------------------------------ joint_effort
@@ -151,6 +142,7 @@ class JointEffort(SensorDescription):
     """
 
     kind: ClassVar[str] = "joint_effort"
+    reading: ClassVar[type[SensorReading]] = EffortReading
 
     joint: str
     unit: str
@@ -168,14 +160,53 @@ class JointEffort(SensorDescription):
         """Joints of the arm that a tool must have for this sensor."""
         return (self.joint,)
 
-    def sample(self, physics: Physics, rng: np.random.Generator) -> EffortReading:
+    @property
+    def frame_id(self) -> str:
+        """The frame of its vectors."""
+        return f"{self.arm}/{self.joint}"
+
+    @property
+    def units(self) -> dict[str, str]:
+        """{value of a reading: unit}."""
+        return {"effort": self.unit}
+
+    def measure(self, physics: Physics) -> dict[str, object]:
         """Return the effort now."""
-        head = self.head(physics, f"{self.arm}/{self.joint}", {"effort": self.unit})
-        effort = self.noisy("effort", physics.effort(self.arm, self.joint), rng)
-        return EffortReading(**head, effort=float(effort))
+        return {"effort": physics.effort(self.arm, self.joint)}
 
 
-# ------------------------------------------------------------------ tip_wrench
+# ------------------------------------------------------------------ on a frame
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSensor(SensorDescription):
+    """A sensor at a place on a link of an arm, or on a prop.
+
+    Attributes:
+        frame: of the arm
+        pose: T_frame_sensor (4, 4)
+    """
+
+    on_props: ClassVar[bool] = True
+
+    frame: str
+    pose: Array
+
+    @classmethod
+    def read(cls, row: SensorTable) -> PlacedSensor:
+        """Return the sensor of a table."""
+        frame = row.frame("frame")
+        return cls(**row.head, noise=row.noises(cls), frame=frame, pose=read_pose(row.table))
+
+    @property
+    def place(self) -> Place:
+        """Where it is."""
+        return Place(self.arm, self.frame, self.pose)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame,) if self.arm else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,43 +223,158 @@ class WrenchReading(SensorReading):
 
 
 @dataclass(frozen=True, eq=False)
-class TipWrench(SensorDescription):
+class TipWrench(PlacedSensor):
     """The wrench that the environment exerts on an instrument.
 
     Attributes:
-        frame: of the arm
-        pose: T_frame_sensor (4, 4)
         beyond: the frame on which, and on what hangs on it, the wrench acts
     """
 
     kind: ClassVar[str] = "tip_wrench"
+    on_props: ClassVar[bool] = False
+    reading: ClassVar[type[SensorReading]] = WrenchReading
+    values: ClassVar[Values] = {"force": ("force", "N"), "torque": ("torque", "N m")}
 
-    frame: str
-    pose: Array
     beyond: str
 
     @classmethod
     def read(cls, row: SensorTable) -> TipWrench:
         """Return the sensor of a table."""
         frame = row.frame("frame", row.mechanism("frame").tip)
-        beyond = row.frame("beyond", frame)
-        noise = {"force": row.noise("force"), "torque": row.noise("torque")}
-        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table), beyond=beyond)
+        beyond, at = row.frame("beyond", frame), read_pose(row.table)
+        return cls(**row.head, noise=row.noises(cls), frame=frame, pose=at, beyond=beyond)
 
     @property
     def frames(self) -> tuple[str, ...]:
         """Frames of the arm that a tool must have for this sensor."""
         return (self.frame, self.beyond)
 
-    def sample(self, physics: Physics, rng: np.random.Generator) -> WrenchReading:
+    def measure(self, physics: Physics) -> dict[str, object]:
         """Return the wrench of the last physics step."""
-        mine = physics.bodies(self.arm, self.beyond)
-        force, torque = physics.wrench(mine, Place(self.arm, self.frame, self.pose))
-        return WrenchReading(
-            **self.head(physics, self.name, {"force": "N", "torque": "N m"}),
-            force=self.noisy("force", force, rng),
-            torque=self.noisy("torque", torque, rng),
-        )
+        force, torque = physics.wrench(physics.bodies(self.arm, self.beyond), self.place)
+        return {"force": force, "torque": torque}
+
+
+@dataclass(frozen=True, eq=False)
+class ImuReading(SensorReading):
+    """What an inertial measurement unit measures, in its own axes.
+
+    Attributes:
+        angular_velocity: (3,) [rad/s]
+        linear_acceleration: acceleration minus gravity, (3,) [m/s^2]; at rest 9.81 upward
+    """
+
+    angular_velocity: Array
+    linear_acceleration: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Imu(PlacedSensor):
+    """An inertial measurement unit on a link."""
+
+    kind: ClassVar[str] = "imu"
+    reading: ClassVar[type[SensorReading]] = ImuReading
+    values: ClassVar[Values] = {
+        "angular_velocity": ("angular velocity", "rad/s"),
+        "linear_acceleration": ("linear acceleration", "m/s^2"),
+    }
+
+    def measure(self, physics: Physics) -> dict[str, object]:
+        """Return the velocity now and the acceleration of the last physics step."""
+        motion = physics.motion(self.place)
+        return {"angular_velocity": motion.angular, "linear_acceleration": motion.proper}
+
+
+@dataclass(frozen=True, eq=False)
+class TwistReading(SensorReading):
+    """The velocity of a place on a link in the world, in the sensor's own axes.
+
+    Attributes:
+        linear: of the sensor's origin, (3,) [m/s]
+        angular: (3,) [rad/s]
+    """
+
+    linear: Array
+    angular: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Twist(PlacedSensor):
+    """The velocity of a place on a link."""
+
+    kind: ClassVar[str] = "twist"
+    reading: ClassVar[type[SensorReading]] = TwistReading
+    values: ClassVar[Values] = {
+        "linear": ("linear velocity", "m/s"),
+        "angular": ("angular velocity", "rad/s"),
+    }
+
+    def measure(self, physics: Physics) -> dict[str, object]:
+        """Return the velocity now."""
+        motion = physics.motion(self.place)
+        return {"linear": motion.linear, "angular": motion.angular}
+
+
+@dataclass(frozen=True, eq=False)
+class ProximityReading(SensorReading):
+    """The length of a ray.
+
+    Attributes:
+        distance: from the first pad to what lies between the pads, inf when nothing does [m]
+        gap: from pad to pad [m]
+        body: what lies there, "" for nothing
+    """
+
+    distance: float
+    gap: float
+    body: str
+
+
+@dataclass(frozen=True, eq=False)
+class Proximity(PlacedSensor):
+    """A ray from one frame to another, such as between the pads of a jaw, or across a prop.
+
+    Attributes:
+        pose: where the ray begins
+        to_frame, to_point: where it ends, (3,) [m]
+    """
+
+    kind: ClassVar[str] = "proximity"
+    reading: ClassVar[type[SensorReading]] = ProximityReading
+    values: ClassVar[Values] = {"distance": ("length", "m"), "gap": ("", "m")}
+
+    to_frame: str
+    to_point: Array
+
+    @classmethod
+    def read(cls, row: SensorTable) -> Proximity:
+        """Return the sensor of a table; between the pads of a jaw unless frames are named."""
+        on_prop, pads = bool(row.head["prop"]), list[str]()
+        if not on_prop:
+            pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
+        frame = row.frame("frame", pads[0] if pads else None)
+        to_frame = row.frame("to_frame", next((pad for pad in pads if pad != frame), None))
+        start = row.table.vector("xyz", 3, "length")
+        end = row.table.vector("to_xyz", 3, "length", default=None if on_prop else start.copy())
+        return cls(**row.head, noise=row.noises(cls), frame=frame,
+                   pose=translation(start), to_frame=to_frame, to_point=end)  # fmt: skip
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Frames of the arm that a tool must have for this sensor."""
+        return (self.frame, self.to_frame) if self.arm else ()
+
+    def measure(self, physics: Physics) -> dict[str, object]:
+        """Return the distance now."""
+        end = Place(self.arm, self.to_frame, translation(self.to_point))
+        own = physics.bodies(self.arm, "" if self.arm else self.frame)
+        distance, gap, body = physics.ray(self.place, end, own)
+        return {"distance": distance, "gap": gap, "body": body}
+
+    def sample(self, physics: Physics, rng: np.random.Generator) -> ProximityReading:
+        """Return a reading, whose noise makes no distance negative."""
+        reading = cast(ProximityReading, super().sample(physics, rng))
+        return replace(reading, distance=max(0.0, reading.distance))
 
 
 # ------------------------------------------------------------------ contacts
@@ -257,6 +403,13 @@ class Contacts(SensorDescription):
     kind: ClassVar[str] = "contacts"
     armless: ClassVar[bool] = True
     on_props: ClassVar[bool] = True
+    values: ClassVar[Values] = {
+        "point": ("", "m"),
+        "normal": ("", "1"),
+        "force": ("force", "N"),
+        "torque": ("", "N m"),
+        "depth": ("", "m"),
+    }
 
     frame: str
 
@@ -265,7 +418,12 @@ class Contacts(SensorDescription):
         """Return the sensor of a table."""
         given = row.table.raw("frame") is not None or bool(row.head["prop"])
         frame = row.frame("frame") if given else ""
-        return cls(**row.head, noise={"force": row.noise("force")}, frame=frame)
+        return cls(**row.head, noise=row.noises(cls), frame=frame)
+
+    @property
+    def frame_id(self) -> str:
+        """The frame of its vectors."""
+        return "world"
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -274,198 +432,13 @@ class Contacts(SensorDescription):
 
     def sample(self, physics: Physics, rng: np.random.Generator) -> ContactsReading:
         """Return the contacts of the last physics step."""
-        units = {"point": "m", "normal": "1", "force": "N", "torque": "N m", "depth": "m"}
         found = physics.contacts(physics.bodies(self.arm, self.frame))
-        contacts = [replace(one, force=self.noisy("force", one.force, rng)) for one in found]
-        return ContactsReading(**self.head(physics, "world", units), contacts=tuple(contacts))
+        contacts = (replace(one, force=self.noisy("force", one.force, rng)) for one in found)
+        return ContactsReading(**self.head(physics), contacts=tuple(contacts))
 
 
 #: All contacts of a rig, without noise.
 ALL_CONTACTS = Contacts("contacts", "", 0.0, "", {"force": 0.0}, "")
-
-
-# ------------------------------------------------------------------ proximity
-
-
-@dataclass(frozen=True, eq=False)
-class ProximityReading(SensorReading):
-    """The length of a ray.
-
-    Attributes:
-        distance: from the first pad to what lies between the pads, inf when nothing does [m]
-        gap: from pad to pad [m]
-        body: what lies there, "" for nothing
-    """
-
-    distance: float
-    gap: float
-    body: str
-
-
-@dataclass(frozen=True, eq=False)
-class Proximity(SensorDescription):
-    """A ray from one frame to another, such as between the pads of a jaw, or across a prop.
-
-    Attributes:
-        frame, pose: where the ray begins: T_frame_sensor (4, 4)
-        to_frame, to_point: where it ends, (3,) [m]
-    """
-
-    kind: ClassVar[str] = "proximity"
-    on_props: ClassVar[bool] = True
-
-    frame: str
-    pose: Array
-    to_frame: str
-    to_point: Array
-
-    @classmethod
-    def read(cls, row: SensorTable) -> Proximity:
-        """Return the sensor of a table; between the pads of a jaw unless frames are named."""
-        pads: list[str] = []
-        if not row.head["prop"]:
-            pads = [f.name for f in row.mechanism("frame").frames if "jaw" in dict(f.couplings)]
-        frame = row.frame("frame", pads[0] if pads else None)
-        to_frame = row.frame("to_frame", next((pad for pad in pads if pad != frame), None))
-        start = row.table.vector("xyz", 3, "length")
-        return cls(
-            **row.head,
-            noise={"distance": row.noise("length")},
-            frame=frame,
-            pose=transform(np.eye(3), start),
-            to_frame=to_frame,
-            to_point=row.table.vector(
-                "to_xyz", 3, "length", default=None if row.head["prop"] else start.copy()
-            ),
-        )
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame, self.to_frame) if self.arm else ()
-
-    def sample(self, physics: Physics, rng: np.random.Generator) -> ProximityReading:
-        """Return the distance now."""
-        start = Place(self.arm, self.frame, self.pose)
-        end = Place(self.arm, self.to_frame, transform(np.eye(3), self.to_point))
-        own = physics.bodies(self.arm, "" if self.arm else self.frame)
-        distance, gap, body = physics.ray(start, end, own)
-        distance = max(0.0, float(self.noisy("distance", distance, rng)))
-        head = self.head(physics, self.name, {"distance": "m", "gap": "m"})
-        return ProximityReading(**head, distance=distance, gap=gap, body=body)
-
-
-# ------------------------------------------------------------------ imu
-
-
-@dataclass(frozen=True, eq=False)
-class ImuReading(SensorReading):
-    """What an inertial measurement unit measures, in its own axes.
-
-    Attributes:
-        angular_velocity: (3,) [rad/s]
-        linear_acceleration: acceleration minus gravity, (3,) [m/s^2]; at rest 9.81 upward
-    """
-
-    angular_velocity: Array
-    linear_acceleration: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Imu(SensorDescription):
-    """An inertial measurement unit on a link.
-
-    Attributes:
-        frame: of the arm
-        pose: T_frame_sensor (4, 4)
-    """
-
-    kind: ClassVar[str] = "imu"
-    on_props: ClassVar[bool] = True
-
-    frame: str
-    pose: Array
-
-    @classmethod
-    def read(cls, row: SensorTable) -> Imu:
-        """Return the sensor of a table."""
-        frame = row.frame("frame")
-        noise = {
-            "angular_velocity": row.noise("angular velocity"),
-            "linear_acceleration": row.noise("linear acceleration"),
-        }
-        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table))
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame,) if self.arm else ()
-
-    def sample(self, physics: Physics, rng: np.random.Generator) -> ImuReading:
-        """Return the velocity now and the acceleration of the last physics step."""
-        units = {"angular_velocity": "rad/s", "linear_acceleration": "m/s^2"}
-        motion = physics.motion(Place(self.arm, self.frame, self.pose))
-        return ImuReading(
-            **self.head(physics, self.name, units),
-            angular_velocity=self.noisy("angular_velocity", motion.angular, rng),
-            linear_acceleration=self.noisy("linear_acceleration", motion.proper, rng),
-        )
-
-
-# ------------------------------------------------------------------ twist
-
-
-@dataclass(frozen=True, eq=False)
-class TwistReading(SensorReading):
-    """The velocity of a place on a link in the world, in the sensor's own axes.
-
-    Attributes:
-        linear: of the sensor's origin, (3,) [m/s]
-        angular: (3,) [rad/s]
-    """
-
-    linear: Array
-    angular: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Twist(SensorDescription):
-    """The velocity of a place on a link.
-
-    Attributes:
-        frame: of the arm
-        pose: T_frame_sensor (4, 4)
-    """
-
-    kind: ClassVar[str] = "twist"
-    on_props: ClassVar[bool] = True
-
-    frame: str
-    pose: Array
-
-    @classmethod
-    def read(cls, row: SensorTable) -> Twist:
-        """Return the sensor of a table."""
-        frame = row.frame("frame")
-        noise = {
-            "linear": row.noise("linear velocity"),
-            "angular": row.noise("angular velocity"),
-        }
-        return cls(**row.head, noise=noise, frame=frame, pose=read_pose(row.table))
-
-    @property
-    def frames(self) -> tuple[str, ...]:
-        """Frames of the arm that a tool must have for this sensor."""
-        return (self.frame,) if self.arm else ()
-
-    def sample(self, physics: Physics, rng: np.random.Generator) -> TwistReading:
-        """Return the velocity now."""
-        motion = physics.motion(Place(self.arm, self.frame, self.pose))
-        return TwistReading(
-            **self.head(physics, self.name, {"linear": "m/s", "angular": "rad/s"}),
-            linear=self.noisy("linear", motion.linear, rng),
-            angular=self.noisy("angular", motion.angular, rng),
-        )
 
 
 # ------------------------------------------------------------------ tension
@@ -494,27 +467,27 @@ class Tension(SensorDescription):
 
     kind: ClassVar[str] = "tension"
     armless: ClassVar[bool] = True
+    reading: ClassVar[type[SensorReading]] = TensionReading
+    values: ClassVar[Values] = {"length": ("length", "m"), "tension": ("force", "N")}
 
     band: str
 
     @classmethod
     def read(cls, row: SensorTable) -> Tension:
         """Return the sensor of a table."""
-        if row.head["arm"]:
-            raise row.table.fail(
-                "arm", f"got {row.head['arm']!r}; allowed: none, a band has no arm"
-            )
-        noise = {"length": row.noise("length"), "tension": row.noise("force")}
-        return cls(**row.head, noise=noise, band=row.band("band"))
+        if arm := row.head["arm"]:
+            raise row.table.fail("arm", f"got {arm!r}; allowed: none, a band has no arm")
+        return cls(**row.head, noise=row.noises(cls), band=row.band("band"))
 
-    def sample(self, physics: Physics, rng: np.random.Generator) -> TensionReading:
+    @property
+    def frame_id(self) -> str:
+        """The frame of its vectors."""
+        return self.band
+
+    def measure(self, physics: Physics) -> dict[str, object]:
         """Return length and tension now."""
         length, tension = physics.band(self.band)
-        return TensionReading(
-            **self.head(physics, self.band, {"length": "m", "tension": "N"}),
-            length=float(self.noisy("length", length, rng)),
-            tension=float(self.noisy("tension", tension, rng)),
-        )
+        return {"length": length, "tension": tension}
 
 
 # ------------------------------------------------------------------ all of them
@@ -525,7 +498,7 @@ KINDS = {kind.kind: kind for kind in _CLASSES}
 
 
 def read_sensors(
-    rows: Iterable[Table],
+    rig: Table,
     arms: Sequence[RigArm],
     props: Sequence[Prop] = (),
     bands: Sequence[Band] = (),
@@ -536,12 +509,9 @@ def read_sensors(
         DescriptionError: an unknown kind, key or unit, a name used twice, or an arm, joint or frame
             that is not there
     """
-    found: list[SensorDescription] = []
-    for table in rows:
+
+    def read(table: Table) -> SensorDescription:
         kind = KINDS[table.text("kind", allowed=tuple(KINDS))]
-        sensor = kind.read(SensorTable(table, arms, props, bands, kind))
-        table.done()
-        if sensor.name in [other.name for other in found]:
-            raise table.fail("name", f"got {sensor.name!r} a second time")
-        found.append(sensor)
-    return tuple(found)
+        return kind.read(SensorTable(table, arms, props, bands, kind))
+
+    return rig.each("sensor", read, again="name")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from itertools import chain
 from typing import Literal, TypedDict, cast
 
 import numpy as np
@@ -12,6 +14,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
+from trocar.descriptions.rounds import cup, ring
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
 from trocar.geometry.rotations import matrix_from_rpy
@@ -19,7 +22,9 @@ from trocar.geometry.se3 import transform
 
 Array = NDArray[np.float64]
 
-KINDS = ("box", "capsule", "cylinder", "sphere", "mesh")
+KINDS = ("box", "capsule", "cylinder", "sphere", "mesh", "ring", "cup")
+#: Rods of a ring, and up to how many. Source: our own choice.
+SIDES, MOST_SIDES = 16, 64
 #: Slack of the triangle inequality for rounded inertias, relative. Our own choice.
 INERTIA_SLACK = 1e-3
 #: Arc of a needle for each capsule that touches. Source: our own choice; their axes then lie within
@@ -27,16 +32,22 @@ INERTIA_SLACK = 1e-3
 CAPSULE_RAD = np.pi / 12.0
 
 
-def read_shape(table: Table) -> Shape:
-    """Return a shape.
+def read_shapes(table: Table) -> tuple[Shape, ...]:
+    """Return the shapes of a body or a prop; a ring or a cup is several.
 
     Raises:
         DescriptionError: unknown kind or material, a size that is not positive
     """
+    return tuple(chain.from_iterable(table.each("shape", _read_shape)))
+
+
+def _read_shape(table: Table) -> tuple[Shape, ...]:
     kind = table.text("kind", allowed=KINDS)
-    material = table.text("material", "casting", allowed=tuple(MATERIALS))
+    material = _read_material(table)
     if kind == "mesh":
-        return _read_mesh_shape(table, material)
+        return (_read_mesh_shape(table, material),)
+    if kind in ("ring", "cup"):
+        return _read_round(table, kind, material)
     if kind == "box":
         size = 0.5 * table.vector("size", 3, "length")
         rpy = table.vector("rpy", 3, "angle", default=np.zeros(3))
@@ -71,8 +82,35 @@ def read_shape(table: Table) -> Shape:
     )
     if shape.density is not None and not shape.weigh:
         raise table.fail("density", "contradicts weigh = false; give one of them")
-    table.done()
-    return shape
+    return (shape,)
+
+
+def _read_round(table: Table, kind: str, material: str) -> tuple[Shape, ...]:
+    """Return the shapes of a ring or a cup."""
+    turn = matrix_from_rpy(*table.vector("rpy", 3, "angle", default=np.zeros(3)))
+    at = table.vector("center", 3, "length", default=np.zeros(3))
+    like = Shape(
+        "capsule",
+        transform(turn, at),
+        np.zeros(3),
+        material,
+        collide=table.flag("collide", True),
+        weigh=table.flag("weigh", True),
+        visible=table.flag("visible", True),
+        density=_positive(table, "density", "density"),
+        **_read_surface(table),
+    )
+    keys = ("radius", "wire_radius") if kind == "ring" else ("radius", "wall", "height", "floor")
+    sizes = [table.positive(key, "length") for key in keys]
+    sides = 0
+    if kind == "ring":
+        sides = int(table.number("sides", SIDES))
+        table.raw("sides")
+        if not 3 <= sides <= MOST_SIDES:
+            raise table.fail("sides", f"got {sides}; allowed: 3 to {MOST_SIDES}")
+    if kind == "ring":
+        return ring(like, sizes[0], sizes[1], sides)
+    return cup(like, sizes[0], sizes[1], sizes[2], sizes[3])
 
 
 def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
@@ -88,6 +126,18 @@ def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
         size = np.array([radius, 0.5 * np.linalg.norm(end - start), 0.0])
         touching.append(Shape("capsule", pose, size, material, visible=False))
     return (seen, *touching)
+
+
+def _read_material(table: Table) -> str:
+    """Return the name of a material, or of a free colour, as `materials` has it."""
+    if "color" not in table:
+        return table.text("material", "casting", allowed=tuple(MATERIALS))
+    if "material" in table:
+        raise table.fail("color", "contradicts material; give one of them")
+    colour = table.text("color")
+    if re.fullmatch("#[0-9a-fA-F]{6}", colour) is None:
+        raise table.fail("color", f'got {colour!r}; allowed: "#" and six digits, as "#b8352f"')
+    return f"color_{colour[1:].lower()}"
 
 
 class _Surface(TypedDict):
@@ -108,12 +158,7 @@ def _read_surface(table: Table) -> _Surface:
 
 
 def _positive(table: Table, name: str, dimension: str) -> float | None:
-    if not table.has(name, dimension):
-        return None
-    value = table.quantity(name, dimension)
-    if value <= 0.0:
-        raise table.fail(name, f"got {value:g}; allowed: above 0")
-    return value
+    return table.positive(name, dimension) if table.has(name, dimension) else None
 
 
 def _read_mesh_shape(table: Table, material: str) -> Shape:
@@ -129,7 +174,6 @@ def _read_mesh_shape(table: Table, material: str) -> Shape:
     at = table.vector("center", 3, "length", default=np.zeros(3))
     collide, visible = table.flag("collide", False), table.flag("visible", True)
     surface = _read_surface(table)
-    table.done()
     return Shape(
         "mesh",
         transform(turn, at),
@@ -153,12 +197,10 @@ def read_body(table: Table, part: str) -> Body:
     solid = read_drawn(table)
     touches = read_touches(table, solid)
     drawn = () if solid is None else seen_and_touched(solid, touches)
-    shapes = (*drawn, *map(read_shape, table.tables("shape")))
+    shapes = (*drawn, *read_shapes(table))
     mass = read_mass(table, shapes)
     com, inertia, origin = read_inertia(table, solid, shapes, mass)
-    source = table.text("source", "")
-    table.done()
-    name = "" if solid is None else solid.name
+    source, name = table.text("source", ""), "" if solid is None else solid.name
     return Body(frame, mass, com, inertia, shapes, origin, source, part, name, touches)
 
 

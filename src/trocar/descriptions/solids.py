@@ -116,8 +116,8 @@ def read_solid(name: str, folder: Path = DATA) -> Solid:
         np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]),
         row.vector("lower", 3, "length"),
         row.vector("upper", 3, "length"),
-        tuple(_shape(piece, file.parent, group, seen=True) for piece in row.tables("visual")),
-        tuple(_shape(piece, file.parent, group, seen=False) for piece in row.tables("convex")),
+        row.each("visual", lambda piece: _shape(piece, file.parent, group, seen=True)),
+        row.each("convex", lambda piece: _shape(piece, file.parent, group, seen=False)),
     )
     row.done()
     return solid
@@ -134,7 +134,6 @@ def _shape(row: Table, folder: Path, group: str, seen: bool) -> Shape:
     name = f"{group}_{path.stem.replace('.', '_')}"
     mesh = _read(path, name)
     expected = row.number("triangles")
-    row.done()
     if len(mesh.faces) != expected:
         raise row.fail("triangles", f"got {expected:g}; {path} holds {len(mesh.faces)}")
     reach = np.abs(mesh.vertices).max(axis=0)

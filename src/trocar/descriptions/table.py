@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import tomli_w
@@ -18,7 +18,10 @@ from trocar.errors import DescriptionError, InputError
 from trocar.inputs import MOST_LEVELS, excess_of, read_input
 
 Array = NDArray[np.float64]
+Row = TypeVar("Row")
 
+#: The version of all files. Source: our own choice.
+SCHEMA = 1
 #: Key suffixes of each dimension and their factors to SI.
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "mm": 1e-3},
@@ -138,6 +141,13 @@ class Table:
             raise self.fail(key, f"got {value!r}; allowed: {', '.join(allowed)}")
         return value.strip()
 
+    def name(self, key: str = "name") -> str:
+        """Return a text that is not empty."""
+        found = self.text(key)
+        if not found:
+            raise self.fail(key, "got an empty text; allowed: a name")
+        return found
+
     def texts(self, key: str) -> tuple[str, ...]:
         """Return a list of strings, empty when absent."""
         value = self.raw(key, [])
@@ -167,31 +177,65 @@ class Table:
 
     def quantity(self, name: str, *dimensions: str, default: float | None = None) -> float:
         """Return `name` in SI, whatever unit its key carries."""
-        found = self._one(name, dimensions)
+        found = self._one(name, dimensions, default is None)
         if found is None:
-            if default is None:
-                raise self.fail(
-                    name, f"is missing; allowed keys: {self._spelled(name, dimensions)}"
-                )
-            return default
+            return cast(float, default)
         key, factor = found
         return factor * self._finite(key, self.raw(key))
 
+    def positive(self, name: str, *dimensions: str, default: float | None = None) -> float:
+        """Return `name` in SI, which must be above 0."""
+        value = self.quantity(name, *dimensions, default=default)
+        if value <= 0.0:
+            raise self.fail(name, f"got {value:g}; allowed: above 0")
+        return value
+
+    def not_negative(self, name: str, *dimensions: str, default: float = 0.0) -> float:
+        """Return `name` in SI, which must be 0 or more."""
+        value = self.quantity(name, *dimensions, default=default)
+        if value < 0.0:
+            raise self.fail(name, f"got {value:g}; allowed: 0 or more")
+        return value
+
     def vector(self, name: str, size: int, *dimensions: str, default: Array | None = None) -> Array:
         """Return a list of `size` numbers in SI, (size,)."""
-        found = self._one(name, dimensions)
+        found = self._one(name, dimensions, default is None)
         if found is None:
-            if default is None:
-                raise self.fail(
-                    name, f"is missing; allowed keys: {self._spelled(name, dimensions)}"
-                )
-            return default
+            return cast(Array, default)
         key, factor = found
         return factor * self.numbers(key, size)
 
-    def numbers(self, key: str, size: int | None = None) -> Array:
+    def numbers(
+        self, key: str, size: int | None = None, default: Sequence[float] | None = None
+    ) -> Array:
         """Return a list of finite numbers, (size,)."""
-        return self._numbers(key, self.raw(key), size)
+        return self._numbers(key, self.raw(key, default), size)
+
+    def direction(self, key: str, default: Array | None = None) -> Array:
+        """Return a unit vector along three numbers, (3,)."""
+        value = self.raw(key)
+        if value is None and default is not None:
+            return default
+        given = self._numbers(key, value, 3)
+        length = float(np.linalg.norm(given))
+        if length < 1e-6:
+            raise self.fail(key, f"got {given.tolist()}; allowed: a direction")
+        return given / length
+
+    def within(self, key: str, lower: Array, upper: Array) -> Array:
+        """Return joint positions inside limits, (n,) [rad or m]."""
+        q = self.numbers(key, len(lower))
+        if (q < lower).any() or (q > upper).any():
+            raise self.fail(key, f"got {q.tolist()}; allowed: {lower.tolist()} to {upper.tolist()}")
+        return q
+
+    def known(self, key: str, name: str, known: Iterable[str], why: str = "") -> str:
+        """Return a name that an entry has, which must be one of those known."""
+        names = tuple(known)
+        if name not in names:
+            reason = f"; {why}" if why else ""
+            raise self.fail(key, f"got {name!r}{reason}; allowed: {', '.join(names) or 'none'}")
+        return name
 
     def _numbers(self, key: str, value: Any, size: int | None) -> Array:
         expected = "numbers" if size is None else f"{size} numbers"
@@ -233,16 +277,51 @@ class Table:
         where = f"{self.path}.{key}".strip(".")
         return [Table(row, self.file, f"{where}[{i}]") for i, row in enumerate(rows)]
 
+    def each(self, key: str, read: Callable[[Table], Row], again: str = "") -> tuple[Row, ...]:
+        """Return what `read` makes of each of a list of sub-tables; it need not call `done`.
+
+        Args:
+            key: of the list, which may be absent
+            read: reads one
+            again: an attribute of the results that no two may have alike
+        """
+        found: list[Row] = []
+        for row in self.tables(key):
+            made = read(row)
+            row.done()
+            if again and getattr(made, again) in [getattr(other, again) for other in found]:
+                raise row.fail(again, f"got {getattr(made, again)!r} a second time")
+            found.append(made)
+        return tuple(found)
+
+    def named(self, key: str, read: Callable[[Table], Row]) -> dict[str, Row]:
+        """Return {name: what `read` makes of it} of the tables in a sub-table, as `each` does."""
+        rows = self.optional_table(key)
+        found: dict[str, Row] = {}
+        for name in rows.entries():
+            row = rows.table(name)
+            found[name] = read(row)
+            row.done()
+        rows.done()
+        return found
+
     def entries(self) -> list[str]:
-        """Return the keys that were not read yet; reading them is up to the caller."""
-        return [key for key in self._data if key not in self._read]
+        """Return the keys that were not read yet, `source` apart."""
+        return [key for key in self._data if key not in self._read and key != "source"]
+
+    def check_schema(self, of: str = "") -> None:
+        """Reject a file of another version, or of another kind than `of`."""
+        if self.raw("schema") != SCHEMA:
+            raise self.fail("schema", f"got {self.raw('schema')!r}; allowed: {SCHEMA}{of}")
 
     def done(self) -> None:
-        """Reject unknown keys.
+        """Reject unknown keys; every table may have a `source`.
 
         Raises:
             DescriptionError: naming the unknown key and those that this table knows
         """
+        if "source" not in self._read:
+            self.text("source", "")
         for key in self.entries():
             known = ", ".join(sorted(self._read))
             raise self.fail(key, f"unknown key; this table knows: {known}")
@@ -262,8 +341,13 @@ class Table:
                     found.append((key, factor))
         return found
 
-    def _one(self, name: str, dimensions: tuple[str, ...]) -> tuple[str, float] | None:
+    def _one(
+        self, name: str, dimensions: tuple[str, ...], needed: bool
+    ) -> tuple[str, float] | None:
         found = self._keys(name, dimensions)
+        if needed and not found:
+            spelled = ", ".join(f"{name}_{unit}" for d in dimensions for unit in UNITS[d])
+            raise self.fail(name, f"is missing; allowed keys: {spelled}")
         if len(found) > 1:
             raise self.fail(found[1][0], f"contradicts {found[0][0]}; give one of them")
         return found[0] if found else None
@@ -276,10 +360,6 @@ class Table:
         ):
             raise self.fail(key, f"got {value!r}; allowed: a finite number")
         return float(value)
-
-    @staticmethod
-    def _spelled(name: str, dimensions: tuple[str, ...]) -> str:
-        return ", ".join(f"{name}_{unit}" for d in dimensions for unit in UNITS[d])
 
 
 def read_table(path: Path) -> Table:

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, UndeterminedError
-from trocar.fitting.correlation import widening
-from trocar.fitting.robust import near, not_gross, shared_point
+from trocar.fitting.robust import near, not_gross, shared_point, widening
 from trocar.geometry.rotations import (
     matrix_from_rotation_vector,
     rotation_vector_from_matrix,

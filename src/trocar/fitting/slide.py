@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.fitting.correlation import widening
 from trocar.fitting.hinge import check_poses
-from trocar.fitting.robust import near, shared_line, shared_rotation
+from trocar.fitting.robust import near, shared_line, shared_rotation, widening
 from trocar.geometry.rotations import rotation_vector_from_matrix
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.fitting.correlation import widening
 from trocar.fitting.pivot import PivotFit, rest_pose, white_noise
+from trocar.fitting.robust import widening
 from trocar.geometry.se3 import inverse
 
 Array = NDArray[np.float64]

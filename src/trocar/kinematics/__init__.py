@@ -1,5 +1,6 @@
 """How mechanisms move: trees with loops, forward and inverse kinematics, couplings."""
 
+from trocar.geometry.screws import RemoteCentre, remote_centre
 from trocar.kinematics.coupling import (
     Coupling,
     actuator_effort_from_joint,
@@ -12,7 +13,6 @@ from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.loops import Flattening, branch_determinants, flattenings, gaps
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
-from trocar.kinematics.rcm import RemoteCentre, remote_centre
 
 __all__ = [
     "Closure",

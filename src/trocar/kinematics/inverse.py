@@ -8,7 +8,7 @@ Newton's method starts, on the mechanism's own forward kinematics.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +18,7 @@ from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import check_transform, inverse, log_transform, pose_difference
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
-from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE, TIP_AT_CENTRE
+from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE, TIP_AT_CENTRE
 from trocar.kinematics.jacobian import jacobian_body
 from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.solutions import (
@@ -83,8 +83,13 @@ def inverse_kinematics(
         raise InputError(f"pose: expected shape (4, 4), got {pose.shape}")
     in_chain = inverse(fit.chain.base) @ pose @ inverse(fit.tip)
     joints = _range(mechanism, fit.count)
+    solve = fit.chain.solve
+    if platform_angle is not None:
+        if structure != "gimbal_arm":
+            raise InputError("platform_angle: only an arm with a wrist platform takes one")
+        solve = partial(solve, platform_angle=platform_angle)
     if fit.deviation <= EXACT:
-        return fit.chain.solve(in_chain, joints.lower, joints.upper, seed, platform_angle)
+        return solve(in_chain, joints.lower, joints.upper, seed)
     start = seed_or_middle(joints, seed)
     moving = np.ones(fit.count, dtype=bool)
     tolerance = POSE_TOLERANCE
@@ -92,7 +97,12 @@ def inverse_kinematics(
         moving[PLATFORM] = False
     elif structure == "rcm_scope":
         in_chain, tolerance = _pointed_at_centre(in_chain), DIRECTION_TOLERANCE
-    starts = _starts(fit, in_chain, joints, moving, (start, platform_angle))
+    # In closed form, with some room beyond the limits of what moves afterwards.
+    slack = np.where(moving, _slack(fit, joints), 0.0)
+    try:
+        starts = solve(in_chain, joints.lower - slack, joints.upper + slack, start)
+    except UnreachableError:  # not even then: say so with the limits as they are
+        starts = solve(in_chain, joints.lower, joints.upper, start)
     polished = _polished(_Problem(mechanism, pose, moving), starts, tolerance)
     solutions = inside(polished, joints)
     if len(solutions) == 0:
@@ -119,7 +129,8 @@ def nearest_solution(
     fit = fit_chain(mechanism, structure)
     if fit.chain.nearest is not None and fit.deviation <= EXACT and platform_angle is None:
         ends = _ends(mechanism, structure)
-        found = fit.chain.nearest(ends.before @ T @ ends.after, ends.limits, seed.tolist())
+        in_chain = ends.before.dot(T).dot(ends.after)
+        found = fit.chain.nearest(in_chain, ends.limits, seed.tolist())
         if found is not None:
             return np.array(found)
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform_angle)[0]
@@ -174,21 +185,6 @@ def _range(mechanism: Mechanism, count: int) -> JointRange:
     names = tuple(joint.name for joint in joints)
     slides = tuple(joint.kind == "prismatic" for joint in joints)
     return joint_range(names, slides, mechanism.lower[:count], mechanism.upper[:count])
-
-
-def _starts(
-    fit: Fit,
-    T: Array,
-    joints: JointRange,
-    moving: NDArray[np.bool_],
-    options: tuple[Array, float | None],
-) -> Array:
-    """Solve in closed form, with some room beyond the limits of what moves afterwards, (k, n)."""
-    slack = np.where(moving, _slack(fit, joints), 0.0)
-    try:
-        return fit.chain.solve(T, joints.lower - slack, joints.upper + slack, *options)
-    except UnreachableError:  # not even then: say so with the limits as they are
-        return fit.chain.solve(T, joints.lower, joints.upper, *options)
 
 
 def _slack(fit: Fit, joints: JointRange) -> Array:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.geometry.dh import modified_dh, standard_dh
@@ -16,10 +15,12 @@ from trocar.geometry.screws import nearest_point_to_lines
 from trocar.geometry.se3 import inverse, pose_difference, transform
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse_gimbal_arm import GimbalArmGeometry, inverse_gimbal_arm
-from trocar.kinematics.inverse_rcm_arm import RcmArmGeometry, inverse_rcm_arm, nearest_rcm_arm
-from trocar.kinematics.inverse_rcm_scope import (
+from trocar.kinematics.inverse_rcm import (
+    RcmArmGeometry,
     RcmScopeGeometry,
+    inverse_rcm_arm,
     inverse_rcm_scope,
+    nearest_rcm_arm,
     nearest_rcm_scope,
 )
 from trocar.kinematics.jacobian import jacobian_spatial
@@ -46,16 +47,9 @@ class JointAxes:
     tip: Array
 
 
-class Solver(Protocol):
-    """A closed-form inverse: T_0_last (4, 4), limits (n,), seed (n,) or None to (k, n)."""
-
-    def __call__(
-        self, T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
-    ) -> Array:
-        """Solve; `platform` is the angle that a redundant chain's platform is to have."""
-        ...
-
-
+#: A closed-form inverse: T_0_last (4, 4), limits (n,) twice, seed (n,) or None to (k, n); that of a
+#: gimbal arm takes `platform_angle`, too.
+Solver = Callable[..., Array]
 Nearest = Callable[[Array, Limits, Sequence[float]], tuple[float, ...] | None]
 
 
@@ -89,13 +83,8 @@ def rcm_arm(axes: JointAxes) -> Chain:
         wrist_yaw = modified_dh(geometry.wrist_length, -HALF, 0.0, q[..., 5] - HALF)
         return _shaft(q, wrist) @ wrist_pitch @ wrist_yaw
 
-    def solve(
-        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
-    ) -> Array:
-        _reject_platform(platform)
-        return inverse_rcm_arm(geometry, T, lower, upper, seed)
-
-    return Chain(base, forward, solve, partial(nearest_rcm_arm, geometry))
+    solvers = partial(inverse_rcm_arm, geometry), partial(nearest_rcm_arm, geometry)
+    return Chain(base, forward, *solvers)
 
 
 def rcm_scope(axes: JointAxes) -> Chain:
@@ -104,16 +93,8 @@ def rcm_scope(axes: JointAxes) -> Chain:
     length = float((axes.tip - base[:3, 3]) @ -base[:3, 2])
     geometry = RcmScopeGeometry(0.0, length)
 
-    def forward(q: Array) -> Array:
-        return _shaft(q, length)
-
-    def solve(
-        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
-    ) -> Array:
-        _reject_platform(platform)
-        return inverse_rcm_scope(geometry, T, lower, upper, seed)
-
-    return Chain(base, forward, solve, partial(nearest_rcm_scope, geometry))
+    solvers = partial(inverse_rcm_scope, geometry), partial(nearest_rcm_scope, geometry)
+    return Chain(base, lambda q: _shaft(q, length), *solvers)
 
 
 def gimbal_arm(axes: JointAxes) -> Chain:
@@ -138,12 +119,7 @@ def gimbal_arm(axes: JointAxes) -> Chain:
             @ standard_dh(0.0, 0.0, 0.0, q[..., 6] + HALF)
         )
 
-    def solve(
-        T: Array, lower: Array, upper: Array, seed: ArrayLike | None, platform: float | None
-    ) -> Array:
-        return inverse_gimbal_arm(geometry, T, lower, upper, seed, platform_angle=platform)
-
-    return Chain(base, forward, solve)
+    return Chain(base, forward, partial(inverse_gimbal_arm, geometry))
 
 
 def _remote_centre_frame(axes: JointAxes) -> Array:
@@ -178,11 +154,6 @@ def _shaft(q: Array, depth: float) -> Array:
         @ modified_dh(0.0, HALF, q[..., 2] + depth, 0.0)
         @ modified_dh(0.0, 0.0, 0.0, q[..., 3])
     )
-
-
-def _reject_platform(platform: float | None) -> None:
-    if platform is not None:
-        raise InputError("platform_angle: only an arm with a wrist platform takes one")
 
 
 #: Each structure's chain, and its joints: R turns, S slides.

@@ -34,8 +34,8 @@ MESH_FOLDER = "assets"
 FRAME_GROUP = 4
 #: Corners of a convex piece in MJX. Source: MuJoCo's page on MJX, 64 or less.
 MOST_HULL_CORNERS = 64
-#: Damping of a joint that its brake holds. Source: simulation/drives.py, HOLDING_DAMPING.
-BRAKED_DAMPING = 1e12
+#: Damping of a joint that its brake holds. Source: simulation/servos.py, HOLDING_DAMPING.
+BRAKED_DAMPING = 1e18
 #: Significant digits with which a float64 is read back exactly.
 EXACT_DIGITS = 17
 #: Significant digits that a number of single precision has.

@@ -18,11 +18,19 @@ from trocar.geometry.se3 import adjoint, inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
-from trocar.kinematics.inverse_rcm_scope import DIRECTION_TOLERANCE
+from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.kinematics.structures import fit_chain
-from trocar.simulation.control import LARGEST, Clock, ControlState, JointControl
+from trocar.simulation.control import (
+    LARGEST,
+    Clock,
+    ControlState,
+    Homing,
+    JointControl,
+    OperatingState,
+    State,
+)
 from trocar.simulation.controllers import (
     CartesianForce,
     CartesianImpedance,
@@ -32,9 +40,8 @@ from trocar.simulation.controllers import (
     TipState,
     WrenchFrame,
 )
-from trocar.simulation.gripper import Gripper
 from trocar.simulation.health import arm_health
-from trocar.simulation.jaw import Jaw
+from trocar.simulation.jaw import Gripper, Jaw
 from trocar.simulation.journal import command
 from trocar.simulation.masters import (
     GIMBAL,
@@ -57,7 +64,6 @@ from trocar.simulation.records import (
     Wrench,
 )
 from trocar.simulation.servos import EFFORT
-from trocar.simulation.states import Homing, OperatingState, State
 
 Array = NDArray[np.float64]
 Share = Literal["both", "velocity", "acceleration"]
@@ -565,6 +571,25 @@ class Arm:
     def use_gravity_compensation(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self.motors.compensate_gravity(bool(on))
+
+    @property
+    def computed_torque(self) -> bool:
+        """Whether joints in mode "position" have computed torque."""
+        return self.motors.torque_computed
+
+    @command
+    def use_computed_torque(self, on: bool) -> None:
+        """Switch computed torque: the model's inverse dynamics beside the servos' P and D.
+
+        Joints in mode "position" then follow their set-points without the errors that weight,
+        inertia, friction and the other joints' motion cause; a physics step takes longer.
+
+        Raises:
+            InputError: the arm is welded into the model
+        """
+        if self.motors.welded:
+            raise InputError(f"{self.name}: is welded into the model")
+        self.motors.compute_torque(bool(on))
 
     # ------------------------------------------------------------------ moves
 

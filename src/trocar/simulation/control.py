@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +16,6 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Drift, Leg, Motion, Moves, Profile
 from trocar.simulation.records import JointState
 from trocar.simulation.servos import EFFORT, POSITION
-from trocar.simulation.states import States
 
 Array = NDArray[np.float64]
 
@@ -180,6 +179,7 @@ class JointControl:
         self.joint_names = arm.mechanism.joint_names
         self.lower, self.upper = arm.mechanism.lower, arm.mechanism.upper
         self._range = list(zip(self.lower.tolist(), self.upper.tolist(), strict=True))
+        self._speeds = [(-joint.velocity_max, joint.velocity_max) for joint in arm.joints]
         #: Joints that an effort command switched to mode "effort"; those of them that a controller
         #: switched back.
         self.switched: set[int] = set()
@@ -265,10 +265,16 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        legs, drift = self.moves.legs, self.moves.drift
-        if v is None and not legs and drift is None and self._fits(q, part) and self.plain(part):
-            self.motors.position[part] = q
-            self.motors.velocity[part] = 0.0
+        m, moves = self.motors, self.moves
+        if (  # joints that simply follow their servos, in few calls
+            not (moves.legs or moves.drift or self.switched or self.restored)
+            and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
+            and self.states.ready
+            and _fits(q, self._range[part])
+            and (v is None or _fits(v, self._speeds[part]))
+        ):
+            m.position[part] = q
+            m.velocity[part] = 0.0 if v is None else v
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -442,34 +448,11 @@ class JointControl:
             self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
         return not why
 
-    def plain(self, part: slice) -> bool:
-        """Return whether joints simply follow their servos: ready, no brake, no other mode."""
-        m = self.motors
-        return (
-            self.states.ready
-            and not (self.switched or self.restored or m.brakes or m.welded)
-            and not np.count_nonzero(m.modes[part])
-        )
-
     def report(self, event: str, **values: object) -> None:
         """Enter an event of this arm into the journal."""
         self._clock.journal.event(self._name, event, **values)
 
     # ------------------------------------------------------------------ inside
-
-    def _fits(self, q: ArrayLike, part: slice) -> bool:
-        """Return whether q is one number inside the limits for each joint; quickly."""
-        limits = self._range[part]
-        try:
-            values = q.tolist() if isinstance(q, np.ndarray) else list(q)  # type: ignore[arg-type]
-            if len(values) != len(limits):
-                return False
-            for value, (low, high) in zip(values, limits):  # noqa: B905  as many, and often
-                if type(value) is not float or not low <= value <= high:  # NaN is neither
-                    return False
-        except TypeError:
-            return False
-        return True
 
     def _over(self, motion: Motion) -> None:
         self.report("goal_reached", reached=motion.goal_reached)
@@ -540,3 +523,126 @@ class JointControl:
                 f"{verb} {which} held", f"{verb}: {which} stays: its brake is locked"
             )
         return np.where(locked, setpoint, inside), ~locked
+
+
+def _fits(values: ArrayLike, limits: Sequence[tuple[float, float]]) -> bool:
+    """Return whether there is one number inside the limits for each joint; quickly."""
+    try:
+        found: Any = values.tolist() if isinstance(values, np.ndarray) else list(values)  # type: ignore[arg-type]
+        if len(found) != len(limits):
+            return False
+        for value, (low, high) in zip(found, limits):  # noqa: B905  as many, and often
+            if type(value) is not float or not low <= value <= high:  # NaN is neither
+                return False
+    except TypeError:
+        return False
+    return True
+
+
+#: How near measured positions must be. Source: mtsIntuitiveResearchKitPSM.cpp (3 degrees); our own
+#: choice for slides. [rad], [m]
+NEAR_RAD = float(np.deg2rad(3.0))
+NEAR_M = 0.003
+#: How long they may take after the set-points arrived. Source: our own choice. [s]
+PATIENCE_S = 2.0
+
+State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
+
+
+@dataclass(frozen=True)
+class OperatingState:
+    """What an arm is up to at a time [s].
+
+    Attributes:
+        state: DISABLED (no power), ENABLED, PAUSED (holds, takes no commands) or FAULT
+        is_homed: whether its position is known and it was brought home
+        is_busy: whether a move or the homing is under way
+    """
+
+    state: State
+    is_homed: bool
+    is_busy: bool
+    time: float
+
+    @property
+    def ready(self) -> bool:
+        """Whether motion commands are accepted."""
+        return self.state == "ENABLED" and self.is_homed
+
+
+class States:
+    """The state machine of one arm; it is independent of motors.
+
+    Attributes:
+        state: the operating state
+        homed: whether the arm was homed
+    """
+
+    def __init__(self) -> None:
+        self.state: State = "DISABLED"
+        self.homed = False
+
+    def begin(self, ready: bool) -> None:
+        """Start anew: enabled and homed, or as the hardware does after power-on."""
+        self.state = "ENABLED" if ready else "DISABLED"
+        self.homed = ready
+
+    @property
+    def powered(self) -> bool:
+        """Whether the motors have power."""
+        return self.state in ("ENABLED", "PAUSED")
+
+    @property
+    def ready(self) -> bool:
+        """Whether motion commands are accepted."""
+        return self.homed and self.state == "ENABLED"
+
+    def why_not_ready(self) -> str:
+        """Return why motion commands are rejected, "" when they are not."""
+        if self.state == "PAUSED":
+            return "the arm is PAUSED; resume it first"
+        if self.state != "ENABLED":
+            return f"the arm is {self.state}; enable it first"
+        return "" if self.homed else "the arm is not homed; home it first"
+
+    def why_not(self, command: str) -> str:
+        """Return why a state command is rejected, "" when it is not."""
+        required: dict[str, tuple[State, ...]] = {
+            "pause": ("ENABLED",),
+            "resume": ("PAUSED",),
+            "home": ("DISABLED", "ENABLED"),
+        }
+        allowed = required.get(command, (self.state,))
+        if self.state in allowed:
+            return ""
+        return f"the arm is {self.state}; allowed when {' or '.join(allowed)}"
+
+
+class Homing:
+    """A homing under way.
+
+    Attributes:
+        motion: what the caller waits for
+        way: the move of the set-points
+    """
+
+    def __init__(self, motion: Motion, way: Motion, slides: NDArray[np.bool_]) -> None:
+        self.motion = motion
+        self.way = way
+        self._near = np.where(slides, NEAR_M, NEAR_RAD)
+        self._arrived = np.inf
+
+    def look(self, measured: Array, time: float) -> Literal["", "home", "stopped", "late"]:
+        """Return how it ended, "" while it has not. `measured` is (n,) [rad or m]."""
+        if not self.way.done:
+            return ""
+        if not self.way.goal_reached:
+            return "stopped"
+        self._arrived = min(self._arrived, time)
+        if not self.far(measured).any():
+            return "home"
+        return "late" if time - self._arrived > PATIENCE_S else ""
+
+    def far(self, measured: Array) -> NDArray[np.bool_]:
+        """Return which joints are not home, (n,)."""
+        return np.abs(measured - self.way.goal) > self._near

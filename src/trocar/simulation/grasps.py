@@ -32,6 +32,9 @@ LOADED, RESTUCK = 0.6, 0.8
 #: It slipped where it moved so far between the pads since. Source: our own choice, half a needle's
 #: wire. [m, rad]
 SLIPPED_M, SLIPPED_RAD = 2e-4, 0.04
+#: What falls farther than this after a jaw let go of it was dropped. Source: our own choice, two
+#: thirds of the height of a peg. [m]
+DROPPED_M = 0.008
 #: Rows of constraints of a weld.
 WELD_ROWS = 6
 #: What slipped is held again no sooner. Source: our own choice. [s]
@@ -109,7 +112,7 @@ class Grasps:
     Args:
         rig: its description
         timestep: of the physics [s]
-        journal: receives "grasp/object" and "grasp/slipped" of arms
+        journal: receives "grasp/object" with the force, "grasp/slipped" and "grasp/dropped"
 
     Attributes:
         every: physics steps between two looks
@@ -186,6 +189,8 @@ class Grasps:
     def look(self) -> None:
         """Take hold and let go, as contacts of the last step tell; to be called after it."""
         data = self._data
+        if self._loose:
+            self._watch_falls()
         if not data.ncon and not self._pressing and not any(self._holds):
             return
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
@@ -211,6 +216,7 @@ class Grasps:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
         load = self._load(row, hold, contacts, pressed)
         self._read[row] = self._grasp(hold.object, pressed, load)
+        self._most[row] = max(self._most[row], pressed)
         if hold.stuck and pressed < LOOSE_N:
             self._release(row)
         elif self._kind != "friction+stick":
@@ -263,6 +269,9 @@ class Grasps:
         self._holds: list[Hold | None] = [None] * count
         self._looks = np.zeros((count, len(self.objects)), dtype=np.int64)
         self._pressing = False  # whether any of these is not 0
+        #: The largest force of each hold so far; what was let go: by which jaw, and from where [m].
+        self._most = [0.0] * count
+        self._loose: dict[int, tuple[int, float]] = {}
         self._read = [Grasp("", 0.0, 0.0, 0.0)] * count
 
     def _take(self, row: int, found: int, contacts: Index, force: float) -> None:
@@ -285,7 +294,10 @@ class Grasps:
         self._set(row, Hold(found, anchor, turned, *grip))
         self._slicken()
         self._read[row] = self._grasp(found, force)
-        self._journal.event(self._jaws[row].arm, "grasp/object", object=self.objects[found])
+        self._most[row] = force
+        self._loose.pop(found, None)
+        name = self.objects[found]
+        self._journal.event(self._jaws[row].arm, "grasp/object", object=name, force=force)
 
     def _placed(self, row: int, found: int, centre: Array) -> tuple[Array, Array]:
         """Return where a grip's centre is in an object, and how that is turned in the finger."""
@@ -299,11 +311,25 @@ class Grasps:
         return anchor, turned
 
     def _release(self, row: int) -> None:
+        if (hold := self._holds[row]) is not None:
+            height = float(self._data.xpos[self._bodies[hold.object], 2])
+            self._loose[hold.object] = row, height
         self._set(row, None)
         self._slicken()
         self._looks[row] = 0
         self._read[row] = self._grasp(None, 0.0)
-        self._journal.event(self._jaws[row].arm, "grasp/object", object="")
+        self._journal.event(self._jaws[row].arm, "grasp/object", object="", force=self._most[row])
+
+    def _watch_falls(self) -> None:
+        """Report what fell since a jaw let go of it."""
+        holding = {hold.object for hold in self._holds if hold is not None}
+        for found, (row, height) in list(self._loose.items()):
+            fallen = height - float(self._data.xpos[self._bodies[found], 2])
+            if found in holding or fallen > DROPPED_M:
+                del self._loose[found]
+            if found not in holding and fallen > DROPPED_M:
+                arm, name = self._jaws[row].arm, self.objects[found]
+                self._journal.event(arm, "grasp/dropped", object=name, height=fallen)
 
     def _set(self, row: int, hold: Hold | None) -> None:
         """Hold an object where it is in the left finger, or nothing."""

@@ -15,7 +15,6 @@ from trocar.descriptions.records import Prop
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import InputError
 from trocar.geometry.rotations import quaternion_from_matrix
-from trocar.geometry.se3 import inverse, transform
 from trocar.modeling import naming
 from trocar.modeling.tissues import (
     BRANCH_M,
@@ -159,9 +158,11 @@ class SoftTissue:
         """Its mesh."""
         return _pad(self.tissue)
 
-    def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        """Take the physics that the tissue is in."""
-        self._model, self._data = model, data
+    def attach(
+        self, model: mujoco.MjModel, data: mujoco.MjData, shadows: Sequence[mujoco.MjData] = ()
+    ) -> None:
+        """Take the physics that the tissue is in, and what shows the same bodies."""
+        self._model, self._data, self._shadows = model, data, shadows
         name, count = self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 
@@ -310,7 +311,6 @@ class SoftTissue:
         threads = np.append(self._strings.ravel(), self._locks)
         tight = threads[limits[threads] < 0.5 * SLACK_M]
         over = data.ten_length[tight] - limits[tight]
-        rows = (data.efc_type == LIMIT) & np.isin(data.efc_id, self._strings)
         return TissueReading(
             points,
             self.offsets.copy(),
@@ -320,11 +320,17 @@ class SoftTissue:
             forces,
             moved,
             self.torn.copy(),
-            float(data.efc_force[rows].sum()),
+            self.tension(),
             float(max(over.max(initial=0.0), 0.0)),
             float(data.qpos[self._feed]),
             float(data.time),
         )
+
+    def tension(self) -> float:
+        """Return the tension of the thread, as of the last step [N]."""
+        data, rows = self._data, slice(self._data.ne + self._data.nf, self._data.nefc)
+        threads = (data.efc_type[rows] == LIMIT) & np.isin(data.efc_id[rows], self._strings)
+        return float(data.efc_force[rows][threads].sum())
 
     def displacements(self) -> Array:
         """Return the displacement of every node of its mesh, in its frame, (n, 3) [m]."""
@@ -353,6 +359,7 @@ class SoftTissue:
         self._condense()
         for (field, row), value in zip(self._fields, state.fields, strict=True):
             field[row] = value
+        self._refresh()
 
     # ------------------------------------------------------------------ inside
 
@@ -381,6 +388,19 @@ class SoftTissue:
             self._sides[:, None, None] > 0.0, [0.0, SLACK_M], [-SLACK_M, 0.0]
         )
         self._arm_plates()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Bring the tissue's body, which stands still, to where it was put.
+
+        MuJoCo works out poses of bodies that stand still only once while bodies may sleep.
+        """
+        option, sleep = self._model.opt, int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        flags = option.enableflags
+        option.enableflags &= ~sleep
+        for data in (self._data, *self._shadows):
+            mujoco.mj_kinematics(self._model, data)
+        option.enableflags = flags
 
     def _count(self) -> None:
         """Set what follows from the plan and from what passed."""
@@ -483,7 +503,9 @@ class SoftTissue:
 
     def _tear(self) -> None:
         """Let places tear out whose force is above the limit; the mesh no longer holds them."""
-        forces = self._pull @ (self._q - self._rest)
+        forces = self._applied  # of the last step
+        if max(forces.max(), -forces.min()) < 0.5 * self.tissue.tear:
+            return
         strong = np.linalg.norm(forces.reshape(-1, 3), axis=1).reshape(self.torn.shape)
         found = strong > self.tissue.tear
         found[:, len(CHANNEL) :] = False

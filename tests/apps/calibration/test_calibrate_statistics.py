@@ -61,6 +61,7 @@ def distance_errors(amplitude: float) -> np.ndarray:
     return np.concatenate(found, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     # Source: the figures to reach.
     ("amplitude", "median", "most"),
@@ -74,6 +75,7 @@ def test_one_sweep_tells_the_axes_to_their_figures(
     assert np.median(errors) <= median and np.quantile(errors, 0.95) <= most
 
 
+@pytest.mark.slow
 def test_intervals_of_the_distances_cover_them() -> None:
     scaled = np.concatenate([distance_errors(amplitude)[1] for amplitude in (0.3, 0.6, 0.8)])
     # Source: 92 to 98 % is asked for. 480 numbers scatter by 1.0 % (binomial); the amplitudes have
@@ -117,6 +119,7 @@ def test_a_take_at_the_full_rate_and_noise_is_within_the_figures() -> None:
     assert np.linalg.norm(got.centre.fit.post - place) <= 30e-6
 
 
+@pytest.mark.slow
 def test_intervals_of_the_remote_centre_cover_it() -> None:
     within: list[bool] = []
     for seed in range(ROBOTS):

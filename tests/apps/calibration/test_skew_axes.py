@@ -7,6 +7,7 @@ import pytest
 
 from trocar.apps.calibration import Tracks, calibrate
 from trocar.apps.mocap import MocapSettings, perturbed, simulate_tracks, worn
+from trocar.apps.mocap.simulate import Parts
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.axis_lines import Line, home_lines, line_angle, line_distance
 from trocar.descriptions.overlay import apply_overlay
@@ -73,15 +74,19 @@ def test_without_the_ground_s_own_axis_the_place_along_skew_axes_is_said_to_be_o
         assert found.closed_distances[label] == pytest.approx(value.value, abs=close), label
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(0, marks=pytest.mark.slow)])
-def test_a_worn_master_is_calibrated_with_its_leaning_axes(seed: int) -> None:
+# In the whole take the loops rest in most samples, and those in which they move are no outliers.
+@pytest.mark.parametrize(
+    ("parts", "seed"), [("", 1), pytest.param("axes", 0, marks=pytest.mark.slow)]
+)
+def test_a_worn_master_is_calibrated_with_its_leaning_axes(parts: Parts, seed: int) -> None:
     arm = load_arm("mtml")
     robot = worn(arm, np.random.default_rng(seed))
-    loops = MocapSettings("kinematic", parts="axes", duration_s=8.0, rate_hz=30.0)
-    made = simulate_tracks(robot, loops)
+    take = MocapSettings("kinematic", parts=parts, duration_s=8.0, rate_hz=20.0)
+    made = simulate_tracks(robot, take)
     found = calibrate(Tracks("t", "", made.times, made.poses, made.rate_hz), arm, closure="general")
     assert max(abs(t) for tilt in found.refined.robot.tilts.values() for t in tilt) > 3e-4
     assert found.refined.misfit_m < 1e-9  # the motion is explained to rounding
+    assert found.refined.samples == len(made.times)
     assert any("along the axes" in text for text in found.warnings)
     for label in ("2-3", "bar-rod"):
         value = found.axis_distances[label].value

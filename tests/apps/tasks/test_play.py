@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from trocar.apps.follow import repeat
 from trocar.apps.tasks import Episode, play
 from trocar.errors import InputError, TrocarError
 
@@ -48,7 +49,43 @@ def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> Non
     (episode,) = json.loads(done.stdout)["episodes"]
     assert episode["success"] and episode["grasp"] == "friction+stick"
     assert set(episode) == set(asdict(next(play(str(touch), [0]))))
-    assert (tmp_path / "a.mcap").stat().st_size > 10_000
+    report = repeat(tmp_path / "a.mcap")
+    assert (report.identical, report.rig) == (True, "touch")
+
+
+#: Kills the first process that comes to its policy.
+DEADLY = """
+import os, signal
+from pathlib import Path
+from trocar.apps.tasks import Task
+MARK = Path(__file__).with_name("killed")
+class SceneTask(Task):
+    def policy(self):
+        if not MARK.exists():
+            MARK.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield from ()
+"""
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_nothing_and_a_killed_workers_episode_runs_again(touch: Path) -> None:
+    pytest.importorskip("ray", reason="the extra cluster is not installed")
+    (touch.parent / "touch.py").write_text(DEADLY, encoding="utf-8")
+    text = touch.read_text(encoding="utf-8").replace("time_limit_s = 10", "time_limit_s = 0.5")
+    touch.write_text(text, encoding="utf-8")
+    code = f"""
+from trocar.apps.tasks import play
+print("digests", [one.digest for one in play({str(touch)!r}, range(4), 2, "local")])
+print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
+"""
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()  # Ray prints of the worker that died, too
+    found, alone = (line for line in lines if line.startswith("digests"))
+    assert found == alone
+    assert (touch.parent / "killed").exists()
 
 
 @pytest.mark.parametrize(
@@ -56,8 +93,9 @@ def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> Non
     [
         (["peg-bord"], "did you mean 'peg-board'?"),
         (["peg-board", "--headless", "--episodes", "0"], "--episodes: got 0"),
-        (["peg-board", "--policy", "scripted"], "--policy scripted: requires --headless"),
-        (["peg-board", "--json"], "--policy none: got --headless, --json"),
+        (["peg-board", "--headless", "--policy", "none"], "--policy none: got --headless"),
+        (["peg-board", "--json"], "allowed with --headless only"),
+        (["peg-board", "--cluster", "local"], "allowed with --headless only"),
         (["peg-board", "--headless", "--workers", "2", "--record", "a.mcap"], "with one episode"),
     ],
 )

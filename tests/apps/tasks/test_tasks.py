@@ -9,7 +9,7 @@ import pytest
 
 from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.descriptions import load_rig, names
-from trocar.descriptions.scenes import load_scene
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
@@ -230,6 +230,26 @@ def test_both_instruments_of_the_training_rig_reach_the_whole_board() -> None:
                 for z in (0.01, 0.045):
                     at = transform(np.diag([1.0, -1.0, -1.0]), [x, y, z])
                     world.arms[name].inverse_kinematics(public @ at)
+
+
+def test_the_pose_training_of_the_cart_does_the_same_on_its_table() -> None:
+    world = World(load_rig("full_cart"))
+    world.reset(pose="training")
+    middle = transform(np.diag([-1.0, -1.0, 1.0]), [0.06, 1.0, 0.8])
+    parked = world.arms["PSM1"].setpoints()
+    parked[2] = 0.05
+    for name, other in (("PSM1", "PSM2"), ("PSM2", "PSM1")):
+        own = inverse(world.reference_pose(name)) @ middle
+        world.set_state(other, parked)
+        for x in np.linspace(-0.06, 0.06, 4):
+            for y in np.linspace(-0.05, 0.05, 4):
+                at = own @ transform(np.diag([1.0, -1.0, -1.0]), [x, y, 0.012])
+                q = world.arms[name].local_inverse_kinematics(at, parked[:-1])
+                world.set_state(name, np.append(q, 0.3))
+                assert len(world.contact_table().depths) == 0
+    camera = world.camera("endoscope")
+    seen = inverse(camera.T_world_camera) @ middle
+    assert np.abs(seen[:2, 3]).max() < 0.01 and seen[2, 3] > 0.1
 
 
 def test_the_endoscope_of_the_training_rig_sees_the_whole_board() -> None:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import string
+from collections.abc import Callable
+from functools import wraps
 from typing import Any
 
 import numpy as np
-import pytest
 
 from trocar.interfaces.crtk.messages import (
     Field,
@@ -31,8 +33,25 @@ ALL = [
 LETTERS = string.ascii_letters + "äß漢🦾"
 
 
-def each_type(kinds: list[MessageType] = ALL) -> pytest.MarkDecorator:
-    return pytest.mark.parametrize("kind", kinds, ids=[kind.name for kind in kinds])
+def each_type(kinds: list[MessageType] = ALL) -> Callable[[Callable[..., None]], Callable]:
+    """Call a test with every kind of message; the first failure names its kind."""
+
+    def decorate(test: Callable[..., None]) -> Callable[..., None]:
+        @wraps(test)
+        def every(**fixtures: Any) -> None:
+            for kind in kinds:
+                try:
+                    test(kind=kind, **fixtures)
+                except Exception as problem:
+                    problem.add_note(f"kind: {kind.name}")
+                    raise
+
+        given = inspect.signature(test)
+        others = [one for name, one in given.parameters.items() if name != "kind"]
+        every.__signature__ = given.replace(parameters=others)  # type: ignore[attr-defined]
+        return every
+
+    return decorate
 
 
 def random_message(kind: str | MessageType, rng: random.Random) -> dict[str, Any]:

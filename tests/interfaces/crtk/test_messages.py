@@ -93,14 +93,9 @@ print(json.dumps(answers))
 """
 
 
-@pytest.mark.parametrize("name", sorted(MD5))
-def test_checksums_are_the_published_ones(name: str) -> None:
-    assert message_type(name).md5 == MD5[name]
-
-
-@pytest.mark.parametrize("name", sorted(SERVICE_MD5))
-def test_checksums_of_services_are_the_published_ones(name: str) -> None:
-    assert service_type(name).md5 == SERVICE_MD5[name]
+def test_checksums_are_the_published_ones() -> None:
+    assert {name: message_type(name).md5 for name in MD5} == MD5
+    assert {name: service_type(name).md5 for name in SERVICE_MD5} == SERVICE_MD5
 
 
 def test_only_types_of_our_own_and_of_the_dvrk_have_no_published_checksum() -> None:

@@ -108,7 +108,7 @@ def test_fields_stand_as_the_distributions_have_them(
 ) -> None:
     store, ros1 = stores[edition], edition == "ros1"
     if kind.ros2_name not in store.fielddefs:
-        pytest.skip(f"{edition} has no {kind.name} of its own")
+        return  # the edition has no such type of its own
     fields = [f for f in kind.fields if ros1 or not f.only_ros1]
     names = [f.ros1_name if ros1 else f.name for f in fields]
     their_names = [name for name, _ in store.fielddefs[kind.ros2_name][1]]

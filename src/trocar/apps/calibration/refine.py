@@ -13,6 +13,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
 from trocar.apps.calibration.linkage import Linkage, freedoms
@@ -40,6 +41,9 @@ BINS, BINS_OF_MORE = 60, 16
 # Source: our own choice; a body is left out of a sample where its residual's chi-squared with six
 # degrees of freedom passes what one in a million does.
 FAR_SQUARED, MEDIAN_SQUARED = 38.0, 5.35
+#: ... or what its neighbours in time have, so many of them. Source: our own choice; cameras lose a
+#: body for a dozen samples, and take it wrongly for one or two.
+NEIGHBOURS = 9
 RIDGE = 1e-13
 #: A sample with fewer bodies tells nothing that a fit needs.
 LEAST_BODIES = 3
@@ -135,11 +139,12 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
         if np.abs(step).max(initial=0.0) < 1e-12:
             break
     squared = np.sum((residuals * samples.weights) ** 2, axis=-1)
-    # A linkage that does not close leaves more than noise, and that is no reason to drop a sample.
-    usual = np.nanmedian(np.where(samples.seen, squared, np.nan), axis=0) / MEDIAN_SQUARED
-    return Registered(
-        camera, q, residuals, samples.seen & (squared <= FAR_SQUARED * np.maximum(usual, 1.0))
-    )
+    # A linkage that does not close leaves more than noise, and its neighbours in time as much: that
+    # is no reason to drop a sample, though others, in which the loops rest, leave nothing.
+    usual = np.nanmedian(np.where(samples.seen, squared, np.nan), axis=0)
+    near = median_filter(np.where(samples.seen, squared, usual), (NEIGHBOURS, 1), mode="nearest")
+    most = FAR_SQUARED * np.maximum(np.maximum(near, usual) / MEDIAN_SQUARED, 1.0)
+    return Registered(camera, q, residuals, samples.seen & (squared <= most))
 
 
 def nuisance_slopes(expected: Array, rates: Array) -> Array:

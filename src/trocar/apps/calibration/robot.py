@@ -21,7 +21,7 @@ from trocar.apps.calibration.linkage import (
     slots,
     unskew,
 )
-from trocar.descriptions.pins import pin_frame, pinned
+from trocar.descriptions.frames import pin_frame, pinned
 from trocar.geometry import inverse, skew, transform
 from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
 from trocar.kinematics.mechanism import Mechanism

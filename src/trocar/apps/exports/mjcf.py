@@ -102,7 +102,7 @@ def _readme(task: Task, *, picture: bool) -> str:
     option = text[text.index("<option") : text.index("</option>")]
     setup_joints = (
         f"\n- Setup joints have no motors. In `{name}.xml` servos stand for the hands that move"
-        f" them; in `{name}_pid.xml` their brakes hold them (a damping of 1e12), and their servos"
+        f" them; in `{name}_pid.xml` their brakes hold them (a damping of 1e18), and their servos"
         " are switched off by group."
     )
     gripper = (

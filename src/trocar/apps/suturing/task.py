@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
-from trocar.apps.task import Task
+from trocar.apps.suturing.scores import Watch
+from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
+#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+LOOK_PERIODS = 5
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -33,7 +37,6 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        plan: of its stitches, None before the policy made one
         noise, noise_rng: errors of what the policy sees, and their generator
         banner: what the policy does
     """
@@ -63,7 +66,9 @@ class Suturing(Task):
         pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.goals = self._stitch_goals()
-        self.plan: Plan | None = None
+        self._plan: Plan | None = None
+        self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
+        self._tight, self._failed = np.zeros(len(self.goals), bool), ""
         super()._begin()
 
     def _stitch_goals(self) -> tuple[tuple[Goal, Array], ...]:
@@ -81,10 +86,36 @@ class Suturing(Task):
             return False
         return tissue.locked(number) and bool(tissue.read().gaps[number, 0] < CLOSED_M)
 
+    def look(self) -> None:
+        """Note what counts, of the tissue too."""
+        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
+        if due and self.world.time >= self.time and not self.done:
+            read = self.watch.look(int(self._tight.sum()))
+            for number in np.flatnonzero(~self._tight):
+                if self.tissue.locked(int(number)) and read.left[number].all():
+                    self.watch.close(int(number), read)
+                    self._tight[number] = True
+            self.watch.measure_gaps(read)
+        super().look()
+        if self._failed and not self.done:
+            self.done, self.reason = True, self._failed
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        return {
+            "stiffness": self.tissue.stiffness,
+            "stitches": [asdict(score) for score in self.watch.scores],
+        }
+
     def announce(self, text: str) -> None:
         """Say what the policy does now."""
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
+
+    @property
+    def plan(self) -> Plan:
+        """Its stitches; made where the policy has not."""
+        return self._plan or self.make_plan()
 
     def make_plan(self) -> Plan:
         """Plan the stitches from points that are seen of the wound, and tell the tissue."""
@@ -99,14 +130,16 @@ class Suturing(Task):
         to_tissue = inverse(tissue.pose) @ wound
         points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
         tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
-        self.plan = plan
+        self._plan = plan
         return plan
 
     def policy(self) -> Iterator[Array]:
         """Yield the actions of the scripted policy."""
         try:
             self.make_plan()
-            yield from Sewing(self, self).run()
+            sewing = Sewing(self, self)
+            yield from sewing.run()
+            yield from sewing.rest(SETTLED_S + 0.1)
+            self._failed = "the wound is still open"
         except StitchError as problem:
-            self.done, self.reason = True, str(problem)
-            return
+            self._failed = str(problem)

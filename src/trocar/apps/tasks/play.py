@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 #: Returns an action from an observation.
 Policy = Callable[[dict[str, Array]], ArrayLike]
 
+#: An own policy must return an action within this. Source: our own choice. [s]
+PATIENCE_S = 10.0
 #: How often an episode is begun whose worker dies. Source: our own choice.
 ATTEMPTS = 3
 
@@ -43,34 +47,45 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
     while not task.done:
         if policy is None:
             action: ArrayLike | None = next(script, None)
-            if action is None:
-                idle = task.idle()
-                action = np.concatenate([idle[arm] for arm in task.arms])
+            action = task.stay() if action is None else action
         else:
+            begin = time.perf_counter()
             action = policy(seen)
+            if (taken := time.perf_counter() - begin) > PATIENCE_S:
+                raise InputError(
+                    f"{task.scene.name}: the policy took {taken:.1f} s for an action; allowed:"
+                    f" {PATIENCE_S:g} s"
+                )
         task.command(action)
         if policy is not None:
             seen = task.observation()
     return task.result(seed)
 
 
-def play(scene: str, seeds: Sequence[int], workers: int = 1) -> Iterator[Episode]:
+def play(
+    scene: str, seeds: Sequence[int], workers: int = 1, cluster: str = ""
+) -> Iterator[Episode]:
     """Yield the scripted episodes of seeds in their order, as each is known.
 
-    Each follows from scene and seed alone, however many workers there are. The episode of a worker
-    that dies is run again; no other is.
+    Each follows from scene and seed alone, wherever it runs. The episode of a worker that dies is
+    run again; no other is.
 
     Args:
         scene: name of the scene, or path of its file
         seeds: of the episodes
         workers: processes; 1: this one
+        cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
+            processes on this machine; "" for none
 
     Raises:
-        InputError: no such scene, or workers below 1
+        InputError: no such scene, workers below 1, no such cluster
         TrocarError: what an episode raised, or its worker died three times
     """
     if workers < 1:
         raise InputError(f"workers: got {workers}; allowed: 1 or more")
+    if cluster:
+        yield from _on_cluster(scene, seeds, cluster, workers)
+        return
     if workers == 1:
         task = make_task(scene)
         for seed in seeds:
@@ -81,6 +96,44 @@ def play(scene: str, seeds: Sequence[int], workers: int = 1) -> Iterator[Episode
         yield from pool.results()
     finally:
         pool.close()
+
+
+def _on_cluster(scene: str, seeds: Sequence[int], address: str, workers: int) -> Iterator[Episode]:
+    """Yield the episodes of seeds, run by a Ray cluster."""
+    try:
+        import ray  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(
+            "--cluster: needs Ray, which is not installed: pip install 'trocar[cluster]'"
+        ) from None
+    here: dict[str, Any] = {"num_cpus": workers, "include_dashboard": False}
+    if address != "local":
+        here = {"address": address}
+    try:
+        ray.init(log_to_driver=False, logging_level="ERROR", **here)
+    except (ConnectionError, RuntimeError, ValueError) as problem:
+        raise InputError(f"--cluster: got {address!r}: {problem}; allowed: HOST:PORT") from None
+    try:
+        run = ray.remote(_episode).options(max_retries=ATTEMPTS - 1)
+        for seed, due in zip(seeds, [run.remote(scene, seed) for seed in seeds], strict=True):
+            try:
+                yield ray.get(due)
+            except ray.exceptions.RayTaskError as problem:
+                raise TrocarError(str(problem.cause)) from None
+            except ray.exceptions.RayError as problem:
+                raise TrocarError(
+                    f"{scene}: seed {seed}: the worker died {ATTEMPTS} times: {problem}"
+                ) from None
+    finally:
+        ray.shutdown()
+
+
+def _episode(scene: str, seed: int) -> Episode:
+    """Run an episode in a process that has perhaps run others of the scene before."""
+    return run_episode(_task(scene), seed)
+
+
+_task = functools.cache(make_task)
 
 
 @dataclass
@@ -172,9 +225,8 @@ class _Pool:
 def _work(scene: str, connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
-        task = make_task(scene)
         while True:
-            connection.send(run_episode(task, connection.recv()))
+            connection.send(_episode(scene, connection.recv()))
     except (EOFError, KeyboardInterrupt):
         return
     except TrocarError as problem:

@@ -7,18 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from trocar.apps.task import Task
+from trocar.apps.tasks.dynamic import BandPull, BarCarry, Pendulum, Push, Stack, TrayCarry
 from trocar.apps.tasks.reach import ActiveTrack, Reach, Track
 from trocar.apps.tasks.transfer import (
-    BiPegTransfer,
+    HandOver,
     NeedleHandOver,
     NeedlePick,
     NeedleRegrasp,
     PegBoard,
     PickPlace,
     Retrieve,
+    WallTransfer,
 )
+from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.plugins import load_registered, registered
-from trocar.descriptions.scenes import Scene, load_scene
+from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, UnknownNameError
 from trocar.modeling.props import run_script
 
@@ -27,11 +30,18 @@ TASKS: dict[str, type[Task] | str] = {
     "task": Task,
     "pick-place": PickPlace,
     "peg-board": PegBoard,
-    "bi-peg-transfer": BiPegTransfer,
+    "hand-over": HandOver,
+    "wall-transfer": WallTransfer,
     "needle-pick": NeedlePick,
     "needle-handover": NeedleHandOver,
     "needle-regrasp": NeedleRegrasp,
     "retrieve": Retrieve,
+    "push": Push,
+    "stack": Stack,
+    "pendulum": Pendulum,
+    "band-pull": BandPull,
+    "bar-carry": BarCarry,
+    "tray-carry": TrayCarry,
     "reach": Reach,
     "track": Track,
     "active-track": ActiveTrack,

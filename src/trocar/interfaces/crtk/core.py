@@ -35,7 +35,7 @@ from trocar.interfaces.crtk.robot_model import robot_model
 from trocar.interfaces.crtk.sample import Sample
 from trocar.interfaces.crtk.sampler import Sampler
 from trocar.interfaces.crtk.scene import scene_topics
-from trocar.interfaces.crtk.services import Services, service_rows
+from trocar.interfaces.crtk.services import LARGEST, Services, service_rows
 from trocar.interfaces.crtk.topic import Emit, Message, Read, Service, Topic, by_name, prefix
 from trocar.interfaces.inbox import AT_ONCE, Command
 from trocar.interfaces.loop import Loop
@@ -287,6 +287,18 @@ class Core:
             self.refuse(topic, name, "cannot be read", peer)
             return False
         return True
+
+    def decoded(
+        self, topic: Topic, data: bytes, decode: Callable[[str, bytes], Message], peer: str
+    ) -> Message | None:
+        """Decode a client's message; reject one that is too large or not of the topic's type."""
+        try:
+            if len(data) > LARGEST:
+                raise InputError(f"got {len(data)} bytes; allowed: up to {LARGEST}")
+            return decode(topic.type, data)
+        except InputError as problem:
+            self.refuse(topic, topic.name, str(problem), peer)
+            return None
 
     def disconnected(self, peer: str) -> None:
         """Note that a client has left: it commands no arm any longer; from any thread."""

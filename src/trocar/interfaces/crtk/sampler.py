@@ -37,7 +37,7 @@ DESIRED = {
 }
 #: Events of the journal that are topics, and the value that is their data.
 PLAIN = {"goal_reached": "reached", "error": "text", "warning": "text", "status": "text"}
-PLAIN |= {"grasp/slipped": "object"}
+PLAIN |= {"grasp/slipped": "object", "grasp/dropped": "object"}
 #: Verbs whose end clients wait for.
 MOVES = {"move_jp", "move_jr", "move_cp", "move_to", "jaw.move_jp", "jaw.move_jr", "home"}
 MOVES |= {"jaw.open", "jaw.close"}

@@ -139,6 +139,7 @@ def _grasp_rows(arm: str) -> list[Topic]:
         make("object", lambda grasp: grasp.object),
         make("force", lambda grasp: grasp.force),
         event(f"{arm}/grasp/slipped", STRING, "it let go of this: the load was more than friction"),
+        event(f"{arm}/grasp/dropped", STRING, "this fell after it let go of it"),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from concurrent.futures import CancelledError
@@ -17,6 +18,7 @@ from trocar.geometry.se3 import inverse
 from trocar.interfaces.crtk import build
 from trocar.interfaces.crtk.clock import Stamper
 from trocar.interfaces.crtk.fields import Message, pose, vector
+from trocar.interfaces.crtk.messages import ServiceType, blank, cdr_decode, cdr_encode
 from trocar.interfaces.crtk.topic import Service
 from trocar.interfaces.loop import Loop
 from trocar.kinematics.coupling import Coupling, joint_from_actuator
@@ -26,9 +28,13 @@ if TYPE_CHECKING:
     from trocar.simulation import World
     from trocar.simulation.arm import Arm
 
+_log = logging.getLogger("trocar")
+
 Array = NDArray[np.float64]
 Answer = dict[str, Any]
 
+#: Largest command or call in bytes of ROS. Source: our own choice; a JointState has a few hundred.
+LARGEST = 1_000_000
 #: Source: CRTK as the dVRK 2.4 tells it.
 CRTK_VERSION = "1.1.0"
 #: Joints 3 and 4 of a master hang on its motors 2 and 3. Source: SAW share/kinematic/MTML.json.
@@ -79,6 +85,38 @@ class Services:
             raise late from None
         finally:
             self._asking.release()
+
+
+def answered(
+    call: Callable[[str, dict[str, Any], float], dict[str, Any]],
+    name: str,
+    kind: ServiceType,
+    request: bytes,
+    timeout_s: float,
+) -> bytes | None:
+    """Answer a call in CDR, which has no errors: the reason stands in the field `message`.
+
+    Args:
+        call: `Core.call`
+        name: of the service
+        kind: its type
+        request: as CDR
+        timeout_s: how long it may take [s]
+
+    Returns:
+        the response as CDR, None where it would be an error that has no such field
+    """
+    try:
+        if len(request) > LARGEST:
+            raise InputError(f"got a request of {len(request)} bytes; allowed: up to {LARGEST}")
+        found = call(name, cdr_decode(kind.request, request), timeout_s)
+    except InputError as problem:
+        _log.warning("ROS 2: %s: %s", name, problem)
+        found = {**blank(kind.response)}
+        if "message" not in found:
+            return None
+        found["message"] = str(problem)
+    return cdr_encode(kind.response, found)
 
 
 def _forward(local: bool) -> Callable[[Arm, Message], Answer]:

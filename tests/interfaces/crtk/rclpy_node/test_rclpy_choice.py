@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from argparse import ArgumentParser
+from collections.abc import Callable
 from importlib.machinery import ModuleSpec
 from types import ModuleType, SimpleNamespace
 
@@ -98,6 +99,9 @@ def test_it_keeps_to_this_machine_unless_it_is_told_otherwise(
     assert [context.range for context in wire.contexts] == ["LOCALHOST", "SUBNET"]
 
 
+Decode = Callable[[str, bytes], dict]
+
+
 class Rows:
     """As much of a core as a start asks for."""
 
@@ -109,6 +113,11 @@ class Rows:
 
     def latched(self, name: str) -> dict | None:
         return {"data": "as it was"} if name == "kept" else None
+
+    def decoded(
+        self, topic: Topic, data: bytes, decode: Callable[[str, bytes], dict], _: str
+    ) -> dict:
+        return decode(topic.type, data)
 
 
 def test_names_that_ros_2_does_not_allow_are_left_out(

@@ -10,7 +10,7 @@ from .robot_os import MAIN, PATIENCE_S, ROOT, Master, Simulator, python_with_ros
 
 def test_the_arms_follow_a_robot_on_ros_1(master: Master, simulator: Simulator) -> None:  # noqa: ARG001
     python, prelude = python_with_rospy() or ("", "")
-    words = ["mirror", "--ros1", "--rig", "psm", "--no-page", "--json", "--duration", "3"]
+    words = ["mirror", "--ros1", "--rig", "psm", "--no-page", "--json", "--duration", "1.5"]
     done = subprocess.run(
         [python, "-c", f"{prelude} {MAIN}", *words],
         env={**master.env, "PYTHONPATH": str(ROOT / "src"), "OPENBLAS_NUM_THREADS": "1"},

@@ -6,6 +6,7 @@ import os
 import signal
 import threading
 import time
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
 from trocar.errors import InputError
+from trocar.interfaces.crtk import services
 from trocar.interfaces.crtk.messages import cdr_encode, message_type, service_type
 from trocar.interfaces.crtk.topic import Topic
 from trocar.interfaces.crtk.transports.ros2 import Ros2Transport
@@ -21,7 +23,6 @@ from trocar.interfaces.crtk.transports.ros2.dds import DdsSample
 from trocar.interfaces.crtk.transports.ros2.transport import (
     CALLER,
     Service,
-    answering,
     service_kinds,
 )
 
@@ -121,7 +122,10 @@ def test_commands_of_several_topics_are_obeyed_as_they_were_written() -> None:
     moves = Topic("PSM1/move_jp", "sensor_msgs/JointState", "sub")
     seen: list[str] = []
     transport = Ros2Transport(private_network())
-    transport._core = SimpleNamespace(receive=lambda name, *_: seen.append(name))  # type: ignore[assignment]
+    transport._core = SimpleNamespace(  # type: ignore[assignment]
+        receive=lambda name, *_: seen.append(name),
+        decoded=lambda topic, data, decode, _: decode(topic.type, data),
+    )
     transport._topics = {1: moves, 2: orders}
     order = cdr_encode(orders.type, {"header": joints(1)["header"], "string": "home"})
     boxes = [Box(1, DdsSample(cdr_encode(moves.type, joints(1)), 7, 30))]
@@ -159,7 +163,7 @@ class Ends:
 def answered(call, *requests: bytes) -> list[bytes]:
     kind, ends = service_type("crtk_msgs/QueryForwardKinematics"), Ends()
     name = "PSM1/forward_kinematics"
-    answer = answering(call, name, kind)
+    answer = partial(services.answered, call, name, kind, timeout_s=5.0)
     service = Service(ends, name, service_kinds(kind), 1, answer)  # type: ignore[arg-type]
     for request in requests:
         service.answer(DdsSample(request, 1, 0))

@@ -22,7 +22,6 @@ from trocar.errors import InputError, TrocarError
 from trocar.interfaces.crtk.messages import (
     MessageType,
     ServiceType,
-    blank,
     cdr_decode,
     cdr_encode,
     message_type,
@@ -30,6 +29,7 @@ from trocar.interfaces.crtk.messages import (
 )
 from trocar.interfaces.crtk.parameters import MODEL, SIMULATED, Parameters
 from trocar.interfaces.crtk.queues import ImageQueue, ReorderBuffer
+from trocar.interfaces.crtk.services import answered
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
@@ -47,8 +47,8 @@ MOMENT_S = 0.01
 MODEL_S = 1.0
 #: Before going on after rclpy has failed, and how long its callbacks may take to end. [s]
 PAUSE_S, CLOSING_S = 0.1, 5.0
-#: How long a service may take [s], and the largest command or call [bytes]. Source: our own choice.
-SERVICE_S, LARGEST = 5.0, 1_000_000
+#: How long a service may take. Source: our own choice. [s]
+SERVICE_S = 5.0
 #: Images are few and large: two are enough to send one again.
 IMAGES = 2
 #: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
@@ -467,16 +467,10 @@ class RclpyTransport:
         profile = self._quality(topic.depth if topic.depth == 1 else COMMANDS)
 
         def take(data: bytes, info: Mapping[str, Any]) -> None:  # two arguments: rclpy looks
-            core, peer = self._core, "ROS 2"
-            try:
-                if len(data) > LARGEST:
-                    raise InputError(f"got {len(data)} bytes; allowed: up to {LARGEST}")
-                fields = cdr_decode(topic.type, data)
-            except InputError as problem:
-                core.refuse(topic, topic.name, str(problem), peer)
-                return
-            written = divmod(int(info.get("source_timestamp") or 0), NS)
-            self._sorter.take(core, topic, fields, peer, written)
+            fields = self._core.decoded(topic, data, cdr_decode, "ROS 2")
+            if fields is not None:
+                written = divmod(int(info.get("source_timestamp") or 0), NS)
+                self._sorter.take(self._core, topic, fields, "ROS 2", written)
 
         own.create_subscription(made, f"/{topic.name}", take, profile, raw=True)
 
@@ -487,21 +481,13 @@ class RclpyTransport:
         def answer(request: Any, _response: Any) -> Any:
             try:
                 data = codec.serialize_message(request)
-                if len(data) > LARGEST:
-                    raise InputError(
-                        f"got a request of {len(data)} bytes; allowed: up to {LARGEST}"
-                    )
-                found = self._core.call(service.name, cdr_decode(kind.request, data), SERVICE_S)
-            except InputError as problem:
-                _log.warning("ROS 2: %s: %s", service.name, problem)
-                found = blank(kind.response)
-                if "message" not in found:
-                    raise NoAnswerError from problem
-                found["message"] = str(problem)
+                found = answered(self._core.call, service.name, kind, data, SERVICE_S)
             except Exception as problem:
                 _log.exception("ROS 2: %s: service call failed", service.name)
                 raise NoAnswerError from problem
-            return codec.deserialize_message(cdr_encode(kind.response, found), made.Response)
+            if found is None:
+                raise NoAnswerError
+            return codec.deserialize_message(found, made.Response)
 
         own.create_service(made, f"/{service.name}", answer)
 

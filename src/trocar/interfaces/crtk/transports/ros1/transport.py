@@ -45,8 +45,6 @@ NODE = "trocar"
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
 #: Images are few and large: two wait for a slow subscriber.
 IMAGES = 2
-#: Largest command [bytes]. Source: our own choice; a JointState has a few hundred.
-LARGEST = 1_000_000
 #: How long a service may take. Source: our own choice; one takes milliseconds. [s]
 SERVICE_S = 5.0
 #: How often the master is asked whether it knows the node. Source: our own choice. [s]
@@ -304,16 +302,10 @@ class Ros1Transport:
 
         def take(message: Any) -> None:
             peer = str(getattr(message, "_connection_header", {}).get("callerid", ""))
-            try:
-                if len(message.data) > LARGEST:
-                    size = len(message.data)
-                    raise InputError(f"got a message of {size} bytes; allowed: up to {LARGEST}")
-                fields = ros1_decode(kind, message.data)
-            except InputError as error:
-                core.refuse(topic, topic.name, str(error), peer)
-                return
-            stamp = fields["header"]["stamp"] if "header" in fields else None
-            self._sorter.take(core, topic, fields, peer, stamp)
+            fields = core.decoded(topic, message.data, ros1_decode, peer)
+            if fields is not None:
+                stamp = fields["header"]["stamp"] if "header" in fields else None
+                self._sorter.take(core, topic, fields, peer, stamp)
 
         self._ros.rospy.Subscriber(
             f"/{topic.name}",

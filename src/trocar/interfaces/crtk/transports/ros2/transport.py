@@ -9,14 +9,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any
 
-from trocar.errors import InputError
 from trocar.interfaces.crtk.messages import (
     MessageError,
     ServiceType,
-    blank,
     cdr_decode,
     cdr_encode,
     message_type,
@@ -24,6 +23,7 @@ from trocar.interfaces.crtk.messages import (
 )
 from trocar.interfaces.crtk.parameters import Parameters
 from trocar.interfaces.crtk.queues import ImageQueue
+from trocar.interfaces.crtk.services import LARGEST, answered
 from trocar.interfaces.crtk.transports.ros2 import dds, naming, parameters
 from trocar.interfaces.crtk.transports.ros2.dds import (
     Bus,
@@ -46,8 +46,6 @@ NODE = "trocar"
 IMAGES = 2
 #: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
 COMMANDS = 1024
-#: Largest command or call [bytes]. Source: our own choice.
-LARGEST = 1_000_000
 WAIT_S = 0.2
 #: Calls and answers that wait. Source: rmw, rmw_qos_profile_services_default.
 CALLS = 10
@@ -129,25 +127,6 @@ def service_kinds(kind: ServiceType) -> list[tuple[str, str]]:
     return [(half.dds_name, naming.type_hash(half)) for half in (kind.request, kind.response)]
 
 
-def answering(
-    call: Callable[[str, Message, float], Message], name: str, kind: ServiceType
-) -> Answer:
-    """Return what answers the calls of a service of the core: CDR in, CDR out."""
-
-    def answer(request: bytes) -> bytes | None:
-        try:
-            values = call(name, cdr_decode(kind.request, request), SERVICE_S)
-        except InputError as problem:
-            _log.warning("ROS 2: %s: %s", name, problem)
-            values = blank(kind.response)
-            if "message" not in values:
-                return None
-            values["message"] = str(problem)
-        return cdr_encode(kind.response, values)
-
-    return answer
-
-
 class Ros2Transport:
     """Speak ROS 2 without it.
 
@@ -197,7 +176,7 @@ class Ros2Transport:
                 self._register(bus, topic)
         for number, row in enumerate(core.services.values(), start=1):
             kind = service_type(row.type)
-            answer = answering(core.call, row.name, kind)
+            answer = partial(answered, core.call, row.name, kind, timeout_s=SERVICE_S)
             self._serve(Service(bus, row.name, service_kinds(kind), number, answer))
         own = Parameters(core)
         for number, name in enumerate(parameters.SERVICES, start=len(core.services) + 1):
@@ -351,13 +330,8 @@ class Ros2Transport:
         return self._peers[taken.writer]
 
     def _receive(self, topic: Topic, payload: bytes, peer: str) -> None:
-        try:
-            if len(payload) > LARGEST:
-                raise InputError(f"got {len(payload)} bytes; allowed: up to {LARGEST}")
-            message = cdr_decode(topic.type, payload)
-        except InputError as problem:
-            self._core.refuse(topic, topic.name, str(problem), peer)
-        else:
+        message = self._core.decoded(topic, payload, cdr_decode, peer)
+        if message is not None:
             self._core.receive(topic.name, message, peer)
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 from trocar.apps.dvrk_config import import_dvrk
+from trocar.apps.identification.logs import read_motion
 from trocar.apps.importers import import_file
+from trocar.apps.logs import recorded_joints
 from trocar.cameras import read_calibration
 from trocar.cli import main
 from trocar.descriptions import load_arm
@@ -121,3 +123,20 @@ def test_an_error_that_quotes_a_long_text_is_cut(
     assert len(line) < 4_100 and line.count("\n") == 1
     assert line.startswith(f"trocar: error: {file}: schema: got 'xxx")
     assert line.endswith("x'; allowed: 1\n")
+
+
+def test_a_log_with_bytes_that_are_no_text_is_refused_by_its_row(tmp_path: Path) -> None:
+    joints = recorded_joints(load_arm("psm"))
+    head = ["time", *(f"{j}_{what}" for j in joints for what in ("position", "effort"))]
+    file = tmp_path / "motion.csv"
+    file.write_bytes(",".join(head).encode() + b"\n0.0,\xff" + b",0.0" * 13 + b"\n")
+    with pytest.raises(InputError, match=r"row 2: got '0\.0,.* finite numbers in 15 columns"):
+        read_motion(file, load_arm("psm"))
+
+
+@pytest.mark.parametrize("version", ["1e-320", "", "9" * 5000, "1"])
+def test_an_sdf_of_an_unreadable_version_is_refused(tmp_path: Path, version: str) -> None:
+    file = tmp_path / "arm.sdf"
+    file.write_text(f'<sdf version="{version}"><model name="m"><link name="a"/></model></sdf>')
+    with pytest.raises(InputError, match=r"<sdf> version: got .*; allowed: two numbers"):
+        import_file(file, tmp_path / "out")

@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+#: A scene whose rig, objects and task are attacked, too: a grasp that is passed between two arms.
+SCENE = "needle-handover"
+
 
 @dataclass
 class Tally:

@@ -18,15 +18,16 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.attack import Tally
+from benchmarks.attack import SCENE, Tally
 from trocar.descriptions import fitting_tools
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import TrocarError
 from trocar.simulation import World
 from trocar.simulation.arm import Arm
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 
-#: Rigs with every kind of arm, tool and object; the last two are slow.
-RIGS = ("psm", "mtm", "ecm", "pegs", "full_cart")
+#: Rigs with every kind of arm, tool and object, one with a scene's; the last two are slow.
+RIGS = ("psm", "mtm", "ecm", "pegs", SCENE, "full_cart")
 #: Calls until another rig's turn. Source: our own choice.
 CALLS = 200
 #: An arm without power moves less than this. Source: its loops relax by 4e-11 (measured) from
@@ -70,7 +71,8 @@ def episode(
     rng: Rng, rig: str, calls: int, over: Callable[[], bool], tally: Tally
 ) -> Iterator[str]:
     """Call verbs of a world; yield what failed, at most one, since the world is then broken."""
-    world = World(rig, homed=bool(rng.random() < 0.8))
+    homed = bool(rng.random() < 0.8)
+    world = World(load_scene(rig).rig if rig == SCENE else rig, homed=homed)
     for _ in range(calls):
         if over():
             return

@@ -16,15 +16,24 @@ import numpy as np
 
 from benchmarks.attack import Tally
 from trocar.apps.calibration import read_tracks
+from trocar.apps.calibration.camera_views import read_views
 from trocar.apps.calibration.touches import read_touches
 from trocar.apps.dvrk_config import import_dvrk
 from trocar.apps.follow import open_bag
+from trocar.apps.identification.logs import read_motion
 from trocar.apps.importers import import_file
-from trocar.apps.logs import read_log
+from trocar.apps.importers.meshes import load_surface
+from trocar.apps.logs import read_log, recorded_joints
 from trocar.apps.mocap import MocapSettings, simulate_tracks, write_tracks
 from trocar.apps.mocap.touches import TouchSettings, write_touches
+from trocar.apps.mocap.view_files import write_views
+from trocar.apps.mocap.views import ViewSettings
 from trocar.apps.samples import write_samples
+from trocar.apps.scoring import score_recording
 from trocar.descriptions import load_arm, load_rig
+from trocar.descriptions.cameras import load_camera
+from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.fixtures import read_fixtures
 from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
 from trocar.errors import TrocarError
 from trocar.recording import open_recording, record
@@ -35,6 +44,43 @@ LONGEST_S = 5.0
 #: What takes the place of numbers, and of other pieces of a text.
 NUMBERS = ("nan", "-inf", "1e999", "9" * 5000, "-0", "1e-320", "0x10", '"1"', "[]", "true", "")
 PIECES = ("[" * 20_000, '"' * 3, "\x00", "\ufeff", "../" * 50, "a" * 100_000, "=", "{", "<a>", ",")
+
+#: Small files of formats that trocar reads and has none of.
+FIXTURES = """schema = 1
+
+[[fixture]]
+name = "line"
+kind = "tube"
+arm = "PSM1"
+mode = "force"
+frame = "world"
+points_mm = [[0.0, 0.0, 156.5], [20.0, 4.0, 150.0]]
+clearance_mm = 0.3
+stiffness_n_per_m = 1000.0
+"""
+SDF = """<sdf version="1.7"><model name="m">
+<link name="base"><inertial><mass>1</mass></inertial></link>
+<link name="tip"><pose>0 0 0.2 0 0 0</pose><inertial><mass>0.5</mass></inertial></link>
+<joint name="turn" type="revolute"><parent>base</parent><child>tip</child>
+<axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
+</model></sdf>
+"""
+MJCF = """<mujoco><worldbody><body name="base"><geom size="0.05" mass="1"/>
+<body name="tip" pos="0 0 0.2"><joint name="turn" axis="0 1 0" range="-60 60" limited="true"/>
+<geom type="capsule" fromto="0 0 0 0 0 0.1" size="0.01" mass="0.5"/></body></body></worldbody>
+</mujoco>
+"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+STL = """solid s
+facet normal 0 0 -1
+outer loop
+vertex 0 0 0
+vertex 0 1 0
+vertex 1 0 0
+endloop
+endfacet
+endsolid s
+"""
 
 #: How a file is read: its path, and a folder for what is made of it.
 Read = Callable[[Path, Path], object]
@@ -107,7 +153,26 @@ def written(folder: Path) -> list[tuple[Path, Read]]:
         lambda file, _: read_touches(file),
         lambda file: write_touches(file, {"PSM1": ("psm", psm)}, touches),
     )
+    views = folder / "views"
+    write_views(views, load_rig("two_psm_ecm"), ViewSettings("PSM1", count=3))
+    for name in ("views.toml", "corners.csv"):
+        found.append((views / name, lambda file, _: read_views(file.parent / "views.toml")))
     add("rec.mcap", lambda file, _: open_recording(file), _record)
+    add("score.mcap", lambda file, _: score_recording(file), _record)
+    add("motion.csv", lambda file, _: read_motion(file, psm), _log)
+    add("scene.toml", lambda file, _: load_scene(file), copied(data / "scenes" / "peg-board.toml"))
+    add("camera.toml", lambda file, _: load_camera(file),
+        copied(data / "cameras" / "dvrk_sd_640x480.toml"))  # fmt: skip
+    rig = (data / "rigs" / "psm.toml").read_text(encoding="utf-8")
+    errors = rig.replace("schema = 1", 'schema = 1\nerrors = {preset = "lab"}', 1)
+    add("errors.toml", lambda file, _: load_rig(file), lambda file: file.write_text(errors))
+    add(
+        "fixtures.toml",
+        lambda file, _: read_fixtures(file),
+        lambda file: file.write_text(FIXTURES),
+    )
+    for name, text in (("arm.sdf", SDF), ("arm.xml", MJCF), ("link.obj", OBJ), ("link.stl", STL)):
+        add(name, _imported, lambda file, text=text: file.write_text(text))
     readers: dict[str, Read] = {
         ".urdf": lambda file, out: import_file(file, out / "made"),
         ".csv": lambda file, _: read_log(file, psm),
@@ -120,6 +185,25 @@ def written(folder: Path) -> list[tuple[Path, Read]]:
     if system is not None:
         found.append((system, lambda file, out: import_dvrk(file, out / "rig.toml")))
     return found
+
+
+def _imported(file: Path, out: Path) -> object:
+    """Import an arm, or read a mesh."""
+    mesh = file.suffix in (".obj", ".stl")
+    return load_surface(file) if mesh else import_file(file, out / "made")
+
+
+def _log(file: Path) -> None:
+    """Write four seconds of joints that swing, as `trocar identify` reads them."""
+    time = np.arange(400) / 100.0
+    joints = recorded_joints(load_arm("psm"))
+    swings: list[np.ndarray] = []
+    for k in range(len(joints)):
+        w = k + 1.0
+        swings += [0.1 * np.sin(w * time), 0.1 * w * np.cos(w * time), 0.01 * np.cos(w * time)]
+    names = [f"{joint}_{what}" for joint in joints for what in ("position", "velocity", "effort")]
+    rows = np.stack([time, *swings], axis=1)
+    np.savetxt(file, rows, "%.6f", ",", header=",".join(["time", *names]), comments="")
 
 
 def _record(file: Path) -> None:

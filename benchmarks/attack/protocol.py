@@ -19,8 +19,10 @@ from typing import Any, cast
 import numpy as np
 from websockets.protocol import State
 
-from benchmarks.attack import Tally
+from benchmarks.attack import SCENE, Tally
 from benchmarks.attack.commands import ELSEWHERE, EXTREME, OVERLAP, STILL
+from trocar.apps.tasks import make_task
+from trocar.apps.tasks.served import ServedTask
 from trocar.errors import InputError
 from trocar.interfaces import Command, Loop
 from trocar.interfaces.crtk import Core
@@ -39,7 +41,7 @@ from trocar.interfaces.loop import SERVER_TICK_S
 from trocar.interfaces.state import Elapsed
 from trocar.simulation import World
 
-RIGS = ("psm", "pegs", "full_cart_mtm")
+RIGS = ("psm", "pegs", SCENE, "full_cart_mtm")
 #: Messages until another rig's turn, and messages of a tick. Source: our own choice.
 MESSAGES, BURST = 2000, 5
 #: How often everything is switched on and brought home, lest all that follows is rejected.
@@ -91,7 +93,9 @@ class Target(logging.Handler):
 
     def __init__(self, rig: str, homed: bool) -> None:
         super().__init__()
-        self.rig, self.world = rig, World(rig, homed=homed)
+        task = ServedTask(make_task(rig), 0, scripted=homed) if rig == SCENE else None
+        self.rig = rig
+        self.world = World(rig, homed=homed) if task is None else task.task.world
         self.applied: list[Command] = []
         self.loop = Loop(
             self.world,
@@ -100,7 +104,13 @@ class Target(logging.Handler):
             clock=Standing(),
             on_apply=lambda _, command: self.applied.append(command),
         )
-        self.core = Core(self.loop, compat=("dvrk_env", "dvrk_vrep"))
+        self.core = Core(
+            self.loop,
+            compat=("dvrk_env", "dvrk_vrep"),
+            components=() if task is None else (task.component(),),
+        )
+        if task is not None:
+            task.watch(self.loop)
         self.core.attach(MemoryTransport(()))
         self.core.begin()
         self._workers = ThreadPoolExecutor(1)

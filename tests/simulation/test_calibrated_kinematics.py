@@ -15,6 +15,7 @@ from trocar.geometry.se3 import inverse, pose_difference
 from trocar.kinematics import jacobian_body, jacobian_spatial
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.simulation import World
+from trocar.simulation.arm import Arm
 
 #: Steps of a nominal PSM that a verb of a calibrated arm may take. Measured: 9 (servo_cp), 0.9
 #: (measured_cp) and 3 (measured_cf); by Newton's method in Python 600, 13 and 90. A scope's
@@ -51,7 +52,7 @@ def step_time() -> float:
     return cpu_time(lambda: mujoco.mj_step(model, data))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_servo_cp_brings_the_joints_of_a_skew_arm_to_the_pose(seed, skew_overlay, rng):
     world = skew_world(skew_overlay, seed)
     arm = world.arm("PSM1")
@@ -82,11 +83,14 @@ def test_the_inverse_of_a_skew_arm_is_the_solution_nearest_to_the_seed(skew_over
             assert arm.inverse_kinematics(T, seed) == pytest.approx(expected, abs=1e-8)
 
 
-@pytest.mark.parametrize("joint", range(6))
 @pytest.mark.parametrize("side", ["lower", "upper"])
-def test_a_skew_arm_reaches_its_limits_and_nothing_beyond(joint, side, skew_overlay):
-    world = skew_world(skew_overlay, 2)
-    arm = world.arm("PSM1")
+def test_a_skew_arm_reaches_its_limits_and_nothing_beyond(side, skew_overlay):
+    arm = skew_world(skew_overlay, 2).arm("PSM1")
+    for joint in range(6):
+        reaches_its_limit(arm, joint, side)
+
+
+def reaches_its_limit(arm: Arm, joint: int, side: str) -> None:
     q = np.array([0.1, -0.2, 0.15, 0.3, 0.2, -0.1])
     limit = getattr(arm, side)[joint]
     q[joint] = limit
@@ -158,7 +162,7 @@ def test_verbs_of_a_calibrated_arm_are_quick_enough_for_a_servo_loop(skew_overla
     assert cpu_time(arm.measured_cf) < WRENCH_STEPS * step
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_skew_scope_takes_the_poses_it_can_and_no_other(seed, skew_overlay, rng):
     world = World("ecm", calibration=skew_overlay("ecm", np.random.default_rng(seed)))
     scope = world.arm("ECM")

@@ -455,8 +455,9 @@ class Task:
         goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
         after, measured = before.copy(), arm.positions()
         try:
-            local = inverse(self.world.reference_pose(name)) @ goal
-            after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
+            if values[:6].any():
+                local = inverse(self.world.reference_pose(name)) @ goal
+                after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
             ahead = np.abs(after - measured)[:-1]
             pushed = ahead > LAG * tolerances
             further = ahead > np.abs(before - measured)[:-1]

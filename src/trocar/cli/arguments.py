@@ -80,8 +80,8 @@ def options(parser: _ActionsContainer, table: str, **types: Callable[[str], Any]
 
     A row is `-o,--output FILE:type = default  help`; its help may go on in indented lines. Rows
     without a FILE are flags, `a|b` are choices. After the type, `...` repeats an option, or takes
-    one or more positional arguments, `[...]` any number, `?` one or none; `as NAME` is the
-    attribute that keeps the value.
+    one or more positional arguments, `[...]` any number, `?` one or none (of choices, the
+    first when the option stands alone); `as NAME` is the attribute that keeps the value.
 
     Args:
         parser: parser or argument group
@@ -109,6 +109,8 @@ def options(parser: _ActionsContainer, table: str, **types: Callable[[str], Any]
             keywords |= {"action": "append", "default": []}
         elif many:
             keywords["nargs"] = {"...": "+", "[...]": "*"}.get(many, "?")
+        if many == "?" and "choices" in keywords:
+            keywords |= {"const": keywords["choices"][0], "metavar": metavar}
         given = {"dest": dest, "required": bool(required), "default": default}
         keywords |= {key: value for key, value in given.items() if value}
         parser.add_argument(*names.split(","), help=help_text, **keywords)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, recording
+from trocar.cli.worlds import add_record, look_of, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     from trocar.apps.filming.film import video
     from trocar.apps.filming.layers import picture
     from trocar.outputs import check_file
-    from trocar.rendering import Endoscope, Look
+    from trocar.rendering import Endoscope
 
     path, world = Path(args.video).expanduser(), task.world
     if path.suffix != ".mp4":
@@ -140,7 +140,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
     if not scopes:
         raise InputError(f"--video: the rig of {args.scene} has no endoscope")
-    scope = Endoscope(world, scopes[0], look=Look())
+    scope = Endoscope(world, scopes[0], look=look_of(args))
     stack.callback(scope.close)
     task.reset(args.seed)
 

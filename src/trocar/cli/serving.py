@@ -11,13 +11,12 @@ import os
 import re
 import sys
 from argparse import ArgumentParser, Namespace
-from ast import literal_eval
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_origin, add_port, options
 from trocar.cli.worlds import (
@@ -56,10 +55,7 @@ def add_serving(parser: ArgumentParser) -> None:
     add_origin(viewer)
     clients = parser.add_argument_group("clients (docs/sockets.md, docs/ros.md)")
     for module in transport_modules():
-        for option, settings in module.options.items():
-            default = settings.get("default")
-            kind = {"type": int} if isinstance(default, int) else {}
-            clients.add_argument(option, **kind, **settings)
+        options(clients, module.options)
     options(clients, """
         --rate HZ:number                 publication rate of states (default: 220, at most 1000)
         --clock wall|sim = wall          message stamps: wall, start time plus simulated time; sim,
@@ -215,20 +211,20 @@ class TransportModule:
     Attributes:
         name: as imported
         order: its place among the options
-        options: {option: keyword arguments of argparse}
+        options: its table of options
     """
 
     name: str
     order: int
-    options: Mapping[str, Mapping[str, Any]]
+    options: str
 
     def requested(self, args: Namespace) -> bool:
         """Whether an option was given, or the transport is served by default."""
-        return any(
-            option.startswith("--no-")
-            or getattr(args, option[2:].replace("-", "_"))
-            != settings.get("default", False if "action" in settings else None)
-            for option, settings in self.options.items()
+        parser = ArgumentParser()
+        options(parser, self.options)
+        usual = vars(parser.parse_args([]))
+        return any(name.startswith("no_") for name in usual) or any(
+            getattr(args, name) != value for name, value in usual.items()
         )
 
 
@@ -237,12 +233,12 @@ def transport_modules() -> list[TransportModule]:
     found: list[TransportModule] = []
     for path in (*TRANSPORTS.glob("*.py"), *TRANSPORTS.glob("*/__init__.py")):
         text = path.read_text(encoding="utf-8")
-        options = re.search(r"^OPTIONS = (\{.*?^\})", text, re.MULTILINE | re.DOTALL)
+        table = re.search(r'^OPTIONS = """(.*?)"""', text, re.MULTILINE | re.DOTALL)
         order = re.search(r"^ORDER = (\d+)$", text, re.MULTILINE)
-        if options is not None:
+        if table is not None:
             name = path.parent.name if path.stem == "__init__" else path.stem
             place = int(order[1]) if order else sys.maxsize
-            found.append(TransportModule(f"{PACKAGE}.{name}", place, literal_eval(options[1])))
+            found.append(TransportModule(f"{PACKAGE}.{name}", place, table[1]))
     return sorted(found, key=lambda module: (module.order, module.name))
 
 

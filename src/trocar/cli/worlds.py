@@ -66,8 +66,10 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     Raises:
         InputError: an option is not usable
     """
+    from trocar.descriptions.calibrated import CAD
     from trocar.simulation import World
 
+    described = CAD in (args.calibration or ())
     world = World(
         args.rig,
         timestep_s=args.timestep,
@@ -76,6 +78,7 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         setup_joints=args.setup_joints,
         tip_load_n=tip_load_n,
         calibration=args.calibration,
+        dynamics="cad" if described else "identified",
         errors=args.errors,
         seed=args.seed,
     )
@@ -115,6 +118,8 @@ def add_look(group: _ActionsContainer) -> None:
         --vignette 0..1:number = 0        darkening of the image corners
         --noise RATIO:number = 0          sensor noise
         --no-shadows                      render no shadows (faster)
+        --look plain|surgical             surgical: tissue with structure and moisture, mirroring
+                                          metal, soft shadows; slower (default: plain)
     """, exposure=_exposure)  # fmt: skip
 
 
@@ -163,6 +168,7 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
     from trocar.rendering import Look
 
     return Look(
+        style=args.look or "plain",
         shadows=not args.no_shadows,
         exposure=args.exposure,
         vignette=args.vignette,

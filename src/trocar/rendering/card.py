@@ -80,7 +80,7 @@ class Card:
         self._targets: dict[tuple[object, ...], moderngl.Framebuffer] = {}
         self._maps: dict[int, tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
         self._things: Scenery | None = None
-        names = "point", "normal", "index", "colour", "finish", "row", SHADING, SEEN
+        names = "point", "normal", "place", "index", "colour", "finish", "row", SHADING, SEEN
         self._buffers = {name: self.context.buffer(reserve=LEAST, dynamic=True) for name in names}
 
     def load(self, things: Scenery, look: Look, drawn: Scenery = NOTHING) -> None:
@@ -122,8 +122,8 @@ class Card:
         if rest.nbytes:
             buffer.write(rest, offset=fixed.nbytes)
 
-    def render(self, program: moderngl.Program, which: str, count: int) -> None:
-        """Draw the first so many commands of one kind with a program."""
+    def render(self, program: moderngl.Program, which: str, first: int, count: int) -> None:
+        """Draw so many commands with a program."""
         if not count:
             return
         key = "objects", program.glo
@@ -132,6 +132,7 @@ class Card:
             content = [
                 (buffers["point"], "3f", "point"),
                 (buffers["normal"], "3f", "normal"),
+                (buffers["place"], "3f", "place"),
                 (buffers["row"], "4f 4f 4f/i", "row0", "row1", "row2"),
                 (buffers["colour"], "4f/i", "colour"),
                 (buffers["finish"], "4f/i", "finish"),
@@ -140,7 +141,7 @@ class Card:
             self._arrays[key] = self.context.vertex_array(
                 program, used, buffers["index"], index_element_size=4
             )
-        draw(program, self._arrays[key], self._buffers[which], count)
+        draw(program, self._arrays[key], self._buffers[which], first, count)
 
     def fill(self, program: moderngl.Program) -> None:
         """Draw one triangle that covers everything."""
@@ -157,6 +158,14 @@ class Card:
                 shaders.source(vertex, defines), shaders.source(fragment, defines)
             )
         return self._programs[key]
+
+    def picture(self, pixels: NDArray[np.uint8], repeats: bool) -> moderngl.Texture:
+        """Return a texture of pixels (height, width, 4), with smaller copies for what is far."""
+        found = self.context.texture(pixels.shape[1::-1], 4, pixels.tobytes())
+        found.build_mipmaps()
+        found.filter = (self.gl.LINEAR_MIPMAP_NEAREST, self.gl.LINEAR)
+        found.repeat_x = found.repeat_y = repeats
+        return found
 
     def shadow_map(self, size: int) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
         """Return a shadow map of this size, and what draws into it."""
@@ -202,6 +211,7 @@ def _columns_of(things: Scenery, look: Look) -> dict[str, NDArray[Any]]:
     return {
         "point": things.points,
         "normal": things.normals,
+        "place": things.places if look.style == "surgical" else things.places[:0],
         "index": things.indices,
         "colour": shades(things),
         "finish": finishes(things, look),

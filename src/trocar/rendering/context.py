@@ -86,17 +86,21 @@ COMMAND = 20
 
 
 def draw(
-    program: moderngl.Program, array: moderngl.VertexArray, orders: moderngl.Buffer, count: int
+    program: moderngl.Program,
+    array: moderngl.VertexArray,
+    orders: moderngl.Buffer,
+    first: int,
+    count: int,
 ) -> None:
-    """Draw triangles by the first commands of a buffer, as `VertexArray.render_indirect` does."""
+    """Draw triangles by commands of a buffer, as `VertexArray.render_indirect` does."""
     gl = opengl_library()
     if gl is None:
-        array.render_indirect(orders, TRIANGLES, count)
+        array.render_indirect(orders, TRIANGLES, count, first)
         return
     gl.glUseProgram(program.glo)
     gl.glBindVertexArray(array.glo)
     gl.glBindBuffer(DRAW_INDIRECT_BUFFER, orders.glo)
-    gl.glMultiDrawElementsIndirect(TRIANGLES, UNSIGNED_INT, None, count, COMMAND)
+    gl.glMultiDrawElementsIndirect(TRIANGLES, UNSIGNED_INT, first * COMMAND, count, COMMAND)
 
 
 def flush() -> None:

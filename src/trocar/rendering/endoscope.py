@@ -17,7 +17,7 @@ from trocar.cameras import Calibration
 from trocar.descriptions.cameras import load_camera
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import check_transform
-from trocar.rendering.exposure import followed
+from trocar.rendering.exposure import AIMED_S, followed
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.renderer import Channels, Renderer
@@ -191,6 +191,7 @@ class Series:
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
         self._before: dict[str, StereoFrame] = {}
+        self._aims: dict[str, tuple[float, float]] = {}
         self._drawn: dict[str, tuple[Snapshot, tuple[object, ...]]] = {}
 
     def render(
@@ -241,7 +242,11 @@ class Series:
             return None
         if cameras[camera].kind != "endoscope":
             return None
-        return followed(before.exposure, before.left, passed)
+        measured, aim = self._aims.get(camera, (-np.inf, 0.0))
+        if not 0.0 <= snapshot.time - measured < AIMED_S:
+            aim = self._renderer.aim(snapshot, cameras, camera)
+            self._aims[camera] = snapshot.time, aim
+        return followed(before.exposure, before.left, passed, aim)
 
     def close(self) -> None:
         """Let go of the graphics library."""

@@ -16,6 +16,11 @@ from trocar.rendering.frames import Picture
 
 #: Median brightness that is aimed at, as a share of white. Source: chosen by eye.
 TARGET = 0.38
+#: In the surgical style: as a share of white, and at most as a share of the brightness in endless
+#: light, so that dark tissue stays dark and shaded. Source: chosen by eye.
+SURGICAL_TARGET, SHARE = 0.48, 0.8
+#: A series measures that brightness anew so often [s]. Source: our own choice.
+AIMED_S = 0.25
 #: Fewest and most stops. Source: chosen by eye: beyond, light is all from the curve's flat end.
 LEAST, MOST = -3.0, 4.0
 #: So many stops shows what something is like in endless light.
@@ -43,7 +48,18 @@ def luma(picture: Picture, apart: int = 1) -> Array:
     return (picture[apart // 2 :: apart, apart // 2 :: apart] @ LUMA).ravel() / 255.0
 
 
-def stops_of(plain: Picture, endless: Picture) -> float:
+def aim_at(endless: Picture) -> float:
+    """Return the median brightness that a picture of the surgical style is to have.
+
+    Args:
+        endless: taken with ENDLESS, (h, w, 3)
+    """
+    shown = luma(endless)
+    seen = shown[shown > 0.0]
+    return min(SURGICAL_TARGET, SHARE * float(np.median(seen))) if len(seen) else TARGET
+
+
+def stops_of(plain: Picture, endless: Picture, aim: float = TARGET) -> float:
     """Return the stops at which a picture is as bright as it is to be.
 
     Light a is shown as c sqrt(a / (1 + a)), c in endless light, so two pictures tell of each pixel
@@ -52,6 +68,7 @@ def stops_of(plain: Picture, endless: Picture) -> float:
     Args:
         plain: taken with 0 stops, (h, w, 3)
         endless: the same with ENDLESS
+        aim: median brightness
     """
     least, most = luma(plain), luma(endless)
     seen = most > 0.0
@@ -62,22 +79,23 @@ def stops_of(plain: Picture, endless: Picture) -> float:
     stops = np.arange(LEAST, MOST + 0.125, 0.25)
     shown = light * 2.0 ** stops[:, None]
     medians = np.median(most[seen] * np.sqrt(shown / (1.0 + shown)), axis=1)
-    return float(np.interp(TARGET, medians, stops))
+    return float(np.interp(aim, medians, stops))
 
 
-def followed(stops: float, picture: Picture, passed_s: float) -> float:
+def followed(stops: float, picture: Picture, passed_s: float, aim: float = TARGET) -> float:
     """Return the stops of the picture after one that was taken with some.
 
     Args:
         stops: that it was taken with
         picture: what it shows, (h, w, 3)
         passed_s: time between the two [s]
+        aim: median brightness
     """
     shown = luma(picture, APART)
     seen = shown[shown > 0.0]
     if len(seen) < LIT * len(shown):
         return stops
-    off = GAIN * float(np.log2(TARGET / np.median(seen)))
+    off = GAIN * float(np.log2(aim / np.median(seen)))
     if abs(off) < STEADY:
         return stops
     share = 1.0 - float(np.exp(-passed_s / SETTLING_S))

@@ -12,6 +12,7 @@ from trocar.errors import InputError
 NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
 #: Exposure as a scope's video processor chooses it.
 AUTO: Literal["auto"] = "auto"
+STYLES = "plain", "surgical"
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,8 @@ class Look:
     """Settings of pictures beside the camera's pose.
 
     Attributes:
+        style: "plain", or "surgical": an endoscope's pictures have tissue with structure, moisture
+            and light from below its surface, metal that mirrors it, and soft shadows; slower
         shadows: whether the light throws them
         shadow_size: pixels along the edge of their map; 0: 512, or 1024 of pictures over 800 wide
         exposure: brighter by so many stops, or "auto": an endoscope's pictures are made as bright
@@ -29,11 +32,15 @@ class Look:
         seed: of that noise
         distortion: whether pictures are distorted as the calibration has it
         samples: of each pixel, 0 (one) or 2, 4, ...: edges without stairs, slower
+        smoke: how dense it is, 0 to 1; of the surgical style, as is
+        blood: share of tissue's surface that lies under it, 0 to 1
+        jpeg: quality to which pictures are compressed as a video's are, 0 (not at all) to 95
 
     Raises:
         InputError: a value that is not allowed
     """
 
+    style: Literal["plain", "surgical"] = "plain"
     shadows: bool = True
     shadow_size: int = 0
     exposure: float | Literal["auto"] = AUTO
@@ -43,8 +50,13 @@ class Look:
     seed: int = 0
     distortion: bool = False
     samples: int = 0
+    smoke: float = 0.0
+    blood: float = 0.0
+    jpeg: int = 0
 
     def __post_init__(self) -> None:
+        if self.style not in STYLES:
+            raise InputError(f"style: got {self.style!r}; allowed: {', '.join(STYLES)}")
         for name, low, high in (
             ("shadow_size", 0, 4096),
             ("exposure", -20.0, 20.0),
@@ -53,6 +65,9 @@ class Look:
             ("noise", 0.0, 0.5),
             ("seed", 0, 2**31 - 1),
             ("samples", 0, 64),
+            ("smoke", 0.0, 1.0),
+            ("blood", 0.0, 1.0),
+            ("jpeg", 0, 95),
         ):
             value = getattr(self, name)
             if name == "exposure" and value == AUTO:

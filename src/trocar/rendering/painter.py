@@ -14,7 +14,9 @@ from trocar.rendering import context, shaders
 from trocar.rendering.card import SEEN, SHADING, Card, set_uniforms
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
+from trocar.rendering.scenery import KINDS
 from trocar.rendering.staging import Stage
+from trocar.rendering.structures import BUMP, PLACES, TILE_M, mirrored, tissue
 
 if TYPE_CHECKING:
     import moderngl
@@ -26,6 +28,12 @@ Array = NDArray[np.float64]
 SHADOW_OFFSET = 2.0, 32.0
 #: Inputs of the lens's pass by output, in the order of texture units; the last has its places.
 INPUTS = {"COLOUR": "colour_in", "DEPTH": "depth_in", "IDS": "ids_in", "NORMALS": "normals_in"}
+
+
+#: Of the surgical style: half the width of a shadow's soft edge in its map [px], how far from a
+#: contact light from around is missing [m], and smoke that halves what is seen [1/m]. Source:
+#: chosen by eye.
+SOFT, CONTACT, SMOKE = 1.6, 0.0025, 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +54,7 @@ class Painter:
 
     def __init__(self, card: Card, look: Look) -> None:
         self._card, self._look = card, look
+        self._structures: tuple[moderngl.Texture, moderngl.Texture, moderngl.Sampler] | None = None
         self._places: dict[int, tuple[Optics, moderngl.Texture]] = {}
 
     def paint(
@@ -110,37 +119,65 @@ class Painter:
         target.use()
         target.clear(depth=1.0)
         card.context.polygon_offset = SHADOW_OFFSET
-        card.render(program, SHADING, len(stage.shading))
+        card.render(program, SHADING, 0, len(stage.shading))
         card.context.polygon_offset = 0.0, 0.0
         shade.use(0)
 
     def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str], exposure: float) -> None:
         card, light, look = self._card, stage.light, self._look
+        surgical = look.style == "surgical" and light.scope
         switches = {
             "SHADOWS": bool(len(stage.shading)),
             "SCOPE": light.scope,
             "PARALLEL": lenses.parallel,
             "VIGNETTE": look.vignette > 0.0,
+            "SURGICAL": surgical,
+            "SMOKE": surgical and look.smoke > 0.0,
         }
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]
         defines += [name for name, on in switches.items() if on]
         defines.append(f"AROUND {light.around:.6f}")
-        program = card.program(shaders.VERTEX, shaders.FRAGMENT, defines)
-        set_uniforms(program, {"shadow": _columns(light.clip)})
-        set_uniforms(program, {"power": (light.power * exposure, 0.0, look.vignette, exposure)})
-        for row, eye in enumerate(lenses.eyes):
-            width, height = lenses.drawn
-            cast("moderngl.Framebuffer", card.context.fbo).viewport = 0, row * height, width, height
-            T, lens = eye.T_eye_reference, eye.lens
-            set_uniforms(program, {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths})
-            set_uniforms(
-                program,
-                {
-                    "light": tuple(T[:3, :3] @ light.at + T[:3, 3]),
-                    "sky": (*(T[:3, :3] @ light.up), light.around),
-                },
-            )
-            card.render(program, SEEN, len(stage.seen))
+        if surgical:
+            self._bind(look, card.shadow_map(look.shadow_map(lenses.size[0]))[0])
+        wide, tall = (
+            light.frustum.right - light.frustum.left,
+            light.frustum.bottom - light.frustum.top,
+        )
+        common = {
+            "shadow": _columns(light.clip),
+            "power": (light.power * exposure, look.smoke * SMOKE, look.vignette, exposure),
+            "blur": SOFT / look.shadow_map(lenses.size[0]),
+            "reach": (CONTACT / wide, CONTACT / tall, light.frustum.near / CONTACT),
+            "places": tuple((PLACES / TILE_M).ravel()),
+            "bump": BUMP * TILE_M,
+        }
+        for kind, first, count in stage.kinds:
+            own = [KINDS[kind].upper()] if KINDS[kind] else []
+            program = card.program(shaders.VERTEX, shaders.FRAGMENT, [*defines, *own])
+            set_uniforms(program, common)
+            for row, eye in enumerate(lenses.eyes):
+                width, height = lenses.drawn
+                target = cast("moderngl.Framebuffer", card.context.fbo)
+                target.viewport = 0, row * height, width, height
+                T, lens = eye.T_eye_reference, eye.lens
+                at = tuple(T[:3, :3] @ light.at + T[:3, 3])
+                sky = (*(T[:3, :3] @ light.up), light.around)
+                own_eye = {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths}
+                set_uniforms(program, {**own_eye, "light": at, "sky": sky})
+                card.render(program, SEEN, first, count)
+
+    def _bind(self, look: Look, shade: moderngl.Texture) -> None:
+        """Bind the textures of the surgical style, generated at the first call."""
+        card = self._card
+        if self._structures is None:
+            hollow = card.context.sampler(filter=(card.gl.NEAREST, card.gl.NEAREST), texture=shade)
+            pictures = card.picture(tissue(look.blood), True), card.picture(mirrored(), False)
+            self._structures = *pictures, hollow
+        skin, mirror, hollow = self._structures
+        skin.use(8)
+        mirror.use(9)
+        hollow.texture = shade
+        hollow.use(10)
 
     def _sensed(self, drawn: Mapping[str, Drawn], lenses: Optics, time: float) -> dict[str, Drawn]:
         """Return what lens and sensor make of pictures."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import threading
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -9,14 +10,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from trocar.errors import OvertakenError, TrocarError, UnknownNameError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import check_transform, inverse
 from trocar.rendering.card import NOTHING, Card
 from trocar.rendering.context import driver, load, on_processor, read
-from trocar.rendering.exposure import ENDLESS, stops_of, to_be_measured
-from trocar.rendering.frames import StereoFrame
+from trocar.rendering.exposure import ENDLESS, TARGET, aim_at, stops_of, to_be_measured
+from trocar.rendering.frames import Picture, StereoFrame
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
@@ -182,6 +184,8 @@ class Renderer:
             self.triangles = int(seen.seen[:, 0].sum()) // 3
             drawn = self._painter.paint(seen, lenses, channels.outputs, snapshot.time, stops)
             pictures = _read(drawn, lenses)
+            if self.look.jpeg:
+                pictures["COLOUR"] = _compressed(pictures["COLOUR"], self.look.jpeg)
             visible: dict[str, Array] = {}
             numbers = things.numbers(channels.visible)
             for name, number in zip(channels.visible, numbers, strict=True):
@@ -221,7 +225,8 @@ class Renderer:
         only: NDArray[np.bool_] | None = None,
     ) -> Stage:
         T_reference_world = inverse(record.T_world_camera)
-        return stage(self._shown, snapshot, T_reference_world, lenses, shadows, only)
+        alike = self.look.style == "plain"
+        return stage(self._shown, snapshot, T_reference_world, lenses, shadows, only, alike)
 
     def _exposed(self, card: Card, snapshot: Snapshot, record: CameraRecord) -> float:
         """Return the stops of a picture that is taken alone, of small ones without shadows."""
@@ -229,14 +234,33 @@ class Renderer:
             return self.look.exposure
         if record.kind != "endoscope":
             return 0.0
+        plain, endless = self._measured(card, snapshot, record, (0.0, ENDLESS))
+        return stops_of(plain, endless, self._aim(endless))
+
+    def _measured(
+        self, card: Card, snapshot: Snapshot, record: CameraRecord, stops: Sequence[float]
+    ) -> list[Picture]:
+        """Return small pictures of the left eye without shadows, with some stops each."""
         small = record.seeing(to_be_measured(record.calibration))
         lenses = self._lenses(small, card.most)
         seen = self._staged(snapshot, small, lenses, shadows=False)
-        plain, endless = (
-            _read(self._painter.paint(seen, lenses, ("COLOUR",), 0.0, stops), lenses)["COLOUR"][0]
-            for stops in (0.0, ENDLESS)
-        )
-        return stops_of(plain, endless)
+        paint = self._painter.paint
+        drawn = (paint(seen, lenses, ("COLOUR",), 0.0, each) for each in stops)
+        return [_read(one, lenses)["COLOUR"][0] for one in drawn]
+
+    def _aim(self, endless: Picture) -> float:
+        return TARGET if self.look.style == "plain" else aim_at(endless)
+
+    def aim(self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str) -> float:
+        """Return the median brightness that automatic exposure aims at, 0 to 1."""
+        if self.look.style == "plain":
+            return TARGET
+        with self._lock:
+            card = self._card or self._open()
+            with card.context:
+                self._follow(card, snapshot)
+                record = cameras[camera].at(snapshot)
+                return self._aim(*self._measured(card, snapshot, record, (ENDLESS,)))
 
     def _follow(self, card: Card, snapshot: Snapshot) -> None:
         """Take the shapes of the snapshot's build, and its drawings."""
@@ -278,6 +302,17 @@ def _posed(snapshot: Snapshot, things: Scenery, poses: Mapping[str, ArrayLike]) 
         T, body = check_transform(given), things.bodies[things.ids == number][0]
         at[body], turn[body] = T[:3, 3], quaternion_from_matrix(T[:3, :3])
     return snapshot._replace(positions=at, quaternions=turn)
+
+
+def _compressed(eyes: Picture, quality: int) -> Picture:
+    """Return pictures (eyes, h, w, 3) as a stream that is compressed shows them, read-only."""
+    found = np.empty_like(eyes)
+    for k, eye in enumerate(eyes):
+        stream = io.BytesIO()
+        Image.fromarray(eye).save(stream, "jpeg", quality=quality)
+        found[k] = np.asarray(Image.open(stream))
+    found.setflags(write=False)
+    return found
 
 
 def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> dict[str, np.ndarray]:

@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 
 from trocar.errors import UnknownNameError
 from trocar.rendering.primitives import CELLS, Surface, drawn_surface, joined, levels, surface
-from trocar.simulation.records import Drawing, ShapeRecord
+from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: A level's error where an object has no such level: too coarse to be ever chosen.
 NEVER = np.inf
+#: Surfaces that a program of its own draws in the surgical style: tissue by the name of its
+#: material, metal from this much of it on. Source: our own choice.
+KINDS, METAL = ("", "tissue", "metal"), 0.5
 #: What a `Scenery` has of each object.
 EACH = ("bodies", "centres", "halves", "first", "count", "errors",
-        "colours", "gloss", "ids", "of_arms")  # fmt: skip
+        "colours", "gloss", "kinds", "ids", "of_arms")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +33,7 @@ class Scenery:
     Attributes:
         points: (n, 3) float32 [m], in the frame of each object's body
         normals: (n, 3) float32
+        places: points before they bent, (n, 3) float32 [m]
         indices: (k,) uint32
         bodies: index of each object's body (m,)
         centres, halves: a box about each object in its body's frame: its middle and half of its
@@ -38,6 +42,7 @@ class Scenery:
         errors: by how much a level may be off, (m, levels) [m]
         colours: linear red, green, blue and how metallic, (m, 4) float32
         gloss: (m,), 0 to 1
+        kinds: which of KINDS each surface is, (m,)
         ids: of each object, (m,), from 1; objects of one body have one id
         of_arms: which objects are an arm's, and no prop's, (m,)
         names: {id: what it is}: "PSM1/wrist_yaw", "table"
@@ -45,6 +50,7 @@ class Scenery:
 
     points: NDArray[np.float32]
     normals: NDArray[np.float32]
+    places: NDArray[np.float32]
     indices: NDArray[np.uint32]
     bodies: Ints
     centres: Array
@@ -54,6 +60,7 @@ class Scenery:
     errors: Array
     colours: NDArray[np.float32]
     gloss: Array
+    kinds: Ints
     ids: Ints
     of_arms: NDArray[np.bool_]
     names: Mapping[int, str]
@@ -81,17 +88,18 @@ class Scenery:
         return replace(self, **both, names={**self.names, **other.names})
 
 
+def _look(shape: ShapeRecord) -> tuple[object, ...]:
+    return shape.body, shape.rgba, shape.gloss, shape.metal, shape.material
+
+
 def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
     """Return the scenery that shapes make; those that only touch are no part of it.
 
     Raises:
         InputError: a kind of shape that nobody can draw
     """
-    ordered = sorted(shapes, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
-    groups = [
-        list(group)
-        for _, group in groupby(ordered, key=lambda s: (s.body, s.rgba, s.gloss, s.metal))
-    ]
+    ordered = sorted(shapes, key=_look)
+    groups = [list(group) for _, group in groupby(ordered, key=_look)]
     surfaces = [levels(joined([surface(shape) for shape in group])) for group in groups]
     number = {body: k + 1 for k, body in enumerate(sorted({s.body for s in shapes}))}
     first = [group[0] for group in groups]
@@ -115,8 +123,11 @@ def drawn_scenery(drawings: Sequence[Drawing], after: Scenery) -> Scenery:
     names = {int(k): drawing.name for k, drawing in zip(ids, drawings, strict=True)}
     body = np.zeros(len(drawings), dtype=np.int64)
     found = _packed(surfaces, drawings, body, ids, names)
+    rest = [drawing.rest if isinstance(drawing, DrawnSurface) else None for drawing in drawings]
+    rests = [s[0][1].points if r is None else r for s, r in zip(surfaces, rest, strict=True)]
     return replace(
         found,
+        places=np.concatenate(rests).astype(np.float32),
         indices=found.indices + np.uint32(len(after.points)),
         first=found.first + len(after.indices),
     )
@@ -160,9 +171,15 @@ def _packed(
             errors[row, level] = error
             vertex, place = vertex + len(part.points), place + part.faces.size
     colours = [[*linear(look.rgba[:3]), look.metal] for look in looks]
+    material = [getattr(look, "material", "") for look in looks]
+    kinds = [KINDS.index("tissue") if name in KINDS[1:2] else
+             KINDS.index("metal") if look.metal >= METAL else 0
+             for name, look in zip(material, looks, strict=True)]  # fmt: skip
+    packed = np.concatenate(points).astype(np.float32)
     return Scenery(
-        points=np.concatenate(points).astype(np.float32),
+        points=packed,
         normals=np.concatenate(normals).astype(np.float32),
+        places=packed,
         indices=np.concatenate(indices).astype(np.uint32),
         bodies=bodies,
         centres=0.5 * (low + high),
@@ -172,6 +189,7 @@ def _packed(
         errors=errors,
         colours=np.array(colours, dtype=np.float32).reshape(-1, 4),
         gloss=np.array([look.gloss for look in looks], dtype=np.float64),
+        kinds=np.array(kinds, dtype=np.int64),
         ids=ids,
         of_arms=np.array(
             [getattr(look, "arm", None) is not None for look in looks], dtype=np.bool_

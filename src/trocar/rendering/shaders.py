@@ -21,6 +21,10 @@ vec3 in_reference() {
     vec4 p = vec4(point, 1.0);
     return vec3(dot(row0, p), dot(row1, p), dot(row2, p));
 }
+
+vec3 turned_by(vec3 v) {
+    return vec3(dot(row0.xyz, v), dot(row1.xyz, v), dot(row2.xyz, v));
+}
 """
 
 SHADOW_VERTEX = (
@@ -36,11 +40,14 @@ SHADOW_FRAGMENT = """
 void main() {}
 """
 
-#: Clip space: see `lenses.Pinhole`; its w is the depth.
+#: Clip space: see `lenses.Pinhole`; its w is the depth. Tissue close behind others gets less light:
+#: of each two opposite places of the shadow map, what is nearer than a vertex by up to a few radii
+#: counts; a plane, however it is tilted, has none.
 VERTEX = (
     _OBJECT
     + """
 in vec3 normal;
+in vec3 place;
 in vec4 colour;
 in vec4 finish;
 uniform mat4 eye;  // from the reference frame
@@ -55,15 +62,30 @@ out vec4 in_light;
 flat out vec4 albedo;
 flat out vec4 sheen;
 flat out int id;
+#ifdef TISSUE
+uniform mat2x3 places;  // from points at rest to the texture
+uniform float bump;
+out vec2 spot;
+flat out vec3 along_u;
+flat out vec3 along_v;
+out float open;
+layout(binding = 10) uniform sampler2D hollow;
+uniform vec3 reach;   // radius of contacts at depth 1 in the map, across and down; near over it
+#endif
 
 void main() {
     vec3 r = in_reference();
-    vec3 turned = vec3(dot(row0.xyz, normal), dot(row1.xyz, normal), dot(row2.xyz, normal));
+    vec3 turned = turned_by(normal);
     at = (eye * vec4(r, 1.0)).xyz;
     across = mat3(eye) * turned;
     albedo = colour;
     sheen = finish;
     id = int(finish.w);
+#ifdef TISSUE
+    spot = place * places;
+    along_u = bump * mat3(eye) * turned_by(places[0]);
+    along_v = bump * mat3(eye) * turned_by(places[1]);
+#endif
 #ifdef SCOPE
     float unit = inversesqrt(power.x);
     toward = unit * (light - at);
@@ -73,6 +95,22 @@ void main() {
 #ifdef SHADOWS
     vec4 c = shadow * vec4(r, 1.0);
     in_light = vec4(0.5 * c.xyz + 0.5 * c.w, c.w);
+#endif
+#ifdef TISSUE
+    open = 1.0;
+#ifdef SHADOWS
+    vec3 there = in_light.xyz / c.w;
+    vec4 side = vec4(0.8, 0.6, -0.6, 0.8) * reach.xyxy / c.w;
+    vec4 around = vec4(
+        textureLod(hollow, there.xy + side.xy, 0.0).r,
+        textureLod(hollow, there.xy - side.xy, 0.0).r,
+        textureLod(hollow, there.xy + side.zw, 0.0).r,
+        textureLod(hollow, there.xy - side.zw, 0.0).r
+    );
+    vec4 above = reach.z / (1.0 - there.z) - reach.z / (1.0 - around);
+    above = clamp(above, -1.0, 1.0) * clamp(2.5 - 0.5 * above, 0.0, 1.0);
+    open = 1.0 - 0.35 * dot(clamp(above.xz + above.yw, 0.0, 1.0), vec2(1.0));
+#endif
 #endif
     gl_Position = vec4(
         pinhole.x * at.x + pinhole.z * at.z,
@@ -105,16 +143,23 @@ layout(location = NORMALS) out vec4 normal_out;
 #: and only the amount of light goes through the curve.
 _SCOPE = """
     float d2 = dot(toward, toward);
-    float n2 = dot(across, across);
+    float n2 = dot(facet, facet);
     float root = inversesqrt(d2 * n2);
     float per_d2 = n2 * root * root;
-    float facing = max(dot(across, toward) * root, 0.0);
+    float facing = max(dot(facet, toward) * root, 0.0);
     float lit = 1.0;
 #ifdef SHADOWS
 #ifdef PARALLEL
-    lit = textureLod(shade, vec3(in_light.xy * gl_FragCoord.w, gl_FragCoord.z), 0.0);
+    vec3 there = vec3(in_light.xy * gl_FragCoord.w, gl_FragCoord.z);
 #else
-    lit = textureProjLod(shade, in_light, 0.0);
+    vec3 there = in_light.xyz / in_light.w;
+#endif
+#ifdef SURGICAL
+    lit = 0.333333 * (textureLod(shade, there + vec3(-0.7, -0.3, 0.0) * blur, 0.0)
+        + textureLod(shade, there + vec3(0.6, -0.5, 0.0) * blur, 0.0)
+        + textureLod(shade, there + vec3(0.1, 0.8, 0.0) * blur, 0.0));
+#else
+    lit = textureLod(shade, there, 0.0);
 #endif
 #endif
     facing *= 1.0 - sheen.z + sheen.z * facing * facing;
@@ -126,27 +171,40 @@ _SCOPE = """
 #endif
     float amount = (facing * lit + AROUND) * beam;
     vec3 h = toward - vec3(albedo.w, sheen.w, 0.0);
-    float near = dot(across, h) * root * (1.5 - 0.5 * dot(h, h) * per_d2);
+    float near = dot(facet, h) * root * (1.5 - 0.5 * dot(h, h) * per_d2);
 """
 
 _ROOM = """
     vec3 t = light - at;
     float per_distance = inversesqrt(dot(t, t));
-    float per_normal = inversesqrt(dot(across, across));
-    float facing = max(dot(across, t) * per_distance * per_normal, 0.0);
+    float per_normal = inversesqrt(dot(facet, facet));
+    float facing = max(dot(facet, t) * per_distance * per_normal, 0.0);
     float lit = 1.0;
 #ifdef SHADOWS
     lit = textureProjLod(shade, in_light, 0.0);
 #endif
     facing *= 1.0 - sheen.z + sheen.z * facing * facing;
     float beam = power.x * per_distance * per_distance;
-    float from_above = 0.65 + 0.35 * dot(across, sky.xyz) * per_normal;
+    float from_above = 0.65 + 0.35 * dot(facet, sky.xyz) * per_normal;
     float amount = facing * lit * beam + sky.w * power.w * from_above;
     vec3 h = t * per_distance - normalize(at);
-    float near = dot(across, h) * per_normal * inversesqrt(dot(h, h));
+    float near = dot(facet, h) * per_normal * inversesqrt(dot(h, h));
 #ifdef VIGNETTE
     float ahead = at.z * at.z / dot(at, at);
     amount *= mix(1.0, ahead * ahead * ahead, power.z);
+#endif
+"""
+
+#: Light that tissue scatters below its surface is red, and seen best where little falls on it.
+#: Source: chosen by eye.
+_SURGICAL = """
+#ifdef SURGICAL
+    vec3 base = albedo.rgb;
+#ifdef TISSUE
+    base *= vec3(0.66, 0.36, 0.38) + vec3(0.62, 1.12, 1.06) * skin.z;
+    base.r = mix(base.r, sqrt(base.r), 0.5 * (1.0 - facing * lit));
+    amount = amount * open + 0.07 * beam;
+#endif
 #endif
 """
 
@@ -164,9 +222,26 @@ uniform vec3 light;
 uniform vec4 power;
 uniform vec4 sky;     // up in the eye's frame, strength of the light from all around
 uniform sampler2DShadow shade;
+#ifdef SURGICAL
+uniform float blur;
+layout(binding = 8) uniform sampler2D structure;
+layout(binding = 9) uniform sampler2D mirror;
+#endif
+#ifdef TISSUE
+in vec2 spot;
+in float open;
+flat in vec3 along_u;
+flat in vec3 along_v;
+#endif
 
 void main() {
 #ifdef COLOUR
+#ifdef TISSUE
+    vec4 skin = texture(structure, spot);
+    vec3 facet = across + (skin.x - 0.5) * along_u + (skin.y - 0.5) * along_v;
+#else
+    vec3 facet = across;
+#endif
 #ifdef SCOPE
 """
     + _SCOPE
@@ -176,9 +251,29 @@ void main() {
 #endif
     float lobe = max(1.0 - sheen.x * (1.0 - near), 0.0);
     lobe *= lobe;
+"""
+    + _SURGICAL
+    + """
     float shown = amount / (1.0 + amount);
     float glint = sheen.y * lobe * lobe * lit * shown;
+#ifdef SURGICAL
+    vec3 c = min(base * sqrt(shown), 1.0);
+    float bright = sqrt(beam / (1.0 + beam));
+#ifdef METAL
+    vec3 r = reflect(at * inversesqrt(dot(at, at)), facet * inversesqrt(n2));
+    float sphere = 0.5 * inversesqrt(2.0 * (1.001 - r.z));
+    c = 0.55 * c + 0.72 * bright * textureLod(mirror, r.xy * sphere + 0.5, 0.0).rgb;
+#endif
+#ifdef TISSUE
+    glint *= 0.2 + 3.2 * skin.w;
+#endif
+    c += min(glint, 1.0) * (1.0 - c);
+#ifdef SMOKE
+    c = mix(c, vec3(0.66, 0.64, 0.63) * bright, 1.0 - exp2(-power.y * at.z));
+#endif
+#else
     vec3 c = albedo.rgb * sqrt(shown) + vec3(glint);
+#endif
     colour_out = vec4(c, 1.0);
 #endif
 #ifdef DEPTH

@@ -39,7 +39,9 @@ class Stage:
 
     Attributes:
         rows: T_reference_object of every object, (m, 3, 4)
-        seen: commands of what the eyes see, nearest first
+        seen: commands of what the eyes see, kind by kind, nearest first
+        kinds: [(kind, its first command, how many)]: which of `scenery.KINDS`; one, 0, where all
+            surfaces are drawn alike
         shading: commands of what throws shadows; empty without shadows
         light: in the reference frame
         backdrop: colour behind everything, 0 to 1
@@ -47,6 +49,7 @@ class Stage:
 
     rows: Array
     seen: Commands
+    kinds: list[tuple[int, int, int]]
     shading: Commands
     light: Light
     backdrop: tuple[float, float, float]
@@ -59,6 +62,7 @@ def stage(
     lenses: Optics,
     shadows: bool,
     only: NDArray[np.bool_] | None = None,
+    alike: bool = True,
 ) -> Stage:
     """Return what a camera sees of a snapshot.
 
@@ -69,6 +73,7 @@ def stage(
         lenses: the camera's
         shadows: whether light throws them
         only: which objects are there, (m,); all when omitted
+        alike: whether one program draws all surfaces
     """
     rows = placed(things, snapshot, T_reference_world)
     around = boxes(things, rows)
@@ -81,6 +86,11 @@ def stage(
         in_sight &= only
     seen = np.flatnonzero(in_sight)
     seen = seen[np.argsort(farthest[seen], kind="stable")]
+    kinds = [(0, 0, len(seen))]
+    if lenses.light is not None and not alike:
+        seen = seen[np.argsort(things.kinds[seen], kind="stable")]
+        present, first, count = np.unique(things.kinds[seen], return_index=True, return_counts=True)
+        kinds = list(zip(present.tolist(), first.tolist(), count.tolist(), strict=True))
     level = chosen_levels(things, frusta[0], seen, nearest[seen])
     light = lenses.light or _room_light(things, around, T_reference_world)
     throws = np.zeros_like(in_sight)
@@ -95,6 +105,7 @@ def stage(
     return Stage(
         rows=rows,
         seen=commands(things, seen, level),
+        kinds=kinds,
         shading=commands(things, who, simple),
         light=light,
         backdrop=DARK if light.scope else WALL,

@@ -158,7 +158,9 @@ class DrawnSurface(NamedTuple):
         vertices: in the world, (n, 3) [m]
         faces: (m, 3); the same array object while the triangles stay the same
         rgba, gloss, metal: as of `ShapeRecord`
-        material: a material with a surface structure of its own, "" without
+        material: "tissue" where its surface has that structure, "" without
+        rest: vertices before it bent, to which that structure sticks, (n, 3) [m]; the vertices when
+            omitted
     """
 
     name: str
@@ -168,6 +170,7 @@ class DrawnSurface(NamedTuple):
     gloss: float = 0.4
     metal: float = 0.0
     material: str = ""
+    rest: Array | None = None
 
 
 class DrawnCurve(NamedTuple):
@@ -260,6 +263,7 @@ class ShapeRecord:
     `size` as in `descriptions.Shape`: half edges of a box, (radius, half length, 0) of a capsule
     or cylinder, (radius, 0, 0) of a sphere, farthest from its origin of a mesh [m]. `triangles`
     of a mesh: vertices (n, 3) [m] and faces (m, 3); `normals`: its surface's at the vertices.
+    `material`: name of a row of `descriptions.materials`.
     """
 
     body: int
@@ -276,6 +280,7 @@ class ShapeRecord:
     collide: bool
     triangles: tuple[Array, NDArray[np.int64]] | None = None
     normals: Array | None = None
+    material: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,7 @@ def _record(shape: Shape, body: int, name: str, arm: str | None, frame: str) -> 
         shape.collide,
         None if shape.mesh is None else (shape.mesh.vertices, shape.mesh.faces),
         None if shape.mesh is None else shape.mesh.normals,
+        shape.material,
     )
 
 

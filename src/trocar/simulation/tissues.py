@@ -311,7 +311,6 @@ class SoftTissue:
         threads = np.append(self._strings.ravel(), self._locks)
         tight = threads[limits[threads] < 0.5 * SLACK_M]
         over = data.ten_length[tight] - limits[tight]
-        rows = (data.efc_type == LIMIT) & np.isin(data.efc_id, self._strings)
         return TissueReading(
             points,
             self.offsets.copy(),
@@ -321,11 +320,17 @@ class SoftTissue:
             forces,
             moved,
             self.torn.copy(),
-            float(data.efc_force[rows].sum()),
+            self.tension(),
             float(max(over.max(initial=0.0), 0.0)),
             float(data.qpos[self._feed]),
             float(data.time),
         )
+
+    def tension(self) -> float:
+        """Return the tension of the thread, as of the last step [N]."""
+        data, rows = self._data, slice(self._data.ne + self._data.nf, self._data.nefc)
+        threads = (data.efc_type[rows] == LIMIT) & np.isin(data.efc_id[rows], self._strings)
+        return float(data.efc_force[rows][threads].sum())
 
     def displacements(self) -> Array:
         """Return the displacement of every node of its mesh, in its frame, (n, 3) [m]."""
@@ -498,7 +503,9 @@ class SoftTissue:
 
     def _tear(self) -> None:
         """Let places tear out whose force is above the limit; the mesh no longer holds them."""
-        forces = self._pull @ (self._q - self._rest)
+        forces = self._applied  # of the last step
+        if max(forces.max(), -forces.min()) < 0.5 * self.tissue.tear:
+            return
         strong = np.linalg.norm(forces.reshape(-1, 3), axis=1).reshape(self.torn.shape)
         found = strong > self.tissue.tear
         found[:, len(CHANNEL) :] = False

@@ -61,14 +61,11 @@ def distance_errors(amplitude: float) -> np.ndarray:
     return np.concatenate(found, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     # Source: the figures to reach.
     ("amplitude", "median", "most"),
-    [
-        pytest.param(0.3, 18e-6, 70e-6, marks=pytest.mark.slow),
-        (0.6, 8e-6, 32e-6),
-        pytest.param(0.8, 6e-6, 22e-6, marks=pytest.mark.slow),
-    ],
+    [(0.3, 18e-6, 70e-6), (0.6, 8e-6, 32e-6), (0.8, 6e-6, 22e-6)],
 )
 def test_one_sweep_tells_the_axes_to_their_figures(
     amplitude: float, median: float, most: float
@@ -122,6 +119,7 @@ def test_a_take_at_the_full_rate_and_noise_is_within_the_figures() -> None:
     assert np.linalg.norm(got.centre.fit.post - place) <= 30e-6
 
 
+@pytest.mark.slow
 def test_intervals_of_the_remote_centre_cover_it() -> None:
     within: list[bool] = []
     for seed in range(ROBOTS):

@@ -84,6 +84,7 @@ def distances(robot: Robot) -> Mapping[str, float]:
     }
 
 
+@pytest.mark.slow
 def test_general_loops_are_found_with_their_sides_and_tilts() -> None:
     robot = with_datum(random_robot(1, False, 2e-3, 2e-3))
     found = calibrate(swept(robot), psm(), closure="general")

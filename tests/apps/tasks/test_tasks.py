@@ -46,6 +46,7 @@ def test_seeds_draw_different_places(task: Task) -> None:
 #: Tests of these take more than a few seconds; needle-handover has a test of its own.
 LONG = (
     "active-track",
+    "augmented-reality",
     "bi-peg-transfer",
     "dynamic-push",
     "dynamic-stack",
@@ -54,8 +55,10 @@ LONG = (
     "match-board",
     "needle-handover",
     "needle-regrasp",
+    "needle-tracking",
     "peg-board",
     "pick-place",
+    "visual-servoing",
 )
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.boards import Board, find_corners, read_board
-from trocar.apps.calibration.touches import BEYOND, read_rows
+from trocar.apps.calibration.touches import BEYOND
+from trocar.apps.calibration.track_csv import csv_rows, read_text
 from trocar.cameras import Intrinsics
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.cameras import load_stereo_camera
@@ -208,7 +209,7 @@ def _positions(
 
 def _corners_of_file(path: Path, names: list[str], size: tuple[int, int], board: Board) -> Array:
     """Read corners, (n_views, 2, corners, 2) [px]."""
-    rows = read_rows(path)
+    rows = csv_rows(str(path), read_text(path)[0])
     if not rows.cells:
         raise rows.error("is empty", 0) if rows.lines else InputError(f"{path}: is empty")
     head = [cell.strip() for cell in rows.cells[0]]

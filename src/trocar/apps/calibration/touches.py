@@ -7,8 +7,6 @@ pose of the board in the camera).
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.track_csv import CsvRows
+from trocar.apps.calibration.track_csv import CsvRows, csv_rows, read_text
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.table import read_table
 from trocar.errors import TracksError
@@ -83,23 +81,7 @@ def read_touches(path: str | Path) -> dict[str, Readings]:
         arms[name] = load_arm(row.text("description")), tip
         row.done()
     table.done()
-    return _readings(read_rows(beside), arms, points)
-
-
-def read_rows(path: Path) -> CsvRows:
-    """Read a comma-separated file, without blank lines.
-
-    Raises:
-        TracksError: it cannot be read
-    """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) else "is not UTF-8 text"
-        raise TracksError(str(path), f"cannot be read: {reason}") from problem
-    reader = csv.reader(io.StringIO(text, newline=""))
-    every = [(reader.line_num, cells) for cells in reader if any(cells)]
-    return CsvRows(str(path), [line for line, _ in every], [cells for _, cells in every])
+    return _readings(csv_rows(str(beside), read_text(beside)[0]), arms, points)
 
 
 def _readings(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 from collections.abc import Collection, Mapping
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.track_csv import parse_csv
+from trocar.apps.calibration.track_csv import parse_csv, read_text
 from trocar.errors import InputError, TracksError
 from trocar.geometry.rotations import matrix_from_quaternion
 
@@ -77,15 +76,7 @@ def read_tracks(path: str | Path) -> Tracks:
         TracksError: naming file, line, what was got and what is allowed
     """
     file = str(path)
-    try:
-        content = Path(path).read_bytes()
-        text = content.decode("utf-8-sig")
-    except OSError as problem:
-        raise TracksError(file, f"cannot be read: {problem.strerror}") from problem
-    except UnicodeDecodeError as problem:
-        raise TracksError(
-            file, "is not UTF-8 text; allowed: Motive CSV export, or tidy CSV"
-        ) from problem
+    text, sha256 = read_text(path)
     found = parse_csv(file, text)
     times = np.unique(np.concatenate([track.times for track in found.bodies.values()]))
     poses: dict[str, Array] = {}
@@ -99,7 +90,7 @@ def read_tracks(path: str | Path) -> Tracks:
         pose.setflags(write=False)
         poses[body] = pose
     times.setflags(write=False)
-    tracks = Tracks(file, hashlib.sha256(content).hexdigest(), times, poses, np.nan)
+    tracks = Tracks(file, sha256, times, poses, np.nan)
     check_size(tracks)
     if len(times) < 2:
         raise TracksError(file, f"got {len(times)} samples; allowed: 2 or more")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -264,10 +263,10 @@ def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> 
             1,
         )
     rows: list[list[float]] = []
-    with Path(path).expanduser().open(newline="", encoding="utf-8-sig") as stream:
-        reader = csv.reader(stream)
-        next(reader)
-        for number, fields in enumerate(reader, 2):
+    with Path(path).expanduser().open(encoding="utf-8-sig", errors="replace") as stream:
+        next(stream)
+        for number, line in enumerate(stream, 2):
+            fields = line.strip().split(",")
             try:
                 values = [float(field) for field in fields]
             except ValueError:

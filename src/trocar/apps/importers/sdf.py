@@ -7,6 +7,7 @@ model's where the file says so (`use_parent_model_frame` up to 1.6, `expressed_i
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,7 +62,12 @@ def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     ]
     if len(models) != 1:
         raise root.fail(f"contains {len(models)} models; allowed: one")
-    return _Model(models[0], str(path), root.attribute("version", "1.6"), packages).read(path)
+    version = root.attribute("version", "1.6")
+    numbers = re.match(r"(\d{1,3})\.(\d{1,3})", version)
+    if numbers is None:
+        raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
+    major, minor = map(int, numbers.groups())
+    return _Model(models[0], str(path), (major, minor), packages).read(path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +79,11 @@ class _Place:
 
 
 class _Model:
-    def __init__(self, node: XmlNode, file: str, version: str, packages: tuple[Path, ...]) -> None:
+    def __init__(
+        self, node: XmlNode, file: str, version: tuple[int, ...], packages: tuple[Path, ...]
+    ) -> None:
         self._node, self._file = node, file
-        self._version = tuple(int(part) for part in version.split(".")[:2])
+        self._version = version
         node.check((*MODEL, *PASSED_OVER))
         self._finder = MeshFinder(Path(file), packages)
         self._still = {

@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.motions import REACH_M
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.table import parse_table, toml_text
 from trocar.descriptions.tissues import Tissue
@@ -30,6 +29,9 @@ from trocar.simulation.tissues import RISE, stitch_points
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 
+#: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a large needle
+#: driver's pads. [m]
+REACH_M = 0.0085
 #: Angles of the tip about the circle, from the surface on the side where it goes in: where driving begins,
 #: how far beyond the surface the tip comes out, where the needle has left. Source: measured: the jaws then
 #: stay clear of the tissue, and 16 deg of tip are left for the other arm. [rad]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
 from trocar.apps.suturing.scores import Watch
-from trocar.apps.task import SETTLED_S, Task
+from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
+#: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
+LOOK_PERIODS = 5
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -35,7 +37,6 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        plan: of its stitches, None before the policy made one
         noise, noise_rng: errors of what the policy sees, and their generator
         banner: what the policy does
     """
@@ -65,7 +66,7 @@ class Suturing(Task):
         pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.goals = self._stitch_goals()
-        self.plan: Plan | None = None
+        self._plan: Plan | None = None
         self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
         self._tight, self._failed = np.zeros(len(self.goals), bool), ""
         super()._begin()
@@ -87,7 +88,8 @@ class Suturing(Task):
 
     def look(self) -> None:
         """Note what counts, of the tissue too."""
-        if self.world.time >= self.time and not self.done:
+        due = round(self.world.time / PERIOD_S) % LOOK_PERIODS == 0
+        if due and self.world.time >= self.time and not self.done:
             read = self.watch.look(int(self._tight.sum()))
             for number in np.flatnonzero(~self._tight):
                 if self.tissue.locked(int(number)) and read.left[number].all():
@@ -110,6 +112,11 @@ class Suturing(Task):
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
 
+    @property
+    def plan(self) -> Plan:
+        """Its stitches; made where the policy has not."""
+        return self._plan or self.make_plan()
+
     def make_plan(self) -> Plan:
         """Plan the stitches from points that are seen of the wound, and tell the tissue."""
         tissue, rng = self.tissue, self.noise_rng
@@ -123,7 +130,7 @@ class Suturing(Task):
         to_tissue = inverse(tissue.pose) @ wound
         points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
         tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
-        self.plan = plan
+        self._plan = plan
         return plan
 
     def policy(self) -> Iterator[Array]:

@@ -1,7 +1,10 @@
-"""What the endoscope's pictures are used for."""
+"""What an endoscope's pictures are used for."""
 
+from trocar.apps.vision.instruments import TipFix, find_tip
 from trocar.apps.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
+from trocar.apps.vision.overlay import View, overlaid
 from trocar.apps.vision.servoing import ServoSettings, VisualServo
+from trocar.apps.vision.wound import Wound, find_wound
 
 __all__ = [
     "JAWS",
@@ -9,5 +12,11 @@ __all__ = [
     "NeedleEstimate",
     "NeedleTracker",
     "ServoSettings",
+    "TipFix",
+    "View",
     "VisualServo",
+    "Wound",
+    "find_tip",
+    "find_wound",
+    "overlaid",
 ]

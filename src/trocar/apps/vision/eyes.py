@@ -85,8 +85,8 @@ class Eyes:
         s, t = (bb * da - ab * db) / det, (ab * da - aa * db) / det
         if (s <= 0.0).any() or (t <= 0.0).any():
             raise InputError(
-                "pixels of both eyes: the rays do not meet ahead of the eyes; are the eyes"
-                " exchanged?"
+                f"pixels {np.asarray(left).tolist()} and {np.asarray(right).tolist()}: the rays do"
+                " not meet ahead of the eyes; are the eyes exchanged?"
             )
         return 0.5 * (s[..., None] * a + t[..., None] * b + base)
 

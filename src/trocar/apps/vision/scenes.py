@@ -67,7 +67,8 @@ class EndoscopeTask(Task):
         super().__init__(scene)
 
     def _begin(self) -> None:
-        self._looks, self.shown = -1, None  # the first look, inside, sees nothing yet
+        self._looks, self.shown = -1, None  # the first look, of a reset, opens no renderer
+        self._worked = False
         T_world_left = self.world.camera("endoscope").T_world_camera @ self._eyes.mounts[0]
         self._T_tip_left = inverse(self._measured("ECM")) @ T_world_left
         super()._begin()
@@ -79,6 +80,10 @@ class EndoscopeTask(Task):
             frame = self.scope().capture_next()
             self.shown = overlaid(frame.left, View.of(frame), self.see(frame))
         self._looks += 1
+
+    def met(self, goal: Goal, at: Array) -> bool:
+        """Return whether a goal is met, at the end of the work."""
+        return self._worked and super().met(goal, at)
 
     def scope(self) -> Endoscope:
         """Return the endoscope, opened at the first call."""
@@ -119,7 +124,9 @@ class NeedleTracking(EndoscopeTask):
 
     #: Length of the path in the air, its size, and by how much the needle turns. Source: our own
     #: choice; the tip moves at up to 25 mm/s. [s, m, rad]
-    CARRY_S, PATH_M, TURN_RAD = 5.0, np.array([0.012, 0.010, 0.004]), 0.35
+    CARRY_S, PATH_M, TURN_RAD = 5.0, np.array([0.012, 0.007, 0.003]), 0.35
+    #: Where that path begins: before the scope, in its axis, in the world [m].
+    MIDDLE = np.array([0.0, -0.012, 0.018])
     #: How much higher than other objects a wire is grasped, and the way above it. Source: as in
     #: needle-pick. [m]
     RAISED_M, WAY_M = 0.0012, 0.02
@@ -133,7 +140,6 @@ class NeedleTracking(EndoscopeTask):
         assert prop.needle is not None  # noqa: S101
         self.name, self.needle = prop.name, prop.needle
         self.tracker = NeedleTracker(self._eyes, self.needle)
-        self._carried = False
         self._rows: list[tuple[float, ...]] = []
         self._messages: dict[str, Any] = {}
         super()._begin()
@@ -156,10 +162,6 @@ class NeedleTracking(EndoscopeTask):
                 self.needle, frame.T_world_camera[0] @ found.T_left_needle, _colour(found)
             )
         return items
-
-    def met(self, goal: Goal, at: Array) -> bool:
-        """Return whether the goal is met, after the needle was carried about."""
-        return self._carried and super().met(goal, at)
 
     def _note(self, frame: StereoFrame, found: NeedleEstimate) -> None:
         truth = inverse(frame.T_world_camera[0]) @ self.object_pose(self.name)
@@ -226,8 +228,9 @@ class NeedleTracking(EndoscopeTask):
         middle = T[:3, 3] + self.needle.radius * T[:3, 1] + self.RAISED_M * UP
         angle = float(np.arctan2(T[1, 1], T[0, 1]))
         yield from hand.pick(middle, angle, self.WAY_M, 0.5)
+        yield from hand.shift(self.MIDDLE - self.object_pose(self.name)[:3, 3])
         yield from self._about(hand, self.target(hand.arm), self.CARRY_S)
-        self._carried = True
+        self._worked = True
         yield from hand.shift(at - self.object_pose(self.name)[:3, 3])
 
     def _about(self, hand: Hand, start: Array, time: float) -> Motion:
@@ -356,7 +359,7 @@ class VisualServoing(EndoscopeTask):
         rows = np.array(self._rows).reshape(-1, 5)
         if not len(rows):
             return {}
-        late = rows[rows[:, 0] > rows[0, 0] + 2.0]
+        late = rows[rows[:, 0] >= min(rows[0, 0] + 2.0, rows[-1, 0])]
         return {
             "visible [%]": float(100.0 * rows[:, 1].mean()),
             "off the middle, median [px]": float(np.median(late[:, 2])),
@@ -381,6 +384,7 @@ class VisualServoing(EndoscopeTask):
         while self.world.time < end:
             place = np.array([0.0, 0.0, 0.026]) + self.RANGE_M * rng.uniform(-1.0, 1.0, 3)
             yield from hand.shift(place - self.object_pose(name)[:3, 3], self.SPEED_M_S)
+        self._worked = True
         yield from hand.shift(at - self.object_pose(name)[:3, 3])
 
     def _follow(self) -> Motion:

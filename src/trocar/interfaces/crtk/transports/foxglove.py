@@ -23,21 +23,11 @@ if TYPE_CHECKING:
     from trocar.interfaces.crtk.topic import Message, Topic
 
 ORDER = 40
-OPTIONS = {
-    "--foxglove": {
-        "action": "store_true",
-        "help": "serve a live view for Foxglove (extra foxglove)",
-    },
-    "--foxglove-port": {
-        "default": 8765,
-        "metavar": "N",
-        "help": "Foxglove port (default: 8765, 0 = any free port)",
-    },
-    "--foxglove-record": {
-        "metavar": "FILE",
-        "help": "serve Foxglove and write all topics to a new MCAP file",
-    },
-}
+OPTIONS = """
+--foxglove                    serve a live view for Foxglove (extra foxglove)
+--foxglove-port N:int = 8765  Foxglove port (default: 8765, 0 = any free port)
+--foxglove-record FILE        serve Foxglove and write all topics to a new MCAP file
+"""
 
 #: Where Foxglove looks by itself. Source: its SDK's default.
 PORT = 8765

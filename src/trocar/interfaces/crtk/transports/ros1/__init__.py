@@ -28,12 +28,9 @@ __all__ = [
 ]
 
 ORDER = 20
-OPTIONS = {
-    "--ros1": {
-        "action": "store_true",
-        "help": "join ROS 1 with rospy, master at ROS_MASTER_URI",
-    },
-}
+OPTIONS = """
+--ros1  join ROS 1 with rospy, master at ROS_MASTER_URI
+"""
 
 
 def open_transport(options: Mapping[str, Any], pages: PageAccess) -> Ros1Transport | None:  # noqa: ARG001

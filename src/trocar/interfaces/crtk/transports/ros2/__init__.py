@@ -33,16 +33,11 @@ __all__ = [
 _log = logging.getLogger("trocar")
 
 ORDER = 30
-OPTIONS = {
-    "--ros2": {
-        "nargs": "?",
-        "const": "auto",
-        "choices": ("auto", "rclpy", "dds"),
-        "metavar": "auto|rclpy|dds",
-        "help": "join ROS 2 (no token): rclpy, or dds without a ROS installation (extra ros2);"
-        " auto (default): rclpy if it can be imported, else dds",
-    },
-}
+OPTIONS = """
+--ros2 auto|rclpy|dds ?
+    join ROS 2 (no token): rclpy, or dds without a ROS installation (extra ros2); auto (default):
+    rclpy if it can be imported, else dds
+"""
 
 
 def open_transport(

@@ -15,24 +15,14 @@ if TYPE_CHECKING:
 __all__ = ["OPTIONS", "ORDER", "PORT", "WebSocketTransport", "open_transport"]
 
 ORDER = 10
-OPTIONS = {
-    "--no-websocket": {
-        "action": "store_true",
-        "help": "do not serve the rosbridge WebSocket",
-    },
-    "--websocket-port": {
-        "default": 9090,
-        "metavar": "N",
-        "help": "WebSocket port (default: 9090, 0 = any free port)",
-    },
-    "--host": {
-        "default": "127.0.0.1",
-        "help": "WebSocket address (default: 127.0.0.1); other addresses require --token",
-    },
-    "--token": {
-        "help": "token required by the WebSocket and the web viewer (default: $TROCAR_TOKEN)"
-    },
-}
+OPTIONS = """
+--no-websocket                 do not serve the rosbridge WebSocket
+--websocket-port N:int = 9090  WebSocket port (default: 9090, 0 = any free port)
+--host HOST = 127.0.0.1        WebSocket address (default: 127.0.0.1); other addresses require
+                               --token
+--token TOKEN                  token required by the WebSocket and the web viewer (default:
+                               $TROCAR_TOKEN)
+"""
 
 
 def open_transport(options: Mapping[str, Any], pages: PageAccess) -> WebSocketTransport | None:

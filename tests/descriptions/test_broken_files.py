@@ -98,6 +98,13 @@ ARM_FAULTS = [
         "must be positive",
     ),
     (YAW, 'shape = [{ kind = "box", material = "gold" }]', "body[0].shape[0].material", "casting"),
+    (YAW, 'shape = [{ kind = "box", color = "red" }]', "body[0].shape[0].color", "six digits"),
+    (
+        YAW,
+        'shape = [{ kind = "box", color = "#aabbcc", material = "steel" }]',
+        "body[0].shape[0].color",
+        "contradicts material",
+    ),
     (YAW, 'solid = "psm/yow"', "body[0].solid", "got 'psm/yow'; allowed: psm/base, psm/yaw"),
     (YAW, 'solid = "yaw"', "body[0].solid", "allowed: "),
     (YAW, "touches = true", "body[0].touches", "false where there is no `solid`"),

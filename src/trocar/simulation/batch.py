@@ -28,7 +28,8 @@ from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import nearest_solution
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
-from trocar.simulation.drives import SPRING_FIELDS
+from trocar.simulation.computed_torque import ComputedTorque
+from trocar.simulation.drives import SPRING_FIELDS, spring_fields
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.servos import POSITION, pid_effort, read_matrix
@@ -140,6 +141,10 @@ class Batch:
             fields = SPRING_FIELDS if self._model.ntendon else SPRING_FIELDS[:2]
             self._fields = {name: self._rows.expand(name) for name in fields}
             self._anchor, self._springs = (np.stack([one] * self.n) for one in self._trains)
+        self._computed = self._servos["computed"] & self._on
+        self._computed_torque = ComputedTorque(self._table, self._model)
+        self._nominal = spring_fields(self._model)
+        self._before = np.zeros((self.n, len(self.names)))
         self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
@@ -183,7 +188,7 @@ class Batch:
         if len(which):
             self._rows.reset(which, stage=mujoco.mjtStage.mjSTAGE_NONE)
             self._rows.state[which] = self._first
-            self._periods[which] = 0
+            self._periods[which], self._before[which] = 0, self._servos["before"]
             if self._drives is not None and self._trains is not None:
                 self._anchor[which], self._springs[which] = self._trains
                 self._write_springs(which)
@@ -221,6 +226,9 @@ class Batch:
             for world in np.flatnonzero(since == 0).tolist():
                 self._balance(world)
             run = min(left, int((self._renewal - since).min()))
+            if self._computed.any():
+                self._compute_torque()
+                run = 1
             if self._drives is not None:
                 every = self._drives.every
                 run = min(run, int((every - self._periods % every).min()))
@@ -263,8 +271,7 @@ class Batch:
             raise InputError(f"set_gains: got other shapes; allowed: {shape}") from None
         if not (np.isfinite(gains).all() and (gains >= 0.0).all()):
             raise InputError("set_gains: got a gain below 0 or not finite; allowed: 0 or more")
-        on = (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
-        self._gains = gains * on[:, None]
+        self._gains = gains * self._on[:, None]
         bias, gain = (self._rows.expand(name) for name in GAIN_FIELDS)
         bias[:, :, 1], bias[:, :, 2] = -self._gains[..., 0], -self._gains[..., 2]
         gain[:, :, 0] = self._gains[..., 1]
@@ -326,9 +333,13 @@ class Batch:
         """Return position, velocity and effort of every set-point, (n, J, 3), as a view."""
         return self._ctrl.reshape(self.n, len(self.names), INPUTS)
 
+    @property
+    def _on(self) -> NDArray[np.bool_]:
+        """Which joints their servos drive, (J,)."""
+        return (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
+
     def _effective(self) -> Array:
-        on = (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
-        return self._servos["gains"] * on[:, None]
+        return self._servos["gains"] * self._on[:, None]
 
     def _own_read(self) -> Array:
         sizes = self._model.nq, self._model.nv
@@ -413,6 +424,19 @@ class Batch:
         if self._drives is not None:
             holding += self._drives.holding(self._qpos[world])
         self._inputs()[world, :, 2] = self._servos["balanced"] * holding
+
+    def _compute_torque(self) -> None:
+        """Feed forward computed torque for one step in every world."""
+        inputs, qvel = self._inputs(), self._rows.bind("qvel")
+        for world in range(self.n):
+            if self._drives is not None:
+                self._drives.write(self._nominal, self._springs[world])
+            acceleration = (inputs[world, :, 1] - self._before[world]) / self.timestep
+            efforts = self._computed_torque.efforts(
+                (self._qpos[world], qvel[world]), inputs[world], self._gains[world], acceleration
+            )
+            inputs[world, self._computed, 2] = efforts[self._computed]
+        self._before[:] = inputs[:, :, 1]
 
     def _write_springs(self, which: NDArray[np.intp]) -> None:
         """Write the springs of identified dynamics into the models of some worlds."""

@@ -49,6 +49,8 @@ FOUND_M, FOUND_RAD = 0.0015, np.deg2rad(6.0)
 #: An update is accepted with so many of the profiles (both eyes, the worse eye), such residuals
 #: [px] and such a squared distance from the prediction. Source: prototypes.
 SHARE, WORST, RMS_PX, GATE = 0.22, 0.1, 0.9, 45.0
+#: Images show the needle clearly with so many profiles of the worse eye. Source: our own choice.
+CLEAR = 0.4
 #: A pose of a search is believed with so many profiles. Source: our own choice.
 BELIEVED = 0.3
 #: Without an image of the needle for so long it is searched anew. Source: our own choice. [s]
@@ -230,8 +232,14 @@ class NeedleTracker:
         fresh = (1.0 - keep**2) * np.array([BIAS_PX**2] * 4 + [BIAS_RAD**2])
         self._P = B @ self._P @ B.T + np.diag([shift] * 3 + [spin] * 3 + [*fresh])
 
-    def _update(self, images: Sequence[Picture], rods: Sequence[Rod]) -> Quality | None:
-        """Take in images about the predicted pose; None where they do not show the needle."""
+    def _update(
+        self, images: Sequence[Picture], rods: Sequence[Rod], *, again: bool = True
+    ) -> Quality | None:
+        """Take in images about the predicted pose; None where they do not show the needle.
+
+        Images that show it clearly, elsewhere than predicted, are taken in once more without trust
+        in the prediction: something else moved it.
+        """
         fit, T0, bias0 = self._fit, self._T, self._bias
         assert T0 is not None  # noqa: S101
         if self._colours is None:
@@ -271,13 +279,13 @@ class NeedleTracker:
         rows = fit.rows(views, T, SHORTEST, rods)
         quality = fit.quality(rows)
         moves = np.concatenate([change(T0, T), bias - bias0])
-        if (
-            quality.share < SHARE
-            or quality.worst < WORST
-            or quality.rms > RMS_PX
-            or moves @ information @ moves > GATE
-        ):
+        if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None
+        if moves @ information @ moves > GATE:
+            if not again or quality.worst < CLEAR:
+                return None
+            self._P[:6, :6] += np.diag([TAKEN_M**2] * 3 + [TAKEN_RAD**2] * 3)
+            return self._update(images, rods, again=False)
         self._T, self._bias, self._P = T, bias, np.linalg.inv(hessian)
         if quality.share > 0.4:
             colours = fit.colours(images, T)

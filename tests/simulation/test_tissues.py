@@ -14,6 +14,7 @@ from trocar.descriptions.table import parse_table
 from trocar.descriptions.tissues import Tissue, read_tissue
 from trocar.errors import DescriptionError, InputError
 from trocar.simulation import World
+from trocar.simulation.batch import Batch
 from trocar.simulation.elastic import ElasticPad
 from trocar.simulation.journal import Entry, Journal
 from trocar.simulation.tissues import SoftTissue, default_plan, stitch_points
@@ -212,6 +213,8 @@ def test_impossible_tissue_is_refused(old: str, new: str, words: str) -> None:
         described(TEXT.replace(old, new))
 
 
-def test_tools_are_not_exchanged_in_a_rig_with_tissue(world: World) -> None:
+def test_tools_are_not_exchanged_and_no_batches_made_of_a_rig_with_tissue(world: World) -> None:
     with pytest.raises(InputError, match="tissue"):
         world.exchange_tool("PSM1", "none")
+    with pytest.raises(InputError, match="soft tissue, pad"):
+        Batch(world, 2)

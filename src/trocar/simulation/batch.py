@@ -117,6 +117,10 @@ class Batch:
                 f"Batch: got a rig whose {', '.join(scripted)} has a before_step script; allowed:"
                 " objects without"
             )
+        if world.tissues:
+            raise InputError(
+                f"Batch: got a rig with soft tissue, {', '.join(world.tissues)}; allowed: without"
+            )
         self.rig, self.n, self._table = world.rig, int(n), world.joints
         self.timestep = world.timestep
         self.names = self._table.names

@@ -55,9 +55,11 @@ LONG = (
     "match-board",
     "needle-handover",
     "needle-regrasp",
+    "needle-through-phantom",
     "needle-tracking",
     "peg-board",
     "pick-place",
+    "suturing",
     "visual-servoing",
 )
 

@@ -46,13 +46,13 @@ class ComputedTorque:
         """
         table, model, data = self._table, self._model, self._data
         data.qpos[:], data.qvel[:] = state
+        # as the servos and springs act: at the end of the step
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, float(model.opt.timestep))
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_tendon(model, data)
         mujoco.mj_makeM(model, data)
-        mujoco.mj_comVel(model, data)
-        mujoco.mj_passive(model, data)
-        mujoco.mj_rne(model, data, 0, data.qfrc_bias)
+        mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fullM(model, data, self._full)
         inertia = self._full @ table.couple
         own = gains[:, 0] * (setpoint[:, 0] - table.drive @ data.qpos)

@@ -54,6 +54,7 @@ from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
+from trocar.simulation.tissue_drawings import TissueDrawings
 from trocar.simulation.tissues import SoftTissue, TissueState
 
 Array = NDArray[np.float64]
@@ -79,6 +80,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
+    "dynamics": ("cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
@@ -143,6 +145,9 @@ class World:
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
+        dynamics: of arms whose overlays have none: "cad", masses and friction of the descriptions,
+            or "identified", from recordings of real arms where there are any for the kind of arm
+            (with the friction "identified" only)
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
 
@@ -165,6 +170,7 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
+        dynamics: Literal["cad", "identified"] = "cad",
         errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
@@ -178,7 +184,8 @@ class World:
             choices |= _choices(model)
         else:
             nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-            described = calibrated_rig(nominal, calibration)
+            measured = dynamics == friction == "identified"
+            described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
         #: What the world was built with, the rig apart; a recording takes these along.
         self.arguments = choices
@@ -229,6 +236,10 @@ class World:
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
+        for name, tissue in self.tissues.items():
+            drawn = TissueDrawings(tissue, self.rig)
+            for part in (drawn.skin, drawn.wound, drawn.thread):
+                self.draw(f"{name}_{part.__name__}", part)
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -853,7 +864,7 @@ class World:
         left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
-        computed = bool(self.servos.computed.any())
+        computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         looks, renewal = self._looks, self._renewal
         while left > 0:

@@ -32,16 +32,32 @@ CARRIED_S = 60.0
 #: Loads grow from nothing to this in this time, and slip is motion beyond this in the jaw.
 #: [N, N m, s, m, rad]
 MOST_N, MOST_NM, RAMP_S, SLIPPED_M, SLIPPED_RAD = 60.0, 0.4, 2.0, 2e-4, 0.04
-#: Directions of loads in the jaw: across the pads, along the wire; out of the jaw; between both.
+#: Directions of forces and torques in the jaw: along the wire and across the pads, along the pads'
+#: normal, out of the jaw; and a force with torques [N, mN m].
 FORCES = {
     "along the wire": (1.0, 0.0, 0.0),
     "out of the jaw": (0.0, 0.0, 1.0),
+    "into the jaw": (0.0, 0.0, -1.0),
     "between": (1.0, 0.0, 1.0),
 }
 TORQUES = {
     "about the wire": (1.0, 0.0, 0.0),
     "about the pads' normal": (0.0, 1.0, 0.0),
     "about the jaw": (0.0, 0.0, 1.0),
+    "about wire and normal": (1.0, 1.0, 0.0),
+    "about wire and jaw": (1.0, 0.0, 1.0),
+    "about normal and jaw": (0.0, 1.0, 1.0),
+    "about normal and jaw, the other way": (0.0, 1.0, -1.0),
+    "about all": (1.0, 1.0, 1.0),
+    "mostly about normal and jaw": (0.3, 1.0, 1.0),
+    "mostly about normal and jaw, the other way": (-0.3, 1.0, 1.0),
+    "mostly about the normal": (0.3, 1.0, 0.0),
+    "mostly about the jaw": (0.3, 0.0, 1.0),
+}
+BOTH = {
+    "along the wire, with 2 mN m about the jaw for each N": ((1.0, 0.0, 0.0), (0.0, 0.0, 2e-3)),
+    "out of the jaw, with 2 mN m about the normal": ((0.0, 0.0, 1.0), (0.0, 2e-3, 0.0)),
+    "out of the jaw, with 2 mN m about the jaw": ((0.0, 0.0, 1.0), (0.0, 0.0, 2e-3)),
 }
 
 RIG = """
@@ -204,13 +220,18 @@ def grip() -> list[Figure]:
         )
     )
     nothing = np.zeros(3)
-    for name, axis in {**FORCES, **TORQUES}.items():
-        along = np.array(axis) / np.linalg.norm(axis)
-        load = (along, nothing) if name in FORCES else (nothing, along)
+    loads = {name: (_unit(axis), nothing) for name, axis in FORCES.items()}
+    loads |= {name: (nothing, _unit(axis)) for name, axis in TORQUES.items()}
+    loads |= {name: (np.array(force), np.array(torque)) for name, (force, torque) in BOTH.items()}
+    for name, load in loads.items():
         stick, friction = (Grip(kind).lets_go(*load) for kind in ("friction+stick", "friction"))
-        unit, per = ("N", 1.0) if name in FORCES else ("mN m", 1e3)
+        unit, per = ("mN m", 1e3) if name in TORQUES else ("N", 1.0)
         found.append(Figure(f"{name}: lets go at", stick * per, unit))
         found.append(
             Figure(f"{name}: against friction alone", abs(stick / friction - 1), "", SHARE)
         )
     return found
+
+
+def _unit(axis: tuple[float, float, float]) -> Array:
+    return np.array(axis) / np.linalg.norm(axis)

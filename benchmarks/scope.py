@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -24,6 +24,7 @@ from benchmarks.mujoco_renderer import Reference
 from trocar.apps.figures import Figure
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
+from trocar.geometry.se3 import transform_points
 from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.core import Batch
 from trocar.interfaces.loop import SERVER_TICK_S, Loop
@@ -32,19 +33,17 @@ from trocar.interfaces.viewer import serve
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
-from trocar.simulation.records import Snapshot
+from trocar.simulation.records import DrawnSurface, Snapshot
 
-#: Pairs a second of these presets, without a graphics card and with one. Source: the project's own
-#: goals.
-GOALS: Mapping[str, float] = {
-    "dvrk_sd_640x480": 70.0,
-    "hd_1280x720": 38.0,
-    "hd_1920x1080": 30.0,
-}
-CARD_GOALS: Mapping[str, float] = {"hd_1280x720": 1000.0}
-#: Ours over MuJoCo's at the first preset; depth, ids and colour over colour alone; triangles in
-#: view. Source: the project's own goals.
-LEAST_RATIO, MOST_MORE, MOST_TRIANGLES = 3.5, 1.3, 20_000
+#: Sizes, and pairs a second with a graphics card. Source: the project's own goals.
+PRESETS = "dvrk_sd_640x480", "hd_1280x720", "hd_1920x1080"
+CARD_GOALS: Mapping[str, float] = {"dvrk_sd_640x480": 1000.0}
+#: Ours over MuJoCo's; depth, ids and colour over colour alone; surgical over plain style, with
+#: tissue all over the picture; triangles in view. Source: the project's own goals.
+LEAST_RATIO: Mapping[str, float] = {"dvrk_sd_640x480": 3.5, "hd_1920x1080": 2.2}
+MOST_MORE, MOST_SURGICAL, MOST_TRIANGLES = 1.3, 2.0, 20_000
+#: The tissue: how far ahead of the camera, half its edge, and vertices along it [m].
+TISSUE_M, HALF_M, VERTICES = 0.1, 0.08, 80
 #: The cart in motion: snapshots, and steps between them, so that no picture can be reused.
 RIG, POSE, SNAPSHOTS, APART = "full_cart", "work", 16, 16
 INSTRUMENTS, MOVE, TURN_S = (
@@ -57,8 +56,9 @@ IN_A_ROW = 7
 #: Time of each size, and of the live part. Source: our own choice; the project's own goal. [s]
 DURATION_S, LIVE_S = 4.0, 60.0
 LIVE_PRESET, LIVE_HZ = "dvrk_sd_640x480", 60.0
-#: Source: the project's own goals. [%, cores, -, ms]
-MOST_LATE_PERCENT, MOST_CORES, LEAST_FACTOR, MOST_BEYOND_MS = 1.0, 1.2, 0.995, 5.0
+#: Source: the project's own goals. [%, cores, -, ms, 1/s]
+MOST_LATE_PERCENT, MOST_CORES, LEAST_FACTOR, MOST_BEYOND_MS = 1.0, 1.5, 0.995, 5.0
+LEAST_PAIRS = 45.0
 #: Subscriptions of the live part: both eyes, their lenses and their frames.
 EYES = tuple(f"endoscope/{eye}/image_raw" for eye in ("left", "right"))
 TOPICS = frozenset((*EYES, "endoscope/left/camera_info", "endoscope/right/camera_info", "tf"))
@@ -107,7 +107,7 @@ def scope(
     world = World(RIG)
     snapshots, record = in_motion(world)
     found: list[Figure] = []
-    for preset in GOALS:
+    for preset in PRESETS:
         watch(f"stereo pictures, {preset}")
         eyes = load_stereo_camera(preset)
         found += sizes(world, snapshots, record.seeing(eyes), preset, duration_s)
@@ -142,6 +142,12 @@ def sizes(
         )
         for channels in (Channels(), Channels(depth=True, ids=True))
     )
+    look = Look(shadow_size=1024, exposure=-1.5)
+    alike, surgical = (
+        Renderer(lambda: (snapshots[0].build, shapes), None, each)
+        for each in (look, replace(look, style="surgical"))
+    )
+    over = [shot._replace(drawings=(tissue(record.at(shot)),)) for shot in snapshots]
     judge = Reference(world.rig, record.calibration.eyes[0].size)
 
     def by_mujoco(k: int) -> list[np.ndarray]:
@@ -155,21 +161,38 @@ def sizes(
             "ours": lambda k: plain.render(snapshots[k], cameras, record.name),
             "with depth and ids": lambda k: whole.render(snapshots[k], cameras, record.name),
             "MuJoCo": by_mujoco,
+            "plain": lambda k: alike.render(over[k], cameras, record.name),
+            "surgical": lambda k: surgical.render(over[k], cameras, record.name),
         },
         duration_s,
     )
     judge.close()
-    goal = (GOALS if plain.on_processor else CARD_GOALS).get(preset)
+    goal = None if plain.on_processor else CARD_GOALS.get(preset)
     yield Figure(f"{preset}: pairs, {plain.driver}", 1.0 / taken["ours"], "1/s", lower=goal)
     yield Figure(f"{preset}: pairs, MuJoCo's renderer", 1.0 / taken["MuJoCo"], "1/s")
-    least = LEAST_RATIO if preset == next(iter(GOALS)) else None
+    least = LEAST_RATIO.get(preset)
     ratio = taken["MuJoCo"] / taken["ours"]
     yield Figure(f"{preset}: ours over MuJoCo's", ratio, "", lower=least)
     more = taken["with depth and ids"] / taken["ours"]
     yield Figure(f"{preset}: time with depth and ids, over colour alone", more, "", MOST_MORE)
+    style = taken["surgical"] / taken["plain"]
+    yield Figure(f"{preset}: time in the surgical style, over plain", style, "", MOST_SURGICAL)
     yield Figure(f"{preset}: triangles in view", plain.triangles, "", MOST_TRIANGLES)
-    plain.close()
-    whole.close()
+    for renderer in (plain, whole, alike, surgical):
+        renderer.close()
+
+
+def tissue(camera: CameraRecord) -> DrawnSurface:
+    """Return a sheet of tissue that fills a camera's picture."""
+    line = np.linspace(-HALF_M, HALF_M, VERTICES)
+    x, y = np.meshgrid(line, line)
+    bumps = TISSUE_M + 0.002 * np.sin(90.0 * x) * np.cos(70.0 * y)
+    points = np.stack([x, y, bumps], axis=-1).reshape(-1, 3)
+    a = (np.arange(VERTICES - 1)[:, None] * VERTICES + np.arange(VERTICES - 1)).ravel()
+    b = a + VERTICES
+    faces = np.concatenate([np.stack([a, b + 1, a + 1], 1), np.stack([a, b, b + 1], 1)])
+    world = transform_points(camera.T_world_camera, points)
+    return DrawnSurface("tissue", world, faces, material="tissue", rest=points)
 
 
 def timed(draws: Mapping[str, Draw], duration_s: float) -> dict[str, float]:
@@ -411,7 +434,7 @@ def measured(run: Run, duration_s: float, who: str) -> Iterator[Figure]:
     late = 100.0 * (seen.late + dropped) / max(seen.received + dropped, 1)
     what = f"live, 640x480 at {LIVE_HZ:g} Hz, {who} looks"
     yield Figure(f"{what}: real-time factor", simulated / passed, "", lower=LEAST_FACTOR)
-    yield Figure(f"{what}: pairs", seen.received / passed, "1/s")
+    yield Figure(f"{what}: pairs", seen.received / passed, "1/s", lower=LEAST_PAIRS)
     yield Figure(f"{what}: dropped, or late by a period", late, "%", MOST_LATE_PERCENT)
     yield Figure(f"{what}: drawing, median", drawing_ms, "ms")
     name = f"{what}: capture to publish beyond drawing, median"

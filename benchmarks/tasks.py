@@ -5,31 +5,67 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+import mujoco
 import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
 from trocar.apps.figures import Figure
-from trocar.apps.tasks import Episode, make_task, run_episode
-from trocar.descriptions import names
+from trocar.apps.tasks import TASKS, Episode, make_task, run_episode
+from trocar.descriptions.catalogue import load_scene, names
 
 EPISODES = 50
 CONFIDENCE = 0.95
 #: Least share of successes: with one arm, and with two. Source: our own goals; the real dVRK has
 #: 94.1 % in peg transfer (Hwang et al., IROS 2020).
 ONE_ARM, TWO_ARMS = 0.99, 0.95
+#: Least speed, times real time, and most time of a peg transfer. Source: our own goals; the real
+#: dVRK takes 8.1 s (Hwang et al., IROS 2020).
+ONE_SPEED, TWO_SPEED, TRANSFER_S = 15.0, 8.0, 8.1
 
 
-def tasks(episodes: int, watch: Callable[[str], None]) -> list[Figure]:
-    """Return the figures of every built-in scene, with seeds from 0 on, in this process."""
+def own_scenes() -> tuple[str, ...]:
+    """Return the built-in scenes of `apps.tasks`; other apps measure theirs."""
+    named = {name: load_scene(name).task for name in names("scenes")}
+    return tuple(name for name, task in named.items() if not isinstance(TASKS.get(task), str))
+
+
+def tasks(scenes: Sequence[str], episodes: int, watch: Callable[[str], None]) -> list[Figure]:
+    """Return the figures of scenes, all built-in ones when none is named, with seeds from 0 on."""
     found: list[Figure] = []
-    for name in names("scenes"):
+    for name in scenes or own_scenes():
         watch(f"{name}, {episodes} episodes")
         task = make_task(name)
         begin = time.process_time()
         results = [run_episode(task, seed) for seed in range(episodes)]
         found += figures(results, time.process_time() - begin)
-    return found
+    return [*found, *asleep_and_awake()]
+
+
+def asleep_and_awake() -> list[Figure]:
+    """Return what a step of a ring on its peg takes, asleep and awake, beside the arms alone."""
+    task = make_task("peg-transfer")
+    task.world.step(2000)
+    model, data = task.world.mj_model, mujoco.MjData(task.world.mj_model)
+    sleep, state = mujoco.mjtEnableBit.mjENBL_SLEEP, mujoco.mjtState.mjSTATE_INTEGRATION
+    row = np.zeros(mujoco.mj_stateSize(model, state))
+    mujoco.mj_getState(model, task.world.mj_data, row, state)
+    took: dict[str, list[float]] = {"asleep": [], "awake": []}
+    for _ in range(5):
+        for name, times in took.items():
+            flags = model.opt.enableflags
+            model.opt.enableflags = flags | sleep if name == "asleep" else flags & ~sleep
+            mujoco.mj_setState(model, data, row, state)
+            mujoco.mj_step(model, data, 500)
+            begin = time.process_time()
+            mujoco.mj_step(model, data, 2000)
+            times.append((time.process_time() - begin) / 2000.0)
+            model.opt.enableflags = flags
+    note = "one PSM, the ECM and a ring on its peg; median of 5"
+    return [
+        Figure(f"a step with the ring {name}", float(np.median(times)) * 1e6, "us", source=note)
+        for name, times in took.items()
+    ]
 
 
 def figures(results: Sequence[Episode], cpu_s: float) -> list[Figure]:
@@ -42,7 +78,8 @@ def figures(results: Sequence[Episode], cpu_s: float) -> list[Figure]:
     name, count = results[0].scene, len(results)
     good = [one for one in results if one.success]
     low, high = wilson(len(good), count)
-    least = ONE_ARM if len(results[0].distance_m) == 1 else TWO_ARMS
+    alone = len(results[0].distance_m) == 1
+    least = ONE_ARM if alone else TWO_ARMS
     interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f} % (Wilson), {count} seeds"
     found = [Figure(f"{name}: success", len(good) / count, "", lower=least, source=interval)]
     if good:
@@ -53,6 +90,10 @@ def figures(results: Sequence[Episode], cpu_s: float) -> list[Figure]:
             spread = float(quantile * times.std(ddof=1) / np.sqrt(len(times)))
         note = f"mean of the successes, +- {spread:.2f} s (95 %)"
         found.append(Figure(f"{name}: time", float(times.mean()), "s", source=note))
+        if "peg" in name:
+            each = float(times.mean()) / results[0].goals
+            found.append(Figure(f"{name}: time of a transfer", each, "s", upper=TRANSFER_S))
+    grip = max(max(one.grip_n.values()) for one in results)
     force = max(max(one.force_n.values()) for one in results)
     drops = sum(one.drops for one in results)
     speed = sum(one.time_s for one in results) / cpu_s
@@ -62,7 +103,14 @@ def figures(results: Sequence[Episode], cpu_s: float) -> list[Figure]:
         Figure(
             f"{name}: largest force", force, "N", source="net contact force on an arm, at 50 Hz"
         ),
-        Figure(f"{name}: speed", speed, "", source="simulated time over processor time, one core"),
+        Figure(f"{name}: largest grip", grip, "N", source="of the weaker finger on an object"),
+        Figure(
+            f"{name}: speed",
+            speed,
+            "",
+            lower=ONE_SPEED if alone else TWO_SPEED,
+            source="simulated time over processor time, one core, the policy included",
+        ),
     ]
 
 

@@ -59,6 +59,19 @@ def test_every_format_gives_the_same_solid(name: str, data: bytes, tmp_path: Pat
     assert volume == pytest.approx(4e-9, rel=1e-6)  # 1/3 of 2 mm x 2 mm x 3 mm
 
 
+def test_an_obj_files_normals_are_kept_and_edges_stay_sharp(tmp_path: Path) -> None:
+    # Two triangles share an edge: with one normal along it, then with two.
+    points = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 -1\nvn 0 0 2\nvn 1 0 1\n"
+    smooth = read(tmp_path, "s.obj", points + b"f 1//1 2//2 3//2\nf 2//2 4//2 3//2\n")
+    sharp = read(tmp_path, "h.obj", points + b"f 1//1 2//1 3//1\nf 2/7/2 4/7/2 3/7/2\n")
+    bare = read(tmp_path, "b.obj", points + b"f 1//1 2//1 3//1\nf 2 4 3\n")
+    assert smooth.normals is not None and smooth.vertices.shape == (4, 3)
+    assert np.allclose(np.linalg.norm(smooth.normals, axis=1), 1.0)
+    assert sharp.normals is not None and sharp.vertices.shape == (6, 3)
+    assert np.allclose(sharp.normals[sharp.faces[0]], [0.0, 0.0, 1.0])
+    assert bare.normals is None and bare.vertices.shape == (4, 3)
+
+
 def test_the_scale_is_the_length_of_a_unit(tmp_path: Path) -> None:
     inches = read(tmp_path, "a.stl", ascii_stl(), scale_mm=25.4)
     assert inches.vertices.max() == pytest.approx(3 * 25.4e-3)

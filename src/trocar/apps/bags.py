@@ -1,4 +1,4 @@
-"""Joint states of any bag: rosbag 1, rosbag 2 and MCAP, as one stream of messages."""
+"""Joint states and images of any bag: rosbag 1, rosbag 2 and MCAP, as streams of messages."""
 
 from __future__ import annotations
 
@@ -10,11 +10,18 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
 from trocar.errors import LogError, MissingExtraError
 from trocar.recording import mcap_messages, mcap_topics
 
 FORMATS = "rosbag 1 (.bag), rosbag 2, MCAP"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+#: Channels of image encodings, as (red, green, blue).
+ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}
 MAGIC = {"rosbag1": b"#ROSBAG V2.0", "rosbag2": b"SQLite format 3", "mcap": b"\x89MCAP0\r\n"}
 
 
@@ -32,6 +39,14 @@ class JointMessage(NamedTuple):
     fields: Mapping[str, Any]
 
 
+class ImageMessage(NamedTuple):
+    """An image: topic without a leading slash, stamp [s], (h, w, 3) red, green, blue."""
+
+    topic: str
+    stamp: float
+    image: NDArray[np.uint8]
+
+
 class Bag(NamedTuple):
     """A recording.
 
@@ -39,11 +54,13 @@ class Bag(NamedTuple):
         file: its path, as given
         topics: {topic without a leading slash: type "sensor_msgs/msg/JointState"}
         messages: reads joint states of some topics, in the order of their times
+        images: reads raw or compressed images of some topics, in the order of their times
     """
 
     file: str
     topics: Mapping[str, str]
     messages: Callable[[Collection[str]], Iterator[JointMessage]]
+    images: Callable[[Collection[str]], Iterator[ImageMessage]]
 
 
 def is_bag(path: str | Path) -> bool:
@@ -55,8 +72,8 @@ def is_bag(path: str | Path) -> bool:
 def open_bag(path: str | Path) -> Bag:
     """Open a rosbag 1 file, a rosbag 2 (its folder, or one of its files), or an MCAP file.
 
-    MCAP files without an end are read up to where they break off. The types of joint states are
-    those of ROS, whatever definitions the bag contains.
+    MCAP files without an end are read up to where they break off. The types of joint states and
+    images are those of ROS, whatever definitions the bag contains.
 
     Raises:
         LogError: none of these, or damaged
@@ -77,15 +94,26 @@ def open_bag(path: str | Path) -> Bag:
                     found |= {c.topic: c.msgtype for c in reader.connections}
     topics = {topic.lstrip("/"): _type(kind) for topic, kind in found.items()}
 
-    def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
+    def packed(wanted: Collection[str], allowed: tuple[str, ...]) -> Iterator[Packed]:
         for topic in wanted:
-            if topics.get(topic, JOINT_STATE) != JOINT_STATE:
-                raise LogError(file, f"/{topic} is {topics[topic]}; allowed: {JOINT_STATE}")
+            if topics.get(topic, allowed[0]) not in allowed:
+                raise LogError(
+                    file, f"/{topic} is {topics[topic]}; allowed: {' or '.join(allowed)}"
+                )
         with _rosbags(file):
             for one in paths:
-                yield from _decoded(raw(one, wanted))
+                yield from raw(one, wanted)
 
-    return Bag(file, topics, messages)
+    def messages(wanted: Collection[str]) -> Iterator[JointMessage]:
+        with _rosbags(file):
+            yield from _joints(packed(wanted, (JOINT_STATE,)))
+
+    def images(wanted: Collection[str]) -> Iterator[ImageMessage]:
+        with _rosbags(file):
+            for topic, logged, message in _decoded(packed(wanted, IMAGES)):
+                yield ImageMessage(topic, _stamp(message, logged), _image(message, topic, file))
+
+    return Bag(file, topics, messages, images)
 
 
 def _type(name: str) -> str:
@@ -139,7 +167,7 @@ def _rosbag_raw(path: Path, topics: Collection[str]) -> Iterator[Packed]:
             yield from _rosbag1_raw(reader, chosen)
         elif chosen:
             for connection, time, data in reader.messages(list(chosen.values())):
-                yield connection.topic, JOINT_STATE, time, data
+                yield connection.topic, _type(connection.msgtype), time, data
 
 
 def _rosbag1_raw(reader: Any, chosen: Mapping[int, Any]) -> Iterator[Packed]:
@@ -155,8 +183,9 @@ def _rosbag1_raw(reader: Any, chosen: Mapping[int, Any]) -> Iterator[Packed]:
             head = Header.read(plain)
             data = read_bytes(plain, read_uint32(plain))
             if head.get_uint8("op") == RecordType.MSGDATA and head.get_uint32("conn") in chosen:
-                topic = chosen[head.get_uint32("conn")].topic
-                yield topic, "sensor_msgs/JointState", head.get_time("time"), data
+                found = chosen[head.get_uint32("conn")]
+                kind = found.msgtype.replace("/msg/", "/")
+                yield found.topic, kind, head.get_time("time"), data
 
 
 def _reader(path: Path) -> Any:
@@ -172,22 +201,47 @@ def _reader(path: Path) -> Any:
     return Reader1(path) if _kind(path) == "rosbag1" else rosbag2.Reader(path)
 
 
-def _decoded(packed: Iterable[Packed]) -> Iterator[JointMessage]:
+def _decoded(packed: Iterable[Packed]) -> Iterator[tuple[str, float, Any]]:
+    """Yield topics without a leading slash, times of logging [s] and messages."""
     from rosbags.typesys import Stores, get_typestore
 
     cdr = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
     ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
     for topic, kind, time, data in packed:
-        message: Any = (cdr if "/msg/" in kind else ros1)(data, JOINT_STATE)
-        stamp, logged = message.header.stamp, 1e-9 * time
+        message: Any = (cdr if "/msg/" in kind else ros1)(data, _type(kind))
+        yield topic.lstrip("/"), 1e-9 * time, message
+
+
+def _stamp(message: Any, logged: float) -> float:
+    """Return the time of a header, that of logging where it is 0 [s]."""
+    stamp = message.header.stamp
+    return stamp.sec + 1e-9 * stamp.nanosec or logged
+
+
+def _joints(packed: Iterable[Packed]) -> Iterator[JointMessage]:
+    for topic, logged, message in _decoded(packed):
         fields = {
-            "stamp": stamp.sec + 1e-9 * stamp.nanosec or logged,
+            "stamp": _stamp(message, logged),
             "name": message.name,
             "position": message.position,
             "velocity": message.velocity,
             "effort": message.effort,
         }
-        yield JointMessage(topic.lstrip("/"), logged, fields)
+        yield JointMessage(topic, logged, fields)
+
+
+def _image(message: Any, topic: str, file: str) -> NDArray[np.uint8]:
+    """Return the pixels of a raw or compressed image, (h, w, 3)."""
+    if hasattr(message, "format"):
+        with Image.open(BytesIO(bytes(message.data))) as picture:
+            return np.array(picture.convert("RGB"), np.uint8)
+    if message.encoding not in ENCODINGS:
+        allowed = ", ".join(ENCODINGS)
+        raise LogError(file, f"/{topic}: got encoding {message.encoding!r}; allowed: {allowed}")
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
+    pixels = rows[:, : message.step // message.width * message.width]
+    pixels = pixels.reshape(message.height, message.width, -1)
+    return np.ascontiguousarray(pixels[..., list(ENCODINGS[message.encoding])])
 
 
 @contextmanager

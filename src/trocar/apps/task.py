@@ -43,6 +43,8 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
+#: Velocities of an endoscope stay this far below its limits. Source: our own choice, rounding.
+ROUNDING = 1e-9
 #: What limits the set-points of a joint.
 BOUNDS = "velocity_max", "tracking_tolerance"
 #: Goals must be met for so long. Source: our own choice. [s]
@@ -126,7 +128,7 @@ class Task:
                 high += [SPEED_M_S] * 3 + [SPIN_RAD_S] * 3 + [float(arm.upper[-1])]
                 low += [-SPEED_M_S] * 3 + [-SPIN_RAD_S] * 3 + [-GRIP_RAD]
             else:
-                most = [joint.velocity_max for joint in arm.description.joints]
+                most = [(1.0 - ROUNDING) * joint.velocity_max for joint in arm.description.joints]
                 high += most
                 low += [-value for value in most]
             self._slices[name] = slice(begin, len(high))

@@ -29,6 +29,8 @@ Calibration = One | Mapping[str, One] | Sequence[One]
 #: Built-in dynamics overlays, and what their names look like.
 DYNAMICS = Path(__file__).parent / "data" / "dynamics"
 NAME = re.compile(r"[a-z0-9_]+")
+#: What selects the dynamics of the descriptions, masses of CAD models, in place of an overlay.
+CAD = "cad"
 #: The name of an arm ahead of a "=", and what follows it.
 NAMED = re.compile(r"([A-Za-z][A-Za-z0-9_]*)=(.+)")
 
@@ -91,24 +93,30 @@ def calibrated(arm: ArmDescription, calibration: One | Sequence[One] | None) -> 
     if calibration is None:
         return arm
     several = [calibration] if isinstance(calibration, Overlay | str | Path) else calibration
-    overlays = [as_overlay(one) for one in several]
+    overlays = [as_overlay(one) for one in several if one != CAD]
     return apply_overlay(arm, reduce(combined, overlays)) if overlays else arm
 
 
-def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigDescription:
+def calibrated_rig(
+    rig: RigDescription, calibration: Calibration | None, *, identified: bool = False
+) -> RigDescription:
     """Return a rig whose arms carry their calibrations.
 
     Roots stay where they are, but those of arms whose bases an overlay has. A camera of an overlay
     takes the place of its arm's endoscope.
+
+    Args:
+        rig: the nominal rig
+        calibration: overlays; None: none
+        identified: whether arms without dynamics of their own get the built-in identified ones,
+            where there are any for their kind
 
     Raises:
         UnknownNameError: an arm that the rig does not have
         InputError: no arm of the rig is of an overlay's kind, or two are for the same arm
         DescriptionError: an overlay is broken
     """
-    if calibration is None:
-        return rig
-    named, general = _sorted(calibration)
+    named, general = _sorted([] if calibration is None else calibration)
     known = [arm.name for arm in rig.arms]
     for name in named:
         if name not in known:
@@ -121,12 +129,18 @@ def calibrated_rig(rig: RigDescription, calibration: Calibration | None) -> RigD
                 f" {rig.name} are of {', '.join(sorted(kinds))}"
             )
     done: dict[tuple[ArmDescription, int], ArmDescription] = {}
+    shipped: dict[str, Overlay] = {}
 
     def one(arm: RigArm) -> RigArm:
         own, common = named.get(arm.name), general.get(arm.arm.name)
         overlay = own or common
         if own and common and not any(map(all, zip(_parts(own), _parts(common), strict=True))):
             overlay = combined(own, common)
+        built_in = DYNAMICS / f"{arm.arm.name}.toml"
+        if identified and (overlay or arm.arm.overlay) is None and built_in.is_file():
+            overlay = shipped.setdefault(arm.arm.name, read_overlay(built_in))
+        elif identified and overlay is not None and not overlay.dynamics and built_in.is_file():
+            overlay = combined(overlay, read_overlay(built_in))
         if overlay is None or _carries(arm.arm, overlay):
             return arm
         key = (arm.arm, id(overlay))
@@ -188,7 +202,7 @@ def _sorted(calibration: Calibration) -> tuple[dict[str, Overlay], dict[str, Ove
     if isinstance(calibration, Mapping):
         return {name: as_overlay(one) for name, one in calibration.items()}, {}
     alone = isinstance(calibration, Overlay | str | Path)
-    several: Sequence[One] = [calibration] if alone else calibration
+    several = [one for one in ([calibration] if alone else calibration) if one != CAD]
     named: dict[str, Overlay] = {}
     general: dict[str, Overlay] = {}
     for one in several:

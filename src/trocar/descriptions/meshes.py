@@ -67,21 +67,29 @@ def read_mesh(table: Table) -> Mesh:
     if problem := lfs_problem(data):
         raise table.fail("file", f"{path} {problem}")
     try:
-        points, faces = _from_obj(data) if path.suffix.lower() == ".obj" else _from_stl(data)
+        normals = None
+        if path.suffix.lower() == ".obj":
+            points, faces, normals = _from_obj(data)
+        else:
+            points, faces = _from_stl(data)
     except (ValueError, IndexError, UnicodeDecodeError) as problem:
         raise table.fail(
             "file", f"{path} is no {path.suffix[1:].upper()} file: {problem}"
         ) from None
     _check(table, path, points, faces)
-    vertices, faces = welded(scale * points, faces)
-    return Mesh(vertices, faces, path.stem)
+    if normals is None:
+        return Mesh(*welded(scale * points, faces), path.stem)
+    corners = np.hstack([scale * points[faces].reshape(-1, 3), normals])
+    rows, faces = welded(corners, np.arange(len(corners)).reshape(-1, 3))
+    vertices, normals = np.ascontiguousarray(rows[:, :3]), np.ascontiguousarray(rows[:, 3:])
+    return Mesh(vertices, faces, path.stem, normals)
 
 
 def welded(points: Array, faces: Ints) -> tuple[Array, Ints]:
     """Return triangles whose corners at the same place are one, without unused points.
 
     Args:
-        points: all finite, (n, 3) [m]
+        points: all finite, (n, 3) [m], or more columns, which must be equal, too
         faces: which three make a triangle, (m, 3)
 
     Returns:
@@ -137,17 +145,21 @@ def _from_stl(data: bytes) -> tuple[Array, Ints]:
     return corners, np.arange(len(corners)).reshape(-1, 3)
 
 
-def _from_obj(data: bytes) -> tuple[Array, Ints]:
-    """Return points, (n, 3), and which three make a triangle, (m, 3).
+def _from_obj(data: bytes) -> tuple[Array, Ints, Array | None]:
+    """Return points, (n, 3), which three make a triangle, (m, 3), and normals of corners, (3 m, 3).
 
-    Faces with more corners become fans.
+    Faces with more corners become fans. Normals are None unless every corner has one.
     """
     points: list[list[float]] = []
     faces: list[list[int]] = []
+    directions: list[list[float]] = []
+    turned: list[list[int]] = []
     for line in data.decode("utf-8").splitlines():
         key, *words = line.split() or [""]
         if key == "v":
             points.append(list(map(float, words[:3])))
+        elif key == "vn":
+            directions.append(list(map(float, words[:3])))
         elif key == "f":
             indices = (
                 [int(w.split("/")[0]) for w in words] if "/" in line else list(map(int, words))
@@ -156,9 +168,17 @@ def _from_obj(data: bytes) -> tuple[Array, Ints]:
             if min(corners, default=0) < 0 or max(corners, default=-1) >= len(points):
                 raise ValueError(f"face {' '.join(words)} has a corner that is not there")
             faces += [[corners[0], a, b] for a, b in pairwise(corners[1:])]
+            own = [int(part[2]) for w in words if len(part := w.split("/")) > 2 and part[2]]
+            own = [k - 1 if k > 0 else len(directions) + k for k in own]
+            turned += [[own[0], a, b] for a, b in pairwise(own[1:])]
     if any(len(point) != 3 for point in points):
         raise ValueError("a corner is a line `v x y z`")
-    return np.array(points).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
+    normals = None
+    if turned and len(turned) == len(faces):
+        normals = np.array(directions).reshape(-1, 3)[np.array(turned).ravel()]
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = normals / length if np.isfinite(length).all() and length.all() else None
+    return np.array(points).reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3), normals
 
 
 def open_edges(vertices: Array, faces: Ints) -> int:

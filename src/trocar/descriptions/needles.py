@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.table import Table, read_table
+from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -136,6 +138,25 @@ def read_needle(table: Table) -> Needle:
         sizes = read_table(DATA)
         return _read_dimensions(sizes.table(table.text("size", allowed=tuple(sizes.entries()))))
     return _read_dimensions(table)
+
+
+def needle_named(text: str) -> Needle:
+    """Return a needle by its size or by "ARC_DEG,RADIUS_MM,WIRE_MM,TAPER_MM".
+
+    Raises:
+        InputError: an unknown size, or numbers that make no needle
+    """
+    keys = ("arc_deg", "radius_mm", "wire_mm", "taper_mm")
+    words = text.split(",")
+    if len(words) == 1:
+        return read_needle(Table({"size": text}, "needle"))
+    try:
+        values: dict[str, Any] = dict(zip(keys, map(float, words), strict=True))
+    except ValueError:
+        raise InputError(
+            f"needle: got {text!r}; allowed: a size or ARC_DEG,RADIUS_MM,WIRE_MM,TAPER_MM"
+        ) from None
+    return read_needle(Table(values, "needle"))
 
 
 def _read_dimensions(row: Table) -> Needle:

@@ -81,7 +81,7 @@ def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
 
 
 def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
-    """Return a prop: a needle, tissue, shapes in the rig's own file, or bodies in a file of its own."""
+    """Return a prop: needle, tissue, shapes in the rig's file, or bodies in a file of its own."""
     name, at = row.text("name"), read_pose(row)
     kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue"))
     needle = read_needle(row) if kind == "needle" else None

@@ -129,7 +129,8 @@ def nearest_solution(
     fit = fit_chain(mechanism, structure)
     if fit.chain.nearest is not None and fit.deviation <= EXACT and platform_angle is None:
         ends = _ends(mechanism, structure)
-        found = fit.chain.nearest(ends.before @ T @ ends.after, ends.limits, seed.tolist())
+        in_chain = ends.before.dot(T).dot(ends.after)
+        found = fit.chain.nearest(in_chain, ends.limits, seed.tolist())
         if found is not None:
             return np.array(found)
     return inverse_kinematics(mechanism, structure, T, seed, platform_angle=platform_angle)[0]

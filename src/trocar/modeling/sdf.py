@@ -294,8 +294,8 @@ def add_gearbox(parent: Any, model: LinkModel, joint: LinkJoint, on: str) -> Non
 def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
     """Append the joint that closes a loop: a hinge, or a ball where the hinges are skew.
 
-    Four skew hinges could not turn; with a ball and the pin that slides (`descriptions.frames`) they
-    turn as the kinematics say.
+    Four skew hinges could not turn; with a ball and the pin that slides (`descriptions.frames`)
+    they turn as the kinematics say.
     """
     kind = "revolute" if _flat(model, loop) else "ball"
     made = _start(parent, loop.name, kind, loop.link_a, loop.link_b)

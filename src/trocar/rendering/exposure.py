@@ -16,9 +16,9 @@ from trocar.rendering.frames import Picture
 
 #: Median brightness that is aimed at, as a share of white. Source: chosen by eye.
 TARGET = 0.38
-#: ... and at most this share of the brightness in endless light, in the surgical style: dark tissue
-#: stays dark, and light keeps modelling it. Source: chosen by eye.
-SHARE = 0.8
+#: In the surgical style: as a share of white, and at most as a share of the brightness in endless
+#: light, so that dark tissue stays dark and shaded. Source: chosen by eye.
+SURGICAL_TARGET, SHARE = 0.48, 0.8
 #: A series measures that brightness anew so often [s]. Source: our own choice.
 AIMED_S = 0.25
 #: Fewest and most stops. Source: chosen by eye: beyond, light is all from the curve's flat end.
@@ -56,7 +56,7 @@ def aim_at(endless: Picture) -> float:
     """
     shown = luma(endless)
     seen = shown[shown > 0.0]
-    return min(TARGET, SHARE * float(np.median(seen))) if len(seen) else TARGET
+    return min(SURGICAL_TARGET, SHARE * float(np.median(seen))) if len(seen) else TARGET
 
 
 def stops_of(plain: Picture, endless: Picture, aim: float = TARGET) -> float:

@@ -154,7 +154,7 @@ _SCOPE = """
 #else
     vec3 there = in_light.xyz / in_light.w;
 #endif
-#ifdef SOFT
+#ifdef SURGICAL
     lit = 0.333333 * (textureLod(shade, there + vec3(-0.7, -0.3, 0.0) * blur, 0.0)
         + textureLod(shade, there + vec3(0.6, -0.5, 0.0) * blur, 0.0)
         + textureLod(shade, there + vec3(0.1, 0.8, 0.0) * blur, 0.0));
@@ -226,9 +226,6 @@ uniform sampler2DShadow shade;
 uniform float blur;
 layout(binding = 8) uniform sampler2D structure;
 layout(binding = 9) uniform sampler2D mirror;
-#ifndef METAL
-#define SOFT
-#endif
 #endif
 #ifdef TISSUE
 in vec2 spot;
@@ -265,7 +262,7 @@ void main() {
 #ifdef METAL
     vec3 r = reflect(at * inversesqrt(dot(at, at)), facet * inversesqrt(n2));
     float sphere = 0.5 * inversesqrt(2.0 * (1.001 - r.z));
-    c = 0.5 * c + 0.75 * bright * textureLod(mirror, r.xy * sphere + 0.5, 0.0).rgb;
+    c = 0.55 * c + 0.72 * bright * textureLod(mirror, r.xy * sphere + 0.5, 0.0).rgb;
 #endif
 #ifdef TISSUE
     glint *= 0.2 + 3.2 * skin.w;

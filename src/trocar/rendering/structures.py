@@ -59,7 +59,7 @@ def tissue(blood: float) -> Texture:
     moist = np.clip(0.35 + 0.33 * noise(rng, 3, 24, 1.0), 0.0, 1.0)
     if blood > 0.0:
         pool = noise(rng, 1, 12, 1.3)
-        share = np.clip(4.0 * (pool - np.quantile(pool, 1.0 - blood)), 0.0, 1.0)
+        share = np.clip(2.5 * (pool - np.quantile(pool, 1.0 - blood)), 0.0, 1.0)
         height, light = height * (1.0 - 0.7 * share), light * (1.0 - share) + 0.05 * share
         moist = np.maximum(moist, 0.8 * share)
     rise = [0.5 * (np.roll(height, -1, axis) - np.roll(height, 1, axis)) for axis in (1, 0)]
@@ -103,12 +103,12 @@ def mirrored() -> Texture:
     y, x = np.meshgrid(*2 * (np.linspace(-1.0, 1.0, MIRROR),), indexing="ij")
     r = np.hypot(x, y)
     tissue_ = (
-        np.array([0.62, 0.36, 0.33]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
+        np.array([0.67, 0.56, 0.53]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
     )
     away = np.clip((r - 0.25) / 0.4, 0.0, 1.0)[..., None]
     found = np.array([0.10, 0.10, 0.11]) * (1.0 - away) + tissue_ * away
     rough = noise(np.random.default_rng(3), 2, 9, 1.0)[:: TEXELS // MIRROR, :: TEXELS // MIRROR]
-    found *= (1.0 + 0.28 * rough * away[..., 0])[..., None]
+    found *= (1.0 + 0.16 * rough * away[..., 0])[..., None]
     found += np.exp(-((x / 0.17) ** 2 + ((y + 0.12) / 0.12) ** 2))[..., None]
     return _bytes(np.concatenate([found, np.ones((MIRROR, MIRROR, 1))], axis=-1))
 

@@ -572,6 +572,25 @@ class Arm:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self.motors.compensate_gravity(bool(on))
 
+    @property
+    def computed_torque(self) -> bool:
+        """Whether joints in mode "position" have computed torque."""
+        return self.motors.torque_computed
+
+    @command
+    def use_computed_torque(self, on: bool) -> None:
+        """Switch computed torque: the model's inverse dynamics beside the servos' P and D.
+
+        Joints in mode "position" then follow their set-points without the errors that weight,
+        inertia, friction and the other joints' motion cause; a physics step takes longer.
+
+        Raises:
+            InputError: the arm is welded into the model
+        """
+        if self.motors.welded:
+            raise InputError(f"{self.name}: is welded into the model")
+        self.motors.compute_torque(bool(on))
+
     # ------------------------------------------------------------------ moves
 
     @property

@@ -265,16 +265,16 @@ class JointControl:
 
     def servo(self, q: ArrayLike, v: ArrayLike | None, part: slice, verb: str) -> bool:
         """Set positions (and velocities) of some joints now; return whether it was accepted."""
-        legs, drift = self.moves.legs, self.moves.drift
-        if (
-            not legs
-            and drift is None
+        m, moves = self.motors, self.moves
+        if (  # joints that simply follow their servos, in few calls
+            not (moves.legs or moves.drift or self.switched or self.restored)
+            and not (m.brakes or m.welded or np.count_nonzero(m.modes[part]))
+            and self.states.ready
             and _fits(q, self._range[part])
             and (v is None or _fits(v, self._speeds[part]))
-            and self.plain(part)
         ):
-            self.motors.position[part] = q
-            self.motors.velocity[part] = 0.0 if v is None else v
+            m.position[part] = q
+            m.velocity[part] = 0.0 if v is None else v
             return True
         names = self.joint_names[part]
         target = self.rejections.vector(q, names, verb, "positions")
@@ -447,15 +447,6 @@ class JointControl:
         if why:
             self.rejections.warn(f"{verb} {why}", f"{verb}: {why}")
         return not why
-
-    def plain(self, part: slice) -> bool:
-        """Return whether joints simply follow their servos: ready, no brake, no other mode."""
-        m = self.motors
-        return (
-            self.states.ready
-            and not (self.switched or self.restored or m.brakes or m.welded)
-            and not np.count_nonzero(m.modes[part])
-        )
 
     def report(self, event: str, **values: object) -> None:
         """Enter an event of this arm into the journal."""

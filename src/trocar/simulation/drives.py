@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import cos, sin
 from types import SimpleNamespace
 
 import mujoco
 import numpy as np
-from numpy.polynomial import chebyshev
+from numpy.polynomial import Polynomial, chebyshev
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
@@ -19,6 +21,8 @@ Array = NDArray[np.float64]
 #: Springs are renewed this often. Source: our own choice; a PSM at 0.5 rad/s travels by the limit
 #: of its first stop elements in this time, and twice as often costs 10 % of its speed. [s]
 PERIOD_S = 0.01
+#: Fields of a model that springs are written into.
+SPRING_FIELDS = ("jnt_stiffness", "qpos_spring", "tendon_stiffness", "tendon_lengthspring")
 #: A spring's stiffness where nothing yields [N m/rad or N/m]. Source: our own choice; a constant
 #: force is then a spring that begins far away, and changes by 1e-8 N m in 10 ms at 1 rad/s.
 LEAST = 1e-6
@@ -60,7 +64,7 @@ class Drives:
         self.every = max(1, round(PERIOD_S / float(model.opt.timestep)))
         alone = [n for n, (_, d) in zip(self._names, found, strict=True) if len(d.hinges) == 1]
         hinges = [model.joint(name).id for name in alone]
-        self._hinges, self._at = np.array(hinges, np.intp), model.jnt_qposadr[hinges]
+        self._hinges, self._places = np.array(hinges, np.intp), model.jnt_qposadr[hinges]
         self._tendons = np.array(
             [model.tendon(name).id for name in self._names[len(alone) :]], np.intp
         )
@@ -77,13 +81,14 @@ class Drives:
         ]
         self._owner = np.array([d for d, *_ in stops], np.intp)
         self._limit = np.array([limit for *_, limit in stops])
+        self._opposite, self._stops = -self._limit, np.array([k for _, _, k, _ in stops])
         self._waves = [
             (d, scale, *train.terms["harmonic"])
             for d, scale, train in trains
             if "harmonic" in train.terms
         ]
         self._cables = [
-            (d, scale, train.cable_range, np.array([0.0, *train.terms["cable"]]))
+            (d, scale, train.cable_range, *_polynomials(train.terms["cable"]))
             for d, scale, train in trains
             if "cable" in train.terms
         ]
@@ -91,19 +96,24 @@ class Drives:
         most, count = len(stops), len(found)
         scales = np.array([scale for _, scale, *_ in stops])
         self._where = np.concatenate([scales[:, None] * rows[self._owner], rows])
-        self._offset, self._stiffness = np.zeros(count), np.zeros(count)
+        offset, stiffness = np.zeros(count), np.zeros(count)
         for d, scale, train in trains:
-            self._offset[d] += scale * train.one("offset")
-            self._stiffness[d] += scale**2 * train.one("stiffness")
+            offset[d] += scale * train.one("offset")
+            stiffness[d] += scale**2 * train.one("stiffness")
         slopes, forces = np.zeros((2, count, 2 * most + count + 1))
         for i, (d, scale, k, _) in enumerate(stops):
             slopes[d, most + i], forces[d, i] = scale**2 * k, scale * k
-        slopes[:, -1], forces[:, -1] = self._stiffness, self._offset
-        forces[:, 2 * most : -1] = np.diag(self._stiffness)
+        slopes[:, -1], forces[:, -1] = stiffness + LEAST, offset
+        forces[:, 2 * most : -1] = np.diag(stiffness)
         self._gain = np.concatenate([slopes, forces])
-        self._by = np.ones(2 * most + count + 1)
-        self._size, self._sticks = np.zeros(most), np.zeros(most, np.bool_)
+        self._constant, self._elastic = offset @ self._along, (self._along.T * stiffness) @ rows
+        # What `renew` computes with, and views of its parts: each call of numpy costs.
+        self._at, self._by = np.zeros(most + count), np.ones(2 * most + count + 1)
+        self._elements, self._x = self._at[:most], self._at[most:]
+        self._z, self._sticks = self._by[:most], self._by[most : 2 * most]
+        self._lengths, self._moved = self._by[2 * most : -1], np.zeros(most)
         self._found = np.zeros(2 * count)
+        self._slope, self._force = self._found[:count], self._found[count:]
 
     def rest(self) -> tuple[Array, Array]:
         """Return anchors (S,) and springs (2, D) to begin with, as `renew` takes them."""
@@ -124,37 +134,45 @@ class Drives:
             anchor: coordinates at which the elements are unloaded, (S,); overwritten
             springs: stiffness and rest position of every drive's spring, (2, D); overwritten
         """
-        most, limit, by = len(anchor), self._limit, self._by
-        at = self._where.dot(qpos)
-        z, elements, x = by[:most], at[:most], at[most:]
-        np.subtract(elements, anchor, out=z)
-        np.minimum(z, limit, out=z)
-        np.maximum(z, -limit, out=z)
-        np.subtract(elements, z, out=anchor)
-        np.abs(z, out=self._size)
-        np.less(self._size, limit, out=self._sticks)
-        by[most : 2 * most], by[2 * most : -1] = self._sticks, x
-        found = np.dot(self._gain, by, out=self._found)
-        slope, force = found[: len(x)], found[len(x) :]
-        self._add_curves(x, slope, force)
-        np.maximum(slope, LEAST, out=springs[0])
-        np.divide(force, springs[0], out=force)
-        np.subtract(x, force, out=springs[1])
+        z, moved, slope = self._z, self._moved, self._slope
+        np.dot(self._where, qpos, out=self._at)
+        np.subtract(self._elements, anchor, out=moved)
+        np.minimum(moved, self._limit, out=z)
+        np.maximum(z, self._opposite, out=z)
+        np.equal(moved, z, out=self._sticks)
+        np.subtract(self._elements, z, out=anchor)
+        self._lengths[:] = self._x
+        np.dot(self._gain, self._by, out=self._found)
+        if self._waves or self._cables:
+            self._add_curves(self._x, slope, self._force)
+            np.maximum(slope, LEAST, out=slope)
+        springs[0] = slope
+        np.divide(self._force, slope, out=slope)
+        np.subtract(self._x, slope, out=springs[1])
 
-    def write(self, model: mujoco.MjModel | SimpleNamespace, springs: Array) -> None:
-        """Write the springs into a model, or its fields of that name."""
-        count = len(self._hinges)
-        model.jnt_stiffness[self._hinges], model.qpos_spring[self._at] = springs[:, :count]
-        if count < springs.shape[1]:
-            model.tendon_stiffness[self._tendons] = springs[0, count:]
-            model.tendon_lengthspring[self._tendons] = springs[1, count:, None]
+    def write(self, fields: SimpleNamespace, springs: Array) -> None:
+        """Write the springs into the fields of a model."""
+        count, (stiffness, rest) = len(self._hinges), springs
+        fields.jnt_stiffness[self._hinges] = stiffness[:count]
+        fields.qpos_spring[self._places] = rest[:count]
+        if count < len(stiffness):
+            fields.tendon_stiffness[self._tendons] = stiffness[count:]
+            fields.tendon_lengthspring[self._tendons] = rest[count:, None]
 
     def holding(self, qpos: Array) -> Array:
         """Return the efforts that hold what is no friction: springs, cables and biases, (J,)."""
-        x = self.coordinates.dot(qpos)
-        force = self._offset + self._stiffness * x
-        self._add_curves(x, np.zeros(len(x)), force)
-        return force.dot(self._along)
+        held = self._elastic.dot(qpos)
+        held += self._constant
+        if self._waves or self._cables:
+            force = np.zeros(len(self._along))
+            self._add_curves(self.coordinates.dot(qpos), force.copy(), force)
+            held += force.dot(self._along)
+        return held
+
+    def stored(self, qpos: Array, anchor: Array) -> float:
+        """Return the energy that the stop elements store [J]."""
+        z = self._where[: len(anchor)] @ qpos - anchor
+        return float(0.5 * self._stops @ np.clip(z, self._opposite, self._limit) ** 2)
 
     def carried_over(self, old: Drives, anchor: Array) -> Array:
         """Return anchors from those of another model, by the drives' names, (S,)."""
@@ -169,15 +187,33 @@ class Drives:
     def _add_curves(self, x: Array, slope: Array, force: Array) -> None:
         """Add harmonic springs and cables to slopes and forces, (D,) each."""
         for d, scale, a, b in self._waves:
-            sine, cosine = np.sin(scale * x[d]), np.cos(scale * x[d])
+            angle = scale * float(x[d])
+            sine, cosine = sin(angle), cos(angle)
             force[d] += scale * (a * sine + b * cosine)
             slope[d] += scale**2 * (a * cosine - b * sine)
-        for d, scale, (lower, upper), terms in self._cables:
-            u = 2.0 * (scale * x[d] - lower) / (upper - lower) - 1.0
-            force[d] += scale * chebyshev.chebval(min(max(u, -1.0), 1.0), terms)
+        for d, scale, (lower, upper), terms, steep in self._cables:
+            u = 2.0 * (scale * float(x[d]) - lower) / (upper - lower) - 1.0
+            force[d] += scale * _horner(terms, min(max(u, -1.0), 1.0))
             if -1.0 < u < 1.0:
-                steep = chebyshev.chebval(u, chebyshev.chebder(terms))
-                slope[d] += scale**2 * 2.0 / (upper - lower) * steep
+                slope[d] += scale**2 * 2.0 / (upper - lower) * _horner(steep, u)
+
+
+def _polynomials(terms: Sequence[float]) -> tuple[list[float], list[float]]:
+    """Return powers, highest first, of Chebyshev terms from the first on, and of their slope."""
+    powers = Polynomial(chebyshev.cheb2poly([0.0, *terms]))
+    return powers.coef[::-1].tolist(), powers.deriv().coef[::-1].tolist()
+
+
+def _horner(powers: Sequence[float], u: float) -> float:
+    total = 0.0
+    for coefficient in powers:
+        total = total * u + coefficient
+    return total
+
+
+def spring_fields(model: mujoco.MjModel) -> SimpleNamespace:
+    """Return views of the fields that springs are written into; each costs the model 0.5 us."""
+    return SimpleNamespace(**{name: getattr(model, name) for name in SPRING_FIELDS})
 
 
 def drives_of(

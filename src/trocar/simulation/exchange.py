@@ -34,8 +34,10 @@ CARRIED = (
     "locked",
     "powered",
     "balanced",
+    "computed",
     "commanded",
     "holding",
+    "before",
 )
 WIDTHS = {
     int(mujoco.mjtJoint.mjJNT_FREE): (7, 6),
@@ -71,6 +73,7 @@ def keep_settings(old: Motors, new: Motors) -> None:
         here, there = new.arm.mechanism.joint_index[joint], before[joint]
         new.gains[here], new.modes[here] = old.gains[there], old.modes[there]
     new.compensate_gravity(old.gravity_compensated)
+    new.compute_torque(old.torque_computed)
     if old.powered != new.powered:
         new.switch(old.powered)
 

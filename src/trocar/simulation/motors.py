@@ -109,6 +109,11 @@ class Motors:
         """Whether the motors carry the links' weight."""
         return bool(np.count_nonzero(self._servos.balanced[self.index.rows]))  # any() takes 1 us
 
+    @property
+    def torque_computed(self) -> bool:
+        """Whether the servos get computed torque."""
+        return bool(self._servos.computed[self.index.rows].any())
+
     def labels(self) -> tuple[tuple[Mode, ...], tuple[bool, ...]]:
         """Return the modes of all joints by name, and which brakes are locked."""
         if self._labelled != self._servos.revision:
@@ -192,6 +197,13 @@ class Motors:
     def compensate_gravity(self, on: bool) -> None:
         """Switch gravity compensation; setup joints are counterbalanced and always have it."""
         self._servos.balanced[self.index.rows] = ~self.fingers & (on or self.brakes)
+        self._servos.write_efforts()
+
+    def compute_torque(self, on: bool) -> None:
+        """Switch computed torque of all joints that have a motor."""
+        rows = self.index.rows
+        self._servos.computed[rows] = ~self.fingers & on
+        self._servos.before[rows] = self._servos.setpoint[rows, 1]
         self._servos.write_efforts()
 
     def apply(self) -> None:

@@ -244,7 +244,7 @@ def checked_pose(name: str, T: ArrayLike) -> Array:
         raise InputError(f"{name}: got the pose {T!r}; allowed: (4, 4) finite numbers") from problem
     if at.shape != (4, 4):
         raise InputError(f"{name}: got a pose of shape {at.shape}; allowed: (4, 4)")
-    if np.abs(at[:3, 3]).max() > FARTHEST_M:
+    if max(map(abs, at[:3, 3].tolist())) > FARTHEST_M:
         raise InputError(
             f"{name}: got a pose at {at[:3, 3].tolist()} m; allowed: up to {FARTHEST_M:g} m away"
         )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.modeling.joints import INPUTS, JointTable
+from trocar.simulation.computed_torque import ComputedTorque
 from trocar.simulation.reading_errors import ReadingErrors
 
 Array = NDArray[np.float64]
@@ -23,7 +24,7 @@ HOLDING_DAMPING = 1e18
 #: What determines gains, brakes and limits in the model.
 WRITTEN = ("modes", "gains", "limit", "locked", "powered")
 #: What servos keep beside the physics state.
-SAVED = (*WRITTEN, "balanced", "commanded", "holding")
+SAVED = (*WRITTEN, "balanced", "computed", "commanded", "holding", "before")
 #: The part of the physics state that joints are read from, in this order.
 READ_STATE = int(
     mujoco.mjtState.mjSTATE_QPOS
@@ -87,8 +88,10 @@ class Servos:
         limit: largest efforts, (J,) [N m or N]
         locked, powered: brakes that hold; motors that have power, (J,) bool
         balanced: servos that get gravity compensation, (J,) bool
+        computed: servos that get computed torque, which carries the weight as well, (J,) bool
         commanded: efforts of joints under open-loop control, (J,) [N m or N]
         holding: efforts that hold every motor's load, computed last, (J,) [N m or N]
+        before: velocities of the set-points at the last physics step with computed torque, (J,)
         revision: counts the changes of modes, gains, brakes and limits
     """
 
@@ -108,7 +111,9 @@ class Servos:
         self.gains, self.limit = table.gains.copy(), table.effort_max.copy()
         self.locked, self.powered = table.braked.copy(), np.ones(count, np.bool_)
         self.balanced = ~table.fingers & (table.compensated | table.braked)
-        self.commanded, self.holding = np.zeros(count), np.zeros(count)
+        self.commanded, self.holding, self.before = np.zeros((3, count))
+        self.computed = np.zeros(count, np.bool_)
+        self._computed_torque: ComputedTorque | None = None
         self.revision = 0
         self._turned = np.zeros((count, model.nv), np.bool_)
         self._braked: list[tuple[slice, int]] = []
@@ -210,6 +215,19 @@ class Servos:
         """Write commanded and balancing efforts into the servos."""
         np.add(self.commanded, self.balanced * self.holding, out=self._feed)
 
+    def compute_torque(self) -> None:
+        """Write the efforts of computed torque into the servos that have it, for one step."""
+        if self._computed_torque is None:
+            self._computed_torque = ComputedTorque(self.table, self._model)
+        ctrl, data = self._data.ctrl.reshape(self.setpoint.shape), self._data
+        acceleration = (self.setpoint[:, 1] - self.before) / float(self._model.opt.timestep)
+        self.before[:] = self.setpoint[:, 1]
+        efforts = self._computed_torque.efforts(
+            (data.qpos, data.qvel), ctrl, self.effective[0], acceleration
+        )
+        which = self.computed & self.servoed
+        self._feed[which] = ctrl[which, 2] = efforts[which]
+
     def apply(self) -> None:
         """Write modes, gains, brakes and limits into the model, where they changed."""
         now = tuple(getattr(self, name).tobytes() for name in WRITTEN)
@@ -239,7 +257,8 @@ class Servos:
         self.gains[:], self.limit[:] = table.gains, table.effort_max
         self.locked[:], self.powered[:] = table.braked, True
         self.balanced[:] = ~table.fingers & (table.compensated | table.braked)
-        self.commanded[:] = self.holding[:] = 0.0
+        self.computed[:] = False
+        self.commanded[:] = self.holding[:] = self.before[:] = 0.0
 
     def save(self) -> dict[str, Array]:
         """Return copies of everything that is set, by name."""

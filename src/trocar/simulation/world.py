@@ -25,7 +25,7 @@ from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
-from trocar.simulation.drives import drives_of
+from trocar.simulation.drives import drives_of, spring_fields
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
 from trocar.simulation.grasps import Grasp, Grasps, GraspState
@@ -54,6 +54,7 @@ from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
+from trocar.simulation.tissue_drawings import TissueDrawings
 from trocar.simulation.tissues import SoftTissue, TissueState
 
 Array = NDArray[np.float64]
@@ -79,6 +80,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
+    "dynamics": ("cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
@@ -143,6 +145,9 @@ class World:
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
+        dynamics: of arms whose overlays have none: "cad", masses and friction of the descriptions,
+            or "identified", from recordings of real arms where there are any for the kind of arm
+            (with the friction "identified" only)
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
 
@@ -165,6 +170,7 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
+        dynamics: Literal["cad", "identified"] = "cad",
         errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
@@ -178,7 +184,8 @@ class World:
             choices |= _choices(model)
         else:
             nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-            described = calibrated_rig(nominal, calibration)
+            measured = dynamics == friction == "identified"
+            described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
         #: What the world was built with, the rig apart; a recording takes these along.
         self.arguments = choices
@@ -229,6 +236,10 @@ class World:
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
+        for name, tissue in self.tissues.items():
+            drawn = TissueDrawings(tissue, self.rig)
+            for part in (drawn.skin, drawn.wound, drawn.thread):
+                self.draw(f"{name}_{part.__name__}", part)
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -429,7 +440,7 @@ class World:
             self.servos.errors.begin()
         if self.drives is not None:
             self.drives.begin(self._data.qpos, self._anchor, self._springs)
-            self.drives.write(self._model, self._springs)
+            self.drives.write(self._fields, self._springs)
         mujoco.mj_forward(self._model, self._data)
         self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
         if self.drives is not None:
@@ -497,7 +508,7 @@ class World:
             self.frames.register(self.servos.errors.registration)
         if self.drives is not None and state.drives is not None:
             self._anchor[:], self._springs[:] = state.drives
-            self.drives.write(self._model, self._springs)
+            self.drives.write(self._fields, self._springs)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
@@ -550,7 +561,7 @@ class World:
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
         if self.drives is not None:
             self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
-            self.drives.write(self._model, self._springs)
+            self.drives.write(self._fields, self._springs)
         self._balance()
 
     @command
@@ -613,7 +624,7 @@ class World:
         if self.drives is not None and trains[0] is not None:
             self._anchor[:] = self.drives.carried_over(trains[0], trains[1])
             self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
-            self.drives.write(self._model, self._springs)
+            self.drives.write(self._fields, self._springs)
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -804,6 +815,7 @@ class World:
         self._model = copy.copy(model.mj)  # gains, brakes and limits are written into this one
         self._data = mujoco.MjData(self._model)
         self._bad = self._data.warning.number
+        self._alarms = memoryview(self._bad)  # read after every step, in half the time
         self.joints = model.joints
         physics = self.joints, self._model, self._data
         errors = self.errors and ReadingErrors(self.rig, *physics, self.errors)
@@ -814,6 +826,7 @@ class World:
         #: Drivetrains of identified dynamics, None without; where they are, their stop elements.
         self.drives = drives_of(self.rig, self.joints, self._model, self.options.friction)
         self._anchor, self._springs = self.drives.rest() if self.drives else np.zeros((2, 0))
+        self._fields = spring_fields(self._model)
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         #: Coordinates of each pose that a reset has put the arms at; closing loops takes time.
         self._placed: dict[str, Array] = {}
@@ -839,6 +852,7 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
             tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
@@ -847,13 +861,14 @@ class World:
         """Step the physics and call observers; stop when the state is no longer finite."""
         self._scripts.check_outside("step")
         model, data, journal, scripts = self._model, self._data, self.journal, self._scripts
-        left, bad, stride = count, self._bad, self._stride
+        left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
+        computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
-        looks = self._grasps.every if self._grasps else 0
+        looks, renewal = self._looks, self._renewal
         while left > 0:
-            since = journal.period % self._renewal
+            since = journal.period % renewal
             if since == 0:
                 if self._load.size > 0.0:
                     self._load.apply()
@@ -862,7 +877,7 @@ class World:
                     self._supervise()
             if errors is not None:
                 errors.command()
-            run = min(left, self._renewal - since)
+            run = left if left < renewal - since else renewal - since
             if looks:
                 run = min(run, looks - journal.period % looks)
             left -= run
@@ -871,6 +886,9 @@ class World:
                 count = run if run < stride else stride
                 if fine:
                     count = min(count, fine - journal.period % fine)
+                if computed:
+                    self.servos.compute_torque()
+                    count = 1
                 if scripts.running:
                     scripts.call(self)
                 for tissue in tissues:
@@ -884,7 +902,7 @@ class World:
                 run -= count
                 if drives is not None and journal.period % drives.every == 0:
                     drives.renew(data.qpos, self._anchor, self._springs)
-                    drives.write(model, self._springs)
+                    drives.write(self._fields, self._springs)
                 if errors is not None and journal.period % errors.every == 0:
                     errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:

@@ -15,7 +15,7 @@ from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
-from trocar.simulation.drives import drives_of
+from trocar.simulation.drives import drives_of, spring_fields
 
 
 def motion_of(arm: ArmDescription, rng: np.random.Generator, count: int = 20) -> JointMotion:
@@ -102,7 +102,7 @@ def test_the_simulation_has_every_force_of_the_identified_model(
         data.qvel[:] = joints.couple @ motion.qd[k]
         data.qacc[:] = joints.couple @ motion.qdd[k]
         drives.renew(data.qpos, anchor, springs)
-        drives.write(mj, springs)
+        drives.write(spring_fields(mj), springs)
         mujoco.mj_fwdPosition(mj, data)
         mujoco.mj_fwdVelocity(mj, data)
         force = np.zeros(mj.nv)

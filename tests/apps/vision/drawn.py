@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.cameras.lens import project
@@ -68,7 +68,7 @@ def drawn(
             high = np.ceil(pixels.max(axis=0)).astype(int) + 12
             part = np.s_[max(low[1], 0) : high[1], max(low[0], 0) : high[0]]
             at = np.stack([u[part], v[part]], axis=-1)
-            off, nearest = cKDTree(pixels[shown]).query(at)
+            off, nearest = KDTree(pixels[shown]).query(at)
             cover = np.clip(0.5 + half[shown][nearest] - off, 0.0, 1.0)[..., None]
             image[part] += cover * (STEEL - image[part])
         image += 255.0 * noise * rng.standard_normal(image.shape)

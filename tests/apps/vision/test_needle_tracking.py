@@ -88,7 +88,8 @@ def test_it_follows_a_tool_and_survives_a_second_without_sight(eyes: StereoCalib
     hand_eye = transform(matrix_from_rotation_vector([0.01, -0.01, 0.01]), [6e-4, 6e-4, -6e-4])
     first = moved(start, np.array([6e-4, -5e-4, 7e-4, 0.04, -0.05, 0.04]))
     tracker.start(-1.0, first, np.diag([1e-6] * 3 + [0.01] * 3))
-    sigmas = []
+    sigmas: list[float] = []
+    found = tracker.estimate
     for k in range(30):
         shift = transform(np.eye(3), 0.02 * k / 30.0 * np.array([0.5, 0.2, 0.3]))
         turn = transform(matrix_from_rotation_vector([0.0, 0.3 * k / 30.0, 0.0]), np.zeros(3))
@@ -108,6 +109,7 @@ def test_it_follows_a_tool_and_survives_a_second_without_sight(eyes: StereoCalib
 
 def test_half_an_arc_is_enough_to_follow(eyes: StereoCalibration) -> None:
     rng, truth, tracker = np.random.default_rng(4), before_the_eyes(), NeedleTracker(eyes, NEEDLE)
+    found = tracker.estimate
     tracker.start(-1.0, truth, np.diag([1e-7] * 3 + [0.003] * 3))
     for k in range(6):
         found = tracker.update(k / 30.0, *drawn(eyes, truth, rng, hidden=(0.0, 0.5)))

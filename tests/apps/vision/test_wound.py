@@ -50,7 +50,7 @@ def images(calibration: StereoCalibration, gap: float, noise: float = 0.03) -> l
 def test_both_edges_are_found_to_a_fraction_of_a_pixel_and_as_well_as_the_covariance_says() -> None:
     eyes = small_eyes()
     guess = np.array([[-0.012, 0.001, 0.0], [0.012, 0.001, 0.0]])
-    wound = find_wound(eyes, *images(eyes, HALF), guess, T_world_left=np.linalg.inv(PLANE))
+    wound = find_wound(eyes, *images(eyes, HALF), guess=guess, T_world_left=np.linalg.inv(PLANE))
     for edge in wound.edges:
         x, y, z = edge.points.T
         across = y - middle(x)
@@ -67,8 +67,8 @@ def test_what_is_no_wound_is_named() -> None:
     whole = images(eyes, -1.0)
     guess = np.array([[-0.012, 0.001, 0.0], [0.012, 0.001, 0.0]])
     with pytest.raises(InputError, match="of 24 profiles show both edges; allowed: 7 or more"):
-        find_wound(eyes, *whole, guess, T_world_left=np.linalg.inv(PLANE))
+        find_wound(eyes, *whole, guess=guess, T_world_left=np.linalg.inv(PLANE))
     with pytest.raises(InputError, match="lies behind the eyes"):
-        find_wound(eyes, *whole, guess)
+        find_wound(eyes, *whole, guess=guess)
     with pytest.raises(InputError, match=r"guess: got \(1, 3\)"):
-        find_wound(eyes, *whole, guess[:1])
+        find_wound(eyes, *whole, guess=guess[:1])

@@ -22,6 +22,14 @@ Array = NDArray[np.float64]
 LARGE_STOPS = (0.005, 0.02, 0.1)
 SLIDE_STOPS = (0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.03)
 SMALL_STOPS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+#: Travel after which the first stop element of an instrument's wrist slips, which is its Coulomb
+#: friction. Source: our own choice; held-out errors are those with a Coulomb term, which costs the
+#: simulation 2 % of a physics step for each coordinate; with 2 mrad the simulated wrist, whose
+#: friction is renewed every 10 ms, swings on at 50 Hz. [rad]
+FIRST_STOP = 0.005
+#: Stop elements with less than this ratio of a drivetrain's dry friction have none. Source: our own
+#: choice; the solver leaves 1e-7 of those that it takes to 0.
+IDLE = 1e-5
 #: Terms that a cable's polynomial has. Source: identified on a recording of an MTM.
 CABLE_TERMS = 5
 
@@ -88,16 +96,25 @@ def labels(train: Drivetrain) -> list[tuple[str, int]]:
 
 
 def with_coefficients(train: Drivetrain, values: Array, sigma: Array) -> Drivetrain:
-    """Return a drivetrain with other coefficients and their standard deviations, (p,) each."""
+    """Return a drivetrain with other coefficients and their standard deviations, (p,) each.
+
+    Stop elements without force are left out.
+    """
     terms: dict[str, list[float]] = {}
     spread: dict[str, list[float]] = {}
     for (term, _), value, one in zip(labels(train), values, sigma, strict=True):
         terms.setdefault(term, []).append(float(value))
         spread.setdefault(term, []).append(float(one))
+    forces = np.array(terms.get("stops", [])) * np.array(train.stop_limits)
+    kept = [k for k, force in enumerate(forces) if force > IDLE * forces.sum()]
+    for one in (terms, spread):
+        if "stops" in one:
+            one["stops"] = [one["stops"][k] for k in kept]
     return replace(
         train,
         terms={term: tuple(v) for term, v in terms.items()},
         sigma={term: tuple(v) for term, v in spread.items()},
+        stop_limits=tuple(train.stop_limits[k] for k in kept),
     )
 
 
@@ -136,7 +153,8 @@ def structure(arm: ArmDescription) -> dict[str, Drivetrain]:
 
     A PSM: its first three joints, the roll, and of the instrument's wrist the motors, the pitch and
     both fingers with the jaw between them. An MTM: its joints, the crank of the elbow, the motor of
-    the wrist platform with its cable, and the wrist's spring. Another arm: its joints.
+    the wrist platform, cables of the platform and the wrist's pitch, and the wrist's spring.
+    Another arm: its joints.
     Source: what explains the recordings (docs/dynamics.md).
     """
     if (
@@ -167,7 +185,7 @@ def _psm(arm: ArmDescription) -> dict[str, Drivetrain]:
     which, coupling = actuators_of_recording(arm)
     for k, row in zip(which, np.linalg.inv(coupling.actuator_to_joint), strict=True):
         along = {names[j]: float(w) for j, w in zip(which, row, strict=True) if abs(w) > 1e-12}
-        found[f"motor_{k + 1}"] = _train(along, SMALL_STOPS, rotor=True)
+        found[f"motor_{k + 1}"] = _wrist(along, motor=True)
     pairs = {
         "wrist_pitch": {"wrist_pitch": 1.0},
         "right_finger": {"wrist_yaw": 1.0, "jaw": -0.5},
@@ -175,7 +193,7 @@ def _psm(arm: ArmDescription) -> dict[str, Drivetrain]:
         "jaw": {"jaw": 1.0},
     }
     for name, along in pairs.items():
-        found[name] = _train(along, SMALL_STOPS, offset=False)
+        found[name] = _wrist(along, motor=False)
     return found
 
 
@@ -188,13 +206,10 @@ def _mtm(arm: ArmDescription) -> dict[str, Drivetrain]:
     spring = found[names[4]].terms
     without = {term: value for term, value in spring.items() if term != "offset"}
     found[names[4]] = replace(found[names[4]], terms={**without, "harmonic": (0.0, 0.0)})
-    platform = arm.joints[3]
-    cable = found[names[3]]
-    found[names[3]] = replace(
-        cable,
-        terms={**cable.terms, "cable": (0.0,) * CABLE_TERMS},
-        cable_range=(platform.lower, platform.upper),
-    )
+    for joint in arm.joints[3:5]:
+        cable = {**found[joint.name].terms, "cable": (0.0,) * CABLE_TERMS}
+        span = joint.lower, joint.upper
+        found[joint.name] = replace(found[joint.name], terms=cable, cable_range=span)
     which, coupling = actuators_of_recording(arm)
     inverse = np.linalg.inv(coupling.actuator_to_joint)
     for k, name in ((1, "elbow_bar"), (2, "motor_4")):
@@ -216,6 +231,12 @@ def _train(
     terms = [*(["rotor"] if rotor else []), "coulomb", "viscous", *(["offset"] if offset else [])]
     empty = dict.fromkeys((*terms, *more), (0.0,))
     return Drivetrain(dict(along), {**empty, "stops": (0.0,) * len(limits)}, stop_limits=limits)
+
+
+def _wrist(along: Mapping[str, float], *, motor: bool) -> Drivetrain:
+    """Return a drivetrain whose dry friction is that of stop elements alone."""
+    train = _train(along, (FIRST_STOP, *SMALL_STOPS), rotor=motor, offset=motor)
+    return replace(train, terms={k: v for k, v in train.terms.items() if k != "coulomb"})
 
 
 def _along(arm: ArmDescription, frame: str) -> dict[str, float]:

@@ -22,15 +22,12 @@ from trocar.apps.identification.regression import Weight, loaded, predicted_effo
 from trocar.apps.identification.validation import Score, score
 from trocar.apps.logs import Wrist
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.descriptions.calibrated import DYNAMICS, One, as_overlay
+from trocar.descriptions.calibrated import CAD, DYNAMICS, One, as_overlay
 from trocar.descriptions.overlay_records import Drivetrain, FilterSettings
 from trocar.errors import InputError
 from trocar.outputs import whole_folder
 
 Array = NDArray[np.float64]
-
-#: What selects the dynamics of the description instead of identified ones.
-CAD = "cad"
 
 
 @dataclass(frozen=True)

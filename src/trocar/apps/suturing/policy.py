@@ -1,4 +1,4 @@
-"""How two arms make stitches: motions with force limits, looks at what came of them, and second tries."""
+"""How two arms make stitches: motions with force limits, looks at the results, second tries."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.motions import OPEN, UP, Hand, Motion, together
-from trocar.apps.suturing.planning import END, START, Grip, Plan, Reach, Stitch, needle_on_circle
+from trocar.apps.motions import UP, Hand, Motion, together
+from trocar.apps.suturing.planning import (
+    ABOVE_M,
+    END,
+    LEAST,
+    START,
+    Plan,
+    Reach,
+    Stitch,
+    needle_on_circle,
+)
 from trocar.apps.task import PERIOD_S, Task
 from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
@@ -19,33 +28,38 @@ from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
 
-#: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no effect of
-#: 1 to 10 mm/s on forces. [rad/s]
+#: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no
+#: effect of 1 to 10 mm/s on forces. [rad/s]
 DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(30.0)
 #: Speeds of the pull: slack, and under tension. Source: our own choice. [m/s]
 PULL_M_S, TIGHT_M_S = 0.03, 0.006
-#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013 measured
-#: 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
+#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013
+#: measured 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
 TIGHT_N, SLOW_N = 2.0, 0.5
-#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up, and
-#: towards the arm's own side along it. Source: our own choice; the first closes a wound with the least force.
+#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
+#: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
+#: the least force.
 PULLS = ((0.8, 0.6, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
-#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm thick. [m]
+#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm
+#: thick. [m]
 APART_M = 0.03
 #: The pull ends here though the thread is not tight. Source: our own choice. [m]
 PULL_M = 0.1
-#: A needle that a jaw holds farther out of its plane is put down and picked again. Source: measured: at
-#: 12 deg the arc still stays within the wrist's limits. [rad]
-TILT_RAD = np.radians(12.0)
+#: A needle that a jaw holds farther out of its plane is put down and picked again, and one with
+#: which the arm would not reach the whole arc. Source: our own choice. [deg]
+TILT_DEG = 35.0
 #: Times that anything is tried. Source: our own choice.
 TRIES = 4
+#: Time in which a jaw has closed on a needle. Source: our own choice. [s]
+CLOSE_S = 0.6
 #: Openings of jaws about a needle. Source: our own choice. [rad]
 AROUND, GRIP = 0.6, -0.349
-#: Heights above the needle and above the surface. Source: our own choice. [m]
-ABOVE_M, CLEAR_M = 0.02, 0.006
+#: Height above the surface before a stitch. Source: our own choice. [m]
+CLEAR_M = 0.006
 #: Looks at a needle in the jaws whose mean is taken. Source: our own choice.
 LOOKS = 3
-#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice. [rad]
+#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice.
+#: [rad]
 MISSED_RAD = np.radians(25.0)
 
 
@@ -78,10 +92,18 @@ class Noise:
 class Operation(Protocol):
     """The episode that a policy works in."""
 
-    plan: Plan
     tissue: SoftTissue
     noise: Noise
     noise_rng: np.random.Generator
+
+    @property
+    def plan(self) -> Plan:
+        """Its stitches."""
+        ...
+
+    def make_plan(self) -> Plan:
+        """Plan the stitches, from where wound and needle are seen."""
+        ...
 
     def announce(self, text: str) -> None:
         """Say what happens now."""
@@ -104,7 +126,8 @@ class NeedleHand(Hand):
     @property
     def holds(self) -> bool:
         """Whether its jaw holds the needle."""
-        return self.task.world.grasps()[self.arm].object != ""
+        grasp = self.task.world.grasps()[self.arm]
+        return grasp.object != "" and grasp.load != 0.0  # 0 while it only presses
 
     def follow(self, poses: Iterator[Array]) -> Motion:
         """Bring the tip through poses in the world, one each period.
@@ -157,13 +180,13 @@ class Sewing:
     def __init__(self, task: Task, operation: Operation) -> None:
         self.task, self.op = task, operation
         self.needle = operation.plan.needle
-        names = {one for s in operation.plan.stitches for one in (s.driver, s.taker)}
+        names = [name for name, arm in task.world.arms.items() if arm.type == "PSM"]
         self.hands = {name: NeedleHand(task, name, Reach(task.world, name)) for name in names}
 
     def run(self) -> Iterator[Array]:
         """Yield the actions of all stitches."""
+        held = yield from self._pick()
         stitches = self.op.plan.stitches
-        held = yield from self._pick(stitches[0])
         for number, stitch in enumerate(stitches):
             self.op.announce(f"stitch {number + 1}: approach")
             yield from self._drive(number, stitch, held)
@@ -181,16 +204,20 @@ class Sewing:
 
     # ------------------------------------------------------------------ parts of a stitch
 
-    def _pick(self, stitch: Stitch) -> Iterator[Array]:
-        """Pick the needle up, again if it turned in the jaws; return how it is held."""
-        hand, grip = self.hands[stitch.driver], stitch.grips[0]
-        held = grip.pose(self.needle)
-        start = self._start_joints(stitch, held)
+    def _pick(self) -> Iterator[Array]:
+        """Pick the needle up, again where that fails; return how it is held."""
         for attempt in range(TRIES):
             self.op.announce("pick" if attempt == 0 else f"pick again ({attempt + 1})")
             seen = self._see()
-            if seen[2, 2] * grip.along > -0.9:
-                raise StitchError("the needle does not lie flat, or on its other side")
+            if seen[2, 2] * self.op.plan.stitches[0].grips[0].along > 0.0:
+                self.op.announce("the needle lies on its other side: plan again")
+                self.op.make_plan()
+            stitch = self.op.plan.stitches[0]
+            hand, grip = self.hands[stitch.driver], stitch.grips[0]
+            held = grip.pose(self.needle)
+            start = self._start_joints(stitch, held)
+            if start is None:
+                raise StitchError(f"{hand.arm} does not reach the stitch")
             above, there = _raised(seen @ held, ABOVE_M), seen @ held
             hand.jaw = AROUND
             solutions = hand.reach.all(above)
@@ -203,17 +230,18 @@ class Sewing:
             yield from self._one(hand, hand.line(above))
             if hand.holds:
                 now = self._held(hand)
-                tilt = np.arccos(np.clip(now[2, 2] * grip.along, -1.0, 1.0))
-                if tilt < TILT_RAD:
+                tilt = np.degrees(np.arccos(np.clip(now[2, 2] * grip.along, -1.0, 1.0)))
+                start = self._start_joints(stitch, now) if tilt < TILT_DEG else None
+                if start is not None:
                     yield from self._one(hand, hand.to_joints(start, 1.5))
                     return now
-                self.op.announce(f"needle tilted by {np.degrees(tilt):.0f} deg in the jaws")
+                self.op.announce(f"needle tilted by {tilt:.0f} deg in the jaws: put it down")
                 yield from self._one(hand, hand.line(there))
             else:
                 self.op.announce("missed the needle")
             yield from self._one(hand, hand.open(AROUND))
             yield from self._one(hand, hand.line(above))
-            yield from self._one(hand, hand.wait(0.3))
+            yield from self._one(hand, hand.wait(0.5))
         raise StitchError(f"the needle was not picked in {TRIES} tries")
 
     def _drive(self, number: int, stitch: Stitch, held: Array) -> Iterator[Array]:
@@ -243,9 +271,7 @@ class Sewing:
         way = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         return (yield from self._take(stitch, 1, stitch.driver, way))
 
-    def _take(
-        self, stitch: Stitch, row: int, giver: str, then: list[Array]
-    ) -> Iterator[Array]:
+    def _take(self, stitch: Stitch, row: int, giver: str, then: list[Array]) -> Iterator[Array]:
         """Let an arm take the needle with one of the stitch's grips, the other let go of it.
 
         Args:
@@ -257,8 +283,8 @@ class Sewing:
         taker = (stitch.driver, stitch.taker)[row]
         give, take = self.hands[giver], self.hands[taker]
         grip = stitch.grips[row]
-        goal = self._seen_in(give) @ grip.pose(self.needle)
-        for attempt in range(TRIES):
+        goal = self._pose() @ grip.pose(self.needle)
+        for _ in range(TRIES):
             yield from self._one(take, take.open(AROUND))
             yield from self._approach(take, [goal, *then])
             yield from self._one(take, take.line(goal, 0.03))
@@ -268,7 +294,7 @@ class Sewing:
             self.op.announce(f"{taker} missed the needle")
             yield from self._one(take, take.open(AROUND))
             yield from self._one(take, take.back(ABOVE_M))
-            goal = self._seen_in(give) @ grip.pose(self.needle)
+            goal = self._pose() @ grip.pose(self.needle)
         else:
             raise StitchError(f"{taker} did not take the needle in {TRIES} tries")
         yield from self._one(give, give.open(AROUND))
@@ -299,7 +325,9 @@ class Sewing:
         aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
         axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
         ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
-        reach = start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        reach = (
+            start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        )
         shafts = [
             np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
             for name, arm in world.arms.items()
@@ -322,7 +350,7 @@ class Sewing:
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""
-        take, give = self.hands[stitch.driver], self.hands[stitch.taker]
+        give = self.hands[stitch.taker]
         begin = self.task.target(give.arm) @ inverse(held)
         goal = stitch.needle_pose(self.needle, START + np.radians(4.0))
         goal[2, 3] += 0.018
@@ -353,8 +381,12 @@ class Sewing:
         return together(self.task, **{hand.arm: motion})
 
     def _close(self, hand: NeedleHand) -> Iterator[Array]:
-        yield from self._one(hand, hand.close(GRIP))
-        yield from self._one(hand, hand.wait(0.2))
+        """Close a jaw until it holds the needle, or for half a second."""
+        hand.jaw = GRIP
+        for _ in range(round(CLOSE_S / PERIOD_S)):
+            yield from self._one(hand, hand.wait(PERIOD_S))
+            if hand.holds:
+                return
 
     def _arc(
         self,
@@ -378,7 +410,7 @@ class Sewing:
         yield from self._one(hand, hand.follow(way()))
 
     def _approach(self, hand: NeedleHand, poses: list[Array]) -> Iterator[Array]:
-        """Go in front of the first of poses, along the jaw, on the way with most room for all of them.
+        """Go in front of the first of poses, along the jaw, with most room for all of them.
 
         Raises:
             StitchError: there is no way
@@ -390,15 +422,17 @@ class Sewing:
             raise StitchError(f"{hand.arm} does not reach the needle and what is to come")
         yield from self._one(hand, hand.to_joints(found[2], 1.5))
 
-    def _start_joints(self, stitch: Stitch, held: Array) -> Array:
-        """Return where the driver is above the wound, on the way that has most room for the arc."""
+    def _start_joints(self, stitch: Stitch, held: Array) -> Array | None:
+        """Return where the driver is above the wound, on the best way along the arc; None: none."""
         hand = self.hands[stitch.driver]
         angles = np.arange(START, stitch.out, np.radians(4.0))
         poses = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         found = hand.reach.along([_raised(poses[0], ABOVE_M), *poses])
-        if found is None:
-            raise StitchError(f"{hand.arm} does not reach the stitch")
-        return found[2]
+        return None if found is None or found[0] < LEAST else found[2]
+
+    def _pose(self) -> Array:
+        """Return the needle's pose in the world, as it is measured in the jaws that hold it."""
+        return self.task.object_pose(self.op.tissue.tissue.needle)
 
     def _see(self) -> Array:
         """Return where the needle lies, as it is seen."""
@@ -408,12 +442,8 @@ class Sewing:
         turn = matrix_from_rotation_vector(noise.turn * rng.uniform(-1.0, 1.0) * UP)
         return transform(turn @ T[:3, :3], T[:3, 3])
 
-    def _seen_in(self, hand: NeedleHand) -> Array:
-        """Return the needle's pose in the world, by how a hand holds it."""
-        return self.task.object_pose(self.op.tissue.tissue.needle)
-
     def _look_again(self, hand: NeedleHand, held: Array) -> Iterator[Array]:
-        """Look at the needle in the jaws from a few places, and return the mean of how it is held."""
+        """Look at a needle in the jaws a few times; return the mean of how it is held."""
         looks = [held]
         for _ in range(LOOKS - 1):
             yield from self._one(hand, hand.wait(PERIOD_S))

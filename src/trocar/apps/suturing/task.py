@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
-from trocar.apps.suturing.scores import Watch
+from trocar.apps.suturing.scores import Watch, score_pass
 from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
@@ -21,13 +21,15 @@ from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
 
-#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each way.
-#: Source: our own choice. [m, rad]
+#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
+#: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
 #: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
 LOOK_PERIODS = 5
+#: Units at the end of the scores' names.
+UNITS = ("mm", "um", "deg", "n", "s")
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -37,7 +39,6 @@ class Suturing(Task):
 
     Attributes:
         tissue: that is stitched
-        plan: of its stitches, None before the policy made one
         noise, noise_rng: errors of what the policy sees, and their generator
         banner: what the policy does
     """
@@ -67,7 +68,7 @@ class Suturing(Task):
         pose = transform(rotation_z(rng.uniform(-turn, turn)) @ start[:3, :3], at)
         self.tissue.set_cp(pose, float(stiffer ** rng.uniform(-1.0, 1.0)))
         self.goals = self._stitch_goals()
-        self.plan: Plan | None = None
+        self._plan: Plan | None = None
         self.watch = Watch(self.world, self.tissue, self.tissue.tissue.wire)
         self._tight, self._failed = np.zeros(len(self.goals), bool), ""
         super()._begin()
@@ -79,7 +80,7 @@ class Suturing(Task):
         middles = plan.mean(axis=1) @ pose[:3, :3].T + pose[:3, 3]
         return tuple((replace(goal), middle) for middle in middles)
 
-    def met(self, goal: Goal, at: Array) -> bool:
+    def met(self, goal: Goal, at: Array) -> bool:  # noqa: ARG002  the tissue says where
         """Return whether a stitch is made and the wound closed there."""
         number = next(k for k, (one, _) in enumerate(self.goals) if one is goal)
         tissue = self.tissue
@@ -102,16 +103,27 @@ class Suturing(Task):
             self.done, self.reason = True, self._failed
 
     def figures(self) -> dict[str, Any]:
-        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        """Return the scores of the stitches, of each the largest; see `StitchScore`."""
+        scores = [asdict(score) for score in self.watch.scores]
+        worst = {key: float(np.nanmax([*(one[key] for one in scores), -1.0])) for key in scores[0]}
+        names = {key: key.rpartition("_") for key in worst}
         return {
-            "stiffness": self.tissue.stiffness,
-            "stitches": [asdict(score) for score in self.watch.scores],
+            "stiffness": round(self.tissue.stiffness, 3),
+            **{
+                f"{name} [{unit}]" if name and unit in UNITS else key: worst[key]
+                for key, (name, _, unit) in names.items()
+            },
         }
 
     def announce(self, text: str) -> None:
         """Say what the policy does now."""
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
+
+    @property
+    def plan(self) -> Plan:
+        """Its stitches; made where the policy has not."""
+        return self._plan or self.make_plan()
 
     def make_plan(self) -> Plan:
         """Plan the stitches from points that are seen of the wound, and tell the tissue."""
@@ -126,7 +138,7 @@ class Suturing(Task):
         to_tissue = inverse(tissue.pose) @ wound
         points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
         tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
-        self.plan = plan
+        self._plan = plan
         return plan
 
     def policy(self) -> Iterator[Array]:
@@ -139,3 +151,41 @@ class Suturing(Task):
             self._failed = "the wound is still open"
         except StitchError as problem:
             self._failed = str(problem)
+
+
+class NeedleThroughPhantom(Suturing):
+    """Four passes through a phantom that stands still, as in task 3 of the AccelNet challenge.
+
+    The wound, the needle and the grips are seen with the noise of `Suturing`; each pass is scored
+    as the challenge defines it, beside the scores of stitches.
+    """
+
+    spread = (0.0, 0.0, 1.0)
+
+    def _begin(self) -> None:
+        self._ways: dict[int, list[Array]] = {}
+        super()._begin()
+
+    def look(self) -> None:
+        """Note what counts, and where the tip is until thread follows it."""
+        super().look()
+        number = int(self._tight.sum())
+        if number < len(self.goals) and not self.tissue.left[number].any():
+            tip = self.object_pose(self.tissue.tissue.needle) @ self.tissue.tissue.wire.tip
+            self._ways.setdefault(number, []).append(tip[:3, 3])
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of the stitches, and those of the passes."""
+        found, pose = super().figures(), self.tissue.pose
+        for number, tips in self._ways.items():
+            points = self.tissue.plan[number]
+            entry, out = (pose @ transform(np.eye(3), points[k]) for k in (0, 3))
+            made = score_pass(tips, entry, out)
+            if made.complete:
+                name = f"pass {number + 1}"
+                found |= {
+                    f"{name} entry [mm]": 1e3 * made.entry_m,
+                    f"{name} exit [mm]": 1e3 * made.exit_m,
+                    f"{name} out [mm]": 1e3 * made.protrusion_m,
+                }
+        return found

@@ -1,5 +1,6 @@
 """What an endoscope's pictures are used for."""
 
+from trocar.apps.vision.instruments import TipFix, find_tip
 from trocar.apps.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
 from trocar.apps.vision.overlay import View, overlaid
 from trocar.apps.vision.servoing import ServoSettings, VisualServo
@@ -11,9 +12,11 @@ __all__ = [
     "NeedleEstimate",
     "NeedleTracker",
     "ServoSettings",
+    "TipFix",
     "View",
     "VisualServo",
     "Wound",
+    "find_tip",
     "find_wound",
     "overlaid",
 ]

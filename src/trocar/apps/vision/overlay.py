@@ -32,8 +32,8 @@ GREEN, BLUE, YELLOW, ORANGE, WHITE = (
 RED: Colour = (255, 70, 60)
 #: Segments are cut so that lenses bend them; nearer than this to the eye nothing is drawn [m].
 PARTS, NEAR_M = 16, 0.005
-#: Fractional bits of OpenCV's drawing coordinates.
-BITS = 4
+#: Fractional bits of OpenCV's drawing coordinates, and pixels that they reach.
+BITS, MOST_PX = 4, 20000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +69,7 @@ class Curve:
         t = np.linspace(0.0, len(p) - 1.0, (len(p) - 1) * _parts(len(p)) + 1)
         k = np.minimum(t.astype(int), len(p) - 2)
         pixels = view.pixels(p[k] + (t - k)[:, None] * (p[k + 1] - p[k]))
-        seen = np.isfinite(pixels).all(axis=1) & (np.abs(pixels) < 20000.0).all(axis=1)
+        seen = np.asarray((np.abs(np.nan_to_num(pixels, nan=1e9)) < MOST_PX).all(axis=1))
         for run in np.split(np.arange(len(t)), np.flatnonzero(np.diff(seen)) + 1):
             if seen[run[0]] and len(run) > 1:
                 opencv().polylines(image, [_fixed(pixels[run])], False, self.colour, self.width,
@@ -88,7 +88,7 @@ class Area:
         """Draw it where it is, if all its corners are ahead of the eye."""
         outline = Curve(np.concatenate([self.points, self.points[:1]]), self.colour)
         pixels = view.pixels(self.points)
-        if np.isfinite(pixels).all() and (np.abs(pixels) < 20000.0).all():
+        if (np.abs(np.nan_to_num(pixels, nan=1e9)) < MOST_PX).all():
             layer = image.copy()
             opencv().fillPoly(layer, [_fixed(pixels)], self.colour, opencv().LINE_AA, BITS)
             opencv().addWeighted(layer, self.alpha, image, 1.0 - self.alpha, 0.0, image)

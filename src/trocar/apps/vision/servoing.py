@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.apps.vision.eyes import Eyes
 from trocar.cameras import StereoCalibration
-from trocar.cameras.lens import plane_from_pixels, undistort
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
-from trocar.geometry import adjoint, inverse, skew
+from trocar.geometry import adjoint, inverse, skew, transform_points
 from trocar.kinematics import jacobian_body, pose
 
 Array = NDArray[np.float64]
@@ -86,7 +86,7 @@ class VisualServo:
         if arm.type != "ECM":
             raise InputError(f"{arm.name}: is of type {arm.type}; allowed: an ECM")
         self.settings = ServoSettings() if settings is None else settings
-        self._arm, self._eyes = arm, calibration
+        self._arm, self._eyes, self._both = arm, calibration, Eyes(calibration)
         self._mount = T_tip_left @ inverse(calibration.mounts[0])
         joints = arm.joints
         self._fastest = np.array([joint.velocity_max for joint in joints])
@@ -166,10 +166,7 @@ class VisualServo:
 
     def _triangulated(self, left: Array, right: Array) -> Array:
         """Return the point nearest to both eyes' rays, in the camera's frame, (3,) [m]."""
-        starts, rays = [], []
-        for pixel, eye, mount in zip(
-            (left, right), self._eyes.eyes, self._eyes.mounts, strict=True
-        ):
+        for pixel, eye in zip((left, right), self._eyes.eyes, strict=True):
             if pixel.shape != (2,) or not np.isfinite(pixel).all():
                 raise InputError(f"pixel: got {pixel.tolist()}; allowed: two finite numbers")
             if (np.abs(pixel - 0.5 * np.array(eye.size)) > 0.5 * np.array(eye.size) + 0.5).any():
@@ -177,15 +174,4 @@ class VisualServo:
                     f"pixel: got {pixel.tolist()}; allowed: within {eye.width}x{eye.height}. Are"
                     " the pictures of another size than the calibration?"
                 )
-            flat = undistort(plane_from_pixels(pixel, eye.K), eye.distortion)
-            ray = mount[:3, :3] @ np.append(flat, 1.0)
-            starts.append(mount[:3, 3])
-            rays.append(ray)
-        rows = np.stack([rays[0], -rays[1]], axis=1)
-        along = np.linalg.lstsq(rows, starts[1] - starts[0], rcond=None)[0]
-        if (along <= 0.0).any():
-            raise InputError(
-                f"pixels {left.tolist()} and {right.tolist()}: the rays do not meet ahead of the"
-                f" eyes (disparity {left[0] - right[0]:g} px); are the eyes exchanged?"
-            )
-        return 0.5 * (starts[0] + along[0] * rays[0] + starts[1] + along[1] * rays[1])
+        return transform_points(self._eyes.mounts[0], self._both.triangulate(left, right))

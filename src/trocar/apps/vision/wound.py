@@ -98,8 +98,8 @@ def find_wound(
     found: list[tuple[Array, Array]] = []
     along = np.gradient(pixels, axis=0)
     for pixel, tangent, limit in zip(pixels, along, reach, strict=True):
-        tangent = tangent / max(float(np.linalg.norm(tangent)), 1e-9)
-        steps = _steps(flat[0], pixel, tangent, float(limit))
+        way_ahead = np.asarray(tangent / max(float(np.linalg.norm(tangent)), 1e-9), np.float64)
+        steps = _steps(flat[0], pixel, way_ahead, float(limit))
         if steps is not None:
             found.append(steps)
     least = max(3, round(SHARE * count))
@@ -197,7 +197,8 @@ def _surface(left: Floats, right: Floats, pixels: Array, reach: float, expected:
         spread = max(1.4826 * float(np.median(rest)), 0.02)
         weight = np.where(rest < 3.0 * spread, 1.0, (3.0 * spread / np.maximum(rest, 1e-9)) ** 2)
     A = (rows * weight[:, None]).T @ rows
-    covariance = spread**2 * BLOCK**2 * np.linalg.inv(A + 1e-9 * np.eye(6))
+    covariance = np.asarray(np.linalg.inv(A + 1e-9 * np.eye(6)), np.float64)
+    covariance *= spread**2 * BLOCK**2
     return _Surface(middle, scale, factors, covariance)
 
 

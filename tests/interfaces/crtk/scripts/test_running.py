@@ -144,6 +144,28 @@ def test_a_script_that_raises_shows_its_own_traceback(
     assert said.endswith("ValueError: mine\n")
 
 
+def test_what_the_library_builds_on_locks_waits_in_simulated_time(tmp_path: Path):
+    text = """
+    import threading, time
+    gate, met = threading.Barrier(2), []
+    def work():
+        time.sleep(1.0)
+        met.append(gate.wait())
+    began = time.time()
+    threading.Thread(target=work).start()
+    met.append(gate.wait(5.0))
+    assert sorted(met) in ([0], [1], [0, 1]) and 0.99 < time.time() - began < 1.02
+    try:
+        threading.BoundedSemaphore(1).release()
+    except ValueError:
+        met.append("bounded")
+    assert met[-1] == "bounded"
+    with threading.RLock() as held, threading.Condition() as own:
+        assert held and own
+    """
+    assert play(tmp_path, text).status == 0
+
+
 @pytest.mark.parametrize(
     ("text", "status"), [("0", 0), ("", 0), ("3", 3), ("None", 0), ("'no arm'", 1)]
 )

@@ -7,7 +7,9 @@ repeatable as one without. Names that are not here are the real modules' own.
 
 from __future__ import annotations
 
+import ast
 import builtins
+import inspect
 import itertools
 import sys
 import threading
@@ -170,179 +172,36 @@ class Scheduler:
                 self.failure = failure
 
 
-def _patience(blocking: bool, timeout: float | None) -> float | None:
-    """Return how long to wait [s] of the arguments of `acquire`; None: for ever."""
-    if not blocking:
-        return 0.0
-    return None if timeout is None or timeout < 0 else timeout
-
-
 class Lock:
-    """A lock that one thread holds at a time; an `RLock` is reentrant."""
+    """A lock that one thread holds at a time."""
 
     scheduler: Scheduler
-    again = False
 
     def __init__(self) -> None:
-        self._owner: int | None = None
-        self._count = 0
+        self._held = False
 
     def acquire(self, blocking: bool = True, timeout: float | None = -1) -> bool:
         """Take the lock; return whether it was to be had in time [s]."""
-        me = threading.get_ident()
-        if not (self.again and self._owner == me):
-            free = self.scheduler.wait(lambda: self._owner is None, _patience(blocking, timeout))
-            if not free:
-                return False
-        self._owner, self._count = me, self._count + 1
-        return True
+        patience = 0.0 if not blocking else None if timeout is None or timeout < 0 else timeout
+        free = self.scheduler.wait(lambda: not self._held, patience)
+        self._held = True
+        return free
 
     def release(self) -> None:
         """Release the lock."""
-        if self._owner is None:
+        if not self._held and self.scheduler.failure is None:  # else the run is over
             raise RuntimeError("release unlocked lock")
-        self._count -= 1
-        if self._count == 0:
-            self._owner = None
+        self._held = False
 
     def locked(self) -> bool:
         """Return whether it is held."""
-        return self._owner is not None
+        return self._held
 
     def __enter__(self) -> bool:
         return self.acquire()
 
     def __exit__(self, *_: object) -> None:
         self.release()
-
-    def _is_owned(self) -> bool:
-        return self._owner == threading.get_ident()
-
-    def _release_save(self) -> tuple[int | None, int]:
-        state = self._owner, self._count
-        self._owner, self._count = None, 0
-        return state
-
-    def _acquire_restore(self, state: tuple[int | None, int]) -> None:
-        self.scheduler.wait(lambda: self._owner is None, None)
-        self._owner, self._count = state
-
-
-class RLock(Lock):
-    """A lock that its owner can take again."""
-
-    again = True
-
-
-class Condition:
-    """A condition variable on a lock."""
-
-    scheduler: Scheduler
-    lock_class: type[Lock]
-
-    def __init__(self, lock: Any = None) -> None:
-        self._lock = self.lock_class() if lock is None else lock
-        self._tickets: list[list[bool]] = []
-        self.acquire, self.release = self._lock.acquire, self._lock.release
-
-    def __enter__(self) -> bool:
-        return self._lock.__enter__()
-
-    def __exit__(self, *details: object) -> None:
-        self._lock.__exit__(*details)
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait to be notified; return whether that came in time [s]."""
-        if not self._lock._is_owned():
-            raise RuntimeError("cannot wait on un-acquired lock")
-        ticket = [False]
-        self._tickets.append(ticket)
-        state = self._lock._release_save()
-        try:
-            return self.scheduler.wait(lambda: ticket[0], timeout)
-        finally:
-            self._lock._acquire_restore(state)
-            if ticket in self._tickets:
-                self._tickets = [one for one in self._tickets if one is not ticket]
-
-    def wait_for(self, predicate: Callable[[], Any], timeout: float | None = None) -> Any:
-        """Wait until a predicate holds; return its value [s]."""
-        end = None if timeout is None else self.scheduler.now_ns() + timeout * SECOND
-        while not (found := predicate()):
-            left = None if end is None else (end - self.scheduler.now_ns()) / SECOND
-            if left is not None and left <= 0.0:
-                break
-            self.wait(left)
-        return found
-
-    def notify(self, n: int = 1) -> None:
-        """Wake some who wait."""
-        if not self._lock._is_owned():
-            raise RuntimeError("cannot notify on un-acquired lock")
-        for ticket in self._tickets[:n]:
-            ticket[0] = True
-        del self._tickets[:n]
-
-    def notify_all(self) -> None:
-        """Wake all who wait."""
-        self.notify(len(self._tickets))
-
-
-class Semaphore:
-    """A number of places that can be taken."""
-
-    condition_class: type[Condition]
-
-    def __init__(self, value: int = 1) -> None:
-        if value < 0:
-            raise ValueError("semaphore initial value must be >= 0")
-        self._condition, self._value = self.condition_class(), value
-
-    def acquire(self, blocking: bool = True, timeout: float | None = None) -> bool:
-        """Take a place; return whether one was to be had in time [s]."""
-        with self._condition:
-            patience = _patience(blocking, timeout)
-            found = bool(self._condition.wait_for(lambda: self._value > 0, patience))
-            self._value -= found
-        return found
-
-    def release(self, n: int = 1) -> None:
-        """Give places back."""
-        with self._condition:
-            self._value += n
-            self._condition.notify(n)
-
-    def __enter__(self) -> bool:
-        return self.acquire()
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-
-class Event:
-    """A flag that can be waited for."""
-
-    scheduler: Scheduler
-
-    def __init__(self) -> None:
-        self._flag = False
-
-    def is_set(self) -> bool:
-        """Return whether it is set."""
-        self.scheduler.look()
-        return self._flag
-
-    def set(self) -> None:
-        """Set it."""
-        self._flag = True
-
-    def clear(self) -> None:
-        """Take it back."""
-        self._flag = False
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Wait until it is set; return whether it is within some time [s]."""
-        return self.scheduler.wait(lambda: self._flag, timeout)
 
 
 class Thread:
@@ -407,49 +266,45 @@ class Thread:
         self.daemon = bool(daemonic)
 
 
-class Timer(Thread):
-    """Calls a function after some time [s], unless it is cancelled before."""
-
-    event_class: type[Event]
-
-    def __init__(
-        self,
-        interval: float,
-        function: Callable[..., object],
-        args: Iterable[Any] | None = None,
-        kwargs: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(target=function, args=args or (), kwargs=kwargs)
-        self._interval, self._over = interval, self.event_class()
-
-    def cancel(self) -> None:
-        """Call nothing."""
-        self._over.set()
-
-    def run(self) -> None:
-        """Wait, and call."""
-        if not self._over.wait(self._interval):
-            super().run()
+#: Classes of `threading` that stand on locks alone.
+ON_LOCKS = {"_RLock", "Condition", "Semaphore", "BoundedSemaphore", "Event", "Barrier", "Timer"}
 
 
 def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
-    """Return the stand-ins for the classes of `threading`, over one simulation."""
-    shared: dict[str, Any] = {"scheduler": scheduler}
-    lock, rlock = (type(kind.__name__, (kind,), shared) for kind in (Lock, RLock))
-    event = type("Event", (Event,), shared)
-    condition = type("Condition", (Condition,), {**shared, "lock_class": rlock})
-    semaphore = type("Semaphore", (Semaphore,), {"condition_class": condition})
-    own = {**shared, "started": [], "numbers": itertools.count(1)}
-    return {
+    """Return the stand-ins for the classes of `threading`, over one simulation.
+
+    Threads and locks are ours; what the standard library builds of locks is its own code, on ours.
+    """
+    lock = type("Lock", (Lock,), {"scheduler": scheduler})
+    thread = type(
+        "Thread",
+        (Thread,),
+        {"scheduler": scheduler, "started": [], "numbers": itertools.count(1)},
+    )
+    names: dict[str, Any] = {
+        **vars(threading),
         "Lock": lock,
-        "RLock": rlock,
-        "Condition": condition,
-        "Semaphore": semaphore,
-        "BoundedSemaphore": semaphore,
-        "Event": event,
-        "Thread": type("Thread", (Thread,), own),
-        "Timer": type("Timer", (Timer,), {**own, "event_class": event}),
+        "_allocate_lock": lock,
+        "Thread": thread,
+        "_time": lambda: scheduler.now_ns() / SECOND,
+        "RLock": lambda: names["_RLock"](),
     }
+    library = ast.parse(inspect.getsource(threading))
+    chosen: list[ast.stmt] = [
+        node for node in library.body if isinstance(node, ast.ClassDef) and node.name in ON_LOCKS
+    ]
+    exec(compile(ast.Module(chosen, []), str(threading.__file__), "exec"), names)
+
+    class Event(names["Event"]):
+        """An event; a look at it may let time pass."""
+
+        def is_set(self) -> bool:
+            scheduler.look()
+            return super().is_set()
+
+    names["Event"] = Event
+    own = ("Lock", "RLock", "Thread", *(name for name in ON_LOCKS if not name.startswith("_")))
+    return {name: names[name] for name in own}
 
 
 #: How long a person takes to answer `input`, in simulated time; our own choice. [s]

@@ -20,7 +20,7 @@ MOST_NODES = 20_000
 SOFTEST, STIFFEST = 1e3, 1e7
 #: Stitches that one tissue can have. Source: our own choice; four take 0.2 ms a step.
 MOST_STITCHES = 8
-#: Arc of a needle that passes both halves. Source: our own choice; 3/8 of a circle are 135 deg.
+#: Arc of a needle that passes both halves. Source: our own choice; 3/8 of a circle is 135 deg.
 #: [rad]
 MIN_ARC = np.radians(120.0)
 

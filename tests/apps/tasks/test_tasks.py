@@ -299,7 +299,13 @@ def test_a_class_that_is_no_task_is_rejected(touch: Path) -> None:
         make_task(str(touch))
 
 
-@pytest.mark.parametrize("name", names("scenes"))
+#: These render the endoscope's images.
+SEEN = ("augmented-reality", "needle-tracking", "visual-servoing")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SEEN)) for n in names("scenes")]
+)
 def test_scenes_begin_at_rest_with_no_goal_met(name: str) -> None:
     task = make_task(name)
     for seed in range(3):

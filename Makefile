@@ -132,7 +132,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 # Each stamp says for whom the environment is ready, and grows old with what it was made from.
 .venv/.ready-run: .venv/.created pyproject.toml requirements.txt src/trocar/__init__.py
 	@echo "Installing trocar into .venv from wheels with known hashes; this takes about a minute:"
-	$(call pip,.venv,--require-hashes --only-binary :all: $(SOURCES) --requirement requirements.txt)
+	$(call pip,.venv,--require-hashes --only-binary :all: --requirement requirements.txt $(SOURCES))
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 

@@ -11,7 +11,8 @@ calibrations of the endoscope from views of a board, an ECM that centres an obje
 a needle that is tracked in rendered images (40 s a seed).
 drives: cost and drift of identified dynamics in the simulation. tasks: success, time, forces and
 speed of the scripted policies of all scenes. random-actions: what diverges, flies off or sinks in
-when actions are random.
+when actions are random. suturing: stitches through soft tissue (50 episodes: 30 minutes on one
+core).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
 """
@@ -42,6 +43,7 @@ NAMES = (
     "vision",
     "drives",
     "tasks",
+    "suturing",
     "random-actions",
 )
 TRANSPORTS = ("websocket", "ros1", "ros2")
@@ -81,7 +83,7 @@ def main(words: Sequence[str] | None = None) -> int:
         "--episodes",
         type=int,
         metavar="N",
-        help="of each scene, of tasks (50) and of random-actions (1000)",
+        help="of each scene, of tasks and suturing (50) and of random-actions (1000)",
     )
     parser.add_argument(
         "--scene",
@@ -156,6 +158,10 @@ def main(words: Sequence[str] | None = None) -> int:
 
             watch("grip")
             found += grip()
+        if "suturing" in args.name:
+            from benchmarks.suturing import suturing
+
+            found += suturing(args.episodes or 50, watch)
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -181,10 +182,25 @@ def test_a_proprietary_wheel_comes_by_the_extra_judges_alone() -> None:
         assert "drake" not in {r.name for r in licences.requirements(extra)}, extra
 
 
+def test_on_linux_for_arm_make_run_builds_what_has_no_wheels(tmp_path: Path) -> None:
+    machine = tmp_path / "uname"
+    machine.write_text('#!/bin/sh\n[ "$1" = -m ] && echo aarch64 || echo Linux\n')
+    machine.chmod(0o755)
+    said = subprocess.run(
+        ["make", "--dry-run", "--always-make", "PYTHON=python3", "run"],
+        cwd=ROOT,
+        env={**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}"},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert re.search(r"requirements\.txt +--no-binary glcontext,moderngl,ruckig;", said)
+
+
 def test_the_extra_all_holds_every_extra_that_needs_no_compiler_and_no_package_of_the_system() -> (
     None
 ):
     extras = PROJECT["optional-dependencies"]
     (all_of_them,) = map(Requirement, extras["all"])
-    apart = {"all", "cad", "judges", "clients", "docs", "test", "browser", "dev"}
+    apart = {"all", "cad", "cluster", "judges", "clients", "docs", "test", "browser", "dev"}
     assert all_of_them.extras == set(extras) - apart

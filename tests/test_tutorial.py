@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -41,17 +42,24 @@ def run(*words: str, folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 @each
-def test_a_lesson_prints_what_its_page_shows(lesson: Path, tmp_path: Path) -> None:
-    result = run(str(lesson), folder=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert not result.stderr
+def test_a_lesson_prints_what_its_page_shows(
+    lesson: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(lesson)])
+    runpy.run_path(str(lesson), run_name="__main__")
+    said = capsys.readouterr()
+    assert not said.err
     assert not list(tmp_path.iterdir()), "a lesson leaves nothing behind"
     (block,) = re.findall(r"^```console\n(.*?)^```$", page(lesson), re.DOTALL | re.MULTILINE)
     command, printed = block.split("\n", 1)
     assert command == f"$ python docs/tutorial/{lesson.name}"
     # "..." stands for whatever is left out.
     wanted = re.escape(printed.strip()).replace(re.escape("..."), "(?s:.*?)")
-    assert re.fullmatch(wanted, result.stdout.strip()), result.stdout
+    assert re.fullmatch(wanted, said.out.strip()), said.out
 
 
 @each

@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.attack import SCENE, Tally
 from trocar.descriptions import fitting_tools
-from trocar.descriptions.scenes import load_scene
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import TrocarError
 from trocar.simulation import World
 from trocar.simulation.arm import Arm

@@ -32,9 +32,9 @@ from trocar.apps.samples import write_samples
 from trocar.apps.scoring import score_recording
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.cameras import load_camera
+from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.fixtures import read_fixtures
 from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
-from trocar.descriptions.scenes import load_scene
 from trocar.errors import TrocarError
 from trocar.recording import open_recording, record
 from trocar.simulation import World

@@ -22,7 +22,7 @@ from websockets.protocol import State
 from benchmarks.attack import SCENE, Tally
 from benchmarks.attack.commands import ELSEWHERE, EXTREME, OVERLAP, STILL
 from trocar.apps.tasks import make_task
-from trocar.apps.tasks.topics import task_component
+from trocar.apps.tasks.served import ServedTask
 from trocar.errors import InputError
 from trocar.interfaces import Command, Loop
 from trocar.interfaces.crtk import Core
@@ -93,8 +93,9 @@ class Target(logging.Handler):
 
     def __init__(self, rig: str, homed: bool) -> None:
         super().__init__()
-        task = make_task(rig) if rig == SCENE else None
-        self.rig, self.world = rig, World(rig, homed=homed) if task is None else task.world
+        task = ServedTask(make_task(rig), 0, scripted=homed) if rig == SCENE else None
+        self.rig = rig
+        self.world = World(rig, homed=homed) if task is None else task.task.world
         self.applied: list[Command] = []
         self.loop = Loop(
             self.world,
@@ -106,8 +107,10 @@ class Target(logging.Handler):
         self.core = Core(
             self.loop,
             compat=("dvrk_env", "dvrk_vrep"),
-            components=() if task is None else (task_component(task),),
+            components=() if task is None else (task.component(),),
         )
+        if task is not None:
+            task.watch(self.loop)
         self.core.attach(MemoryTransport(()))
         self.core.begin()
         self._workers = ThreadPoolExecutor(1)

@@ -98,6 +98,13 @@ ARM_FAULTS = [
         "must be positive",
     ),
     (YAW, 'shape = [{ kind = "box", material = "gold" }]', "body[0].shape[0].material", "casting"),
+    (YAW, 'shape = [{ kind = "box", color = "red" }]', "body[0].shape[0].color", "six digits"),
+    (
+        YAW,
+        'shape = [{ kind = "box", color = "#aabbcc", material = "steel" }]',
+        "body[0].shape[0].color",
+        "contradicts material",
+    ),
     (YAW, 'solid = "psm/yow"', "body[0].solid", "got 'psm/yow'; allowed: psm/base, psm/yaw"),
     (YAW, 'solid = "yaw"', "body[0].solid", "allowed: "),
     (YAW, "touches = true", "body[0].touches", "false where there is no `solid`"),
@@ -166,7 +173,7 @@ def test_a_spring_is_for_the_last_joint_and_pushes(tmp_path):
 RIG_FAULTS = [
     ('name = "PSM1"\ndescription = "psm"', 'name = "PSM1"\ndescription = "pzm"', "", "arm 'pzm'"),
     ('on = "SUJ_PSM1"', 'on = "PSM1"', "on", "no earlier arm; allowed: world"),
-    ('on = "SUJ_PSM1"', 'on = "SUJ_PSM9"', "on", "got 'SUJ_PSM9'; no earlier arm; allowed: world, SUJ_PSM1"),
+    ('on = "SUJ_PSM1"', 'on = "SUJ_PSM9"', "on", "got 'SUJ_PSM9'; no earlier arm; allowed: world"),
     ('frame = "mount"', 'frame = "mnt"', "frame", "got 'mnt'"),
     ('name = "PSM2"', 'name = "PSM1"', "name", "got 'PSM1' a second time"),
     ('name = "start"', 'name = "begin"', "pose", 'a rig needs the pose "start"'),
@@ -176,7 +183,7 @@ RIG_FAULTS = [
     ('name = "home"', 'name = "work"', "pose", "got 'work' a second time"),
     ('name = "floor"', 'name = "table"', "prop", "got 'table' a second time"),
     ("share = ", "share = 7", "share", "above 0 to 1"),
-    ('on = "SUJ_PSM1"', 'on = "HRSV"', "on", "got 'HRSV'; no earlier arm; allowed: world, SUJ_PSM1"),
+    ('on = "SUJ_PSM1"', 'on = "HRSV"', "on", "got 'HRSV'; no earlier arm; allowed: world"),
     ('name = "PSM1"\ndescription', 'name = "HRSV"\ndescription', "name", "the stereo display"),
     (
         "schema = 1",

@@ -113,3 +113,10 @@ def test_a_fault_in_a_movable_prop_is_named(prop: str, problem: str, tmp_path: P
     with pytest.raises(DescriptionError, match=problem) as caught:
         rig_with(tmp_path, prop)
     assert caught.value.file.endswith("mine.toml") and "prop" in caught.value.key
+
+
+def test_a_shape_may_have_a_free_colour(tmp_path: Path) -> None:
+    shape = 'shape = [{ kind = "sphere", center_mm = [0, 0, 0], radius_mm = 5, color = "#B8352f" }]'
+    world = World(rig_with(tmp_path, f'name = "bead"\nmovable = true\nmass_g = 1\n{shape}'))
+    (record,) = (each for each in world.shapes() if each.name.startswith("bead"))
+    assert np.allclose(record.rgba, [0xB8 / 255, 0x35 / 255, 0x2F / 255, 1.0])

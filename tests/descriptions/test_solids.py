@@ -33,56 +33,61 @@ def enclosed(mesh: Mesh) -> tuple[float, np.ndarray, np.ndarray]:
     return float(volumes.sum()), first, outer / 20
 
 
-@pytest.fixture(params=solid_names())
-def solid(request: pytest.FixtureRequest) -> Solid:
-    return read_solid(request.param)
+@pytest.fixture(scope="module")
+def solids() -> list[Solid]:
+    return [read_solid(name) for name in solid_names()]
 
 
-def test_a_solid_is_closed_and_seen_from_outside(solid: Solid) -> None:
-    assert solid.visual
-    for shape in solid.visual:
-        mesh = shape.mesh
-        assert mesh is not None and mesh.normals is not None
-        assert open_edges(mesh.vertices, mesh.faces) == 0, mesh.name
-        assert enclosed(mesh)[0] > 0.0, mesh.name
-        a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-        flat = np.cross(b - a, c - a)
-        agree = np.einsum("ij,ij->i", flat, mesh.normals[mesh.faces].sum(axis=1)) >= 0.0
-        assert (
-            np.linalg.norm(flat[~agree], axis=1).sum() <= 0.01 * np.linalg.norm(flat, axis=1).sum()
-        )
-        np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-9)
+def test_a_solid_is_closed_and_seen_from_outside(solids: list[Solid]) -> None:
+    for solid in solids:
+        assert solid.visual
+        for shape in solid.visual:
+            mesh = shape.mesh
+            assert mesh is not None and mesh.normals is not None
+            assert open_edges(mesh.vertices, mesh.faces) == 0, mesh.name
+            assert enclosed(mesh)[0] > 0.0, mesh.name
+            a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+            flat = np.cross(b - a, c - a)
+            agree = np.einsum("ij,ij->i", flat, mesh.normals[mesh.faces].sum(axis=1)) >= 0.0
+            assert (
+                np.linalg.norm(flat[~agree], axis=1).sum()
+                <= 0.01 * np.linalg.norm(flat, axis=1).sum()
+            )
+            np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1.0, atol=1e-9)
 
 
-def test_what_touches_is_convex_and_of_few_triangles(solid: Solid) -> None:
-    assert solid.convex
-    for piece in solid.convex:
-        mesh = piece.mesh
-        assert mesh is not None and not piece.visible
-        assert len(mesh.faces) <= 64 and open_edges(mesh.vertices, mesh.faces) == 0, mesh.name
-        # Coordinates are kept to 1 um.
-        assert enclosed(mesh)[0] == pytest.approx(ConvexHull(mesh.vertices).volume, rel=1e-3)
-        assert (mesh.vertices > solid.lower - 3e-3).all(), mesh.name
-        assert (mesh.vertices < solid.upper + 3e-3).all(), mesh.name
+def test_what_touches_is_convex_and_of_few_triangles(solids: list[Solid]) -> None:
+    for solid in solids:
+        assert solid.convex
+        for piece in solid.convex:
+            mesh = piece.mesh
+            assert mesh is not None and not piece.visible
+            assert len(mesh.faces) <= 64 and open_edges(mesh.vertices, mesh.faces) == 0, mesh.name
+            # Coordinates are kept to 1 um.
+            assert enclosed(mesh)[0] == pytest.approx(ConvexHull(mesh.vertices).volume, rel=1e-3)
+            assert (mesh.vertices > solid.lower - 3e-3).all(), mesh.name
+            assert (mesh.vertices < solid.upper + 3e-3).all(), mesh.name
 
 
-def test_mass_properties_are_those_of_the_triangles(solid: Solid) -> None:
-    sums = [enclosed(shape.mesh) for shape in solid.visual if shape.mesh is not None]
-    volume = sum(s[0] for s in sums)
-    com = sum((s[1] for s in sums), np.zeros(3)) / volume
-    second = sum((s[2] for s in sums), np.zeros((3, 3))) / volume - np.outer(com, com)
-    gyration = np.trace(second) * np.eye(3) - second
-    size = float(np.linalg.norm(solid.upper - solid.lower))
-    # Triangles cut the corners off what is round: a thin rod of eight sides lacks a tenth.
-    assert volume == pytest.approx(solid.volume, rel=0.1)
-    np.testing.assert_allclose(com, solid.com, atol=0.02 * size)
-    np.testing.assert_allclose(gyration, solid.gyration, atol=0.06 * np.trace(solid.gyration))
+def test_mass_properties_are_those_of_the_triangles(solids: list[Solid]) -> None:
+    for solid in solids:
+        sums = [enclosed(shape.mesh) for shape in solid.visual if shape.mesh is not None]
+        volume = sum(s[0] for s in sums)
+        com = sum((s[1] for s in sums), np.zeros(3)) / volume
+        second = sum((s[2] for s in sums), np.zeros((3, 3))) / volume - np.outer(com, com)
+        gyration = np.trace(second) * np.eye(3) - second
+        size = float(np.linalg.norm(solid.upper - solid.lower))
+        # Triangles cut the corners off what is round: a thin rod of eight sides lacks a tenth.
+        assert volume == pytest.approx(solid.volume, rel=0.1)
+        np.testing.assert_allclose(com, solid.com, atol=0.02 * size)
+        np.testing.assert_allclose(gyration, solid.gyration, atol=0.06 * np.trace(solid.gyration))
 
 
-def test_a_solid_fills_what_it_says(solid: Solid) -> None:
-    corners = np.concatenate([s.mesh.vertices for s in solid.visual if s.mesh is not None])
-    np.testing.assert_allclose(corners.min(axis=0), solid.lower, atol=1e-6)
-    np.testing.assert_allclose(corners.max(axis=0), solid.upper, atol=1e-6)
+def test_a_solid_fills_what_it_says(solids: list[Solid]) -> None:
+    for solid in solids:
+        corners = np.concatenate([s.mesh.vertices for s in solid.visual if s.mesh is not None])
+        np.testing.assert_allclose(corners.min(axis=0), solid.lower, atol=1e-6)
+        np.testing.assert_allclose(corners.max(axis=0), solid.upper, atol=1e-6)
 
 
 @pytest.mark.parametrize(("arm", "tool"), ARMS)

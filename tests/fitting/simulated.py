@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from trocar.fitting import Axis
+from trocar.fitting.robust import weighted_point
 from trocar.geometry import (
     inverse,
     matrix_from_quaternion,
@@ -95,3 +97,19 @@ def about_a_point(rng, yaw=0.6, pitch=0.6, samples=SAMPLES, reach=(0.3, 0.3), **
     a = measured(rng, np.tile(rest, (samples, 1, 1)), **noise)
     b = measured(rng, rest @ transform(R, post - R @ tip), **noise)
     return inverse(a) @ b, tip, post
+
+
+def fit_hinge_least_squares(T_ab):
+    """Find a hinge's axis as the paper does, in a and in b: least squares, every sample alike.
+
+    With noise in R the point is drawn to b's origin, the more so the smaller the sweep.
+
+    Source: section 2.4 of the closed-loop paper; Gamage and Lasenby, New least squares solutions
+    for estimating the average centre of rotation and the axis of rotation, 2002.
+    """
+    T = T_ab[np.isfinite(T_ab).all(axis=(1, 2))]
+    R, p = T[:, :3, :3], T[:, :3, 3]
+    left, _, right = np.linalg.svd(R.mean(axis=0))
+    g_a, g_b = weighted_point(R, p, np.ones(len(R)))
+    nothing = np.zeros((len(T_ab), 6))
+    return Axis(g_a, left[:, 0], nothing), Axis(g_b, right[0], nothing)

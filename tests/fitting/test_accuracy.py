@@ -12,12 +12,20 @@ import pytest
 from trocar.fitting import (
     axis_distance,
     fit_hinge,
-    fit_hinge_least_squares,
     rest_pose,
 )
 from trocar.geometry import inverse, transform, translation
 
-from .simulated import NOISE, SAMPLES, any_rotation, measured, sweep, turned, unit
+from .simulated import (
+    NOISE,
+    SAMPLES,
+    any_rotation,
+    fit_hinge_least_squares,
+    measured,
+    sweep,
+    turned,
+    unit,
+)
 
 pytestmark = pytest.mark.slow
 WORSE = {"dropout": 0.05, "outliers": 0.01}

@@ -6,13 +6,12 @@ import pytest
 from trocar.errors import InputError
 from trocar.fitting import (
     fit_hinge,
-    fit_hinge_least_squares,
     likely_cause,
     white_noise,
 )
 from trocar.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix
 
-from .simulated import NOISE, one_hinge, two_hinges
+from .simulated import NOISE, fit_hinge_least_squares, one_hinge, two_hinges
 
 
 def misread(T, order):

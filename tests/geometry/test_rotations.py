@@ -168,3 +168,13 @@ def test_check_rotation_takes_float32_and_gives_float64(rng):
 def test_bad_quaternions_are_rejected(bad, message):
     with pytest.raises(InputError, match=message):
         r.matrix_from_quaternion(bad)
+
+
+def test_no_rotation_is_nearer_to_a_matrix_than_the_nearest(rng):
+    M, quaternions = rng.normal(size=(50, 3, 3)), rng.normal(size=(200, 1, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=-1, keepdims=True)
+    R = r.check_rotation(r.nearest_rotation(M))
+    others = r.matrix_from_quaternion(quaternions)
+    far = np.linalg.norm(others - M, axis=(2, 3))
+    assert (np.linalg.norm(R - M, axis=(1, 2)) <= far.min(axis=0)).all()
+    np.testing.assert_allclose(r.nearest_rotation(3.0 * R), R, atol=1e-12)

@@ -17,8 +17,11 @@ from trocar.apps.tasks import make_task
 from trocar.rendering import Endoscope, Look
 
 FILE = Path(__file__).parents[2] / "docs" / "images" / "scenes.jpg"
-#: When the picture is taken, of the episode; size of a picture, pictures in a row, quality.
-SHARE, SIZE, COLUMNS, QUALITY = 0.45, (400, 225), 4, 82
+#: Size of a picture, pictures in a row, quality.
+SIZE, COLUMNS, QUALITY = (400, 225), 4, 82
+#: When pictures are taken: something is held or moved then. [s]
+WHEN_S = {"dynamic-stack": 8.0, "match-board": 9.0, "needle-handover": 3.6, "needle-regrasp": 3.6}
+DEFAULT_S = 2.2
 
 
 def main(words: list[str]) -> None:
@@ -38,15 +41,10 @@ def main(words: list[str]) -> None:
 
 def middle(task: Task) -> np.ndarray:
     """Return what the left eye sees in the middle of an episode, (height, width, 3)."""
-    actions: list[np.ndarray] = []
     task.reset(0)
     for action in task.policy():
-        actions.append(action)
-        task.command(action)
-        if task.done:
+        if task.done or task.time >= WHEN_S.get(task.scene.name, DEFAULT_S):
             break
-    task.reset(0)
-    for action in actions[: round(SHARE * len(actions))]:
         task.command(action)
     scope = Endoscope(task.world, "endoscope", look=Look())
     try:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from trocar.apps.tasks import Episode, Task
+    from trocar.descriptions.scenes import Scene
 
 SUMMARY = "play a training scene, scripted or by hand"
 ORDER = 15
@@ -51,6 +52,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         --video FILE            write an MP4 video of the endoscope (extra video)
         --duration S:duration   stop serving after S simulated seconds
         --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
+        --stitches N:int        of suturing: how many (default: 1)
+        --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
+        --tissue NAME           of suturing: phantom (default), skin or soft
     """)  # fmt: skip
     add_json(parser)
     add_record(parser)
@@ -66,6 +70,7 @@ def run(args: Namespace) -> int:
     ):
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
+    args.scene = _scene(args)
     if not args.headless:
         return _serve(args)
     if args.policy == "none":
@@ -96,6 +101,19 @@ def run(args: Namespace) -> int:
     return 0
 
 
+def _scene(args: Namespace) -> Scene | str:
+    """Return the scene, by its name where nothing of it is changed."""
+    given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
+    given = {key: value for key, value in given.items() if value is not None}
+    if not given:
+        return args.scene
+    if args.scene != "suturing":
+        raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
+    from trocar.apps.suturing.scene import suturing_scene
+
+    return suturing_scene(**given)
+
+
 def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
     if args.json or args.video or args.episodes > 1 or args.workers > 1 or args.cluster:
@@ -108,7 +126,7 @@ def _serve(args: Namespace) -> int:
     task = make_task(args.scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
-    print(f"trocar: {args.scene}: starting ...", file=sys.stderr, flush=True)
+    print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)
     serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
     print(_report([task.result(args.seed)]))
     return 0
@@ -139,7 +157,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     check_file(path, args.overwrite)
     scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
     if not scopes:
-        raise InputError(f"--video: the rig of {args.scene} has no endoscope")
+        raise InputError(f"--video: the rig of {task.scene.name} has no endoscope")
     scope = Endoscope(world, scopes[0], look=look_of(args))
     stack.callback(scope.close)
     task.reset(args.seed)

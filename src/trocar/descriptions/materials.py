@@ -14,8 +14,19 @@ class Material:
     metal: float = 0.0
 
 
+class Materials(dict[str, Material]):
+    """Materials by name; one of a free colour is called "color_" and six digits, red first."""
+
+    def __missing__(self, name: str) -> Material:
+        digits = name.removeprefix("color_")
+        if digits == name or len(digits) != 6:
+            raise KeyError(name)
+        red, green, blue = (int(digits[k : k + 2], 16) / 255.0 for k in (0, 2, 4))
+        return Material((red, green, blue, 1.0), 0.35)
+
+
 #: Our own choice, after photographs of the da Vinci Classic.
-MATERIALS = {
+MATERIALS = Materials({
     "cover": Material((0.90, 0.91, 0.92, 1.0), 0.35),
     "casting": Material((0.66, 0.69, 0.73, 1.0), 0.4, 0.2),
     "joint": Material((0.24, 0.26, 0.30, 1.0), 0.3),
@@ -28,4 +39,4 @@ MATERIALS = {
     "drape": Material((0.35, 0.58, 0.62, 1.0), 0.1),
     "floor": Material((0.80, 0.81, 0.83, 1.0), 0.1),
     "tissue": Material((0.76, 0.40, 0.36, 1.0), 0.45),
-}
+})  # fmt: skip

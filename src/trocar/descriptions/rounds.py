@@ -50,10 +50,10 @@ def ring(like: Shape, radius: float, wire: float, sides: int) -> tuple[Shape, ..
     )
     if not smooth or not like.visible:
         return rods
-    turns = 2.0 * np.pi * np.arange(WIRE_CORNERS + 1) / WIRE_CORNERS
+    turns = 2.0 * np.pi * np.arange(WIRE_CORNERS) / WIRE_CORNERS
     out = np.stack([np.cos(turns), np.sin(turns)], axis=-1)
     at = [radius, 0.0] + wire * out
-    lines = list(zip(at, out, at[1:], out[1:], strict=False))
+    lines = list(zip(at, out, np.roll(at, -1, 0), np.roll(out, -1, 0), strict=True))
     return *rods, _drawn(like, revolved(lines, f"ring_{1e6 * radius:.0f}_{1e6 * wire:.0f}"))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import chain
 from typing import Literal, TypedDict, cast
@@ -42,7 +43,7 @@ def read_shapes(table: Table) -> tuple[Shape, ...]:
 
 def _read_shape(table: Table) -> tuple[Shape, ...]:
     kind = table.text("kind", allowed=KINDS)
-    material = table.text("material", "casting", allowed=tuple(MATERIALS))
+    material = _read_material(table)
     if kind == "mesh":
         return (_read_mesh_shape(table, material),)
     if kind in ("ring", "cup"):
@@ -125,6 +126,18 @@ def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
         size = np.array([radius, 0.5 * np.linalg.norm(end - start), 0.0])
         touching.append(Shape("capsule", pose, size, material, visible=False))
     return (seen, *touching)
+
+
+def _read_material(table: Table) -> str:
+    """Return the name of a material, or of a free colour, as `materials` has it."""
+    if "color" not in table:
+        return table.text("material", "casting", allowed=tuple(MATERIALS))
+    if "material" in table:
+        raise table.fail("color", "contradicts material; give one of them")
+    colour = table.text("color")
+    if re.fullmatch("#[0-9a-fA-F]{6}", colour) is None:
+        raise table.fail("color", f'got {colour!r}; allowed: "#" and six digits, as "#b8352f"')
+    return f"color_{colour[1:].lower()}"
 
 
 class _Surface(TypedDict):

@@ -20,7 +20,8 @@ MOST_NODES = 20_000
 SOFTEST, STIFFEST = 1e3, 1e7
 #: Stitches that one tissue can have. Source: our own choice; four take 0.2 ms a step.
 MOST_STITCHES = 8
-#: Arc of a needle that passes both halves. Source: our own choice; 3/8 of a circle is 135 deg. [rad]
+#: Arc of a needle that passes both halves. Source: our own choice; 3/8 of a circle is 135 deg.
+#: [rad]
 MIN_ARC = np.radians(120.0)
 
 
@@ -109,10 +110,10 @@ def read_tissue(row: Table, needles: Mapping[str, Needle]) -> Tissue:
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    length, width = _positive(row, "length", "length"), _positive(row, "width", "length")
-    depth, gap = _positive(row, "depth", "length"), _positive(row, "gap", "length")
-    element = _positive(row, "element", "length", 1e-3)
-    patch = _positive(row, "patch", "length", 1.5e-3)
+    length, width = row.positive("length", "length"), row.positive("width", "length")
+    depth, gap = row.positive("depth", "length"), row.positive("gap", "length")
+    element = row.positive("element", "length", default=1e-3)
+    patch = row.positive("patch", "length", default=1.5e-3)
     nodes = 2 * int(np.prod([round(size / element) + 1 for size in (length, width, depth)]))
     if nodes > MOST_NODES:
         raise row.fail(
@@ -127,7 +128,9 @@ def read_tissue(row: Table, needles: Mapping[str, Needle]) -> Tissue:
     poisson = row.number("poisson", 0.4)
     if not 0.0 <= poisson <= 0.49:
         raise row.fail("poisson", f"got {poisson:g}; allowed: 0 to 0.49")
-    layers = tuple(_read_layer(layer) for layer in row.tables("layer"))
+    layers = row.each(
+        "layer", lambda layer: (layer.positive("thickness", "length"), _modulus(layer))
+    )
     if sum(thickness for thickness, _ in layers) > depth:
         raise row.fail("layer", f"got layers thicker than the tissue, {1e3 * depth:g} mm")
     stitches = row.number("stitches", 1)
@@ -150,9 +153,9 @@ def read_tissue(row: Table, needles: Mapping[str, Needle]) -> Tissue:
         element,
         patch,
         int(stitches),
-        _positive(row, "puncture", "force"),
-        _positive(row, "drag", "force"),
-        _positive(row, "tear", "force"),
+        row.positive("puncture", "force"),
+        row.positive("drag", "force"),
+        row.positive("tear", "force"),
         needle,
         wire,
         _read_thread(row.table("thread")),
@@ -160,21 +163,13 @@ def read_tissue(row: Table, needles: Mapping[str, Needle]) -> Tissue:
     )
 
 
-def _read_layer(row: Table) -> tuple[float, float]:
-    found = _positive(row, "thickness", "length"), _modulus(row)
-    row.text("source", "")
-    row.done()
-    return found
-
-
 def _read_thread(row: Table) -> Thread:
-    length, knot = _positive(row, "length", "length"), _positive(row, "knot", "length")
+    length, knot = row.positive("length", "length"), row.positive("knot", "length")
     if knot >= length:
         raise row.fail("knot", f"got {1e3 * knot:g} mm; allowed: less than the thread's length")
     found = Thread(
-        length, knot, _positive(row, "friction", "force"), _positive(row, "radius", "length")
+        length, knot, row.positive("friction", "force"), row.positive("radius", "length")
     )
-    row.text("source", "")
     row.done()
     return found
 
@@ -186,11 +181,4 @@ def _modulus(row: Table) -> float:
             "modulus",
             f"got {1e-3 * value:g} kPa; allowed: {1e-3 * SOFTEST:g} to {1e-3 * STIFFEST:g} kPa",
         )
-    return value
-
-
-def _positive(row: Table, name: str, dimension: str, default: float | None = None) -> float:
-    value = row.quantity(name, dimension, default=default)
-    if value <= 0.0:
-        raise row.fail(name, f"got {value:g}; allowed: above 0")
     return value

@@ -10,7 +10,6 @@ from trocar.fitting.hinge import (
     angle_sigma,
     axis_distance,
     fit_hinge,
-    fit_hinge_least_squares,
     rough_hinge,
 )
 from trocar.fitting.linkage import SharedHinge, expected_hinges, refine_hinges
@@ -46,7 +45,6 @@ __all__ = [
     "expected_hinges",
     "expected_pivot_sigma",
     "fit_hinge",
-    "fit_hinge_least_squares",
     "fit_pivot",
     "fit_pivot_in_body",
     "fit_slide",

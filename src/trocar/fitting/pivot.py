@@ -24,6 +24,7 @@ from trocar.errors import InputError, UndeterminedError
 from trocar.fitting.robust import near, not_gross, shared_point, widening
 from trocar.geometry.rotations import (
     matrix_from_rotation_vector,
+    nearest_rotation,
     rotation_vector_from_matrix,
     skew,
 )
@@ -407,8 +408,7 @@ def _typical(R: Array) -> Array:
     weights = np.ones(len(R))
     centre = R[0]
     for _ in range(20):
-        left, _, right = np.linalg.svd(np.tensordot(weights, R, 1) / weights.sum())
-        centre = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        centre = nearest_rotation(np.tensordot(weights, R, 1) / weights.sum())
         away = np.linalg.norm(R - centre, axis=(1, 2))
         weights = 1.0 / np.maximum(away, max(float(np.median(away)), 1e-12))
     return centre

@@ -15,6 +15,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.geometry.rotations import nearest_rotation
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -96,8 +98,7 @@ def shared_rotation(R: Array) -> tuple[Array, Array]:
     """
     weights, mean, residual = np.ones(len(R)), np.eye(3), np.zeros(len(R))
     for round_ in range(_ROUNDS):
-        left, _, right = np.linalg.svd(np.tensordot(weights, R, 1))
-        mean = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+        mean = nearest_rotation(np.tensordot(weights, R, 1))
         residual = np.linalg.norm(R - mean, axis=(1, 2)) / np.sqrt(2.0)
         weights = _reweighted(residual, round_)
     return mean, residual

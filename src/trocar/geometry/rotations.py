@@ -242,6 +242,17 @@ def angle_between(Ra: ArrayLike, Rb: ArrayLike) -> Array:
     return 2.0 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0])
 
 
+def nearest_rotation(M: ArrayLike) -> Array:
+    """Return the rotation nearest to a matrix, least squares of the entries, (..., 3, 3).
+
+    Source: Kabsch, A discussion of the solution for the best rotation to relate two sets of
+    vectors, 1978.
+    """
+    left, _, right = np.linalg.svd(np.asarray(M, dtype=np.float64))
+    left[..., 2] *= np.linalg.det(left @ right)[..., None]
+    return np.asarray(left @ right, dtype=np.float64)
+
+
 def check_rotation(R: ArrayLike, name: str = "rotation") -> Array:
     """Check that R is a rotation to `TOLERANCE`, and return it as float64.
 

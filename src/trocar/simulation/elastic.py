@@ -130,7 +130,7 @@ class ElasticPad:
         forces = spread.reshape(3 * len(self.nodes), -1)
         moved = self.solve(forces)
         compliance = forces.T @ moved
-        stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
+        stiffness: Array = np.linalg.inv(0.5 * (compliance + compliance.T)).astype(np.float64)
         return Condensed(stiffness, (moved @ stiffness).reshape(len(self.nodes), 3, -1))
 
     def solve(self, forces: Array) -> Array:

@@ -337,6 +337,27 @@ class SoftTissue:
         held = np.repeat(~self.torn.ravel(), 3)
         return self._condensed().response @ (self._q - self._rest)[held]
 
+    @property
+    def time(self) -> float:
+        """Simulation time [s]."""
+        return float(self._data.time)
+
+    def threaded(self) -> tuple[Array, Array, Array, float]:
+        """Return where thread passes now, from the needle on, in the world.
+
+        Returns:
+            the needle's end (3,); direction in which thread leaves it (3,); points of tissue that
+            it passes (n, 3); length from the needle to the last of these, where the knot stops [m]
+        """
+        data, count = self._data, len(self.plan)
+        turn = data.xmat[self._needle].reshape(3, 3)
+        swage = data.xpos[self._needle] + turn @ self.tissue.wire.swage[:3, 3]
+        local = self._q.reshape(count, -1, 3)[:, :4] + self._model.site_pos[self._sites]
+        passed = local[self.left][::-1]
+        points = passed @ self.pose[:3, :3].T + self.pose[:3, 3]
+        back = -turn @ self.tissue.wire.swage[:3, 1]
+        return swage, back, points, float(data.qpos[self._feed])
+
     def save(self) -> TissueState:
         """Return what the motion from here on depends on, beside the physics."""
         return TissueState(
@@ -405,8 +426,8 @@ class SoftTissue:
     def _count(self) -> None:
         """Set what follows from the plan and from what passed."""
         self._sides = np.sign(self.plan[:, 0, 1])
-        whole = self.left.all(axis=1)
-        self.stitch = int(np.argmin(whole)) if not whole.all() else len(whole)
+        whole = [bool(row.all()) for row in self.left]
+        self.stitch = whole.index(False) if False in whole else len(whole)
 
     def _arm_plates(self) -> None:
         """Let only the plates of the stitch under way be touched, until they are punctured."""
@@ -536,7 +557,7 @@ def _condensed(tissue: Tissue, places: bytes, torn: bytes) -> Condensed:
 
 def _checked_plan(name: str, tissue: Tissue, points: ArrayLike) -> Array:
     try:
-        plan = np.array(points, dtype=np.float64)
+        plan: Array = np.asarray(points, dtype=np.float64).copy()
     except (TypeError, ValueError, OverflowError):
         plan = np.zeros(0)
     if plan.ndim != 3 or plan.shape[1:] != (4, 3) or not 1 <= len(plan) <= tissue.stitches:

@@ -54,6 +54,7 @@ from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
+from trocar.simulation.tissue_drawings import TissueDrawings
 from trocar.simulation.tissues import SoftTissue, TissueState
 
 Array = NDArray[np.float64]
@@ -235,6 +236,10 @@ class World:
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
+        for name, tissue in self.tissues.items():
+            drawn = TissueDrawings(tissue, self.rig)
+            for part in (drawn.skin, drawn.wound, drawn.thread):
+                self.draw(f"{name}_{part.__name__}", part)
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:

@@ -51,3 +51,20 @@ def test_the_policy_moves_as_without_a_loop_to_the_last_bit_and_again_after_a_re
         task.world.reset()  # as somebody on the page does
         loop.tick(loop.quiet_ticks())
         assert not task.done and task.world.time < 0.01
+
+
+def test_an_instrument_taken_away_ends_the_episode_and_not_the_loop(touch: Path) -> None:
+    task = make_task(str(touch))
+    served, loop = ServedTask(task, 2, scripted=True), Loop(task.world, tick_s=0.001, speed="max")
+    served.watch(loop)
+    arm = task.world.arm(task.arms[0])
+    tool = arm.description.tool
+    arm.set_tool_type("none")
+    for _ in range(50):
+        loop.tick(loop.quiet_ticks())
+    assert f"{arm.name}: not the instrument of the scene" in served.note()
+    task.world.arm(arm.name).set_tool_type(tool)
+    task.world.reset()
+    loop.tick(loop.quiet_ticks())
+    assert "instrument" not in served.note()
+    assert not task.done

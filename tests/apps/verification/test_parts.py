@@ -13,9 +13,8 @@ from trocar.apps.calibration.rcm_frame import centre_links, own_centre
 from trocar.apps.figures import Figure, Part
 from trocar.apps.trials import compiled_poses
 from trocar.apps.verification.formats import formats
-from trocar.apps.verification.hardware import beside_hardware
 from trocar.apps.verification.linkage import axes, closure, fold
-from trocar.apps.verification.rcm import cloud, rcm
+from trocar.apps.verification.rcm import beside_hardware, cloud, rcm
 from trocar.apps.verification.subject import Subject, Sweep, exact, measured_ranges, sweep
 from trocar.apps.verification.tracking import Track, delays, realtime, tracking
 from trocar.descriptions import load_arm

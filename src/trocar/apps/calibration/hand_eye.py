@@ -29,7 +29,7 @@ from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.cameras.lens import distort, distortion_jacobian
 from trocar.descriptions.overlay_records import CameraPatch, FramePatch, Overlay
 from trocar.errors import InputError
-from trocar.geometry import inverse, skew, transform
+from trocar.geometry import inverse, nearest_rotation, skew, transform
 from trocar.geometry.rotations import rotation_x, rotation_z, rpy_from_matrix
 from trocar.geometry.se3 import exp_twist, log_transform
 from trocar.kinematics import jacobian_body, pose
@@ -768,9 +768,7 @@ def _arms_start(
 def _mean_pose(poses: Sequence[Array]) -> Array:
     """Return the mean: of positions by coordinates, of rotations the nearest to their mean."""
     mean = np.median(np.array(poses), axis=0)
-    left, _, right = np.linalg.svd(mean[:3, :3])
-    R = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    return transform(R, mean[:3, 3])
+    return transform(nearest_rotation(mean[:3, :3]), mean[:3, 3])
 
 
 def _planes(views: Views, eye: int) -> dict[int, Array]:
@@ -828,5 +826,4 @@ def _board_pose(H: Array, K: Array) -> Array:
     G = G * (2.0 / (np.linalg.norm(G[:, 0]) + np.linalg.norm(G[:, 1])))
     G = G * np.sign(G[2, 2])
     R = np.stack([G[:, 0], G[:, 1], np.cross(G[:, 0], G[:, 1])], axis=1)
-    left, _, right = np.linalg.svd(R)
-    return transform(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right, G[:, 2])
+    return transform(nearest_rotation(R), G[:, 2])

@@ -25,7 +25,13 @@ from trocar.apps.calibration.axes import Value, slopes
 from trocar.apps.calibration.robot import pose_residuals
 from trocar.apps.calibration.touches import Readings
 from trocar.errors import InputError
-from trocar.geometry import inverse, matrix_from_rotation_vector, skew, transform
+from trocar.geometry import (
+    inverse,
+    matrix_from_rotation_vector,
+    nearest_rotation,
+    skew,
+    transform,
+)
 from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.forward import pose
 
@@ -307,8 +313,7 @@ def _start(name: str, mine: Readings) -> _Model:
 def _onto(points: Array, others: Array) -> Array:
     """Return the pose that brings points nearest to others, (n, 3) each; Kabsch's method."""
     a, b = points.mean(axis=0), others.mean(axis=0)
-    left, _, right = np.linalg.svd((others - b).T @ (points - a))
-    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    turn = nearest_rotation((others - b).T @ (points - a))
     return transform(turn, b - turn @ a)
 
 
@@ -325,17 +330,12 @@ def hand_eye(tips: Array, boards: Array) -> tuple[Array, Array]:
         [np.hstack([np.kron(eye, a.T), -np.kron(b, eye)]) for a, b in zip(A, B, strict=True)]
     )
     null = np.linalg.svd(rows)[2][-1]
-    turns = [_nearest_rotation(part.reshape(3, 3)) for part in (null[:9], null[9:])]
+    turns = [nearest_rotation(part.reshape(3, 3)) for part in (null[:9], null[9:])]
     if np.linalg.det(null[:9].reshape(3, 3)) < 0.0:
-        turns = [_nearest_rotation(-part.reshape(3, 3)) for part in (null[:9], null[9:])]
+        turns = [nearest_rotation(-part.reshape(3, 3)) for part in (null[:9], null[9:])]
     Y, X = turns[0], turns[1].T
     # R_Y (R_A t_X + t_A) + t_Y = t_B
     left = np.concatenate([Y @ A, np.broadcast_to(eye, A.shape)], axis=2).reshape(-1, 6)
     right = (boards[:, :3, 3] - tips[:, :3, 3] @ Y.T).ravel()
     shifts = np.linalg.lstsq(left, right, rcond=None)[0]
     return transform(Y, shifts[3:]), transform(X, shifts[:3])
-
-
-def _nearest_rotation(M: Array) -> Array:
-    left, _, right = np.linalg.svd(M)
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)

@@ -1,8 +1,8 @@
-"""Plans of stitches: where needle and thread pass a wound, which arm holds what, and how near to its limits.
+"""Plans of stitches: where needle and thread pass a wound, and which arm holds what.
 
-A stitch is a circle in a plane across the wound: the needle turns about its centre, which lies above the
-surface. One arm drives it in from one side until its tip has come out on the other; the other arm takes it
-there and turns it out.
+A stitch is a circle in a plane across the wound: the needle turns about its centre, which lies
+above the surface. One arm drives it in from one side until its tip has come out on the other; the
+other arm takes it there and turns it out.
 """
 
 from __future__ import annotations
@@ -29,17 +29,21 @@ from trocar.simulation.tissues import RISE, stitch_points
 Array = NDArray[np.float64]
 UP = np.array([0.0, 0.0, 1.0])
 
-#: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a large needle
-#: driver's pads. [m]
+#: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a
+#: large needle driver's pads. [m]
 REACH_M = 0.0085
-#: Angles of the tip about the circle, from the surface on the side where it goes in: where driving begins,
-#: how far beyond the surface the tip comes out, where the needle has left. Source: measured: the jaws then
-#: stay clear of the tissue, and 16 deg of tip are left for the other arm. [rad]
+#: Angles of the tip about the circle, from the surface on the side where it goes in: where driving
+#: begins, how far beyond the surface the tip comes out, where the needle has left. Source:
+#: measured: the jaws then stay clear of the tissue, and 16 deg of tip are left for the other arm.
+#: [rad]
 START, EMERGE, END = np.radians([12.0, 36.0, 332.0])
-#: Where the driving arm holds the needle from its swage, and the other from its tip. Source: as above. [rad]
+#: Where the driving arm holds the needle from its swage, and the other from its tip. Source: as
+#: above. [rad]
 HOLD_SWAGE, HOLD_TIP = np.radians([18.0, 16.0])
 #: Steps in which reach is looked at. Source: measured: steps of 12 deg miss solutions. [rad]
 STEP = np.radians(4.0)
+#: Height above a needle from which it is picked. Source: our own choice. [m]
+ABOVE_M = 0.02
 #: Joints this near to a limit are as good as out of reach. Source: our own choice. [rad]
 LEAST = np.radians(2.0)
 #: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
@@ -72,8 +76,8 @@ class Stitch:
     """One stitch.
 
     Attributes:
-        wound: frame of the wound in the world: origin in its middle on the surface, x along it, z up (4, 4)
-        points: channel points in this frame: in, on both sides of the wound, out (4, 3) [m]
+        wound: its frame in the world: origin in its middle on the surface, x along it, z up (4, 4)
+        points: channel points in this frame: in, both sides of the wound, out (4, 3) [m]
         radius, height: of the circle, and of its centre above the surface [m]
         side: 1: in on the side of the wound's +y; -1: of -y
         driver, taker: arms that drive the needle in, and out
@@ -104,7 +108,7 @@ class Stitch:
         return np.pi - self.surface + EMERGE
 
     def needle_pose(self, needle: Needle, angle: float) -> Array:
-        """Return the needle in the world while its tip is at an angle of the circle, (4, 4) [rad]."""
+        """Return the needle in the world with its tip at an angle of the circle, (4, 4) [rad]."""
         x = float(self.points[0, 0])
         return needle_on_circle(self.wound, x, self.height, self.side, angle - needle.arc)
 
@@ -210,7 +214,8 @@ def wound_frame(line: ArrayLike, up: ArrayLike = UP) -> tuple[Array, float]:
         up: direction out of the surface, (3,)
 
     Returns:
-        T_world_wound (4, 4): origin in the middle, x along the wound towards +x of the world, z up; length [m]
+        T_world_wound (4, 4): origin in the middle, x along the wound towards +x of the world, z
+        up; length [m]
 
     Raises:
         InputError: fewer than two points, or all in one place
@@ -265,7 +270,7 @@ class Reach:
             return np.zeros((0, len(self.names)))
 
     def near(self, T: Array, q: Array) -> Array | None:
-        """Return the joint position nearest to q with the tip at a pose in the world, None: none."""
+        """Return joint positions nearest to q with the tip at a pose in the world; None: none."""
         try:
             return nearest_solution(self._mechanism, self._structure, self._back @ T, q)
         except (UnreachableError, SingularError):
@@ -285,14 +290,14 @@ class Reach:
         """
         best: tuple[float, str, Array] | None = None
         for first in self.all(poses[0]):
-            q: Array | None = first
+            q = first
             room, joint = self.margin(first)
             for T in poses[1:]:
-                before = q
-                q = self.near(T, before)
-                if q is None or (np.abs(q - before)[self._turns] > 8.0 * STEP).any():
+                after = self.near(T, q)
+                if after is None or (np.abs(after - q)[self._turns] > 8.0 * STEP).any():
                     room = -np.inf
                     break
+                q = after
                 room, joint = min((room, joint), self.margin(q))
                 if best is not None and room <= best[0]:
                     break
@@ -322,17 +327,12 @@ def make_plan(
     arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
     reaches = {name: Reach(world, name) for name in arms}
     found: list[Stitch] = []
-    kept: tuple[str, int, Grip, Grip] | None = None
     for place in places:
-        options = [
-            one
-            for one in _options(reaches, tissue, wound, place, needle_pose, kept)
-            if min(one.margins) >= LEAST
-        ]
-        if not options:
+        before = found[-1] if found else None
+        options = list(_options(reaches, tissue, (wound, place), needle_pose, before))
+        best = max(options, key=lambda one: min(one.margins), default=None)
+        if best is None or min(best.margins) < LEAST:
             raise UnreachableError(_why_not(reaches, tissue, wound, place))
-        best = max(options, key=lambda one: min(one.margins))
-        kept = best.driver, best.side, *best.grips
         found.append(best)
     return Plan(tuple(found), needle)
 
@@ -350,7 +350,7 @@ def check_needle(tissue: Tissue) -> None:
     if wide > 0.9 * room or deep > 0.9 * tissue.depth:
         raise InputError(
             f"needle of {1e3 * needle.radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide and"
-            f" {1e3 * deep:.1f} mm deep; allowed: {900 * room:.1f} mm and {900 * tissue.depth:.1f} mm"
+            f" {1e3 * deep:.1f} mm deep; allowed: {900 * room:.1f} and {900 * tissue.depth:.1f} mm"
         )
     if wide < 0.5 * tissue.gap + 2.5e-3:
         raise InputError(
@@ -363,67 +363,79 @@ def check_needle(tissue: Tissue) -> None:
         )
 
 
+_NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))
+
+
 def _options(
     reaches: dict[str, Reach],
     tissue: Tissue,
-    wound: Array,
-    place: float,
+    where: tuple[Array, float],
     needle_pose: Array,
-    kept: tuple[str, int, Grip, Grip] | None,
+    before: Stitch | None,
 ) -> Iterator[Stitch]:
-    """Yield the ways to make a stitch; those of the stitch before come first, and alone if they are good."""
-    needle = tissue.wire
+    """Yield ways to make a stitch at a place of a wound; like the one before, if there is one."""
+    needle, (wound, place) = tissue.wire, where
     height = RISE * needle.radius
-    faces_up = needle_pose[2, 2] > 0.0
     for (driver, taker), side in product(_pairs(reaches, needle_pose), (1, -1)):
-        if kept is not None and (driver, side) != kept[:2]:
+        if before is not None and (driver, side) != (before.driver, before.side):
             continue
         points = stitch_points(tissue, place, needle.radius, height, float(side))
         draft = Stitch(
             wound, points, needle.radius, height, side, driver, taker, _NO_GRIPS, (0, 0), ("", "")
         )
-        middle = draft.needle_pose(needle, np.pi)
-        grips: list[Grip] = []
-        ways: list[tuple[float, str, Array]] = []
-        for row, (arm, angle, tips) in enumerate(
-            (
-                (driver, HOLD_SWAGE, np.arange(START, draft.out + STEP, STEP)),
-                (taker, needle.arc - HOLD_TIP, np.arange(draft.out - STEP, END + STEP, STEP)),
-            )
-        ):
-            inwards = wound[:3, 3] - reaches[arm].port
-            along = 1 if middle[:3, 2] @ inwards > 0.0 else -1
-            if arm == driver and kept is None and (along > 0) == faces_up:
-                break  # from above, the jaw would hold it the other way round
-            best: tuple[float, str, Array] | None = None
-            for across in (1, -1) if kept is None else (kept[2 + row].across,):
-                grip = Grip(angle, along, across)
-                held = grip.pose(needle)
-                way = reaches[arm].along([draft.needle_pose(needle, tip) @ held for tip in tips])
-                if way is not None and arm == driver and kept is None:
-                    above = needle_pose @ held
-                    above[2, 3] += 0.02
-                    picks = [reaches[arm].margin(q) for q in reaches[arm].all(above)]
-                    way = min(way[:2], max(picks, default=(-np.inf, ""))) + way[2:]
-                if way is not None and (best is None or way[0] > best[0]):
-                    best, chosen = way, grip
-            if best is None:
-                break
-            grips.append(chosen)
-            ways.append(best)
-        if len(grips) == 2:
-            found = replace(
-                draft,
-                grips=(grips[0], grips[1]),
-                margins=(ways[0][0], ways[1][0]),
-                limited=(ways[0][1], ways[1][1]),
-            )
-            yield found
-            if min(found.margins) > ENOUGH:
-                return
+        pick = needle_pose if before is None else None
+        inwards = np.arange(START, draft.out + STEP, STEP), HOLD_SWAGE, pick
+        outwards = np.arange(draft.out - STEP, END + STEP, STEP), needle.arc - HOLD_TIP, None
+        kept = (None, None) if before is None else before.grips
+        one = _best_grip(reaches[driver], draft, needle, inwards, kept[0])
+        two = None if one is None else _best_grip(reaches[taker], draft, needle, outwards, kept[1])
+        if one is None or two is None:
+            continue
+        found = replace(
+            draft, grips=(one[2], two[2]), margins=(one[0], two[0]), limited=(one[1], two[1])
+        )
+        yield found
+        if min(found.margins) > ENOUGH:
+            return
 
 
-_NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))
+def _best_grip(
+    reach: Reach,
+    stitch: Stitch,
+    needle: Needle,
+    part: tuple[Array, float, Array | None],
+    kept: Grip | None,
+) -> tuple[float, str, Grip] | None:
+    """Return least margin, its joint and the grip with which an arm turns a needle best.
+
+    Args:
+        reach: of the arm
+        stitch: as far as it is planned
+        needle: that it is made with
+        part: angles of the tip, where on the needle the jaw is, and where the needle lies that the
+            arm picks up from above (4, 4), None: it takes it from the other arm
+        kept: the grip, None: whichever is best
+    """
+    tips, angle, pick = part
+    axis = stitch.needle_pose(needle, np.pi)[:3, 2]
+    along = 1 if axis @ (stitch.wound[:3, 3] - reach.port) > 0.0 else -1
+    if pick is not None and along * pick[2, 2] > 0.0:
+        return None  # from above, the jaw would hold it the other way round
+    best: tuple[float, str, Grip] | None = None
+    for grip in (Grip(angle, along, 1), Grip(angle, along, -1)) if kept is None else (kept,):
+        held = grip.pose(needle)
+        way = reach.along([stitch.needle_pose(needle, tip) @ held for tip in tips])
+        if way is None:
+            continue
+        room = way[:2]
+        if pick is not None:
+            above = pick @ held
+            above[2, 3] += ABOVE_M
+            picks = [reach.margin(q) for q in reach.all(above)]
+            room = min(room, max(picks, default=(-np.inf, "")))
+        if best is None or room[0] > best[0]:
+            best = *room, grip
+    return best
 
 
 def _pairs(reaches: dict[str, Reach], needle_pose: Array) -> list[tuple[str, str]]:
@@ -437,7 +449,7 @@ def _why_not(reaches: dict[str, Reach], tissue: Tissue, wound: Array, place: flo
     yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
     at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()
     return (
-        f"stitch at {at} mm across a wound at {yaw:.0f} deg: {' and '.join(reaches)} do not reach its"
-        f" whole arc of {1e3 * tissue.wire.radius:.1f} mm radius by {np.degrees(LEAST):.0f} deg from"
-        " every joint's limit; allowed: within 45 deg of the line between the ports, and 30 mm"
+        f"stitch at {at} mm across a wound at {yaw:.0f} deg: {' and '.join(reaches)} do not reach"
+        f" its whole arc of {1e3 * tissue.wire.radius:.1f} mm radius by {np.degrees(LEAST):.0f} deg"
+        " from every joint's limit; allowed: within 45 deg of the line between the ports, and 30 mm"
     )

@@ -1,4 +1,4 @@
-"""How two arms make stitches: motions with force limits, looks at what came of them, and second tries."""
+"""How two arms make stitches: motions with force limits, looks at the results, second tries."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.motions import OPEN, UP, Hand, Motion, together
-from trocar.apps.suturing.planning import END, LEAST, START, Plan, Reach, Stitch, needle_on_circle
+from trocar.apps.motions import UP, Hand, Motion, together
+from trocar.apps.suturing.planning import (
+    ABOVE_M,
+    END,
+    LEAST,
+    START,
+    Plan,
+    Reach,
+    Stitch,
+    needle_on_circle,
+)
 from trocar.apps.task import PERIOD_S, Task
 from trocar.errors import TrocarError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
@@ -19,23 +28,25 @@ from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
 
-#: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no effect of
-#: 1 to 10 mm/s on forces. [rad/s]
+#: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no
+#: effect of 1 to 10 mm/s on forces. [rad/s]
 DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(30.0)
 #: Speeds of the pull: slack, and under tension. Source: our own choice. [m/s]
 PULL_M_S, TIGHT_M_S = 0.03, 0.006
-#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013 measured
-#: 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
+#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013
+#: measured 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
 TIGHT_N, SLOW_N = 2.0, 0.5
-#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up, and
-#: towards the arm's own side along it. Source: our own choice; the first closes a wound with the least force.
+#: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
+#: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
+#: the least force.
 PULLS = ((0.8, 0.6, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
-#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm thick. [m]
+#: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm
+#: thick. [m]
 APART_M = 0.03
 #: The pull ends here though the thread is not tight. Source: our own choice. [m]
 PULL_M = 0.1
-#: A needle that a jaw holds farther out of its plane is put down and picked again, and one with which the
-#: arm would not reach the whole arc. Source: our own choice. [deg]
+#: A needle that a jaw holds farther out of its plane is put down and picked again, and one with
+#: which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
 #: Times that anything is tried. Source: our own choice.
 TRIES = 4
@@ -43,11 +54,12 @@ TRIES = 4
 CLOSE_S = 0.6
 #: Openings of jaws about a needle. Source: our own choice. [rad]
 AROUND, GRIP = 0.6, -0.349
-#: Heights above the needle and above the surface. Source: our own choice. [m]
-ABOVE_M, CLEAR_M = 0.02, 0.006
+#: Height above the surface before a stitch. Source: our own choice. [m]
+CLEAR_M = 0.006
 #: Looks at a needle in the jaws whose mean is taken. Source: our own choice.
 LOOKS = 3
-#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice. [rad]
+#: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice.
+#: [rad]
 MISSED_RAD = np.radians(25.0)
 
 
@@ -193,7 +205,7 @@ class Sewing:
     # ------------------------------------------------------------------ parts of a stitch
 
     def _pick(self) -> Iterator[Array]:
-        """Pick the needle up, again where it cannot be used as it is held; return how it is held."""
+        """Pick the needle up, again where that fails; return how it is held."""
         for attempt in range(TRIES):
             self.op.announce("pick" if attempt == 0 else f"pick again ({attempt + 1})")
             seen = self._see()
@@ -259,9 +271,7 @@ class Sewing:
         way = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         return (yield from self._take(stitch, 1, stitch.driver, way))
 
-    def _take(
-        self, stitch: Stitch, row: int, giver: str, then: list[Array]
-    ) -> Iterator[Array]:
+    def _take(self, stitch: Stitch, row: int, giver: str, then: list[Array]) -> Iterator[Array]:
         """Let an arm take the needle with one of the stitch's grips, the other let go of it.
 
         Args:
@@ -273,8 +283,8 @@ class Sewing:
         taker = (stitch.driver, stitch.taker)[row]
         give, take = self.hands[giver], self.hands[taker]
         grip = stitch.grips[row]
-        goal = self._seen_in(give) @ grip.pose(self.needle)
-        for attempt in range(TRIES):
+        goal = self._pose() @ grip.pose(self.needle)
+        for _ in range(TRIES):
             yield from self._one(take, take.open(AROUND))
             yield from self._approach(take, [goal, *then])
             yield from self._one(take, take.line(goal, 0.03))
@@ -284,7 +294,7 @@ class Sewing:
             self.op.announce(f"{taker} missed the needle")
             yield from self._one(take, take.open(AROUND))
             yield from self._one(take, take.back(ABOVE_M))
-            goal = self._seen_in(give) @ grip.pose(self.needle)
+            goal = self._pose() @ grip.pose(self.needle)
         else:
             raise StitchError(f"{taker} did not take the needle in {TRIES} tries")
         yield from self._one(give, give.open(AROUND))
@@ -315,7 +325,9 @@ class Sewing:
         aside = along * np.sign(along @ (port - stitch.wound[:3, 3]))
         axes = np.array([stitch.side * stitch.wound[:3, 1], UP, aside])
         ways = [way @ axes / np.linalg.norm(way) for way in np.array(PULLS)]
-        reach = start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        reach = (
+            start + np.linspace(0.0, self.op.tissue.tissue.thread.free, 20)[:, None, None] * ways
+        )
         shafts = [
             np.linspace(arm.tip_in_world().T[:3, 3], world.remote_centres()[name], 20)
             for name, arm in world.arms.items()
@@ -338,7 +350,7 @@ class Sewing:
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""
-        take, give = self.hands[stitch.driver], self.hands[stitch.taker]
+        give = self.hands[stitch.taker]
         begin = self.task.target(give.arm) @ inverse(held)
         goal = stitch.needle_pose(self.needle, START + np.radians(4.0))
         goal[2, 3] += 0.018
@@ -398,7 +410,7 @@ class Sewing:
         yield from self._one(hand, hand.follow(way()))
 
     def _approach(self, hand: NeedleHand, poses: list[Array]) -> Iterator[Array]:
-        """Go in front of the first of poses, along the jaw, on the way with most room for all of them.
+        """Go in front of the first of poses, along the jaw, with most room for all of them.
 
         Raises:
             StitchError: there is no way
@@ -411,12 +423,16 @@ class Sewing:
         yield from self._one(hand, hand.to_joints(found[2], 1.5))
 
     def _start_joints(self, stitch: Stitch, held: Array) -> Array | None:
-        """Return where the driver is above the wound, on the way with most room for the arc; None: none."""
+        """Return where the driver is above the wound, on the best way along the arc; None: none."""
         hand = self.hands[stitch.driver]
         angles = np.arange(START, stitch.out, np.radians(4.0))
         poses = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         found = hand.reach.along([_raised(poses[0], ABOVE_M), *poses])
         return None if found is None or found[0] < LEAST else found[2]
+
+    def _pose(self) -> Array:
+        """Return the needle's pose in the world, as it is measured in the jaws that hold it."""
+        return self.task.object_pose(self.op.tissue.tissue.needle)
 
     def _see(self) -> Array:
         """Return where the needle lies, as it is seen."""
@@ -426,12 +442,8 @@ class Sewing:
         turn = matrix_from_rotation_vector(noise.turn * rng.uniform(-1.0, 1.0) * UP)
         return transform(turn @ T[:3, :3], T[:3, 3])
 
-    def _seen_in(self, hand: NeedleHand) -> Array:
-        """Return the needle's pose in the world, by how a hand holds it."""
-        return self.task.object_pose(self.op.tissue.tissue.needle)
-
     def _look_again(self, hand: NeedleHand, held: Array) -> Iterator[Array]:
-        """Look at the needle in the jaws from a few places, and return the mean of how it is held."""
+        """Look at a needle in the jaws a few times; return the mean of how it is held."""
         looks = [held]
         for _ in range(LOOKS - 1):
             yield from self._one(hand, hand.wait(PERIOD_S))

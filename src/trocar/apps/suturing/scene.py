@@ -4,23 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.needles import Needle, needle_sizes
 from trocar.descriptions.records import Movable, Prop
-from trocar.descriptions.scenes import Scene, load_scene
+from trocar.descriptions.scenes import Scene
 from trocar.descriptions.shapes import needle_shapes
 from trocar.descriptions.tissues import MOST_STITCHES, Tissue
 from trocar.errors import InputError, UnknownNameError
 
 SCENE = "suturing"
-#: Moduli, layers and forces of tissues. Source: phantom: silicone pads, 0.2 MPa (ONU 2025), 0.5 N; skin: its
-#: upper 2 mm of dermis on fat, forces of entry of Frick 2001; soft: half a phantom, like bowel.
+#: Moduli, layers and forces of tissues. Source: phantom: silicone pads, 0.2 MPa (ONU 2025), 0.5 N;
+#: skin: its upper 2 mm of dermis on fat, forces of entry of Frick 2001; soft: half a phantom, like
+#: bowel.
 TISSUES: dict[str, dict[str, object]] = {
     "phantom": {"modulus": 2e5, "layers": (), "puncture": 0.5, "drag": 0.06},
     "skin": {"modulus": 1e5, "layers": ((2e-3, 4e5),), "puncture": 1.0, "drag": 0.1},
     "soft": {"modulus": 1e5, "layers": (), "puncture": 0.2, "drag": 0.03},
 }
-#: Thread for one stitch, and more for each further one. Source: our own choice: paths of 18 mm and a tail
-#: that arms can pull. [m]
+#: Thread for one stitch, and more for each further one. Source: our own choice: paths of 18 mm and
+#: a tail that arms can pull. [m]
 THREAD_M, MORE_M = 0.06, 0.016
 #: Time for each further stitch. Source: our own choice. [s]
 MORE_S = 45.0
@@ -46,18 +48,17 @@ def suturing_scene(stitches: int = 1, needle: str = "", tissue: str = "phantom")
         raise UnknownNameError("tissue", tissue, TISSUES)
     scene = load_scene(SCENE)
     props = {prop.name: prop for prop in scene.rig.props}
-    pad = next(prop for prop in scene.rig.props if prop.tissue is not None)
-    assert pad.tissue is not None
-    name, wire = pad.tissue.needle, pad.tissue.wire
+    pad, soft = next((p, p.tissue) for p in scene.rig.props if p.tissue is not None)
+    name, wire = soft.needle, soft.wire
     if needle:
         wire = _size(needle)
         props[name] = _with_needle(props[name], wire)
-    length = THREAD_M * wire.radius / pad.tissue.wire.radius + MORE_M * (stitches - 1)
+    length = THREAD_M * wire.radius / soft.wire.radius + MORE_M * (stitches - 1)
     changed: Tissue = replace(
-        pad.tissue,
+        soft,
         wire=wire,
         stitches=stitches,
-        thread=replace(pad.tissue.thread, length=length),
+        thread=replace(soft.thread, length=length),
         **TISSUES[tissue],
     )
     props[pad.name] = replace(pad, tissue=changed)
@@ -79,11 +80,12 @@ def _size(name: str) -> Needle:
 
 
 def _with_needle(prop: Prop, needle: Needle) -> Prop:
+    """Return a needle's prop with another needle."""
+    old, before = prop.movable, prop.needle
+    if old is None or before is None:
+        raise InputError(f"{prop.name}: is no needle that moves")
+    larger = needle.radius / before.radius
+    inertia = old.inertia * needle.mass / old.mass * larger**2
+    movable = Movable(needle.mass, old.com * larger, inertia, old.inertia_from)
     shapes = needle_shapes(needle, prop.shapes[0].material)
-    old = prop.movable
-    assert old is not None
-    assert prop.needle is not None
-    share = needle.mass / old.mass * (needle.radius / prop.needle.radius) ** 2
-    com = old.com * needle.radius / prop.needle.radius
-    movable = Movable(needle.mass, com, old.inertia * share, old.inertia_from)
     return replace(prop, shapes=shapes, movable=movable, needle=needle)

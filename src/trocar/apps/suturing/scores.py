@@ -1,4 +1,4 @@
-"""How well stitches were made: errors of the needle's path, forces, slip, closure; and published scores."""
+"""How well stitches were made: errors of the path, forces, slip, closure; and published scores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ class StitchScore:
         excess_mm: largest length by which the thread was too long: a measure of numerical health
         slip_um, turn_deg: largest change of the needle's pose in a jaw that held it
         friction: largest share of a grip's friction that was used
-        gap_before_mm, gap_mm, gap_deep_mm: between the walls: before; in the end at the surface, at depth
+        gap_before_mm, gap_mm, gap_deep_mm: between the walls: before; in the end at the surface,
+            and at depth
         time_s: from the stitch before it
         tries: of grasps, one each for pick or hand-back, and regrasp
     """
@@ -149,7 +150,7 @@ def pose_score(needle: Needle, reported: Array, true: Array) -> float:
 
 @dataclass(frozen=True)
 class Pass:
-    """A pass of a needle's tip through an entry and an exit, as tasks 2 and 3 of the challenge score it.
+    """A pass of a needle's tip through two holes, as tasks 2 and 3 of the challenge score it.
 
     Attributes:
         entry_m, exit_m: lateral distance of the tip from the hole where it crossed; NaN: it did not
@@ -167,17 +168,17 @@ class Pass:
         return not np.isnan(self.entry_m + self.exit_m)
 
 
-#: Half the box about a hole that counts as passing it. Source: the challenge's evaluation, 0.05 of its units,
-#: at 0.1 m a unit. [m]
+#: Half the box about a hole that counts as passing it. Source: the challenge's evaluation, 0.05 of
+#: its units, at 0.1 m a unit. [m]
 HOLE_M = 5e-3
 
 
 def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
     """Score a tip's path through two holes as tasks 2 and 3 of the challenge do.
 
-    The tip crosses an entry from +z to -z of its frame, an exit from -z to +z, each within 5 mm; what
-    counts is the distance from the hole's middle where it crosses its plane, and how far the tip stands
-    out of the exit in the end.
+    The tip crosses an entry from +z to -z of its frame, an exit from -z to +z, each within 5 mm;
+    what counts is the distance from the middle of the hole where it crosses its plane, and how
+    far the tip stands out of the exit in the end.
     Source: AccelNet surgical robotics challenge 2021-22, evaluation of tasks 2 and 3.
 
     Args:
@@ -187,7 +188,7 @@ def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
     path = np.asarray(tips, dtype=np.float64)
     went_in, at_entry = _crossing(path, entry, -1.0)
     came_out, at_exit = _crossing(path[went_in:], out, 1.0)
-    last = (path[-1] - out[:3, 3]) @ out[:3, :3] if len(path) else np.zeros(3)
+    last = (path[-1] - out[:3, 3]) @ out[:3, :3]
     protrusion = float(max(last[2], 0.0)) if not np.isnan(at_exit) else 0.0
     return Pass(at_entry, at_exit if came_out else float("nan"), protrusion)
 

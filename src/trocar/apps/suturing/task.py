@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
-from trocar.apps.suturing.scores import Watch
+from trocar.apps.suturing.scores import Watch, score_pass
 from trocar.apps.task import PERIOD_S, SETTLED_S, Task
 from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
@@ -21,13 +21,15 @@ from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
 
-#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each way.
-#: Source: our own choice. [m, rad]
+#: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
+#: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
 #: Points that are seen of a wound. Source: our own choice.
 SEEN = 15
 #: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
 LOOK_PERIODS = 5
+#: Units at the end of the scores' names.
+UNITS = ("mm", "um", "deg", "n", "s")
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -78,7 +80,7 @@ class Suturing(Task):
         middles = plan.mean(axis=1) @ pose[:3, :3].T + pose[:3, 3]
         return tuple((replace(goal), middle) for middle in middles)
 
-    def met(self, goal: Goal, at: Array) -> bool:
+    def met(self, goal: Goal, at: Array) -> bool:  # noqa: ARG002  the tissue says where
         """Return whether a stitch is made and the wound closed there."""
         number = next(k for k, (one, _) in enumerate(self.goals) if one is goal)
         tissue = self.tissue
@@ -101,10 +103,16 @@ class Suturing(Task):
             self.done, self.reason = True, self._failed
 
     def figures(self) -> dict[str, Any]:
-        """Return the scores of all stitches, and of the world's stiffness and noise."""
+        """Return the scores of the stitches, of each the largest; see `StitchScore`."""
+        scores = [asdict(score) for score in self.watch.scores]
+        worst = {key: float(np.nanmax([*(one[key] for one in scores), -1.0])) for key in scores[0]}
+        names = {key: key.rpartition("_") for key in worst}
         return {
-            "stiffness": self.tissue.stiffness,
-            "stitches": [asdict(score) for score in self.watch.scores],
+            "stiffness": round(self.tissue.stiffness, 3),
+            **{
+                f"{name} [{unit}]" if name and unit in UNITS else key: worst[key]
+                for key, (name, _, unit) in names.items()
+            },
         }
 
     def announce(self, text: str) -> None:
@@ -143,3 +151,41 @@ class Suturing(Task):
             self._failed = "the wound is still open"
         except StitchError as problem:
             self._failed = str(problem)
+
+
+class NeedleThroughPhantom(Suturing):
+    """Four passes through a phantom that stands still, as in task 3 of the AccelNet challenge.
+
+    The wound, the needle and the grips are seen with the noise of `Suturing`; each pass is scored
+    as the challenge defines it, beside the scores of stitches.
+    """
+
+    spread = (0.0, 0.0, 1.0)
+
+    def _begin(self) -> None:
+        self._ways: dict[int, list[Array]] = {}
+        super()._begin()
+
+    def look(self) -> None:
+        """Note what counts, and where the tip is until thread follows it."""
+        super().look()
+        number = int(self._tight.sum())
+        if number < len(self.goals) and not self.tissue.left[number].any():
+            tip = self.object_pose(self.tissue.tissue.needle) @ self.tissue.tissue.wire.tip
+            self._ways.setdefault(number, []).append(tip[:3, 3])
+
+    def figures(self) -> dict[str, Any]:
+        """Return the scores of the stitches, and those of the passes."""
+        found, pose = super().figures(), self.tissue.pose
+        for number, tips in self._ways.items():
+            points = self.tissue.plan[number]
+            entry, out = (pose @ transform(np.eye(3), points[k]) for k in (0, 3))
+            made = score_pass(tips, entry, out)
+            if made.complete:
+                name = f"pass {number + 1}"
+                found |= {
+                    f"{name} entry [mm]": 1e3 * made.entry_m,
+                    f"{name} exit [mm]": 1e3 * made.exit_m,
+                    f"{name} out [mm]": 1e3 * made.protrusion_m,
+                }
+        return found

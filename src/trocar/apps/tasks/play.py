@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.task import Episode, Task
 from trocar.apps.tasks.registry import make_task
+from trocar.descriptions.scenes import Scene
 from trocar.errors import InputError, TrocarError
 
 Array = NDArray[np.float64]
@@ -63,7 +64,7 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
 
 
 def play(
-    scene: str, seeds: Sequence[int], workers: int = 1, cluster: str = ""
+    scene: Scene | str, seeds: Sequence[int], workers: int = 1, cluster: str = ""
 ) -> Iterator[Episode]:
     """Yield the scripted episodes of seeds in their order, as each is known.
 
@@ -71,7 +72,7 @@ def play(
     run again; no other is.
 
     Args:
-        scene: name of the scene, or path of its file
+        scene: a scene, its name, or the path of its file
         seeds: of the episodes
         workers: processes; 1: this one
         cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
@@ -98,7 +99,9 @@ def play(
         pool.close()
 
 
-def _on_cluster(scene: str, seeds: Sequence[int], address: str, workers: int) -> Iterator[Episode]:
+def _on_cluster(
+    scene: Scene | str, seeds: Sequence[int], address: str, workers: int
+) -> Iterator[Episode]:
     """Yield the episodes of seeds, run by a Ray cluster."""
     try:
         import ray  # pyright: ignore[reportMissingImports]
@@ -128,7 +131,7 @@ def _on_cluster(scene: str, seeds: Sequence[int], address: str, workers: int) ->
         ray.shutdown()
 
 
-def _episode(scene: str, seed: int) -> Episode:
+def _episode(scene: Scene | str, seed: int) -> Episode:
     """Run an episode in a process that has perhaps run others of the scene before."""
     return run_episode(_task(scene), seed)
 
@@ -147,7 +150,7 @@ class _Worker:
 class _Pool:
     """Processes that each run one episode at a time."""
 
-    scene: str
+    scene: Scene | str
     seeds: list[int]
     count: int
     workers: list[_Worker] = field(default_factory=list[_Worker])
@@ -210,8 +213,9 @@ class _Pool:
             worker.connection.close()
             worker.process.join()
             if begun[index] == ATTEMPTS:
+                name = self.scene if isinstance(self.scene, str) else self.scene.name
                 raise TrocarError(
-                    f"{self.scene}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
+                    f"{name}: seed {self.seeds[index]}: the worker died {ATTEMPTS} times, the"
                     f" last time with exit code {worker.process.exitcode}"
                 ) from None
             waiting.append(index)
@@ -222,7 +226,7 @@ class _Pool:
         found[index] = answer
 
 
-def _work(scene: str, connection: Connection[Any, Any]) -> None:
+def _work(scene: Scene | str, connection: Connection[Any, Any]) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         while True:

@@ -49,6 +49,7 @@ TASKS: dict[str, type[Task] | str] = {
     "augmented-reality": "trocar.apps.vision.scenes:AugmentedReality",
     "visual-servoing": "trocar.apps.vision.scenes:VisualServoing",
     "suturing": "trocar.apps.suturing.task:Suturing",
+    "needle-through-phantom": "trocar.apps.suturing.task:NeedleThroughPhantom",
 }
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.apps.task import EVERY, PERIOD_S, Row, Task
+from trocar.errors import TrocarError
 from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Component, Core
 from trocar.interfaces.crtk.topic import STRING, Topic, served
@@ -51,6 +52,8 @@ class ServedTask:
         self._sent: dict[str, Any] = {}
         self._every = EVERY if scripted else round(PERIOD_S / task.world.timestep)
         self._substeps = 1
+        self._tools = {name: task.world.arms[name].description.tool for name in task.arms}
+        self._ended = ""
         self._reset()
 
     def watch(self, loop: Loop) -> None:
@@ -93,12 +96,28 @@ class ServedTask:
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002
         """Count and drive when it is time for it."""
         periods = self.task.world.periods
-        if periods < self._periods:
-            self._reset()
-        elif periods > self._periods and periods % self._every == 0:
-            self._periods = periods
-            self._drive()
+        again = periods < self._periods
+        if again or not self._ended:
+            self._ended = self._exchanged()
+            try:
+                if again and not self._ended:
+                    self._reset()
+                elif periods > self._periods and periods % self._every == 0 and not self._ended:
+                    self._drive()
+            except TrocarError as problem:  # what others command may leave nothing to count
+                self._ended = str(problem)
+            if self._ended:
+                self._rows.clear()
+                self._state = {**self._state, "done": True, "reason": self._ended}
+        self._periods = self.task.world.periods
         self._report()
+
+    def _exchanged(self) -> str:
+        """Return why the task cannot go on with the instruments of its arms, "" where it can."""
+        arms = self.task.world.arms
+        off = [name for name, tool in self._tools.items() if arms[name].description.tool != tool]
+        names = ", ".join(off)
+        return f"{names}: not the instrument of the scene; put it on and reset" if off else ""
 
     def patience(self) -> int:
         """Return how many ticks there are until then."""

@@ -8,9 +8,8 @@ from pathlib import Path
 
 from trocar.apps.figures import Figure, Part
 from trocar.apps.verification.formats import formats
-from trocar.apps.verification.hardware import beside_hardware
 from trocar.apps.verification.linkage import axes, closure
-from trocar.apps.verification.rcm import has_remote_centre, rcm
+from trocar.apps.verification.rcm import beside_hardware, has_remote_centre, rcm
 from trocar.apps.verification.subject import (
     Drive,
     Subject,

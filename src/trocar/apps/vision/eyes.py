@@ -55,13 +55,16 @@ class Eyes:
         p = points @ R.T + self.T_eye_left[eye, :3, 3]
         depth = np.maximum(p[:, 2], 1e-6)
         flat = p[:, :2] / depth[:, None]
-        c = self._distortion[eye]
         scale = self.K[eye, :2, :2]
-        pixels = distort(flat, c) @ scale.T + self.K[eye, :2, 2]
         by_point = np.zeros((len(p), 2, 3))
         by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / depth
         by_point[:, :, 2] = -flat / depth[:, None]
-        return pixels, depth, scale @ distortion_jacobian(flat, c) @ by_point @ R
+        by_point = by_point @ R
+        c = self._distortion[eye]
+        if c.any():
+            by_point = distortion_jacobian(flat, c) @ by_point
+            flat = distort(flat, c)
+        return flat @ scale.T + self.K[eye, :2, 2], depth, scale @ by_point
 
     def flat(self, pixels: ArrayLike, eye: int) -> Array:
         """Return the points of the plane z = 1 of an eye that pixels (..., 2) show, (..., 2)."""

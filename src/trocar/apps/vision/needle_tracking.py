@@ -49,13 +49,17 @@ FOUND_M, FOUND_RAD = 0.0015, np.deg2rad(6.0)
 #: An update is accepted with so many of the profiles (both eyes, the worse eye), such residuals
 #: [px] and such a squared distance from the prediction. Source: prototypes.
 SHARE, WORST, RMS_PX, GATE = 0.22, 0.1, 0.9, 45.0
+#: Images show the needle clearly with so many profiles of the worse eye. Source: our own choice.
+CLEAR = 0.4
 #: A pose of a search is believed with so many profiles. Source: our own choice.
 BELIEVED = 0.3
 #: Without an image of the needle for so long it is searched anew. Source: our own choice. [s]
 LOST_S = 2.0
 #: Lengths of profiles [px]. Source: our own choice.
 SHORTEST, LONGEST = 4, 20
-ITERATIONS = 3
+#: Iterations of an update, one fewer where profiles are no longer than this [px]; and updates from
+#: one look at the needle's colours to the next. Source: prototypes; more change nothing.
+ITERATIONS, NEAR_PX, COLOURS_EVERY = 3, 8.0, 4
 
 
 class NeedleEstimate(NamedTuple):
@@ -152,6 +156,7 @@ class NeedleTracker:
         self._bias = np.zeros(5)
         self._colours: Colours | None = None
         self._seen = -np.inf
+        self._updates = 0
 
     def start(self, time: float, T_left_needle: ArrayLike, covariance: ArrayLike) -> None:
         """Begin with a pose that is known from elsewhere, instead of a search.
@@ -230,8 +235,14 @@ class NeedleTracker:
         fresh = (1.0 - keep**2) * np.array([BIAS_PX**2] * 4 + [BIAS_RAD**2])
         self._P = B @ self._P @ B.T + np.diag([shift] * 3 + [spin] * 3 + [*fresh])
 
-    def _update(self, images: Sequence[Picture], rods: Sequence[Rod]) -> Quality | None:
-        """Take in images about the predicted pose; None where they do not show the needle."""
+    def _update(
+        self, images: Sequence[Picture], rods: Sequence[Rod], *, again: bool = True
+    ) -> Quality | None:
+        """Take in images about the predicted pose; None where they do not show the needle.
+
+        Images that show it clearly, elsewhere than predicted, are taken in once more without trust
+        in the prediction: something else moved it.
+        """
         fit, T0, bias0 = self._fit, self._T, self._bias
         assert T0 is not None  # noqa: S101
         if self._colours is None:
@@ -245,8 +256,8 @@ class NeedleTracker:
         views = fit.views(images, T0, self._colours, 2.0 * longest + 12.0)
         T, bias = T0, bias0
         count = len(fit.angles)
-        hessian = information
-        for k in range(ITERATIONS):
+        hessian, quality = information, Quality(0.0, 0.0, np.inf)
+        for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
             rows = fit.rows(views, T, length, rods)
             by_bias = np.zeros((2 * count, 5))
@@ -268,18 +279,19 @@ class NeedleTracker:
             back = np.concatenate([change(T, T0), bias0 - bias])
             x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
             T, bias = moved(T, x), bias + x[6:]
-        rows = fit.rows(views, T, SHORTEST, rods)
-        quality = fit.quality(rows)
+            # What the step leaves of the offsets, without another look at the images.
+            quality = fit.quality(rows._replace(offset=rows.offset - rows.jacobian @ x[:6]))
         moves = np.concatenate([change(T0, T), bias - bias0])
-        if (
-            quality.share < SHARE
-            or quality.worst < WORST
-            or quality.rms > RMS_PX
-            or moves @ information @ moves > GATE
-        ):
+        if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None
+        if moves @ information @ moves > GATE:
+            if not again or quality.worst < CLEAR:
+                return None
+            self._P[:6, :6] += np.diag([TAKEN_M**2] * 3 + [TAKEN_RAD**2] * 3)
+            return self._update(images, rods, again=False)
         self._T, self._bias, self._P = T, bias, np.linalg.inv(hessian)
-        if quality.share > 0.4:
+        self._updates += 1
+        if quality.share > 0.4 and self._updates % COLOURS_EVERY == 1:
             colours = fit.colours(images, T)
             if colours.separation > 0.6 * self._colours.separation:
                 self._colours = colours

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.motions import REACH_M, UP, Hand, Motion, together
+from trocar.apps.motions import UP, Hand, Motion, together
 from trocar.apps.task import PERIOD_S, Task
 from trocar.apps.vision.images import opencv
 from trocar.apps.vision.needle_fit import change
@@ -50,6 +50,8 @@ Picture = NDArray[np.uint8]
 COMMANDS = 2
 #: Noise of the images, as a share of white. Source: the goals of tracking.
 NOISE = 0.03
+#: Style of the images. Source: our own choice.
+STYLE: Literal["plain", "surgical"] = "surgical"
 #: Size of the images. Source: a Classic's scope, digitised.
 PRESET = "dvrk_sd_640x480"
 
@@ -89,7 +91,7 @@ class EndoscopeTask(Task):
         """Return the endoscope, opened at the first call."""
         if self._scope is None:
             movable = [prop.name for prop in self.world.rig.objects]
-            look = Look(noise=NOISE)
+            look = Look(STYLE, noise=NOISE)
             self._scope = Endoscope(self.world, preset=PRESET, visible=movable, look=look)
         return self._scope
 
@@ -143,13 +145,14 @@ class NeedleTracking(EndoscopeTask):
         self._rows: list[tuple[float, ...]] = []
         self._messages: dict[str, Any] = {}
         super()._begin()
+        self._reach = Hand(self, self.arms[0]).reach
 
     def see(self, frame: StereoFrame) -> list[Item]:
         """Track the needle and compare with the truth; draw the estimate."""
         T_left_world = inverse(self.measured_left())
         (arm,) = (one for one in self.arms if self.world.arms[one].type == "PSM")
         if self.held(arm) == self.name:
-            holder = Holder(arm, T_left_world @ self._measured(arm), REACH_M, JAWS)
+            holder = Holder(arm, T_left_world @ self._measured(arm), self._reach, JAWS)
         else:
             holder = Holder("world", T_left_world)
         right = frame.right
@@ -261,7 +264,7 @@ class AugmentedReality(NeedleTracking):
         """Track the needle; draw it, the plan, distances and a forbidden region."""
         banner, *items = super().see(frame)
         arm = self.arms[0]
-        tip = self._measured(arm) @ [0.0, 0.0, REACH_M, 1.0]
+        tip = self._measured(arm) @ [0.0, 0.0, self._reach, 1.0]
         corners = np.column_stack([self.REGION, np.full(len(self.REGION), 0.0051)])
         inside = bool((tip[:2] > self.REGION.min(0)).all() and (tip[:2] < self.REGION.max(0)).all())
         items += stitch(self.ENTRY, self.EXIT, -UP, self.needle.radius)

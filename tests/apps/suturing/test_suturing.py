@@ -1,0 +1,176 @@
+"""Suturing: plans, scores, the scene's variants, and a whole stitch."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trocar.apps.suturing.planning import (
+    Grip,
+    Plan,
+    check_needle,
+    load_plan,
+    make_plan,
+    needle_on_circle,
+    wound_frame,
+)
+from trocar.apps.suturing.scene import suturing_scene
+from trocar.apps.suturing.scores import pose_score, score_pass
+from trocar.apps.suturing.task import Suturing
+from trocar.apps.tasks import run_episode
+from trocar.cli import main
+from trocar.descriptions.needles import needle_sizes
+from trocar.errors import InputError, UnknownNameError, UnreachableError
+from trocar.geometry.rotations import rotation_z
+from trocar.geometry.se3 import transform
+from trocar.simulation.journal import Entry
+
+
+@pytest.fixture(scope="module")
+def task() -> Suturing:
+    """The scene with one stitch."""
+    return Suturing(suturing_scene())
+
+
+def plan_at(task: Suturing, yaw_deg: float, place: float = 0.0) -> Plan:
+    """Return a plan of a stitch across a wound that is turned by an angle."""
+    wound = transform(rotation_z(np.radians(yaw_deg)), [0.0, 0.0, 0.01])
+    needle = task.object_pose("needle")
+    return make_plan(task.world, task.tissue.tissue, wound, [place], needle)
+
+
+def test_the_tip_of_a_needle_on_a_stitchs_circle_goes_through_entry_and_exit(
+    task: Suturing,
+) -> None:
+    plan = plan_at(task, 15.0)
+    (stitch,) = plan.stitches
+    needle, wound = plan.needle, stitch.wound
+    for angle, point in (
+        (stitch.surface, stitch.points[0]),
+        (np.pi - stitch.surface, stitch.points[3]),
+    ):
+        T = needle_on_circle(wound, 0.0, stitch.height, stitch.side, angle - needle.arc)
+        tip = T @ [*needle.tip[:3, 3], 1.0]
+        assert tip[:3] == pytest.approx((wound @ [*point, 1.0])[:3], abs=1e-9)
+        assert stitch.angle_of(needle, T) == pytest.approx(angle)
+
+
+def test_jaws_close_across_the_wire_and_lie_along_the_needles_axis() -> None:
+    needle = needle_sizes()["half_26"]
+    T = Grip(1.0, -1, 1).pose(needle)
+    wire = needle.pose(1.0)
+    assert T[:3, 2] == pytest.approx(-wire[:3, 2])
+    assert abs(T[:3, 1] @ wire[:3, 0]) == pytest.approx(1.0)
+    assert (T @ [0.0, 0.0, 0.0085, 1.0])[:3] == pytest.approx(wire[:3, 3])
+
+
+@pytest.mark.parametrize("yaw", [-30.0, 0.0, 30.0])
+def test_wounds_up_to_30_deg_are_planned_with_room_in_every_joint(
+    task: Suturing, yaw: float
+) -> None:
+    (stitch,) = plan_at(task, yaw).stitches
+    assert np.degrees(min(stitch.margins)) > 5.0
+
+
+def test_a_wound_across_the_line_between_the_ports_is_refused_with_the_reason(
+    task: Suturing,
+) -> None:
+    with pytest.raises(UnreachableError, match=r"wound at 90 deg.*reach"):
+        plan_at(task, 90.0)
+
+
+def test_a_plan_comes_back_from_its_file(task: Suturing, tmp_path: Path) -> None:
+    plan = plan_at(task, 10.0)
+    plan.save(tmp_path / "plan.toml")
+    back = load_plan(tmp_path / "plan.toml")
+    assert back.document() == plan.document()
+
+
+def test_the_frame_of_a_wound_is_that_of_its_points() -> None:
+    rng = np.random.default_rng(0)
+    T = transform(rotation_z(0.4), [0.01, 0.02, 0.03])
+    line = np.zeros((20, 3))
+    line[:, 0] = np.linspace(-0.01, 0.01, 20)
+    found, length = wound_frame(line @ T[:3, :3].T + T[:3, 3] + 1e-5 * rng.normal(size=(20, 3)))
+    assert found == pytest.approx(T, abs=2e-3)
+    assert length == pytest.approx(0.02, abs=1e-4)
+    with pytest.raises(InputError, match="allowed: 1 mm or more"):
+        wound_frame(np.zeros((5, 3)))
+
+
+def test_needles_that_do_not_fit_are_refused() -> None:
+    scene = suturing_scene(needle="17mm-half")
+    tissue = next(prop.tissue for prop in scene.rig.props if prop.tissue is not None)
+    check_needle(tissue)
+    with pytest.raises(InputError, match="mm deep; allowed"):
+        check_needle(replace(tissue, wire=replace(tissue.wire, radius=0.02)))
+    with pytest.raises(InputError, match="needed"):
+        check_needle(replace(tissue, wire=replace(tissue.wire, radius=0.004)))
+    with pytest.raises(InputError, match="for the jaws"):
+        check_needle(replace(tissue, wire=replace(tissue.wire, wire=0.003)))
+
+
+def test_scenes_have_the_stitches_needles_and_tissues_that_are_asked_for() -> None:
+    scene = suturing_scene(4, "36mm-half", "skin")
+    props = {prop.name: prop for prop in scene.rig.props}
+    needle, tissue = props["needle"].needle, props["pad"].tissue
+    assert needle is not None
+    assert tissue is not None
+    assert needle.length == pytest.approx(0.036)
+    assert (tissue.stitches, tissue.wire, tissue.puncture) == (4, needle, 1.0)
+    for bad, kind in (({"stitches": 0}, InputError), ({"needle": "9mm"}, UnknownNameError)):
+        with pytest.raises(kind, match=r"9mm|stitches"):
+            suturing_scene(**bad)  # type: ignore[arg-type]
+
+
+def test_options_of_suturing_are_refused_for_other_scenes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["play", "peg-transfer", "--headless", "--stitches", "2"]) == 2
+    assert "allowed: suturing" in capsys.readouterr().err
+
+
+def test_the_challenges_score_of_a_pose_sums_base_middle_and_tip() -> None:
+    needle = needle_sizes()["half_26"]
+    assert pose_score(needle, transform(np.eye(3), [0.0, 0.0, 1e-3]), np.eye(4)) == pytest.approx(
+        3e-3
+    )
+
+
+def test_the_challenges_pass_counts_crossings_in_order_and_direction() -> None:
+    entry, out = np.eye(4), transform(np.eye(3), [0.01, 0.0, 0.0])
+    angles = np.linspace(0.2, -1.2 * np.pi, 200)
+    path = np.column_stack(
+        [0.005 - 0.0051 * np.cos(angles), np.full(200, 3e-4), 0.0051 * np.sin(angles)]
+    )
+    made = score_pass(path, entry, out)
+    assert made.complete
+    assert made.entry_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-6)
+    assert made.exit_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-6)
+    assert 0.0 < made.protrusion_m < 0.0051
+    assert not score_pass(path[::-1], entry, out).complete
+
+
+@pytest.mark.slow
+def test_a_whole_stitch_closes_the_wound(task: Suturing) -> None:
+    passed: list[object] = []
+
+    def hear(entry: Entry) -> None:
+        if entry.name == "channel":
+            passed.append(entry.values["place"])
+
+    stop = task.world.listen(hear)
+    episode = run_episode(task, 3)
+    stop()
+    assert episode.success, episode.reason
+    assert passed == ["entry", "inner_in", "inner_out", "exit"]
+    score = task.watch.scores[0]
+    assert max(score.entry_mm, score.exit_mm, score.depth_mm) < 0.6
+    assert score.gap_mm < 0.3 < score.gap_before_mm
+    assert score.tension_n < 2.2
+    assert score.excess_mm < 0.5
+    json.dumps(episode.figures)

@@ -43,7 +43,7 @@ def test_an_error_of_one_joint_moves_no_other() -> None:
         arm.use_computed_torque(computed)
         world.step(300)
         before = arm.positions()
-        arm.servo_jp(before[:6] + [0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
+        arm.servo_jp(before[:6] + 0.05 * np.eye(6)[1])
         most = np.zeros(7)
         for _ in range(100):
             world.step(2)

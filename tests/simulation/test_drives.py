@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -59,6 +60,34 @@ def test_friction_never_gives_energy(rig: str, name: str, rng: np.random.Generat
         work += float(force @ (rows @ step))
         assert work > -1e-9, arm.name
     assert work > 0.1
+
+
+def test_a_released_arm_in_motion_only_loses_energy_by_friction() -> None:
+    """Kinetic energy and what the stop elements store; the sampled springs gain 2e-9 J at most."""
+    world = World(
+        "psm",
+        calibration=overlay("psm", "rotor", "coulomb", "viscous", "stops"),
+        gravity_compensation=False,
+        collisions=False,
+    )
+    model, data, bank = world.mj_model, world.mj_data, drives(world)
+    model.opt.gravity[:] = 0.0
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    world.arm("PSM1").set_mode("effort")
+    world.set_state(
+        "PSM1", np.array([0, 0, 0.12, 0, 0, 0, 0.5]), np.array([0.5, 0.4, 0.05, 4, 3, 3, 0])
+    )
+    there = mujoco.MjData(model)
+    found = []
+    for _ in range(1800):
+        world.step()
+        there.qpos[:], there.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_forward(model, there)
+        anchor, _ = world.save().drives or (np.zeros(0), None)
+        found.append(there.energy[1] + bank.stored(data.qpos, anchor))
+    energy = np.array(found)
+    assert (np.diff(energy) < 1e-7).all()
+    assert there.energy[1] < 1e-6 * energy[0]  # it stands still
 
 
 def test_stop_elements_close_a_loop_of_their_own_width() -> None:
@@ -153,6 +182,17 @@ def test_worlds_of_a_batch_move_as_worlds_do() -> None:
     arm.jaw.servo_jp(goal[6:])
     world.step(57)
     assert np.array_equal(batch.rows[0], world.save().row)
+
+
+def test_identified_dynamics_are_those_of_arms_without_others() -> None:
+    world = World("mtm", dynamics="identified")
+    assert world.arm("MTMR").description.overlay is not None
+    assert world.arm("MTML").description.overlay is None  # there is no recording of one
+    assert World("psm", dynamics="identified", friction="paper").drives is None
+    own = World("psm", calibration=overlay("psm", "viscous"), dynamics="identified")
+    assert own.drives is not None and own.drives.stored(np.zeros(13), np.zeros(0)) == 0.0
+    with pytest.raises(InputError, match="dynamics: got 'urdf'; allowed: cad, identified"):
+        World("psm", dynamics="urdf")  # type: ignore[arg-type]
 
 
 def test_drives_need_identified_dynamics() -> None:

@@ -214,9 +214,31 @@ def test_an_exchanged_tool_leaves_the_errors_of_other_joints() -> None:
     world.step(100)
 
 
-def test_batches_reject_errors() -> None:
-    with pytest.raises(InputError, match="errors 'lab'; allowed"):
-        Batch(with_errors(robot_errors("lab")), 2)
+@pytest.mark.parametrize("calibration", [None, "psm"])
+def test_worlds_of_a_batch_have_the_errors_that_worlds_have(calibration: str | None) -> None:
+    first, world = (
+        World("two_psm_ecm", errors="lab", seed=3, collisions=False, calibration=calibration)
+        for _ in range(2)
+    )
+    batch = Batch(first, 2, threads=1)
+    world.load(first.save())
+    rest = batch.setpoints
+    for size in (0.1, -0.05):
+        goal = np.clip(rest[0] + 0.1 * size, world.joints.lower, world.joints.upper)
+        readings = batch.step(np.stack([goal, rest[1]]), n=57)
+        for arm in world.arms.values():
+            own = goal[arm.motors.index.rows]
+            arm.servo_jp(own[: arm.description.own_joints])
+            if arm.jaw is not None:
+                arm.jaw.servo_jp(own[arm.description.own_joints :])
+        world.step(57)
+    assert np.array_equal(batch.rows[0], row(world))
+    assert not np.array_equal(batch.rows[0], batch.rows[1])
+    found = np.concatenate([arm.readings()[0] for arm in world.arms.values()])
+    np.testing.assert_allclose(readings.q[0], found, atol=1e-15)
+    tip = world.arm("PSM1").measured_cp().T
+    np.testing.assert_allclose(readings.tips["PSM1"][0], tip, atol=1e-12)
+    assert np.abs(tip - world.true_state("PSM1").cp.T).max() > 1e-4
 
 
 def test_unknown_errors_list_the_known_ones() -> None:

@@ -155,9 +155,8 @@ _SCOPE = """
     vec3 there = in_light.xyz / in_light.w;
 #endif
 #ifdef SURGICAL
-    lit = 0.333333 * (textureLod(shade, there + vec3(-0.7, -0.3, 0.0) * blur, 0.0)
-        + textureLod(shade, there + vec3(0.6, -0.5, 0.0) * blur, 0.0)
-        + textureLod(shade, there + vec3(0.1, 0.8, 0.0) * blur, 0.0));
+    lit = 0.5 * (textureLod(shade, there + vec3(-0.45, -0.8, 0.0) * blur, 0.0)
+        + textureLod(shade, there + vec3(0.45, 0.8, 0.0) * blur, 0.0));
 #else
     lit = textureLod(shade, there, 0.0);
 #endif

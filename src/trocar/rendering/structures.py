@@ -103,7 +103,7 @@ def mirrored() -> Texture:
     y, x = np.meshgrid(*2 * (np.linspace(-1.0, 1.0, MIRROR),), indexing="ij")
     r = np.hypot(x, y)
     tissue_ = (
-        np.array([0.67, 0.56, 0.53]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
+        np.array([0.68, 0.52, 0.49]) * (0.55 + 0.45 * np.clip(1.0 - np.abs(y), 0, 1))[..., None]
     )
     away = np.clip((r - 0.25) / 0.4, 0.0, 1.0)[..., None]
     found = np.array([0.10, 0.10, 0.11]) * (1.0 - away) + tissue_ * away

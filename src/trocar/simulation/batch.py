@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -32,6 +33,7 @@ from trocar.simulation.computed_torque import ComputedTorque
 from trocar.simulation.drives import SPRING_FIELDS, spring_fields
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
+from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, pid_effort, read_matrix
 from trocar.simulation.world import GRAVITY_PERIOD_S, World
 
@@ -78,6 +80,7 @@ class Batch:
     Joints follow their servos with the rig's gains and gravity compensation, brakes hold, limits
     clip. A world of the batch moves as a `World` does, to the last bit, that is given the same
     set-points at the same steps, as long as no jaw holds anything: here it does by friction alone.
+    Errors of the robots are those of the world that the batch begins with, in every world.
 
     Args:
         rig: a world, whose model and state every world of the batch begins with; or a rig as
@@ -109,11 +112,6 @@ class Batch:
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 1:
                 raise InputError(f"Batch: got {name}={value!r}; allowed: a whole number above 0")
         world = rig if isinstance(rig, World) else World(rig)
-        if world.errors is not None:
-            raise InputError(
-                f"Batch: got a rig with errors {world.errors.name!r}; allowed: a World with"
-                ' errors="perfect"'
-            )
         if scripted := [prop.name for prop in world.rig.objects if prop.script]:
             raise InputError(
                 f"Batch: got a rig whose {', '.join(scripted)} has a before_step script; allowed:"
@@ -145,10 +143,25 @@ class Batch:
             fields = SPRING_FIELDS if self._model.ntendon else SPRING_FIELDS[:2]
             self._fields = {name: self._rows.expand(name) for name in fields}
             self._anchor, self._springs = (np.stack([one] * self.n) for one in self._trains)
-        self._computed = self._servos["computed"] & self._on
+        self._computed = self._servos["computed"].astype(np.bool_) & self._on
         self._computed_torque = ComputedTorque(self._table, self._model)
         self._nominal = spring_fields(self._model)
         self._before = np.zeros((self.n, len(self.names)))
+        #: Positions, velocities and efforts of the set-points, (n, J, 3): a view of `ctrl`, where
+        #: there are no errors.
+        self._inputs = self._ctrl.reshape(self.n, len(self.names), INPUTS)
+        self._errors: list[ReadingErrors] = []
+        self._error_state: Mapping[str, Any] = {"registration": {}}
+        if world.errors is not None and first.errors is not None:
+            self._inputs = np.zeros(self._inputs.shape)
+            self._error_state = first.errors
+            for ctrl, qpos, qvel, setpoint in zip(
+                self._ctrl, self._qpos, self._rows.bind("qvel"), self._inputs, strict=True
+            ):
+                own = SimpleNamespace(ctrl=ctrl, qpos=qpos, qvel=qvel)
+                errors = ReadingErrors(self.rig, self._table, self._model, own, world.errors)
+                errors.setpoint = setpoint
+                self._errors.append(errors)
         self._renewal = max(1, round(GRAVITY_PERIOD_S / self.timestep))
         self._periods = np.zeros(self.n, np.int64)
         scratch = mujoco.MjData(self._model)
@@ -193,6 +206,8 @@ class Batch:
             self._rows.reset(which, stage=mujoco.mjtStage.mjSTAGE_NONE)
             self._rows.state[which] = self._first
             self._periods[which], self._before[which] = 0, self._servos["before"]
+            for world in which.tolist() if self._errors else ():
+                self._errors[world].load(self._error_state)
             if self._drives is not None and self._trains is not None:
                 self._anchor[which], self._springs[which] = self._trains
                 self._write_springs(which)
@@ -221,15 +236,17 @@ class Batch:
         rejected: dict[str, NDArray[np.bool_]] = {}
         if setpoints is not None:
             positions, rejected = self._requested(setpoints)
-            inputs = self._inputs()
-            inputs[:, :, 0] = np.clip(positions, self._table.lower, self._table.upper)
-            inputs[:, :, 1] = 0.0
+            inside = np.clip(positions, self._table.lower, self._table.upper)
+            self._inputs[:, :, 0], self._inputs[:, :, 1] = inside, 0.0
         left = int(n)
         while left > 0:
             since = self._periods % self._renewal
             for world in np.flatnonzero(since == 0).tolist():
                 self._balance(world)
             run = min(left, int((self._renewal - since).min()))
+            for errors in self._errors:
+                errors.command()
+                run = min(run, int((errors.every - self._periods % errors.every).min()))
             if self._computed.any():
                 self._compute_torque()
                 run = 1
@@ -244,25 +261,22 @@ class Batch:
                 for world in due:
                     self._drives.renew(self._qpos[world], self._anchor[world], self._springs[world])
                 self._write_springs(due)
+            for world, errors in enumerate(self._errors):
+                if self._periods[world] % errors.every == 0:
+                    errors.step(self._found(self._numbers())[2][world], int(self._periods[world]))
         self._check()
         return self.read(rejected)
 
     def read(self, rejected: Mapping[str, NDArray[np.bool_]] | None = None) -> Readings:
         """Return where all worlds are now."""
-        model, state = self._model, self._rows.state
-        first = 1 + model.nq + model.nv + model.na  # behind the time
-        numbers = np.concatenate([state[:, 1:first], self._ctrl], axis=1)
-        count = len(self.names)
-        found = numbers @ self._read.T
-        q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
-        if self._gains.strides[0]:  # each world has its own
-            inputs = self._inputs()
-            act = state[:, 1 + model.nq + model.nv : first]
-            effort = pid_effort(self._gains, inputs, act, q, qd)
-        effort = np.clip(effort, -self._limit, self._limit)
+        numbers = self._numbers()
+        for errors, row in zip(self._errors, numbers, strict=False):
+            nq, nv = self._model.nq, self._model.nv
+            errors.report(row[:nq], row[nq : nq + nv], row[-errors.setpoint.size :])
+        q, qd, effort = self._found(numbers)
         placed = np.moveaxis(self._objects.poses(self._qpos), 1, 0)
         objects = dict(zip(self._objects.names, placed, strict=True))
-        return Readings(state[:, 0].copy(), q, qd, effort, rejected or {}, objects, self)
+        return Readings(self._rows.state[:, 0].copy(), q, qd, effort, rejected or {}, objects, self)
 
     # ------------------------------------------------------------------ what may differ
 
@@ -327,20 +341,36 @@ class Batch:
     @property
     def setpoints(self) -> Array:
         """Positions that the servos follow, (n, J) [rad or m]; read-only."""
-        positions = self._inputs()[:, :, 0].copy()
+        positions = self._inputs[:, :, 0].copy()
         positions.setflags(write=False)
         return positions
 
     # ------------------------------------------------------------------ inside
 
-    def _inputs(self) -> Array:
-        """Return position, velocity and effort of every set-point, (n, J, 3), as a view."""
-        return self._ctrl.reshape(self.n, len(self.names), INPUTS)
-
     @property
     def _on(self) -> NDArray[np.bool_]:
         """Which joints their servos drive, (J,)."""
         return (self._servos["modes"] == POSITION) & (self._servos["locked"] == 0)
+
+    def _numbers(self) -> Array:
+        """Return what READ is multiplied with in every world, a copy, (n, size)."""
+        state = self._rows.state
+        behind = 1 + self._model.nq + self._model.nv + self._model.na  # the time is first
+        return np.concatenate([state[:, 1:behind], self._ctrl], axis=1)
+
+    def _found(self, numbers: Array) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and efforts of the joints, (n, J) each."""
+        count, nu = len(self.names), self._ctrl.shape[1]
+        if self._errors:  # cables stretch by efforts: round these as a World does
+            found = np.stack([self._read.dot(row) for row in numbers])
+        else:
+            found = numbers @ self._read.T
+        q, qd, effort = found[:, :count], found[:, count : 2 * count], found[:, 2 * count :]
+        if self._gains.strides[0]:  # each world has its own
+            inputs = numbers[:, -nu:].reshape(self._inputs.shape)
+            act = numbers[:, self._model.nq + self._model.nv : -nu]
+            effort = pid_effort(self._gains, inputs, act, q, qd)
+        return q, qd, np.clip(effort, -self._limit, self._limit)
 
     def _effective(self) -> Array:
         return self._servos["gains"] * self._on[:, None]
@@ -355,7 +385,7 @@ class Batch:
         """Return every joint's set-point (n, J), checked, and which tips are out of reach."""
         if not isinstance(setpoints, Mapping):
             return self._checked("setpoints", setpoints, (self.n, len(self.names))), {}
-        positions, rejected = self._inputs()[:, :, 0].copy(), dict[str, NDArray[np.bool_]]()
+        positions, rejected = self._inputs[:, :, 0].copy(), dict[str, NDArray[np.bool_]]()
         for key, values in setpoints.items():
             name, _, part = str(key).partition("/")
             arm = self._arms.get(name)
@@ -390,7 +420,7 @@ class Batch:
         """Write the joints of tip poses into set-points; return which could not be reached."""
         arm, rows = self._arms[name].arm, self._table.arms[name].rows
         own = slice(rows.start, rows.start + arm.own_joints)
-        local = self.local_tips(self._inputs()[:, :, 0])
+        local = self.local_tips(self._inputs[:, :, 0])
         goals = inverse(self._base(name, local)) @ check_transform(T)
         rejected = np.zeros(self.n, np.bool_)
         structure = arm.inverse_kinematics
@@ -419,7 +449,8 @@ class Batch:
             return inverse(self.rig.display) @ own
         if frame == CART:
             return inverse(self._references[arm.on]) @ own
-        return inverse(self._references[frame] @ local[frame]) @ own
+        seen = inverse(self._references[frame] @ local[frame]) @ own
+        return self._error_state["registration"].get(name, np.eye(4)) @ seen
 
     def _balance(self, world: int) -> None:
         """Feed forward what holds every motor's load in one world."""
@@ -427,19 +458,21 @@ class Batch:
         holding = self._frames.holding_efforts(np.zeros(len(self.names)))
         if self._drives is not None:
             holding += self._drives.holding(self._qpos[world])
-        self._inputs()[world, :, 2] = self._servos["balanced"] * holding
+        self._inputs[world, :, 2] = self._servos["balanced"] * holding
 
     def _compute_torque(self) -> None:
         """Feed forward computed torque for one step in every world."""
-        inputs, qvel = self._inputs(), self._rows.bind("qvel")
+        inputs, qvel = self._inputs, self._rows.bind("qvel")
+        ctrl = self._ctrl.reshape(inputs.shape)
         for world in range(self.n):
             if self._drives is not None:
                 self._drives.write(self._nominal, self._springs[world])
             acceleration = (inputs[world, :, 1] - self._before[world]) / self.timestep
             efforts = self._computed_torque.efforts(
-                (self._qpos[world], qvel[world]), inputs[world], self._gains[world], acceleration
+                (self._qpos[world], qvel[world]), ctrl[world], self._gains[world], acceleration
             )
             inputs[world, self._computed, 2] = efforts[self._computed]
+            ctrl[world, self._computed, 2] = efforts[self._computed]
         self._before[:] = inputs[:, :, 1]
 
     def _write_springs(self, which: NDArray[np.intp]) -> None:

@@ -81,7 +81,7 @@ class Drives:
         ]
         self._owner = np.array([d for d, *_ in stops], np.intp)
         self._limit = np.array([limit for *_, limit in stops])
-        self._opposite = -self._limit
+        self._opposite, self._stops = -self._limit, np.array([k for _, _, k, _ in stops])
         self._waves = [
             (d, scale, *train.terms["harmonic"])
             for d, scale, train in trains
@@ -107,7 +107,7 @@ class Drives:
         forces[:, 2 * most : -1] = np.diag(stiffness)
         self._gain = np.concatenate([slopes, forces])
         self._constant, self._elastic = offset @ self._along, (self._along.T * stiffness) @ rows
-        # What `renew` computes with, and views of its parts; a call of numpy costs more than it does.
+        # What `renew` computes with, and views of its parts: each call of numpy costs.
         self._at, self._by = np.zeros(most + count), np.ones(2 * most + count + 1)
         self._elements, self._x = self._at[:most], self._at[most:]
         self._z, self._sticks = self._by[:most], self._by[most : 2 * most]
@@ -168,6 +168,11 @@ class Drives:
             self._add_curves(self.coordinates.dot(qpos), force.copy(), force)
             held += force.dot(self._along)
         return held
+
+    def stored(self, qpos: Array, anchor: Array) -> float:
+        """Return the energy that the stop elements store [J]."""
+        z = self._where[: len(anchor)] @ qpos - anchor
+        return float(0.5 * self._stops @ np.clip(z, self._opposite, self._limit) ** 2)
 
     def carried_over(self, old: Drives, anchor: Array) -> Array:
         """Return anchors from those of another model, by the drives' names, (S,)."""

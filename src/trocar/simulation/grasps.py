@@ -257,9 +257,9 @@ class Grasps:
             if weaker > least:
                 most, least = held, weaker
         looks[:] = counts
-        holds = most >= 0 and looks[most] > 0
-        self._read[row] = self._grasp(most if holds else None, least)
-        if holds and looks[most] >= self._enough:
+        presses = least > PRESS_N
+        self._read[row] = self._grasp(most if presses else None, least)
+        if presses and looks[most] >= self._enough:
             self._take(row, most, np.array(contacts[row, most]), least)
 
     # ------------------------------------------------------------------ inside

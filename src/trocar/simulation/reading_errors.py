@@ -6,6 +6,7 @@ import zlib
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import fields
+from types import SimpleNamespace
 from typing import Any
 
 import mujoco
@@ -49,7 +50,7 @@ class ReadingErrors:
     Args:
         rig: the arms
         table: their joints
-        model, data: the physics
+        model, data: the physics; of the latter `ctrl`, `qpos` and `qvel`
         errors: of the joints
 
     Attributes:
@@ -64,7 +65,7 @@ class ReadingErrors:
         rig: RigDescription,
         table: JointTable,
         model: mujoco.MjModel,
-        data: mujoco.MjData,
+        data: mujoco.MjData | SimpleNamespace,
         errors: RobotErrors,
     ) -> None:
         self._rig, self._table, self._data, self._errors = rig, table, data, errors

@@ -13,6 +13,7 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 import trimesh
 
 from trocar.apps.importers import import_file
+from trocar.apps.importers.meshes import load_surface
 from trocar.descriptions import load_arm, meshes
 from trocar.errors import DescriptionError, InputError
 
@@ -113,3 +114,12 @@ def test_corners_that_an_stl_repeats_are_written_once(tmp_path: Path) -> None:
     (written,) = (Path(found.file).parent / "meshes").iterdir()
     lines = written.read_text().splitlines()
     assert [sum(line.startswith(key) for line in lines) for key in "vf"] == [642, 1280]
+
+
+def test_a_normal_that_is_no_number_is_not_logged(tmp_path: Path, caplog) -> None:
+    corners = ("0 0 0", "1 0 0", "0 1 0")
+    rows = ["facet normal x 0 1", "outer loop", *(f"vertex {c}" for c in corners)]
+    file = tmp_path / "flat.stl"
+    file.write_text("\n".join(["solid s", *rows, "endloop", "endfacet", "endsolid s", ""]))
+    assert len(load_surface(file).faces) == 1
+    assert not caplog.records

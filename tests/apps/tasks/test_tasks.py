@@ -74,7 +74,7 @@ def test_the_scripted_policy_of_every_scene_succeeds_without_a_drop(name: str) -
         assert found.time_s < found.goals * 8.1  # Hwang 2020, a transfer of the real dVRK
 
 
-def test_a_needle_changes_hands_and_is_never_let_go() -> None:
+def test_a_needle_changes_hands_and_does_not_fall() -> None:
     task = make_task("needle-handover")
     task.reset(0)
     holders: list[tuple[str, ...]] = []
@@ -83,9 +83,12 @@ def test_a_needle_changes_hands_and_is_never_let_go() -> None:
         now = tuple(arm for arm in task.arms if task.held(arm) == "needle")
         if not holders or holders[-1] != now:
             holders.append(now)
+        if ("PSM1", "PSM2") in holders:
+            assert task.object_pose("needle")[2, 3] > 0.02
         if task.done:
             break
-    assert holders[-3:] == [("PSM2",), ("PSM1", "PSM2"), ("PSM1",)]  # perhaps after a second try
+    assert holders[holders.index(("PSM1", "PSM2")) - 1] == ("PSM2",)
+    assert holders[-1] == ("PSM1",)
 
 
 def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: Path) -> None:

@@ -6,6 +6,7 @@ Reading and mass properties are trimesh's, the convex decomposition is CoACD's (
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +73,15 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
         problem = lfs_problem(file.read(1024))
     if problem:
         raise ImportFileError(str(path), problem)
+    log = logging.getLogger("trimesh")
+    before = log.level
+    log.setLevel(logging.CRITICAL)  # of facets without normals it logs a traceback
     try:
         found = trimesh.load(path, force="mesh", process=False)
     except Exception as problem:  # trimesh's readers raise whatever they meet
         raise ImportFileError(str(path), f"cannot be read: {problem}") from problem
+    finally:
+        log.setLevel(before)
     faces = np.asarray(getattr(found, "faces", []), dtype=np.int64).reshape(-1, 3)
     if not 0 < len(faces) <= MOST_TRIANGLES:
         raise ImportFileError(

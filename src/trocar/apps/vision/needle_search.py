@@ -237,3 +237,12 @@ def flipped(needle: Needle, T: Array) -> Array:
     """Return the same arc run from its other end: tip and swage exchanged."""
     c, s = np.cos(needle.arc), np.sin(needle.arc)
     return T @ transform(np.array([[c, s, 0.0], [s, -c, 0.0], [0.0, 0.0, -1.0]]), np.zeros(3))
+
+
+def mirrored(T: Array) -> Array:
+    """Return a pose tilted the other way about the line of sight, which nearly looks the same."""
+    sight = T[:3, 3] / np.linalg.norm(T[:3, 3])
+    found = T.copy()
+    found[:3, :3] = (np.eye(3) - 2.0 * np.outer(sight, sight)) @ T[:3, :3]
+    found[:3, 2] *= -1.0
+    return found

@@ -27,7 +27,7 @@ from trocar.apps.vision.needle_fit import (
     change,
     moved,
 )
-from trocar.apps.vision.needle_search import NeedleSearch, flipped
+from trocar.apps.vision.needle_search import NeedleSearch, flipped, mirrored
 from trocar.cameras import StereoCalibration
 from trocar.descriptions.needles import Needle
 from trocar.errors import InputError
@@ -256,7 +256,7 @@ class NeedleTracker:
         views = fit.views(images, T0, self._colours, 2.0 * longest + 12.0)
         T, bias = T0, bias0
         count = len(fit.angles)
-        hessian = information
+        hessian, quality = information, Quality(0.0, 0.0, np.inf)
         for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
             rows = fit.rows(views, T, length, rods)
@@ -279,8 +279,8 @@ class NeedleTracker:
             back = np.concatenate([change(T, T0), bias0 - bias])
             x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
             T, bias = moved(T, x), bias + x[6:]
-        rows = fit.rows(views, T, SHORTEST, rods)
-        quality = fit.quality(rows)
+            # What the step leaves of the offsets, without another look at the images.
+            quality = fit.quality(rows._replace(offset=rows.offset - rows.jacobian @ x[:6]))
         moves = np.concatenate([change(T0, T), bias - bias0])
         if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None
@@ -312,9 +312,15 @@ class NeedleTracker:
         found: list[tuple[float, Array, Quality, Colours]] = []
         for T in poses:
             T, quality, colours = fit.refine(images, T, rods=rods)
-            found.append((quality.share + quality.worst, T, quality, colours))
+            found.append((_score(quality), T, quality, colours))
         if not found:
             return None
+        found.sort(key=lambda one: one[0], reverse=True)
+        for _, T, _, colours in found[:2]:
+            T, quality, colours = fit.refine(
+                images, mirrored(T), (8.0, 6.0, 5.0, 4.0), colours, rods
+            )
+            found.append((_score(quality), T, quality, colours))
         _, T, quality, colours = max(found, key=lambda one: one[0])
         if min(quality.share, 2.0 * quality.worst) < BELIEVED:
             return None
@@ -334,6 +340,11 @@ class NeedleTracker:
         self._T, self._colours = T, colours
         self._P = np.diag([FOUND_M**2] * 3 + [FOUND_RAD**2] * 3 + [BIAS_PX**2] * 4 + [BIAS_RAD**2])
         return quality
+
+
+def _score(quality: Quality) -> float:
+    """Return how far a found pose is believed; offsets tell a plane from its mirror image."""
+    return quality.share + quality.worst - quality.rms
 
 
 def _placed(holder: Holder) -> list[Rod]:

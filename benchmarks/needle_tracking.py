@@ -9,7 +9,7 @@ from time import process_time
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.needle_stage import RATE_HZ, HIDDEN_S, Shot, Stage, lying, run
+from benchmarks.needle_stage import HIDDEN_S, RATE_HZ, Shot, Stage, lying, run
 from trocar.apps.figures import Figure
 from trocar.apps.vision import JAWS, Holder, NeedleTracker
 from trocar.apps.vision.needle_fit import change

@@ -17,6 +17,7 @@ from trocar.simulation import World
 from trocar.simulation.batch import Batch
 from trocar.simulation.elastic import ElasticPad
 from trocar.simulation.journal import Entry, Journal
+from trocar.simulation.records import DrawnCurve, DrawnSurface
 from trocar.simulation.tissues import SoftTissue, default_plan, stitch_points
 
 TEXT = """
@@ -153,6 +154,7 @@ def test_a_tissue_stands_where_it_was_put_and_a_saved_state_brings_it_back(world
     tissue.set_cp(pose, stiffness=2.0)
     world.step(5)
     skin = {one.name: one for one in world.snapshot(arms=False).drawings}["pad_skin"]
+    assert isinstance(skin, DrawnSurface)
     assert skin.vertices[:, 2].max() == pytest.approx(0.012, abs=1e-6)
     body = world.mj_model.body("pad").id
     assert world.snapshot(arms=False).positions[body] == pytest.approx(pose[:3, 3])
@@ -165,6 +167,7 @@ def test_the_thread_is_drawn_with_its_length_from_the_needle_on(world: World) ->
     tissue = pad_of(world)
     world.step(20)
     curve = {one.name: one for one in world.snapshot(arms=False).drawings}["pad_thread"]
+    assert isinstance(curve, DrawnCurve)
     long = np.linalg.norm(np.diff(curve.points, axis=0), axis=1).sum()
     assert long == pytest.approx(tissue.tissue.thread.length, rel=0.05)
     swage = world.objects["needle"].measured_cp().T @ [*tissue.tissue.wire.swage[:3, 3], 1.0]

@@ -38,9 +38,9 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
     )  # fmt: skip
     guess = (believed @ truth)[:3]
     fix = find_tip(
-        frame.calibration,
+        eyes,
         frame.left,
-        frame.right,
+        right,
         there.eyes,
         instrument_masks(there, "PSM1"),
         guess,

@@ -403,7 +403,7 @@ class NeedleFit:
 
     def _inside(self, pixels: Array, margin: float) -> Array:
         limit = np.array(self.eyes.size) - 1.0 - margin
-        return ((pixels > margin) & (pixels < limit)).all(axis=1).astype(np.float64)
+        return np.asarray(((pixels > margin) & (pixels < limit)).all(axis=1), np.float64)
 
     def _uncovered(self, pixels: Array, eye: int, rods: Sequence[Rod]) -> Array:
         free: Array = np.ones(len(pixels))

@@ -152,7 +152,7 @@ class NeedleTracker:
 
     def _forget(self) -> None:
         self._T: Array | None = None
-        self._P = np.zeros((11, 11))
+        self._P: Array = np.zeros((11, 11))
         self._bias = np.zeros(5)
         self._colours: Colours | None = None
         self._seen = -np.inf

@@ -31,7 +31,7 @@ def test_every_message_becomes_fields_and_comes_back():
         assert cdr_encode(name, fields)
         assert fields_of(message_of(kind, fields)) == fields
         assert message_of(kind, blank(name)) == kind()
-    assert repr(kind()) == repr(message_of(kind, fields))
+        assert repr(kind()) == repr(message_of(kind, fields))
 
 
 def test_every_service_has_its_two_messages():

@@ -289,7 +289,7 @@ class NeedleTracker:
                 return None
             self._P[:6, :6] += np.diag([TAKEN_M**2] * 3 + [TAKEN_RAD**2] * 3)
             return self._update(images, rods, again=False)
-        self._T, self._bias, self._P = T, bias, np.linalg.inv(hessian)
+        self._T, self._bias, self._P = T, bias, np.asarray(np.linalg.inv(hessian), np.float64)
         self._updates += 1
         if quality.share > 0.4 and self._updates % COLOURS_EVERY == 1:
             colours = fit.colours(images, T)

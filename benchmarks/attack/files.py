@@ -8,7 +8,8 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
@@ -86,12 +87,23 @@ endsolid s
 Read = Callable[[Path, Path], object]
 
 
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Log no warnings of damaged files."""
+    log = logging.getLogger("trocar")
+    before = log.level
+    log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        log.setLevel(before)
+
+
 def attack(seed: int, seconds: float) -> Tally:
     """Damage valid files in random ways and read them."""
     rng, tally = random.Random(seed), Tally("files")
-    logging.getLogger("trocar").setLevel(logging.CRITICAL + 1)
     end = time.monotonic() + seconds
-    with tempfile.TemporaryDirectory() as folder:
+    with _silent(), tempfile.TemporaryDirectory() as folder:
         samples = written(Path(folder) / "samples")
         for file, read in samples:  # an undamaged file that is refused would try nothing
             read(file, _empty(Path(folder) / "out"))

@@ -188,6 +188,7 @@ class FakeWorld:
         centres = {"PSM1": (0.15, -0.25, 0.9), "PSM2": (-0.15, -0.25, 0.9)}
         self.arms = {name: FakeArm(name, "PSM", PSM, np.array(p)) for name, p in centres.items()}
         self.objects = {}
+        self.tissues = {}
         self.rig = Namespace(name="fake", title="A fake", poses={"start": dict.fromkeys(centres)})
         self.arms["SUJ1"] = FakeArm("SUJ1", "SUJ", SUJ, None)
 

@@ -308,12 +308,12 @@ SEEN = ("augmented-reality", "needle-tracking", "visual-servoing")
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SEEN)) for n in names("scenes")]
 )
-def test_scenes_begin_at_rest_with_no_goal_met(name: str) -> None:
+def test_scenes_begin_at_rest_with_something_to_do(name: str) -> None:
     task = make_task(name)
     for seed in range(3):
         task.reset(seed)
         before = task.observation()
-        assert task.state()["met"] == 0
+        assert task.state()["met"] < len(task.goals)  # balls begin on the tray where they stay
         for _ in range(5):
             task.command(np.concatenate([task.idle()[arm] for arm in task.arms]))
         after = task.observation()

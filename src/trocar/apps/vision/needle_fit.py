@@ -166,7 +166,8 @@ class NeedleFit:
         direction = direction / (float(np.linalg.norm(direction)) + 1e-12)
         levels = float(middle @ direction), float(beside @ direction)
         spread = float(np.sqrt(direction @ scatter @ direction))
-        return Colours(direction, *levels, abs(levels[0] - levels[1]) / spread)
+        contrast = abs(levels[0] - levels[1]) / spread if spread else 0.0  # images of one colour
+        return Colours(direction, *levels, contrast)
 
     def metallic(self, images: Sequence[Picture], T: Array) -> Colours:
         """Return colours of metal on tissue, for a pose that may be off by more than the wire.
@@ -190,7 +191,8 @@ class NeedleFit:
         both = np.concatenate(values)
         share = float(np.clip(0.5 * covered / len(both), 0.002, 0.3))
         outside, inside = np.quantile(both, [0.5, 1.0 - share])
-        spread = float(np.std(both[both < inside])) + 5.0
+        rest = both[both < inside]
+        spread = (float(np.std(rest)) if rest.size else 0.0) + 5.0  # plain images have no rest
         return Colours(direction, float(inside), float(outside), float(inside - outside) / spread)
 
     def views(

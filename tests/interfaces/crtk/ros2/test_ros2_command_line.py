@@ -14,18 +14,15 @@ import trocar
 
 pytest.importorskip("cyclonedds", reason="the extra ros2 is not installed")
 
-from trocar.cli import main
-from trocar.interfaces.crtk.transports.ros2 import naming
-
 from .ros2_side import private_network, program
 
 TROCAR = "import sys; from trocar.cli import main; sys.exit(main())"
 QUIET = ["--no-page", "--no-websocket", "--duration", "30"]
 
 
-def start(*options: str, **variables: str) -> subprocess.Popen[str]:
+def start(*options: str, code: str = TROCAR, **variables: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, "-c", TROCAR, "sim", "--rig", "psm", *QUIET, *options],
+        [sys.executable, "-c", code, "sim", "--rig", "psm", *QUIET, *options],
         env={**os.environ, "PYTHONPATH": str(Path(trocar.__file__).parents[1]), **variables},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -51,25 +48,21 @@ def test_it_says_where_it_speaks_and_what_to_set_and_is_heard() -> None:
 
 
 @pytest.mark.parametrize("library", ["cyclonedds", "rosbags"])
-def test_without_the_extra_one_line_names_it(
-    library: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    naming.typestore.cache_clear()
-    for name in {library, *(name for name in sys.modules if name.split(".")[0] == library)}:
-        monkeypatch.setitem(sys.modules, name, None)
-    assert main(["sim", "--rig", "psm", *QUIET, "--ros2", "dds"]) == 1
-    said = capsys.readouterr().err
+def test_without_the_extra_one_line_names_it(library: str) -> None:
+    hidden = f"import sys; sys.modules[{library!r}] = None; {TROCAR}"
+    simulator = start("--ros2", "dds", code=hidden)
+    _, said = simulator.communicate(timeout=60)
+    assert simulator.returncode == 1
     assert said.strip().endswith(
         f"ROS 2 needs {library}, which is not installed: pip install 'trocar[ros2]'"
     )
 
 
-def test_an_impossible_domain_is_named(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setenv("ROS_DOMAIN_ID", "1000")
-    assert main(["sim", "--rig", "psm", *QUIET, "--ros2", "dds"]) == 2
-    assert "ROS_DOMAIN_ID: got '1000'; allowed: 0 to 232" in capsys.readouterr().err
+def test_an_impossible_domain_is_named() -> None:
+    simulator = start("--ros2", "dds", ROS_DOMAIN_ID="1000")
+    _, said = simulator.communicate(timeout=60)
+    assert simulator.returncode == 2
+    assert "ROS_DOMAIN_ID: got '1000'; allowed: 0 to 232" in said
 
 
 def test_a_network_that_is_none_is_told_in_one_line() -> None:

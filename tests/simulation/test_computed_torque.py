@@ -92,3 +92,12 @@ def test_switched_off_the_servos_are_alone_again() -> None:
     other.load(rest)
     other.step(50)
     assert np.array_equal(world.save().row, other.save().row)
+
+
+def test_free_objects_in_the_rig_leave_the_arms_computed_torque_alone() -> None:
+    world = World("pegs")
+    arm = world.arm("PSM1")
+    arm.use_computed_torque(True)
+    before = arm.measured_js().position
+    world.step(200)
+    assert np.abs(arm.measured_js().position - before).max() < 1e-3

@@ -32,6 +32,10 @@ class ComputedTorque:
     def __init__(self, table: JointTable, model: mujoco.MjModel) -> None:
         self._table, self._model, self._data = table, model, mujoco.MjData(model)
         self._full = np.zeros((model.nv, model.nv))
+        # Rates of hinges and slides of joint rates; free objects have more coordinates than rates.
+        single = model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
+        self._couple = np.zeros((model.nv, table.couple.shape[1]))
+        self._couple[model.jnt_dofadr[single]] = table.couple[model.jnt_qposadr[single]]
 
     def efforts(
         self, state: tuple[Array, Array], setpoint: Array, gains: Array, acceleration: Array
@@ -54,11 +58,11 @@ class ComputedTorque:
         mujoco.mj_makeM(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fullM(model, data, self._full)
-        inertia = self._full @ table.couple
+        inertia = self._full @ self._couple
         own = gains[:, 0] * (setpoint[:, 0] - table.drive @ data.qpos)
         own += gains[:, 2] * (setpoint[:, 1] - table.rate @ data.qvel)
-        diagonal = np.einsum("vj,vj->j", table.couple, inertia)
+        diagonal = np.einsum("vj,vj->j", self._couple, inertia)
         growth = acceleration + own / np.maximum(diagonal, mujoco.mjMINVAL)
         force = inertia @ growth + data.qfrc_bias - data.qfrc_passive
-        force += model.dof_frictionloss * np.sign(table.couple @ setpoint[:, 1])
+        force += model.dof_frictionloss * np.sign(self._couple @ setpoint[:, 1])
         return table.share @ force - own

@@ -236,7 +236,7 @@ def wound_frame(line: ArrayLike, up: ArrayLike = UP) -> tuple[Array, float]:
 
 
 class Reach:
-    """What an arm reaches with its tip.
+    """The workspace of an arm's tip.
 
     Args:
         world: with the arm where its base is

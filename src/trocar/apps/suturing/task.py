@@ -116,7 +116,7 @@ class Suturing(Task):
         }
 
     def announce(self, text: str) -> None:
-        """Say what the policy does now."""
+        """Publish the step that the policy executes."""
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
 
@@ -126,7 +126,7 @@ class Suturing(Task):
         return self._plan or self.make_plan()
 
     def make_plan(self) -> Plan:
-        """Plan the stitches from points that are seen of the wound, and tell the tissue."""
+        """Plan the stitches from noisy points of the wound and set the tissue's plan."""
         tissue, rng = self.tissue, self.noise_rng
         line = np.zeros((SEEN, 3))
         line[:, 0] = np.linspace(-0.45, 0.45, SEEN) * tissue.tissue.length

@@ -41,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --passes N:int = 5         number of interleaved passes
         --poses N:int = 10000      number of inverse-kinematics poses
         --robots N:int = 40        number of calibrated robots of each kind
-        --log FILE                 replay this PSM recording (docs/replay.md)
+        --log FILE                 replay this PSM recording (docs/follow.md)
         --calibration OVERLAY ...  measure speed with this calibrated robot (repeatable)
     """, part=_part)  # fmt: skip
     add_json(parser)

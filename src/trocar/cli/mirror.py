@@ -3,7 +3,7 @@
 Subscribes to /<ARM>/measured_js (and jaw, gripper, setup joints) and sets the joint positions of
 the simulated arms, or commands them as servo set-points. With --bag, the web viewer plays a
 recording; with --no-page, the command plays it without viewer and reports the lag of each arm.
-See docs/mirror.md.
+See docs/follow.md.
 """
 
 from __future__ import annotations

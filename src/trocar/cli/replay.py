@@ -5,7 +5,7 @@ is compared bit by bit. Only --rig and --json apply.
 
 Log of a real PSM, ECM or MTM: CSV without a header, plain or gzip, one row per sample with the
 positions, then velocities, then efforts of all joints (SI units); or a rosbag 1, rosbag 2 or MCAP
-file with topic /<ARM>/measured_js. See docs/replay.md.
+file with topic /<ARM>/measured_js. See docs/follow.md.
 """
 
 from __future__ import annotations

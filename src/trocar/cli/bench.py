@@ -5,8 +5,7 @@ compare the ratio, because the real-time factor depends on the machine. PART fig
 accuracy. Only if named, PART core measures the cost of API calls in physics steps, and PART
 calibration what `trocar calibrate` makes of robots that it has not seen: accuracy, intervals,
 exchanged labels, broken loops, setup joints (half an hour). --log adds the replay of a recording.
-Benchmarks of start-up, recording, clients, images and long runs are part of the repository: python
--m benchmarks --help.
+python -m benchmarks --help lists more, in the repository. See docs/performance.md.
 """
 
 from __future__ import annotations

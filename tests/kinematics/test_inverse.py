@@ -65,7 +65,7 @@ def test_poses_come_back_with_the_joints_that_made_them(
     name: str, rng: np.random.Generator
 ) -> None:
     arm = load_arm(name)
-    # `trocar bench figures` measures 10,000.
+    # `trocar bench fidelity` measures 10,000.
     compare(arm, arm.mechanism, draw(arm, rng, 2000))
 
 

@@ -177,6 +177,7 @@ def test_bench_prints_one_document(capsys):
     assert document["figures"] == []
 
 
+@pytest.mark.slow
 def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path):
     file = str(general_overlay(tmp_path))
     words = ["bench", "--duration", "0.02", "--passes", "1", "--calibration", file]

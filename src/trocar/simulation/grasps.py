@@ -293,6 +293,7 @@ class Grasps:
         anchor, turned = self._placed(row, found, grip[0])
         self._set(row, Hold(found, anchor, turned, *grip))
         self._slicken()
+        self._looks[row] = 0
         self._read[row] = self._grasp(found, force)
         self._most[row] = force
         self._loose.pop(found, None)

@@ -70,6 +70,7 @@ class EndoscopeTask(Task):
 
     def _begin(self) -> None:
         self._looks, self.shown = -1, None  # the first look, of a reset, opens no renderer
+        self._items: list[Item] = []
         self._worked = False
         T_world_left = self.world.camera("endoscope").T_world_camera @ self._eyes.mounts[0]
         self._T_tip_left = inverse(self._measured("ECM")) @ T_world_left
@@ -80,8 +81,13 @@ class EndoscopeTask(Task):
         super().look()
         if self._looks % COMMANDS == 0 and not self.done:
             frame = self.scope().capture_next()
-            self.shown = overlaid(frame.left, View.of(frame), self.see(frame))
+            self._items = self.see(frame)
+            self.shown = self.overlay(frame)
         self._looks += 1
+
+    def overlay(self, frame: StereoFrame, eye: int = 0) -> Picture:
+        """Return an eye's image of any frame with what was drawn last, where it is in the world."""
+        return overlaid(frame.eyes[eye], View.of(frame, eye), self._items)
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met, at the end of the work."""

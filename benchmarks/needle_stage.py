@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,7 @@ from trocar.simulation.records import ShapeRecord
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Style = Literal["plain", "surgical"]
 
 #: Lens of the images. Source: a wide endoscope's, our own choice.
 DISTORTION = np.array([-0.2, 0.06, 0.001, -0.001])
@@ -71,6 +73,7 @@ class Stage:
         seed: of tissue and noise
         noise: standard deviation of the images' noise, as a share of white
         common_px: standard deviation of each eye's offset, which its calibration lacks [px]
+        style: of the images
     """
 
     def __init__(
@@ -80,6 +83,7 @@ class Stage:
         seed: int,
         noise: float = 0.03,
         common_px: float = 0.3,
+        style: Style = "plain",
     ) -> None:
         self.needle, self.rng, self.noise = needle, np.random.default_rng(seed), noise
         known = load_stereo_camera(preset)
@@ -97,11 +101,11 @@ class Stage:
         shapes = [s for s in self.world.shapes() if s.arm is not None or s.name[:6] == "needle"]
         self._needle = next(s.body for s in shapes if s.arm is None)
         self._bodies = len(self.world.snapshot(arms=False).positions)
-        shapes += _tissue(self._bodies, self.rng)
+        shapes += _tissue(self._bodies, self.rng, "tissue" if style == "surgical" else "")
         shapes += _thread(self._bodies + 1, needle)
         build = self.world.snapshot(arms=False).build
         self.renderer = Renderer(
-            lambda: (build, shapes), Channels(ids=True), Look(distortion=True, wet=0.5)
+            lambda: (build, shapes), Channels(ids=True), Look(style, distortion=True, wet=0.5)
         )
 
     def reset(self) -> None:
@@ -249,7 +253,7 @@ def _waves(n: int, rng: np.random.Generator, octaves: tuple[int, ...], fall: flo
     return found / found.std()
 
 
-def _tissue(body: int, rng: np.random.Generator) -> list[ShapeRecord]:
+def _tissue(body: int, rng: np.random.Generator, material: str) -> list[ShapeRecord]:
     """Return bumpy ground in patches of several reds, its highest points in z = 0."""
     n = CELLS
     x = np.linspace(-0.5 * SIDE_M, 0.5 * SIDE_M, n)
@@ -270,7 +274,7 @@ def _tissue(body: int, rng: np.random.Generator) -> list[ShapeRecord]:
     return [
         ShapeRecord(body, f"tissue/{k}", "mesh", np.array([0.08, 0.08, 0.01]), np.eye(4),
                     (*tint, 1.0), 0.45, 0.0, 0.0, None, "", False,
-                    (points, faces[kind == k]), normals)
+                    (points, faces[kind == k]), normals, material)
         for k, tint in enumerate(TINTS)
     ]  # fmt: skip
 

@@ -81,7 +81,7 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4), 2, "local
 print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
 """
     words = [sys.executable, "-c", code]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()  # Ray prints of the worker that died, too
     found, alone = (line for line in lines if line.startswith("digests"))

@@ -326,6 +326,8 @@ class Task:
 
     #: Further topics that are served, {name: help}; their messages are JSON.
     topics: Mapping[str, str] = {}
+    #: Draws into an eye's image of a frame (0 left, 1 right), from any thread.
+    overlay: Callable[[Any, int], NDArray[np.uint8]] | None = None
 
     def messages(self) -> dict[str, Any]:
         """Return what is to be sent on further topics since the last call, {name: content}."""

@@ -14,6 +14,7 @@ from trocar.apps.tasks import Episode, play
 from trocar.errors import InputError, TrocarError
 
 
+@pytest.mark.slow
 def test_workers_change_nothing_and_a_killed_ones_episode_runs_again(touch: Path) -> None:
     alone = list(play(str(touch), range(3)))
     found: list[Episode] = []

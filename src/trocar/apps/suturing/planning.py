@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.apps.drawing import PALETTE, new_figure, png
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.table import parse_table, toml_text
 from trocar.descriptions.tissues import Tissue
@@ -155,6 +156,43 @@ class Plan:
         """Write it as TOML."""
         write_text(path, toml_text(self.document()), overwrite)
 
+    def picture(self) -> bytes:
+        """Return a drawing of it as PNG: from above, and each stitch across the wound.
+
+        Raises:
+            MissingExtraError: matplotlib is not installed
+        """
+        figure = new_figure(9.0, 4.4, "drawing a plan")
+        above, across = figure.subplots(1, 2)
+        angles = np.linspace(0.0, 2.0 * np.pi, 181)
+        for number, one in enumerate(self.stitches):
+            colour, points = PALETTE[number % len(PALETTE)], 1e3 * one.points
+            radius, height = 1e3 * one.radius, 1e3 * one.height
+            above.plot(points[[0, 3], 0], points[[0, 3], 1], "-o", color=colour, markevery=[0])
+            words = (
+                f"{number + 1}: {one.driver} drives ({np.degrees(one.margins[0]):.0f} deg to"
+                f" {one.limited[0]}'s limit),\n{one.taker} takes"
+                f" ({np.degrees(one.margins[1]):.0f} deg to {one.limited[1]}'s)"
+            )
+            across.plot(
+                radius * np.cos(angles),
+                height + radius * np.sin(angles),
+                "--",
+                color=colour,
+                lw=0.8,
+            )
+            across.plot(points[:, 1], points[:, 2], "o", color=colour, label=words)
+        above.axhline(0.0, color="0.6")
+        across.axhline(0.0, color="0.6")
+        above.set(title="from above (dot: in)", xlabel="along the wound [mm]")
+        above.set(ylabel="across [mm]")
+        across.set(title="across: needle's circle, channel points", xlabel="across [mm]")
+        across.set(ylabel="above the surface [mm]")
+        figure.legend(fontsize=7, loc="outside lower center")
+        for axes in (above, across):
+            axes.set_aspect("equal", adjustable="datalim")
+        return png(figure)
+
 
 def load_plan(path: Path) -> Plan:
     """Read a plan.
@@ -276,6 +314,23 @@ class Reach:
         except (UnreachableError, SingularError):
             return None
 
+    def room(self, T: Array) -> tuple[float, str]:
+        """Return how far joints can be from limits with the tip at a pose in the world, and which.
+
+        Returns:
+            the least distance, below 0 beyond a limit, -inf where no joint alone is in the way
+            [rad]; its joint
+        """
+        try:
+            found = inverse_kinematics(self._mechanism, self._structure, self._back @ T)
+        except SingularError:
+            return -np.inf, ""
+        except UnreachableError as problem:
+            joints = {key: over for key, over in problem.excess.items() if key in self.names}
+            joint = max(joints, key=lambda key: joints[key], default="")
+            return -joints.get(joint, np.inf), joint
+        return max(self.margin(q) for q in found)
+
     def margin(self, q: Array) -> tuple[float, str]:
         """Return the least distance of a turning joint from a limit, and which [rad]."""
         room = np.where(self._turns, np.minimum(q - self._lower, self._upper - q), np.inf)
@@ -332,7 +387,7 @@ def make_plan(
         options = list(_options(reaches, tissue, (wound, place), needle_pose, before))
         best = max(options, key=lambda one: min(one.margins), default=None)
         if best is None or min(best.margins) < LEAST:
-            raise UnreachableError(_why_not(reaches, tissue, wound, place))
+            raise UnreachableError(_why_not(reaches, tissue, (wound, place), best))
         found.append(best)
     return Plan(tuple(found), needle)
 
@@ -444,12 +499,55 @@ def _pairs(reaches: dict[str, Reach], needle_pose: Array) -> list[tuple[str, str
     return [(one, two) for one in near for two in near if one != two]
 
 
-def _why_not(reaches: dict[str, Reach], tissue: Tissue, wound: Array, place: float) -> str:
-    """Say why no arm reaches a stitch."""
+def _why_not(
+    reaches: dict[str, Reach],
+    tissue: Tissue,
+    where: tuple[Array, float],
+    best: Stitch | None,
+) -> str:
+    """Say why no arm reaches a stitch: which joint is in the way, and by how much."""
+    needle, (wound, place) = tissue.wire, where
     yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
     at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()
+    if best is not None:
+        worst = int(np.argmin(best.margins))
+        arm = (best.driver, best.taker)[worst]
+        room, joint = best.margins[worst], best.limited[worst]
+    else:
+        arm, room, joint = max(
+            (
+                _nearest_miss(reach, tissue, where, side)
+                for reach in reaches.values()
+                for side in (1, -1)
+            ),
+            key=lambda found: found[1],
+        )
+    off = np.degrees(room)
+    way = f"{off:.0f} deg from its limit" if off >= 0.0 else f"{-off:.0f} deg beyond its limit"
+    reason = f"{arm}'s {joint} would be {way} at best" if joint else f"{arm} does not reach so far"
     return (
         f"stitch at {at} mm across a wound at {yaw:.0f} deg: {' and '.join(reaches)} do not reach"
-        f" its whole arc of {1e3 * tissue.wire.radius:.1f} mm radius by {np.degrees(LEAST):.0f} deg"
-        " from every joint's limit; allowed: within 45 deg of the line between the ports, and 30 mm"
+        f" its whole arc of {1e3 * needle.radius:.1f} mm radius: {reason}; needed:"
+        f" {np.degrees(LEAST):.0f} deg; allowed: within 45 deg of the line between the ports, and"
+        " 30 mm"
     )
+
+
+def _nearest_miss(
+    reach: Reach, tissue: Tissue, where: tuple[Array, float], side: int
+) -> tuple[str, float, str]:
+    """Return an arm, the least margin of its joints on the arc as it drives it best, and of which.
+
+    Each pose counts by itself, whether or not the arm gets from one to the next.
+    """
+    needle, (wound, place) = tissue.wire, where
+    height = RISE * needle.radius
+    best = (reach.arm.name, -np.inf, "")
+    for along, across in product((1, -1), repeat=2):
+        held = Grip(HOLD_SWAGE, along, across).pose(needle)
+        least = (reach.arm.name, np.inf, "")
+        for tip in np.arange(START, np.pi, 3.0 * STEP):
+            pose = needle_on_circle(wound, place, height, side, tip - needle.arc)
+            least = min(least, (reach.arm.name, *reach.room(pose @ held)), key=lambda one: one[1])
+        best = max(best, least, key=lambda found: found[1])
+    return best

@@ -261,6 +261,7 @@ class NeedleTracker:
         covers = fit.covers(rods)
         T, bias = T0, bias0
         count = len(fit.angles)
+        hessian, quality = information, Quality(0.0, 0.0, np.inf)
         for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
             rows = fit.rows(views, T, length, covers)
@@ -283,9 +284,8 @@ class NeedleTracker:
             back = np.concatenate([change(T, T0), bias0 - bias])
             x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
             T, bias = moved(T, x), bias + x[6:]
-            left = rows._replace(offset=rows.offset - rows.jacobian @ x[:6])
-        # What the last step leaves of the offsets, without another look at the images.
-        quality = fit.quality(left)
+            # What the step leaves of the offsets, without another look at the images.
+            quality = fit.quality(rows._replace(offset=rows.offset - rows.jacobian @ x[:6]))
         moves = np.concatenate([change(T0, T), bias - bias0])
         if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None

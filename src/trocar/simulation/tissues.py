@@ -66,7 +66,7 @@ CLOSE_M = 5e-3
 PINCH_M = 5e-4
 #: The mesh is looked at so often, and only where a place has moved so far; so many of its cells may
 #: be inside out, as some at a tight thread are. Source: measured: 2 of 5040 at 2 N. [s, m]
-VOLUMES_S, FAR_M, INVERTED = 0.1, 2e-3, 0.02
+VOLUMES_S, FAR_M, INVERTED = 0.25, 2e-3, 0.02
 
 LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 

@@ -254,12 +254,12 @@ class NeedleTracker:
         reach = 3.0 * spread * fit.eyes.focal / max(float(T0[2, 3]), 0.01) + 3.0
         longest = float(np.clip(np.ceil(reach), SHORTEST, LONGEST))
         views = fit.views(images, T0, self._colours, 2.0 * longest + 12.0)
+        covers = fit.covers(rods)
         T, bias = T0, bias0
         count = len(fit.angles)
-        hessian, quality = information, Quality(0.0, 0.0, np.inf)
         for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
-            rows = fit.rows(views, T, length, rods)
+            rows = fit.rows(views, T, length, covers)
             by_bias = np.zeros((2 * count, 5))
             by_bias[:count, 0:2], by_bias[count:, 2:4] = rows.normal[:count], rows.normal[count:]
             rest = rows.offset - by_bias @ bias
@@ -269,7 +269,7 @@ class NeedleTracker:
             scaled = (H * weight[:, None]).T * (WORTH / SIGMA_PX**2)
             A, b = scaled @ H, scaled @ rest
             if k:
-                ends = fit.ends(views, T, rods)
+                ends = fit.ends(views, T, covers)
                 row = np.concatenate([np.zeros(3), T[:3, 2], np.zeros(4), [1.0]])
                 rest = ends.angle - bias[4]
                 pull = np.minimum(1.0, 2.0 * END_RAD / np.maximum(np.abs(rest), 1e-9))
@@ -279,8 +279,9 @@ class NeedleTracker:
             back = np.concatenate([change(T, T0), bias0 - bias])
             x = np.asarray(np.linalg.solve(hessian, b + information @ back), np.float64)
             T, bias = moved(T, x), bias + x[6:]
-            # What the step leaves of the offsets, without another look at the images.
-            quality = fit.quality(rows._replace(offset=rows.offset - rows.jacobian @ x[:6]))
+            left = rows._replace(offset=rows.offset - rows.jacobian @ x[:6])
+        # What the last step leaves of the offsets, without another look at the images.
+        quality = fit.quality(left)
         moves = np.concatenate([change(T0, T), bias - bias0])
         if quality.share < SHARE or quality.worst < WORST or quality.rms > RMS_PX:
             return None

@@ -184,7 +184,7 @@ def _end(model: mujoco.MjModel, geom: int) -> Array:
 
 
 class Tools:
-    """Fingers of a rig on one tissue.
+    """Fingers of a rig on one tissue; each touches one tissue at a time.
 
     Args:
         model, data: the physics

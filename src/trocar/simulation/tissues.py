@@ -479,7 +479,7 @@ class SoftTissue:
         self.passed, self.left = state.passed.copy(), state.left.copy()
         self._grips, self._opened, self._astray = state.grips, state.opened, state.astray
         self._pulls = np.zeros((len(state.grips), 3))
-        self._tools.near = list(state.near)
+        self._tools.near, self._tools.force, self._tools.nodes = list(state.near), 0.0, {}
         self._count()
         self._condense()
         for (field, row), value in zip(self._fields, state.fields, strict=True):

@@ -35,8 +35,8 @@ CHANGES = 20
 #: Least compliance of a node beside that of the mesh, which keeps its inverse finite. Source: our
 #: own choice: 1 N presses it in by 1 nm. [m/N]
 SOFT = 1e-9
-#: Pads that are closed to this, from the middle of one to the other's, hold what is between them; open to the second,
-#: they let go. Source: our own choice; shut, they are 1.7 mm apart. [m]
+#: Pads whose middles are so near hold what is between them, and let go of it where they are so far
+#: apart. Source: our own choice; shut, they are 1.7 mm apart. [m]
 CLOSED_M, OPENED_M = 2.6e-3, 3.4e-3
 #: Pads hold tissue so far before their ends. Source: our own choice. [m]
 END_M = 1e-3
@@ -184,7 +184,7 @@ def _end(model: mujoco.MjModel, geom: int) -> Array:
 
 
 class Tools:
-    """Fingers of a rig on one tissue.
+    """Fingers of a rig on one tissue; each touches one tissue at a time.
 
     Args:
         model, data: the physics
@@ -196,6 +196,7 @@ class Tools:
         self._geoms = [geom for jaw in jaws for geom in jaw.geoms]
         self._bodies = [body for jaw in jaws for body in jaw.bodies]
         self._half = model.geom_size[self._geoms]
+        self._reach = np.linalg.norm(self._half, axis=1)[:, None]
         #: Near the end of each box that is away from the finger's axis, in the finger's frame.
         self._ends = [_end(model, geom) for geom in self._geoms]
         self.wrench = data.xfrc_applied
@@ -205,21 +206,18 @@ class Tools:
         self.force, self.nodes = 0.0, dict[tuple[int, int], float]()
 
     def over(self, pose: Array, tissue: Tissue, highest: float) -> list[int]:
-        """Return which fingers are above or in a tissue, up to a height above its surface at rest.
+        """Return which fingers may be over or in a tissue, or up to a height above it at rest.
 
         Args:
             pose: of the tissue in the world, (4, 4)
             tissue: its record
             highest: the height [m]
         """
-        found: list[int] = []
         ends = np.array([0.5 * tissue.length, 0.5 * tissue.gap + tissue.width, highest])
-        for row, geom in enumerate(self._geoms):
-            box, axes = self._box(pose, geom)
-            at = np.append(np.abs(box[:2]), box[2]) - np.abs(axes) @ self._half[row]
-            if (at < ends).all():
-                found.append(row)
-        return found
+        boxes = (self._data.geom_xpos[self._geoms] - pose[:3, 3]) @ pose[:3, :3]
+        boxes[:, :2] = np.abs(boxes[:, :2])
+        near = boxes - self._reach < ends
+        return np.flatnonzero(near[:, 0] & near[:, 1] & near[:, 2]).tolist()
 
     def look(
         self, pose: Array, surface: Surface, displaced: Array, rows: Sequence[int], time: float

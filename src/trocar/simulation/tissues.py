@@ -66,7 +66,7 @@ CLOSE_M = 5e-3
 PINCH_M = 5e-4
 #: The mesh is looked at so often, and only where a place has moved so far; so many of its cells may
 #: be inside out, as some at a tight thread are. Source: measured: 2 of 5040 at 2 N. [s, m]
-VOLUMES_S, FAR_M, INVERTED = 0.1, 2e-3, 0.02
+VOLUMES_S, FAR_M, INVERTED = 0.25, 2e-3, 0.02
 
 LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 
@@ -479,7 +479,7 @@ class SoftTissue:
         self.passed, self.left = state.passed.copy(), state.left.copy()
         self._grips, self._opened, self._astray = state.grips, state.opened, state.astray
         self._pulls = np.zeros((len(state.grips), 3))
-        self._tools.near = list(state.near)
+        self._tools.near, self._tools.force, self._tools.nodes = list(state.near), 0.0, {}
         self._count()
         self._condense()
         for (field, row), value in zip(self._fields, state.fields, strict=True):

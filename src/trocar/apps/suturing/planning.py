@@ -7,7 +7,7 @@ other arm takes it there and turns it out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.drawing import PALETTE, new_figure, png
+from trocar.cameras import StereoCalibration
+from trocar.cameras.lens import project
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.table import parse_table, toml_text
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import InputError, SingularError, UnreachableError
-from trocar.geometry.se3 import inverse, transform
+from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
 from trocar.outputs import write_text
@@ -47,6 +49,14 @@ STEP = np.radians(4.0)
 ABOVE_M = 0.02
 #: Joints this near to a limit are as good as out of reach. Source: our own choice. [rad]
 LEAST = np.radians(2.0)
+#: Axes of two shafts are at least so far apart. Source: radii of 4.2 mm of instruments and 5 mm of
+#: the endoscope, and some room. [m]
+APART_M = 0.0105
+#: From an instrument's tip back to the end of its shaft, along the jaw. Source: length of the wrist
+#: of a large needle driver in the dVRK's tables, 9.1 mm. [m]
+WRIST_M = 0.0091
+#: Points of a shaft that are looked at. Source: our own choice, one each 4 mm.
+ALONG = 40
 #: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
 ENOUGH = np.radians(8.0)
 
@@ -375,16 +385,31 @@ def make_plan(
 
     Raises:
         InputError: the needle does not fit jaws or tissue
-        UnreachableError: no arm reaches it; says which joint is in the way
+        UnreachableError: no arm reaches it, shafts would meet, or an endoscope does not see it;
+            says which joint is in the way and by how much
     """
     needle = tissue.wire
     check_needle(tissue)
+    scopes = [
+        (arm.tip_in_world().T[:3, 3], world.remote_centres()[name])
+        for name, arm in world.arms.items()
+        if arm.type == "ECM"
+    ]
     arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
     reaches = {name: Reach(world, name) for name in arms}
     found: list[Stitch] = []
     for place in places:
         before = found[-1] if found else None
+        _check_view(world, tissue, wound, place)
         options = list(_options(reaches, tissue, (wound, place), needle_pose, before))
+        if options:
+            gaps = [clearance(one, needle, reaches, scopes) for one in options]
+            options = [one for one, gap in zip(options, gaps, strict=True) if gap >= APART_M]
+            if not options:
+                raise UnreachableError(
+                    f"stitch {len(found) + 1}: shafts come within {1e3 * max(gaps):.1f} mm of each"
+                    f" other; allowed: {1e3 * APART_M:.1f} mm"
+                )
         best = max(options, key=lambda one: min(one.margins), default=None)
         if best is None or min(best.margins) < LEAST:
             raise UnreachableError(_why_not(reaches, tissue, (wound, place), best))
@@ -416,6 +441,65 @@ def check_needle(tissue: Tissue) -> None:
         raise InputError(
             f"needle: got a wire of {1e3 * needle.wire:.2f} mm; allowed: up to 2 mm, for the jaws"
         )
+
+
+def clearance(
+    stitch: Stitch,
+    needle: Needle,
+    reaches: Mapping[str, Reach],
+    scopes: Sequence[tuple[Array, Array]],
+) -> float:
+    """Return the least distance between axes of shafts while a stitch is made [m].
+
+    Args:
+        stitch: as it is planned
+        needle: with which
+        reaches: of the arms
+        scopes: both ends of the shafts of endoscopes, in the world
+    """
+
+    def shaft(row: int, angle: float) -> tuple[Array, Array]:
+        arm = (stitch.driver, stitch.taker)[row]
+        T = stitch.needle_pose(needle, angle) @ stitch.grips[row].pose(needle)
+        return T[:3, 3] - WRIST_M * T[:3, 2], reaches[arm].port
+
+    gaps = [_apart(shaft(0, stitch.out), shaft(1, stitch.out))]
+    for row, (first, last) in enumerate(((START, stitch.out), (stitch.out, END))):
+        for angle in np.arange(first, last, 3.0 * STEP):
+            gaps += [_apart(shaft(row, angle), scope) for scope in scopes]
+    return min(gaps)
+
+
+def _apart(one: tuple[Array, Array], two: tuple[Array, Array]) -> float:
+    """Return the distance between two segments, of one of which points are looked at [m]."""
+    points = one[0] + np.linspace(0.0, 1.0, ALONG)[:, None] * (one[1] - one[0])
+    way = two[1] - two[0]
+    share = np.clip((points - two[0]) @ way / (way @ way), 0.0, 1.0)
+    return float(np.linalg.norm(points - two[0] - share[:, None] * way, axis=1).min())
+
+
+def _check_view(world: World, tissue: Tissue, wound: Array, place: float) -> None:
+    """Reject a stitch that an endoscope does not see.
+
+    Raises:
+        UnreachableError: which eye, and where in its image the stitch would be
+    """
+    points = stitch_points(tissue, place, tissue.wire.radius, RISE * tissue.wire.radius)
+    seen = points @ wound[:3, :3].T + wound[:3, 3]
+    for camera in world.cameras().values():
+        if camera.kind != "endoscope" or not isinstance(camera.calibration, StereoCalibration):
+            continue
+        for side, lens, eye in zip(
+            ("left", "right"), camera.calibration.eyes, camera.T_world_eyes, strict=True
+        ):
+            at = project(transform_points(inverse(eye), seen), lens.K, lens.distortion)
+            out = ~((at >= 0.0) & (at < lens.size)).all(axis=1)
+            if out.any():
+                raise UnreachableError(
+                    f"stitch {1e3 * place:.1f} mm along the wound: {camera.name}'s {side} eye does"
+                    f" not see all of it: got a point at {at[out][0].round().tolist()} px; allowed:"
+                    f" within {list(lens.size)} px"
+                )
 
 
 _NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))

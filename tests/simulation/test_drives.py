@@ -14,7 +14,7 @@ from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.overlay import Overlay
 from trocar.errors import InputError
 from trocar.modeling.options import ModelOptions
-from trocar.simulation.drives import Drives
+from trocar.simulation.drives import Drives, spring_fields
 
 Array = NDArray[np.float64]
 
@@ -46,16 +46,17 @@ def drives(world: World) -> Drives:
 def test_friction_never_gives_energy(rig: str, name: str, rng: np.random.Generator) -> None:
     world = World(rig, calibration=overlay(name, "stops"))
     bank = drives(world)
-    anchor, springs = bank.rest()
+    anchor, fields = bank.rest(), spring_fields(world.mj_model)
     qpos = world.mj_data.qpos.copy()
-    bank.begin(qpos, anchor, springs)
+    bank.begin(qpos, anchor, fields)
     arm = next(iter(world.arms.values()))
     couple, rows = world.joints.couple, bank.coordinates
     work = 0.0
     for _ in range(2000):
         step = couple @ (0.02 * rng.standard_normal(len(world.joints)))
         qpos = qpos + step
-        bank.renew(qpos, anchor, springs)
+        bank.renew(qpos, anchor, fields)
+        springs = bank.read(fields)
         force = springs[0] * (rows @ qpos - springs[1])
         work += float(force @ (rows @ step))
         assert work > -1e-9, arm.name
@@ -94,14 +95,15 @@ def test_stop_elements_close_a_loop_of_their_own_width() -> None:
     world = World("psm", calibration=overlay("psm", "stops"))
     bank = drives(world)
     train = as_overlay("psm").dynamics.drivetrains["yaw"]  # type: ignore[union-attr]
-    anchor, springs = bank.rest()
+    anchor, fields = bank.rest(), spring_fields(world.mj_model)
     qpos = np.zeros(world.mj_model.nq)
-    bank.begin(qpos, anchor, springs)
+    bank.begin(qpos, anchor, fields)
     yaw = world.joints.names.index("PSM1/yaw")
     forces = []
     for angle in [*np.linspace(0.0, 0.5, 300), *np.linspace(0.5, 0.0, 300)]:
         qpos = world.joints.couple[:, yaw] * angle
-        bank.renew(qpos, anchor, springs)
+        bank.renew(qpos, anchor, fields)
+        springs = bank.read(fields)
         own = springs[0] * (bank.coordinates @ qpos - springs[1])
         forces.append(float(own @ bank.coordinates @ world.joints.couple[:, yaw]))
     slipping = sum(

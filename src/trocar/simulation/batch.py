@@ -30,7 +30,7 @@ from trocar.kinematics.inverse import nearest_solution
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.computed_torque import ComputedTorque
-from trocar.simulation.drives import SPRING_FIELDS, spring_fields
+from trocar.simulation.drives import SPRING_FIELDS, SpringFields, spring_fields
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
@@ -140,9 +140,9 @@ class Batch:
         self._objects = ObjectKinematics(self.rig, self._model)
         self._drives, self._trains = world.drives, first.drives
         if self._drives is not None and self._trains is not None:
-            fields = SPRING_FIELDS if self._model.ntendon else SPRING_FIELDS[:2]
-            self._fields = {name: self._rows.expand(name) for name in fields}
-            self._anchor, self._springs = (np.stack([one] * self.n) for one in self._trains)
+            own = [self._expanded(name) for name in SPRING_FIELDS]
+            self._fields = [SpringFields(*rows) for rows in zip(*own, strict=True)]
+            self._anchor = np.stack([self._trains[0]] * self.n)
         self._computed = self._servos["computed"].astype(np.bool_) & self._on
         self._computed_torque = ComputedTorque(self._table, self._model)
         self._nominal = spring_fields(self._model)
@@ -209,8 +209,9 @@ class Batch:
             for world in which.tolist() if self._errors else ():
                 self._errors[world].load(self._error_state)
             if self._drives is not None and self._trains is not None:
-                self._anchor[which], self._springs[which] = self._trains
-                self._write_springs(which)
+                self._anchor[which] = self._trains[0]
+                for world in which.tolist():
+                    self._drives.write(self._fields[world], self._trains[1])
         return self.read()
 
     def step(
@@ -257,10 +258,9 @@ class Batch:
             self._periods += run
             left -= run
             if self._drives is not None:
-                due = np.flatnonzero(self._periods % self._drives.every == 0)
-                for world in due:
-                    self._drives.renew(self._qpos[world], self._anchor[world], self._springs[world])
-                self._write_springs(due)
+                for world in np.flatnonzero(self._periods % self._drives.every == 0).tolist():
+                    here = self._qpos[world], self._anchor[world]
+                    self._drives.renew(*here, self._fields[world])
             for world, errors in enumerate(self._errors):
                 if self._periods[world] % errors.every == 0:
                     errors.step(self._found(self._numbers())[2][world], int(self._periods[world]))
@@ -466,7 +466,7 @@ class Batch:
         ctrl = self._ctrl.reshape(inputs.shape)
         for world in range(self.n):
             if self._drives is not None:
-                self._drives.write(self._nominal, self._springs[world])
+                self._drives.write(self._nominal, self._drives.read(self._fields[world]))
             acceleration = (inputs[world, :, 1] - self._before[world]) / self.timestep
             efforts = self._computed_torque.efforts(
                 (self._qpos[world], qvel[world]), ctrl[world], self._gains[world], acceleration
@@ -475,12 +475,10 @@ class Batch:
             ctrl[world, self._computed, 2] = efforts[self._computed]
         self._before[:] = inputs[:, :, 1]
 
-    def _write_springs(self, which: NDArray[np.intp]) -> None:
-        """Write the springs of identified dynamics into the models of some worlds."""
-        if self._drives is not None:
-            for world in which:
-                row = {name: values[world] for name, values in self._fields.items()}
-                self._drives.write(SimpleNamespace(**row), self._springs[world])
+    def _expanded(self, field: str) -> Array:
+        """Return a field of every world's model, (n, ...), as it is where it is empty."""
+        nominal = getattr(self._model, field)
+        return self._rows.expand(field) if nominal.size else np.stack([nominal] * self.n)
 
     def _check(self) -> None:
         """Reject a state that is no longer finite."""

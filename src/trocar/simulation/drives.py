@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import cos, sin
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -21,11 +21,22 @@ Array = NDArray[np.float64]
 #: Springs are renewed this often. Source: our own choice; a PSM at 0.5 rad/s travels by the limit
 #: of its first stop elements in this time, and twice as often costs 10 % of its speed. [s]
 PERIOD_S = 0.01
-#: Fields of a model that springs are written into.
-SPRING_FIELDS = ("jnt_stiffness", "qpos_spring", "tendon_stiffness", "tendon_lengthspring")
 #: A spring's stiffness where nothing yields [N m/rad or N/m]. Source: our own choice; a constant
 #: force is then a spring that begins far away, and changes by 1e-8 N m in 10 ms at 1 rad/s.
 LEAST = 1e-6
+
+
+class SpringFields(NamedTuple):
+    """Views of the fields of one world's model that springs are written into."""
+
+    jnt_stiffness: Array
+    qpos_spring: Array
+    tendon_stiffness: Array
+    tendon_lengthspring: Array
+
+
+#: Their names.
+SPRING_FIELDS = SpringFields._fields
 
 
 class Drives:
@@ -63,11 +74,13 @@ class Drives:
         self._names = [naming.scoped(arm, drive.name) for arm, drive in found]
         self.every = max(1, round(PERIOD_S / float(model.opt.timestep)))
         alone = [n for n, (_, d) in zip(self._names, found, strict=True) if len(d.hinges) == 1]
-        hinges = [model.joint(name).id for name in alone]
-        self._hinges, self._places = np.array(hinges, np.intp), model.jnt_qposadr[hinges]
-        self._tendons = np.array(
-            [model.tendon(name).id for name in self._names[len(alone) :]], np.intp
-        )
+        self._hinges = np.array([model.joint(name).id for name in alone], np.intp)
+        self._places = model.jnt_qposadr[self._hinges].astype(np.intp)
+        tendons = [model.tendon(name).id for name in self._names[len(alone) :]]
+        self._tendons = np.array(tendons, np.intp)
+        first = tendons[0] if tendons else 0
+        straight = tendons == list(range(first, first + len(tendons)))
+        self._adjacent = slice(first, first + len(tendons)) if straight else self._tendons
         rows = np.zeros((len(found), model.nq))
         for d, (arm, drive) in enumerate(found):
             for frame, weight in drive.hinges.items():
@@ -100,64 +113,76 @@ class Drives:
         for d, scale, train in trains:
             offset[d] += scale * train.one("offset")
             stiffness[d] += scale**2 * train.one("stiffness")
-        slopes, forces = np.zeros((2, count, 2 * most + count + 1))
+        slopes, forces = np.zeros((2, count, 3 * most + count + 1))
         for i, (d, scale, k, _) in enumerate(stops):
             slopes[d, most + i], forces[d, i] = scale**2 * k, scale * k
         slopes[:, -1], forces[:, -1] = stiffness + LEAST, offset
-        forces[:, 2 * most : -1] = np.diag(stiffness)
+        forces[:, 3 * most : -1] = np.diag(stiffness)
         self._gain = np.concatenate([slopes, forces])
         self._constant, self._elastic = offset @ self._along, (self._along.T * stiffness) @ rows
-        # What `renew` computes with, and views of its parts: each call of numpy costs.
-        self._at, self._by = np.zeros(most + count), np.ones(2 * most + count + 1)
-        self._elements, self._x = self._at[:most], self._at[most:]
+        # What `renew` computes with, and views of its parts: each call of numpy costs 1 us.
+        self._by, self._found = np.ones(3 * most + count + 1), np.zeros(2 * count)
         self._z, self._sticks = self._by[:most], self._by[most : 2 * most]
-        self._lengths, self._moved = self._by[2 * most : -1], np.zeros(most)
-        self._found = np.zeros(2 * count)
+        self._at = self._by[2 * most : -1]
+        self._elements, self._x, self._moved = self._at[:most], self._at[most:], np.zeros(most)
         self._slope, self._force = self._found[:count], self._found[count:]
+        alone = len(self._hinges)
+        self._of_hinges = self._slope[:alone], self._force[:alone]
+        self._of_tendons = self._slope[alone:], self._force[alone:, None]
 
-    def rest(self) -> tuple[Array, Array]:
-        """Return anchors (S,) and springs (2, D) to begin with, as `renew` takes them."""
-        return np.zeros(len(self._owner)), np.zeros((2, len(self._names)))
+    def rest(self) -> Array:
+        """Return anchors to begin with, (S,): coordinates at which stop elements are unloaded."""
+        return np.zeros(len(self._owner))
 
-    def begin(self, qpos: Array, anchor: Array, springs: Array, arm: str = "") -> None:
+    def begin(self, qpos: Array, anchor: Array, fields: SpringFields, arm: str = "") -> None:
         """Unload the stop elements of an arm, of all without a name, where the joints are."""
         which = np.array([arm in ("", naming.owner(name)) for name in self._names], np.bool_)
         at, of_arm = self._where.dot(qpos)[: len(anchor)], which[self._owner]
         anchor[of_arm] = at[of_arm]
-        self.renew(qpos, anchor, springs)
+        self.renew(qpos, anchor, fields)
 
-    def renew(self, qpos: Array, anchor: Array, springs: Array) -> None:
-        """Move the stop elements along to where the joints are, and compute the springs there.
+    def renew(self, qpos: Array, anchor: Array, fields: SpringFields) -> None:
+        """Move the stop elements along to where the joints are, and renew the springs there.
 
         Args:
             qpos: coordinates of the model, (nq,)
             anchor: coordinates at which the elements are unloaded, (S,); overwritten
-            springs: stiffness and rest position of every drive's spring, (2, D); overwritten
+            fields: of the model, overwritten
         """
-        z, moved, slope = self._z, self._moved, self._slope
-        np.dot(self._where, qpos, out=self._at)
+        z, moved, slope, force = self._z, self._moved, self._slope, self._force
+        self._where.dot(qpos, out=self._at)
         np.subtract(self._elements, anchor, out=moved)
         np.minimum(moved, self._limit, out=z)
         np.maximum(z, self._opposite, out=z)
         np.equal(moved, z, out=self._sticks)
         np.subtract(self._elements, z, out=anchor)
-        self._lengths[:] = self._x
-        np.dot(self._gain, self._by, out=self._found)
+        self._gain.dot(self._by, out=self._found)
         if self._waves or self._cables:
-            self._add_curves(self._x, slope, self._force)
+            self._add_curves(self._x, slope, force)
             np.maximum(slope, LEAST, out=slope)
-        springs[0] = slope
-        np.divide(self._force, slope, out=slope)
-        np.subtract(self._x, slope, out=springs[1])
+        np.divide(force, slope, out=force)
+        np.subtract(self._x, force, out=force)
+        self._write(fields)
 
-    def write(self, fields: SimpleNamespace, springs: Array) -> None:
-        """Write the springs into the fields of a model."""
-        count, (stiffness, rest) = len(self._hinges), springs
-        fields.jnt_stiffness[self._hinges] = stiffness[:count]
-        fields.qpos_spring[self._places] = rest[:count]
-        if count < len(stiffness):
-            fields.tendon_stiffness[self._tendons] = stiffness[count:]
-            fields.tendon_lengthspring[self._tendons] = rest[count:, None]
+    def read(self, fields: SpringFields) -> Array:
+        """Return stiffness and rest position of every drive's spring in a model, (2, D)."""
+        tendons = self._tendons
+        stiffness = fields.jnt_stiffness[self._hinges], fields.tendon_stiffness[tendons]
+        rest = fields.qpos_spring[self._places], fields.tendon_lengthspring[tendons, 0]
+        return np.stack([np.concatenate(stiffness), np.concatenate(rest)])
+
+    def write(self, fields: SpringFields, springs: Array) -> None:
+        """Write springs, (2, D) as `read` returns them, into a model."""
+        self._slope[:], self._force[:] = springs
+        self._write(fields)
+
+    def _write(self, fields: SpringFields) -> None:
+        fields.jnt_stiffness[self._hinges] = self._of_hinges[0]
+        fields.qpos_spring[self._places] = self._of_hinges[1]
+        if len(self._tendons):
+            tendons = self._adjacent
+            fields.tendon_stiffness[tendons] = self._of_tendons[0]
+            fields.tendon_lengthspring[tendons] = self._of_tendons[1]
 
     def holding(self, qpos: Array) -> Array:
         """Return the efforts that hold what is no friction: springs, cables and biases, (J,)."""
@@ -176,7 +201,7 @@ class Drives:
 
     def carried_over(self, old: Drives, anchor: Array) -> Array:
         """Return anchors from those of another model, by the drives' names, (S,)."""
-        found = self.rest()[0]
+        found = self.rest()
         for d, name in enumerate(self._names):
             if name in old._names:
                 own, others = self._owner == d, old._owner == old._names.index(name)
@@ -211,9 +236,9 @@ def _horner(powers: Sequence[float], u: float) -> float:
     return total
 
 
-def spring_fields(model: mujoco.MjModel) -> SimpleNamespace:
-    """Return views of the fields that springs are written into; each costs the model 0.5 us."""
-    return SimpleNamespace(**{name: getattr(model, name) for name in SPRING_FIELDS})
+def spring_fields(model: mujoco.MjModel) -> SpringFields:
+    """Return views of the fields of a model that springs are written into."""
+    return SpringFields(*(getattr(model, name) for name in SPRING_FIELDS))
 
 
 def drives_of(

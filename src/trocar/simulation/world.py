@@ -35,6 +35,7 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player, fastest
+from trocar.simulation.pressing import jaws_of
 from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
@@ -439,8 +440,7 @@ class World:
         if self.servos.errors is not None:
             self.servos.errors.begin()
         if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._anchor, self._springs)
-            self.drives.write(self._fields, self._springs)
+            self.drives.begin(self._data.qpos, self._anchor, self._fields)
         mujoco.mj_forward(self._model, self._data)
         self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
         if self.drives is not None:
@@ -473,7 +473,7 @@ class World:
             scripts=self._scripts.running,
             grasps=self._grasps.save(),
             errors=None if self.servos.errors is None else self.servos.errors.save(),
-            drives=None if self.drives is None else (self._anchor.copy(), self._springs.copy()),
+            drives=self.drives and (self._anchor.copy(), self.drives.read(self._fields)),
             tissues={name: tissue.save() for name, tissue in self.tissues.items()},
         )
 
@@ -507,8 +507,8 @@ class World:
             self.servos.errors.load(state.errors)
             self.frames.register(self.servos.errors.registration)
         if self.drives is not None and state.drives is not None:
-            self._anchor[:], self._springs[:] = state.drives
-            self.drives.write(self._fields, self._springs)
+            self._anchor[:], springs = state.drives
+            self.drives.write(self._fields, springs)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
@@ -560,8 +560,7 @@ class World:
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
         if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
-            self.drives.write(self._fields, self._springs)
+            self.drives.begin(self._data.qpos, self._anchor, self._fields, name)
         self._balance()
 
     @command
@@ -623,8 +622,7 @@ class World:
             errors.begin()
         if self.drives is not None and trains[0] is not None:
             self._anchor[:] = self.drives.carried_over(trains[0], trains[1])
-            self.drives.begin(self._data.qpos, self._anchor, self._springs, name)
-            self.drives.write(self._fields, self._springs)
+            self.drives.begin(self._data.qpos, self._anchor, self._fields, name)
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -825,7 +823,7 @@ class World:
         self._true = self.frames if errors is None else Frames(self.rig, *physics)
         #: Drivetrains of identified dynamics, None without; where they are, their stop elements.
         self.drives = drives_of(self.rig, self.joints, self._model, self.options.friction)
-        self._anchor, self._springs = self.drives.rest() if self.drives else np.zeros((2, 0))
+        self._anchor = self.drives.rest() if self.drives else np.zeros(0)
         self._fields = spring_fields(self._model)
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         #: Coordinates of each pose that a reset has put the arms at; closing loops takes time.
@@ -854,7 +852,8 @@ class World:
         self._grasps.attach(self.rig, model, data)
         self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
-            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
+            shadows = self.frames.shadow, self._true.shadow
+            tissue.attach(model, data, shadows, jaws_of(self.rig, model))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:
@@ -901,8 +900,7 @@ class World:
                 journal.time = data.time
                 run -= count
                 if drives is not None and journal.period % drives.every == 0:
-                    drives.renew(data.qpos, self._anchor, self._springs)
-                    drives.write(self._fields, self._springs)
+                    drives.renew(data.qpos, self._anchor, self._fields)
                 if errors is not None and journal.period % errors.every == 0:
                     errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:

@@ -94,15 +94,14 @@ def test_the_simulation_has_every_force_of_the_identified_model(
     mj, data, joints = model.mj, mujoco.MjData(model.mj), model.joints
     drives = drives_of(model.rig, joints, mj, "identified")
     assert drives is not None
-    anchor, springs = drives.rest()
-    drives.begin(joints.couple @ motion.q[0], anchor, springs)
+    anchor, fields = drives.rest(), spring_fields(mj)
+    drives.begin(joints.couple @ motion.q[0], anchor, fields)
     tendons = drives.coordinates[len(drives.coordinates) - mj.ntendon :]
     for k in range(len(motion.q)):
         data.qpos[:] = joints.couple @ motion.q[k]
         data.qvel[:] = joints.couple @ motion.qd[k]
         data.qacc[:] = joints.couple @ motion.qdd[k]
-        drives.renew(data.qpos, anchor, springs)
-        drives.write(spring_fields(mj), springs)
+        drives.renew(data.qpos, anchor, fields)
         mujoco.mj_fwdPosition(mj, data)
         mujoco.mj_fwdVelocity(mj, data)
         force = np.zeros(mj.nv)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.tasks import figures, wilson
+from benchmarks.tasks import asleep_and_awake, figures, wilson
 from trocar.apps.tasks import Episode
 
 
@@ -27,3 +27,8 @@ def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
     assert found["s: time"] == 5.0
     assert found["s: drops"] == 6
     assert found["s: speed"] == 10.0
+
+
+def test_an_object_costs_less_while_it_sleeps() -> None:
+    asleep, awake = asleep_and_awake()
+    assert 0.0 < asleep.value < awake.value

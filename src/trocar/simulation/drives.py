@@ -74,8 +74,8 @@ class Drives:
         self._names = [naming.scoped(arm, drive.name) for arm, drive in found]
         self.every = max(1, round(PERIOD_S / float(model.opt.timestep)))
         alone = [n for n, (_, d) in zip(self._names, found, strict=True) if len(d.hinges) == 1]
-        hinges = [model.joint(name).id for name in alone]
-        self._hinges, self._places = np.array(hinges, np.intp), model.jnt_qposadr[hinges]
+        self._hinges = np.array([model.joint(name).id for name in alone], np.intp)
+        self._places = model.jnt_qposadr[self._hinges].astype(np.intp)
         tendons = [model.tendon(name).id for name in self._names[len(alone) :]]
         self._tendons = np.array(tendons, np.intp)
         first = tendons[0] if tendons else 0

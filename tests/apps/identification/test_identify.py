@@ -275,6 +275,61 @@ def test_a_joint_that_does_not_move_is_named(tidy: Callable[..., Path]) -> None:
         identify([log], arm)
 
 
+def test_a_joint_without_efforts_is_named(tidy: Callable[..., Path]) -> None:
+    arm = load_arm("ecm")
+    log = filtered(read_motion(tidy(scaled(slice(9, 10), 0.0)), arm), arm, SETTINGS)
+    with pytest.raises(LogError, match="efforts of pitch are zero throughout"):
+        identify([log], arm)
+
+
+def test_swapped_efforts_are_named(
+    tidy: Callable[..., Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+
+    def change(rows: Array, _time: Array) -> None:
+        rows[:, [8, 10]] = rows[:, [10, 8]]
+
+    path = tidy(change)
+    output = path.with_suffix(".toml")
+    assert main(["identify", str(path), "--arm", "ecm", "-o", str(output)]) == 2
+    message = capsys.readouterr().err
+    assert "efforts: insertion: no arm of this kind explains" in message
+    assert "are columns swapped" in message
+    assert not output.exists()
+
+
+@pytest.mark.parametrize(
+    ("size", "joint", "parameter"), [(0.02, "pitch", "roll.hz"), (0.1, "insertion", "stops")]
+)
+def test_a_log_that_excites_too_little_names_what_it_does_not_determine(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    size: float,
+    joint: str,
+    parameter: str,
+) -> None:
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    arm, moved = load_arm("ecm"), motion("ecm")
+    middle = moved.q.mean(axis=0)
+    small = JointMotion(middle + size * (moved.q - middle), size * moved.qd, size * moved.qdd)
+    effort = predicted_efforts(arm, described_trains(arm), small)
+    noise = 0.02 * effort.std(axis=0) * np.random.default_rng(0).normal(size=effort.shape)
+    rows = np.hstack([small.q, small.qd, effort + noise])
+    path = write_tidy(tmp_path / "log.csv", rows, np.arange(len(rows)) / RATE_HZ)
+    assert main(["identify", str(path), "--arm", "ecm", "-o", str(tmp_path / "own.toml")]) == 2
+    message = capsys.readouterr().err
+    assert f"% of the effort of {joint}" in message
+    assert f"(of {joint}, " in message and parameter in message
+    assert "cannot be identified" in message
+
+
+def test_an_arm_without_masses_is_named() -> None:
+    log = log_of("ecm", np.random.default_rng(0))
+    with pytest.raises(InputError, match="has no bodies with masses"):
+        identify([log], replace(load_arm("ecm"), bodies=()))
+
+
 def test_bounds_that_exclude_each_other_are_named() -> None:
     log = log_of("ecm", np.random.default_rng(0))
     with pytest.raises(InputError, match=r"mass bounds: got 2 to 1 times .* LOWER below UPPER"):

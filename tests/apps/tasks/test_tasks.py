@@ -157,7 +157,7 @@ def test_an_arm_that_stands_still_though_an_action_moves_it_stands_in_the_result
     found = run_episode(task, 0, lambda _: np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
     assert found.reason.startswith("time; PSM1 stands still, ")
     assert 0.01 < found.stalled_s["PSM1"] < 0.9
-    assert found.distance_m["PSM1"] > 0.08  # the pitch slows it before
+    assert found.distance_m["PSM1"] > 0.06  # the pitch slows it before
     assert task.state()["stalled"]["PSM1"] in found.reason
 
 

@@ -23,7 +23,7 @@ from trocar.apps.identification.regression import (
     loaded,
     moving_bodies,
 )
-from trocar.apps.identification.rigid_body import mass_com_inertia
+from trocar.apps.identification.rigid_body import JointMotion, mass_com_inertia
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.overlay_records import (
     POSITIVE,
@@ -54,6 +54,18 @@ RANK = 1e-4
 #: A base parameter is identifiable if its standard error is below this ratio of its value. Source:
 #: our own choice.
 IDENTIFIABLE = 0.1
+#: A log excites an arm if one standard deviation of the efforts that it predicts, at random motions
+#: within the joints' limits, is below this ratio of each joint's effort. Source: our own choice;
+#: 0.02 to 0.07 with the recordings of 30 s (docs/dynamics.md), 0.06 to 0.31 with 5 s of one.
+EXCITED = 0.5
+#: A model explains a column if this ratio of its effort, or more, is not left over. Source: our own
+#: choice; 0.03 to 0.27 with the recordings, 0.97 where two columns are swapped.
+UNEXPLAINED = 0.7
+#: Random motions, and the ratio of the limits of velocities and accelerations that they use.
+#: Source: our own choice.
+MOTIONS, BRISK = 200, 0.3
+#: Parameters that an error names for a joint at most.
+NAMED = 4
 #: Least variance of a mass distribution along each axis of its frame, as a ratio of the squared
 #: half edge of the box about its hull. Source: our own choice; a homogeneous box has a third, and
 #: without this bound links end as points and rods.
@@ -136,6 +148,7 @@ class Identified:
         model: its parameters
         bounds: of its bodies
         parameters, sigma: values and one standard deviation, (p,)
+        covariance: of the parameters, (p, p)
         dynamics: the same as bodies and drivetrains
         base: what the logs determine
         logs: files
@@ -145,6 +158,7 @@ class Identified:
     bounds: Mapping[str, BodyBounds]
     parameters: Array
     sigma: Array
+    covariance: Array
     dynamics: Dynamics
     base: BaseParameters
     logs: tuple[str, ...]
@@ -188,7 +202,8 @@ def identify(
         mass_ratios: bounds of the masses, as ratios of the CAD estimates
 
     Raises:
-        LogError: a joint does not move
+        LogError: a joint does not move, or the logs do not excite the arm: the parameters that they
+            do not determine
         InputError: an arm without masses, or bounds that exclude each other
         MissingExtraError: clarabel is not installed
     """
@@ -203,6 +218,12 @@ def identify(
                 f"{', '.join(still)} did not move; allowed: every joint moves (parameters of"
                 f" {', '.join(still)} cannot be identified)",
             )
+        size = np.abs(log.log.effort @ log.log.joint_from_column).max(axis=0)
+        if idle := [name for name, most in zip(log.log.columns, size, strict=True) if not most]:
+            raise LogError(
+                log.log.file,
+                f"efforts of {', '.join(idle)} are zero throughout; allowed: recorded efforts",
+            )
     names = arm.mechanism.joint_names[: logs[0].log.q.shape[1]]
     model = Model(arm, moving_bodies(arm, names), structure(arm))
     bounds = all_bounds(arm, model.frames, mass_ratios)
@@ -210,7 +231,58 @@ def identify(
     for log, weights in zip(logs, strapped, strict=True):
         matrix, rest = filtered_regressor(replace(model, arm=loaded(arm, weights)), log)
         parts.append((matrix, log.cut(log.effort) - rest))
-    return reweighted(model, bounds, parts, logs)
+    found = reweighted(model, bounds, parts, logs)
+    error = np.concatenate([t - m @ found.parameters for m, t in parts])
+    left = np.linalg.norm(error, axis=0) / effort_scale(logs)
+    for name, ratio in zip(logs[0].log.columns, left, strict=True):
+        if ratio > UNEXPLAINED:
+            raise LogError(
+                ", ".join(found.logs),
+                f"efforts: {name}: no arm of this kind explains {ratio:.0%} of them; allowed:"
+                f" {UNEXPLAINED:.0%} (are columns swapped, or is a unit or a sign wrong?)",
+            )
+    if weak := _undetermined(found, names):
+        joint, (ratio, parameters) = next(iter(weak.items()))
+        raise LogError(
+            ", ".join(found.logs),
+            f"excites too little: one standard deviation of the efforts that it predicts is"
+            f" {ratio:.0%} of the effort of {joint}"
+            + (f", and too much of {', '.join(list(weak)[1:])}" if len(weak) > 1 else "")
+            + f"; allowed: {EXCITED:.0%} (of {joint}, {', '.join(parameters)} cannot be identified;"
+            " move faster, farther or longer, e.g. along a trajectory of `trocar excite`)",
+        )
+    return found
+
+
+def _undetermined(
+    found: Identified, joints: Sequence[str]
+) -> dict[str, tuple[float, tuple[str, ...]]]:
+    """Return joints whose efforts are not determined: {joint: (sigma / effort, parameters)}.
+
+    At random positions in the limits, with random velocities and accelerations. The parameters are
+    those whose own standard deviations make the largest differences.
+    """
+    arm, count = found.model.arm, len(joints)
+    lower, upper = arm.mechanism.lower[:count], arm.mechanism.upper[:count]
+    limits = [(0.5 * (upper - lower)).tolist()]
+    limits += [[BRISK * joint.velocity_max for joint in arm.joints[:count]]]
+    limits += [[BRISK * joint.acceleration_max for joint in arm.joints[:count]]]
+    rng = np.random.default_rng(0)
+    parts = np.zeros((3, MOTIONS, len(arm.joints)))
+    parts[:, :, :count] = np.array(limits)[:, None] * rng.uniform(-1.0, 1.0, (3, MOTIONS, count))
+    parts[0, :, :count] += 0.5 * (lower + upper)
+    parts[0, :, count:] = arm.poses["home"][count:]
+    matrix, rest = found.model.regressor(JointMotion(*parts))
+    efforts = np.sqrt(np.mean((matrix @ found.parameters + rest)[:, :count] ** 2, axis=0))
+    weak: dict[str, tuple[float, tuple[str, ...]]] = {}
+    for k, joint in enumerate(joints):
+        rows = matrix[:, k]
+        ratio = float(np.sqrt(np.mean(np.sum(rows @ found.covariance * rows, axis=1))) / efforts[k])
+        if ratio > EXCITED:
+            own = np.sqrt(np.mean(rows**2, axis=0)) * found.sigma
+            worst = np.argsort(-own)[:NAMED]
+            weak[joint] = ratio, tuple(found.model.names[p] for p in worst)
+    return weak
 
 
 def effort_scale(logs: Sequence[FilteredLog]) -> Array:
@@ -287,6 +359,7 @@ def solved(
         bounds,
         values,
         sigma,
+        covariance,
         dynamics_of(model, values, covariance, logs),
         base,
         tuple(log.log.file for log in logs),

@@ -68,6 +68,7 @@ class EndoscopeTask(Task):
     def __init__(self, scene: Scene) -> None:
         self._scope: Endoscope | None = None
         self._eyes = load_stereo_camera(PRESET)
+        self.overlay = self._overlaid
         super().__init__(scene)
 
     def _begin(self) -> None:
@@ -84,10 +85,10 @@ class EndoscopeTask(Task):
         if self._looks % COMMANDS == 0 and not self.done:
             frame = self.scope().capture_next()
             self._items = self.see(frame)
-            self.shown = self.overlay(frame)
+            self.shown = self._overlaid(frame)
         self._looks += 1
 
-    def overlay(self, frame: StereoFrame, eye: int = 0) -> Picture:
+    def _overlaid(self, frame: StereoFrame, eye: int = 0) -> Picture:
         """Return an eye's image of any frame with what was drawn last, where it is in the world."""
         return overlaid(frame.eyes[eye], View.of(frame, eye), self._items)
 

@@ -76,8 +76,11 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--only",
-        choices=("hand-eye", "servoing", "needle"),
+        choices=("hand-eye", "servoing", "needle", "tips"),
         help="of vision: this part (default: all)",
+    )
+    parser.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="of vision, needle: processes (1)"
     )
     parser.add_argument(
         "--episodes",
@@ -126,6 +129,8 @@ def main(words: Sequence[str] | None = None) -> int:
             raise InputError("--output: allowed with soak or assistance only")
         if args.episodes is not None and args.episodes < 1:
             raise InputError(f"--episodes: got {args.episodes}; allowed: 1 or more")
+        if args.workers < 1:
+            raise InputError(f"--workers: got {args.workers}; allowed: 1 or more")
         if args.seeds is not None and args.seeds < 2:
             raise InputError(f"--seeds: got {args.seeds}; allowed: 2 or more")
         each = () if args.duration is None else (args.duration,)
@@ -201,7 +206,11 @@ def main(words: Sequence[str] | None = None) -> int:
             if args.only in (None, "needle"):
                 from benchmarks.needle_tracking import needle_tracking
 
-                found += needle_tracking(args.seeds or 20, watch)
+                found += needle_tracking(args.seeds or 20, args.workers, watch)
+            if args.only in (None, "tips"):
+                from benchmarks.tips import tips
+
+                found += tips(args.seeds or 20, watch)
         if "soak" in args.name:
             from benchmarks.soak import draw, soak
 

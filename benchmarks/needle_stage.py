@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,12 +31,15 @@ from trocar.simulation.records import ShapeRecord
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+#: Blotchy tissue, tissue in the surgical style, a light plate.
+Style = Literal["plain", "surgical", "light"]
 
 #: Lens of the images. Source: a wide endoscope's, our own choice.
 DISTORTION = np.array([-0.2, 0.06, 0.001, -0.001])
 #: Tissue: its side, height of its bumps, and colours from pale to veined. Source: our own choice.
 SIDE_M, BUMP_M, CELLS = 0.16, 0.0012, 120
 TINTS = ((0.80, 0.47, 0.42), (0.76, 0.40, 0.36), (0.70, 0.33, 0.30), (0.58, 0.22, 0.21))
+PLATE = (0.85, 0.84, 0.80)
 THREAD = (0.25, 0.12, 0.45)
 #: Where the jaws hold a needle, beyond the tip. Source: `trocar.apps.motions.REACH_M`. [m]
 HELD_M = 0.0085
@@ -71,6 +75,7 @@ class Stage:
         seed: of tissue and noise
         noise: standard deviation of the images' noise, as a share of white
         common_px: standard deviation of each eye's offset, which its calibration lacks [px]
+        style: of the ground
     """
 
     def __init__(
@@ -80,6 +85,7 @@ class Stage:
         seed: int,
         noise: float = 0.03,
         common_px: float = 0.3,
+        style: Style = "plain",
     ) -> None:
         self.needle, self.rng, self.noise = needle, np.random.default_rng(seed), noise
         known = load_stereo_camera(preset)
@@ -97,12 +103,11 @@ class Stage:
         shapes = [s for s in self.world.shapes() if s.arm is not None or s.name[:6] == "needle"]
         self._needle = next(s.body for s in shapes if s.arm is None)
         self._bodies = len(self.world.snapshot(arms=False).positions)
-        shapes += _tissue(self._bodies, self.rng)
+        shapes += _ground(self._bodies, self.rng, style)
         shapes += _thread(self._bodies + 1, needle)
         build = self.world.snapshot(arms=False).build
-        self.renderer = Renderer(
-            lambda: (build, shapes), Channels(ids=True), Look(distortion=True, wet=0.5)
-        )
+        look = Look("surgical" if style == "surgical" else "plain", distortion=True, wet=0.5)
+        self.renderer = Renderer(lambda: (build, shapes), Channels(ids=True), look)
 
     def reset(self) -> None:
         """Put the tools where the rig has them."""
@@ -249,8 +254,8 @@ def _waves(n: int, rng: np.random.Generator, octaves: tuple[int, ...], fall: flo
     return found / found.std()
 
 
-def _tissue(body: int, rng: np.random.Generator) -> list[ShapeRecord]:
-    """Return bumpy ground in patches of several reds, its highest points in z = 0."""
+def _ground(body: int, rng: np.random.Generator, style: Style) -> list[ShapeRecord]:
+    """Return bumpy ground, its highest points in z = 0, in patches of several reds if plain."""
     n = CELLS
     x = np.linspace(-0.5 * SIDE_M, 0.5 * SIDE_M, n)
     height = BUMP_M * _waves(n, rng, (8, 16, 32), 1.0)
@@ -267,11 +272,15 @@ def _tissue(body: int, rng: np.random.Generator) -> list[ShapeRecord]:
     blotch = _waves(n, rng, (20, 40), 0.5).ravel()
     veins = np.abs(_waves(n, rng, (16, 24), 0.5)).ravel() < 0.12
     kind = np.where(veins, 3, np.digitize(blotch, [-0.6, 0.6]))[faces[:, 0]]
+    tints, material = TINTS, ""
+    if style != "plain":
+        kind, tints = np.zeros_like(kind), (TINTS[1] if style == "surgical" else PLATE,)
+        material = "tissue" if style == "surgical" else ""
     return [
         ShapeRecord(body, f"tissue/{k}", "mesh", np.array([0.08, 0.08, 0.01]), np.eye(4),
                     (*tint, 1.0), 0.45, 0.0, 0.0, None, "", False,
-                    (points, faces[kind == k]), normals)
-        for k, tint in enumerate(TINTS)
+                    (points, faces[kind == k]), normals, material)
+        for k, tint in enumerate(tints)
     ]  # fmt: skip
 
 

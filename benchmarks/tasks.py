@@ -31,7 +31,10 @@ def own_scenes() -> tuple[str, ...]:
 
 
 def tasks(scenes: Sequence[str], episodes: int, watch: Callable[[str], None]) -> list[Figure]:
-    """Return the figures of scenes, all built-in ones when none is named, with seeds from 0 on."""
+    """Return the figures of scenes, with seeds from 0 on.
+
+    When none is named, of all built-in ones, and what an object costs that is asleep or awake.
+    """
     found: list[Figure] = []
     for name in scenes or own_scenes():
         watch(f"{name}, {episodes} episodes")
@@ -39,7 +42,7 @@ def tasks(scenes: Sequence[str], episodes: int, watch: Callable[[str], None]) ->
         begin = time.process_time()
         results = [run_episode(task, seed) for seed in range(episodes)]
         found += figures(results, time.process_time() - begin)
-    return [*found, *asleep_and_awake()]
+    return found if scenes else [*found, *asleep_and_awake()]
 
 
 def asleep_and_awake() -> list[Figure]:
@@ -47,7 +50,7 @@ def asleep_and_awake() -> list[Figure]:
     task = make_task("peg-transfer")
     task.world.step(2000)
     model, data = task.world.mj_model, mujoco.MjData(task.world.mj_model)
-    sleep, state = mujoco.mjtEnableBit.mjENBL_SLEEP, mujoco.mjtState.mjSTATE_INTEGRATION
+    sleep, state = int(mujoco.mjtEnableBit.mjENBL_SLEEP), mujoco.mjtState.mjSTATE_INTEGRATION
     row = np.zeros(mujoco.mj_stateSize(model, state))
     mujoco.mj_getState(model, task.world.mj_data, row, state)
     took: dict[str, list[float]] = {"asleep": [], "awake": []}

@@ -133,9 +133,12 @@ def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -
     assert capsys.readouterr().out
 
 
-def test_the_page_on_the_command_line_is_what_the_program_offers() -> None:
-    written = runpy.run_path(str(ROOT / "tools" / "docs" / "command_line.py"))["page"]()
-    assert (ROOT / "docs" / "command-line.md").read_text(encoding="utf-8") == written, "make docs"
+@pytest.mark.parametrize(
+    ("page", "tool"), [("command-line.md", "command_line.py"), ("topic-list.md", "topics.py")]
+)
+def test_a_generated_page_is_what_the_program_offers(page: str, tool: str) -> None:
+    written = runpy.run_path(str(ROOT / "tools" / "docs" / tool))["page"]()
+    assert (ROOT / "docs" / page).read_text(encoding="utf-8") == written, "make docs"
 
 
 def test_the_page_on_the_command_line_solves_in_python_too() -> None:

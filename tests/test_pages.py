@@ -30,8 +30,11 @@ def text(page: str) -> str:
 
 @pytest.mark.parametrize(
     "page",
-    [p for p in PAGES if "\n```python\n" in p.read_text(encoding="utf-8") and p.stem != "sockets"],
-    ids=lambda p: p.stem,
+    [
+        pytest.param(p, id=p.stem, marks=[pytest.mark.slow] if p.stem == "scenes" else [])
+        for p in PAGES
+        if "\n```python\n" in p.read_text(encoding="utf-8") and p.stem != "sockets"
+    ],
 )
 def test_the_python_of_a_page_runs_from_top_to_bottom(
     page: Path,

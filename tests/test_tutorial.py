@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import importlib.util
+import logging
 import os
 import re
 import runpy
@@ -50,7 +51,10 @@ def test_a_lesson_prints_what_its_page_shows(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(lesson)])
-    runpy.run_path(str(lesson), run_name="__main__")
+    try:
+        runpy.run_path(str(lesson), run_name="__main__")
+    finally:
+        logging.disable(logging.NOTSET)  # a lesson may silence warnings, in this process
     said = capsys.readouterr()
     assert not said.err
     assert not list(tmp_path.iterdir()), "a lesson leaves nothing behind"

@@ -118,6 +118,7 @@ def test_every_figure_is_met():
     assert not missed
 
 
+@pytest.mark.slow
 def test_every_figure_is_a_cost(monkeypatch) -> None:
     monkeypatch.setattr("trocar.apps.benchmarks.core.ROUNDS", 2)
     monkeypatch.setattr("trocar.apps.benchmarks.core.CALLS", 2)

@@ -24,6 +24,7 @@ FILES = {"urdf": "lone_{name}.urdf", "sdf": "model.sdf", "mjcf": "lone_{name}.xm
 PASSIVE = ("MTML_elbow_bar_joint", "MTML_elbow_rod_joint")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("language", FILES)
 @pytest.mark.parametrize("name", ["psm", "ecm", "mtml"])
 def test_an_exported_arm_comes_back(language: str, name: str, tmp_path: Path, rng) -> None:

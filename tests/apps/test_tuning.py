@@ -213,6 +213,7 @@ def test_an_arm_answers_nearly_as_an_inertia_and_a_damper_would() -> None:
     assert trace.response.steady_error == pytest.approx(weight / gains.p, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_tuning_twice_gives_the_same_report(report) -> None:
     again = tune("psm", TuneSettings(("roll",)))
     assert again.joints == report.joints[1:]

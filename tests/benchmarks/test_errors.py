@@ -7,6 +7,7 @@ import pytest
 from benchmarks.errors import BOUNDS, errors, tip_error
 
 
+@pytest.mark.slow
 def test_the_tip_is_off_by_what_was_measured_on_real_robots() -> None:
     figures = errors(seeds=4, poses=3)
     assert [figure.name.split()[1].rstrip(":") for figure in figures] == list(BOUNDS)

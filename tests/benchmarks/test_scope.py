@@ -19,6 +19,7 @@ def opengl() -> None:
         pytest.skip(str(problem))
 
 
+@pytest.mark.slow
 def test_both_renderers_are_timed_on_the_cart_in_motion() -> None:
     world = World("full_cart")
     snapshots, record = in_motion(world)
@@ -41,6 +42,7 @@ def test_each_has_its_turns() -> None:
     assert set(taken) == {"a", "b"} and turns.count("a") == turns.count("b")
 
 
+@pytest.mark.slow
 def test_pictures_beside_real_time_are_counted_while_a_page_is_looked_at() -> None:
     said: list[str] = []
     measured = live(0.3, said.append, onlooker="")

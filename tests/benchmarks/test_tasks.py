@@ -2,14 +2,16 @@
 
 import pytest
 
-from benchmarks.tasks import figures, wilson
+from benchmarks.tasks import asleep_and_awake, figures, wilson
 from trocar.apps.tasks import Episode
 
 
 def episode(success: bool, time_s: float) -> Episode:
     reason = "done" if success else "time"
     each = {"PSM1": 1.0}
-    return Episode("s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, "friction", "")
+    return Episode(
+        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", ""
+    )
 
 
 def test_intervals_of_ratios_are_wilsons() -> None:
@@ -25,3 +27,8 @@ def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
     assert found["s: time"] == 5.0
     assert found["s: drops"] == 6
     assert found["s: speed"] == 10.0
+
+
+def test_an_object_costs_less_while_it_sleeps() -> None:
+    asleep, awake = asleep_and_awake()
+    assert 0.0 < asleep.value < awake.value

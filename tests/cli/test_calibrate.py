@@ -182,6 +182,7 @@ def test_the_papers_robot_takes_no_tracks(capsys: pytest.CaptureFixture[str]) ->
     )
 
 
+@pytest.mark.slow
 def test_a_plan_is_a_table_a_document_and_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

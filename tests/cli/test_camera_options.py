@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from pathlib import Path
 
 import pytest
 
 from trocar.cli import main
+from trocar.cli.worlds import add_look, look_of
+from trocar.rendering import Look
 
 LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
 
@@ -21,6 +24,9 @@ LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
         ),
         (("--rig", "ecm", "--camera-rate", "0"), "camera rate: got 0 Hz"),
         (("--rig", "ecm", "--vignette", "3"), "vignette: got 3"),
+        (("--rig", "ecm", "--smoke", "0.3"), "--smoke: got 0.3 in the plain style; allowed: with"),
+        (("--rig", "ecm", "--look", "surgical", "--blood", "2"), "blood: got 2.0; allowed: 0 to 1"),
+        (("--rig", "ecm", "--jpeg", "99"), "jpeg: got 99; allowed: 0 to 95"),
         (("--rig", "ecm", "--record-images"), "requires --record FILE or --foxglove-record FILE"),
         (("--rig", "psm", "--record-images", "--record", "run.mcap"), "psm has no rendered camera"),
         (("--rig", "ecm", "--record-images", "--headless"), "requires --record FILE"),
@@ -41,6 +47,26 @@ def test_what_cameras_cannot_do_is_refused(
     words = ("sim", "--duration", "0.05") if "--headless" in options else LIVE
     assert main([*words, *options]) == 2
     assert complaint in capsys.readouterr().err
+
+
+def test_smoke_blood_noise_and_compression_reach_the_renderer() -> None:
+    parser = ArgumentParser()
+    add_look(parser)
+    words = [
+        "--look",
+        "surgical",
+        "--smoke",
+        "0.3",
+        "--blood",
+        "0.1",
+        "--noise",
+        "0.02",
+        "--jpeg",
+        "70",
+    ]
+    found = look_of(parser.parse_args(words))
+    assert found == Look("surgical", smoke=0.3, blood=0.1, noise=0.02, jpeg=70)
+    assert look_of(parser.parse_args([])) == Look()
 
 
 def test_a_rig_with_cameras_runs_without_them(capsys: pytest.CaptureFixture[str]) -> None:

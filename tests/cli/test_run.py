@@ -95,6 +95,7 @@ def trocar(words: list[str], folder: Path) -> str:
     return result.stdout
 
 
+@pytest.mark.slow
 def test_the_page_runs_as_written(tmp_path: Path) -> None:
     pytest.importorskip("mcap", reason="the extra `record` is not there")
     pytest.importorskip("matplotlib", reason="the extra `plot` is not there")

@@ -180,28 +180,34 @@ def test_bench_prints_one_document(capsys):
     assert document["figures"] == []
 
 
+@pytest.mark.slow
 def test_bench_measures_calibrated_robots_by_their_speed_alone(capsys, tmp_path):
     file = str(general_overlay(tmp_path))
     words = ["bench", "--duration", "0.02", "--passes", "1", "--calibration", file]
     assert main([*words, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["table9"] and document["figures"] == []
-    assert main([*words, "figures"]) == 2
-    assert "--calibration: allowed with PART speed only" in capsys.readouterr().err
+    assert main(["bench", "fidelity", "--calibration", file]) == 2
+    assert "--calibration OVERLAY: allowed with PART speed only" in capsys.readouterr().err
+    assert main(["bench", "speed", "--calibration"]) == 2
+    assert "without an OVERLAY: allowed with PART fidelity only" in capsys.readouterr().err
     write_overlay(file, Overlay("mtml"), overwrite=True)
     assert main(words) == 2
     assert "is a calibration of 'mtml'; allowed: ecm" in capsys.readouterr().err
 
 
 def test_bench_refuses_a_duration_of_nothing(capsys):
-    for words in (["--duration", "0"], ["calibration", "--robots", "0"]):
+    for words in (["--duration", "0"], ["fidelity", "--calibration", "--robots", "0"]):
         assert main(["bench", *words]) == 2
         assert "allowed: above 0" in capsys.readouterr().err
 
 
 @pytest.mark.slow
 def test_bench_calibrates_robots_that_it_has_not_seen(capsys):
-    assert main(["bench", "calibration", "--robots", "1", "--json"]) == 0
+    assert (
+        main(["bench", "fidelity", "--calibration", "--robots", "1", "--poses", "100", "--json"])
+        == 0
+    )
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
     for name in ("psm", "ecm"):
         assert found[f"{name}: exchanged labels named, of 84 exchanges"]["met"]

@@ -80,7 +80,7 @@ def test_the_motion_is_the_same_to_the_last_bit_whether_somebody_looks() -> None
             pictures.add(looker)
             pictures.start()
         loop.post(Command("ECM", "move_jp", {"q": (0.2, 0.1, 0.12, 0.3)}))
-        loop.start(0.6)
+        loop.start(2.0)
         loop.wait()
         pictures.close()
         assert bool(looker.shots) == look

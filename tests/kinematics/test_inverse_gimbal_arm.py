@@ -35,7 +35,7 @@ def tip(q):
 
 
 @pytest.mark.parametrize(
-    ("n", "limits"), [(10000, RIGHT), (2000, LEFT), (2000, WIDE)], ids=["right", "left", "wide"]
+    ("n", "limits"), [(1000, RIGHT), (1000, LEFT), (500, WIDE)], ids=["right", "left", "wide"]
 )
 def test_every_solution_makes_the_pose_and_the_generating_one_is_among_them(n, limits):
     q = np.random.default_rng(1).uniform(limits[0], limits[1], (n, 7))

@@ -43,10 +43,10 @@ def draw(n, lower, upper, centre, seed):
 @pytest.mark.parametrize(
     ("n", "geometry", "lower", "upper"),
     [
-        (10000, PSM, LOWER, UPPER),
-        (2000, PSM, LOWER, np.array([1.588, 0.925025, 0.03, 4.53786, 1.39626, 1.39626])),
-        (2000, PSM_SI, SI_LOWER, SI_UPPER),
-        (2000, PSM, WIDE_LOWER, WIDE_UPPER),
+        (1000, PSM, LOWER, UPPER),
+        (500, PSM, LOWER, np.array([1.588, 0.925025, 0.03, 4.53786, 1.39626, 1.39626])),
+        (500, PSM_SI, SI_LOWER, SI_UPPER),
+        (500, PSM, WIDE_LOWER, WIDE_UPPER),
     ],
     ids=["psm", "psm_near_the_remote_centre", "psm_si", "no_limits"],
 )

@@ -28,7 +28,7 @@ def tip(q):
 
 @pytest.mark.parametrize(
     ("n", "lower", "upper"),
-    [(10000, LOWER, UPPER), (2000, WIDE_LOWER, WIDE_UPPER)],
+    [(1000, LOWER, UPPER), (500, WIDE_LOWER, WIDE_UPPER)],
     ids=["ecm", "no_limits"],
 )
 def test_every_solution_makes_the_pose_and_the_generating_one_is_among_them(n, lower, upper):

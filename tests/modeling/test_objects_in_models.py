@@ -46,6 +46,7 @@ def test_links_and_joints_leave_objects_out() -> None:
     assert len(links.joints) == len(links.links) - 1
 
 
+@pytest.mark.slow
 def test_a_file_of_mjcf_has_objects_where_the_simulation_has_them(tmp_path: Path) -> None:
     pytest.importorskip("lxml", reason="files of MJCF are written with lxml")
     rig = load_rig("pegs")

@@ -57,6 +57,7 @@ def judged(path: Path) -> list[str]:
     return [line for line in lines if line.strip() and ALWAYS not in line]
 
 
+@pytest.mark.slow
 @needs_ign
 def test_libsdformat_finds_worlds_and_the_older_version_valid_and_warns_of_nothing(
     tmp_path, rng, skew_overlay

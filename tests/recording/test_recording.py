@@ -295,6 +295,7 @@ def test_a_damaged_block_is_said_and_what_lies_before_is_read(tmp_path: Path) ->
     assert recorded.rows in (400, 800)
 
 
+@pytest.mark.slow
 def test_a_file_with_damaged_bytes_is_read_or_rejected(tmp_path: Path) -> None:
     world, file, rng = World("psm"), tmp_path / "run.mcap", np.random.default_rng(0)
     with record(world, file):

@@ -45,6 +45,7 @@ def test_a_rig_s_floor_is_left_out() -> None:
     assert (image[[0, 0, -1, -1], [0, -1, 0, -1]] == 255).all()
 
 
+@pytest.mark.slow
 def test_show_writes_four_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture(lone_arm_rig(load_arm("psm")))
     assert main(["show", "ecm", "--picture", str(tmp_path / "ecm")]) == 0

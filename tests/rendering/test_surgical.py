@@ -104,6 +104,7 @@ def test_tissue_close_below_something_is_darker_beside_its_shadow() -> None:
     assert np.abs(below[far, column] - bare[far, column]).max() <= 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("opengl")
 def test_exposure_of_dark_red_tissue_does_not_run_to_its_end_and_a_series_agrees() -> None:
     def frames(look: Look) -> list[StereoFrame]:

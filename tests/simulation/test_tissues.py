@@ -13,12 +13,13 @@ from trocar.descriptions.needles import needle_sizes
 from trocar.descriptions.table import parse_table
 from trocar.descriptions.tissues import Tissue, read_tissue
 from trocar.errors import DescriptionError, InputError
+from trocar.geometry.rotations import quaternion_from_matrix, rotation_z
 from trocar.simulation import World
 from trocar.simulation.batch import Batch
 from trocar.simulation.elastic import ElasticPad
 from trocar.simulation.journal import Entry, Journal
 from trocar.simulation.records import DrawnCurve, DrawnSurface
-from trocar.simulation.tissues import SoftTissue, default_plan, stitch_points
+from trocar.simulation.tissues import RISE, SoftTissue, default_plan, stitch_points
 
 TEXT = """
 length_mm = 20
@@ -111,6 +112,68 @@ def test_energy_only_falls_when_nothing_is_driven(world: World) -> None:
     falls = np.diff(energies)
     assert (falls < 1e-2 * energies[0]).all()  # symplectic steps swing by a share of it
     assert energies[-1] < 0.05 * energies[0]
+
+
+def test_drag_and_thread_have_the_forces_of_the_description(world: World) -> None:
+    """A needle is turned through tissue as a heavy hand would, and pulled by known forces.
+
+    Drag along a channel is its setting to 10 %, as soon as the channel has found its place; the
+    thread stretches by less than 1 % at 1 N, and is less than 0.5 mm too long at 3 N.
+    """
+    tissue, model, data = pad_of(world), world.mj_model, world.mj_data
+    wire, joint, body = tissue.tissue.wire, model.joint("needle/free"), model.body("needle").id
+    rows, turns = int(joint.dofadr[0]), slice(int(joint.qposadr[0]) + 3, int(joint.qposadr[0]) + 7)
+    # of a needle whose swage is towards +y, its axis along the wound
+    lying = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = lying, tissue.pose[:3, 3] + [0.0, 0.0, RISE * wire.radius]
+    rate, angle = 3.0, np.radians(20.0) - wire.arc
+    model.dof_armature[rows : rows + 6] = [1.0] * 3 + [1e-3] * 3
+    drags: list[NDArray[np.float64]] = []
+    world.objects["needle"].set_cp(pose)
+    while not tissue.left[0].all():
+        angle += rate * world.timestep
+        data.qpos[turns] = quaternion_from_matrix(lying @ rotation_z(angle))
+        data.qpos[turns.start - 3 : turns.start] = pose[:3, 3]
+        data.qvel[rows : rows + 6] = [0.0] * 5 + [rate]
+        world.step(1)
+        if tissue.passed[0].all() and not tissue.left[0].any():
+            drags.append(np.linalg.norm(tissue.read().forces[0, 1:4], axis=1))
+    settled = np.array(drags)[-len(drags) // 3 :].mean(axis=0)
+    assert settled == pytest.approx(tissue.tissue.drag, rel=0.1)
+    model.dof_armature[rows : rows + 6] = [0.05] * 3 + [1e-4] * 3
+    for newton, steps in ((1.0, 800), (3.0, 1200)):
+        before = float(np.linalg.norm(data.xfrc_applied[body]))
+        for k in range(steps):
+            now = before + (newton - before) * min(1.0, 2.0 * k / steps)
+            data.xfrc_applied[body, :3] = [0.0, -0.5 * now, 0.866 * now]
+            data.qvel[rows : rows + 3] *= 0.98
+            world.step(1)
+        read = tissue.read()
+        swage, _, points, fed = tissue.threaded()
+        length = fed + float(np.linalg.norm(swage - points[0]))
+        assert read.tension == pytest.approx(newton, rel=0.1)
+        assert read.excess < min(0.01 * length, 5e-4)
+    data.xfrc_applied[body] = model.dof_armature[rows : rows + 6] = 0.0
+
+
+def test_a_tip_that_goes_in_beside_the_plan_is_reported_once(world: World) -> None:
+    tissue, heard = pad_of(world), list[Entry]()
+    wire, pose = tissue.tissue.wire, np.eye(4)
+    stop = world.listen(heard.append)
+    for deep in (0.0, 2e-3, 2.5e-3):  # the tip points down, 4.5 mm along the wound from the plan
+        pose[:3, :3] = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+        pose[:3, :3] = pose[:3, :3] @ rotation_z(0.5 * np.pi)
+        tip = pose[:3, :3] @ wire.tip[:3, 3]
+        entry = tissue.pose[:3, 3] + tissue.plan[0, 0] + [4.5e-3, 0.0, -deep]
+        pose[:3, 3] = entry - tip
+        world.objects["needle"].set_cp(pose)
+        world.step(5)
+    stop()
+    (astray,) = [entry for entry in heard if entry.name == "astray"]
+    assert np.array(astray.values["offset"])[0] == pytest.approx(4.5e-3, abs=3e-4)
+    assert tissue.astray
+    assert not tissue.passed.any()
 
 
 def test_what_tears_out_is_reported_and_no_longer_held(world: World) -> None:

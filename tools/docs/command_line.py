@@ -82,7 +82,7 @@ def _description(text: str) -> list[str]:
         if block.startswith("  "):
             found.append(f"```\n{block.rstrip()}\n```")
         elif block.strip():
-            found.append(_escaped(block))
+            found.append(_linked(_escaped(block)))
     return found
 
 
@@ -113,7 +113,12 @@ def _value(action: argparse.Action) -> str:
 
 def _help(parser: argparse.ArgumentParser, action: argparse.Action) -> str:
     text = parser._get_formatter()._expand_help(action) if action.help else ""
-    return _escaped(text)
+    return _linked(_escaped(text))
+
+
+def _linked(text: str) -> str:
+    """Return a text in which the names of pages are links."""
+    return re.sub(r"docs/([\w-]+\.md)", r"[\1](\1)", text)
 
 
 def _escaped(text: str) -> str:

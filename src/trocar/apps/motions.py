@@ -100,9 +100,20 @@ class Hand:
 
     def over(self, point: Array, height: float, angle: float | None = None) -> Motion:
         """Go above a point in the world, (3,), fingers closing along an angle about z [m, rad]."""
-        now = self.task.target(self.arm)
-        turn = now[:3, :3] if angle is None else pointing_down(angle, now[:3, :3])
-        yield from self.go(transform(turn, point + (height + self.reach) * UP))
+        now, at = self.task.target(self.arm), point + (height + self.reach) * UP
+        turn = now[:3, :3] if angle is None else self.pointing_down(angle, at)
+        yield from self.go(transform(turn, at))
+
+    def pointing_down(self, angle: float, at: Array) -> Array:
+        """Return the rotation of the tip that points down at a place, (3, 3).
+
+        Fingers close along an angle about the world's z; of both such rotations the one whose joint
+        positions are nearer, so that the roll turns back before its limit.
+        """
+        c, s = math.cos(angle), math.sin(angle)
+        one = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
+        both = (one, one * [-1.0, -1.0, 1.0])
+        return min(both, key=lambda R: self.task.farthest(self.arm, transform(R, at)))
 
     def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
         """Grasp what is at a point from above and lift it.
@@ -180,18 +191,6 @@ def thinnest(shape: Shape) -> float:
     """Return the half width of a shape where it is thinnest [m]."""
     sizes = {"box": 3, "sphere": 1, "mesh": 3}.get(shape.kind, 2)
     return float(shape.size[0] if shape.kind == "capsule" else shape.size[:sizes].min())
-
-
-def pointing_down(angle: float, near: Array) -> Array:
-    """Return the rotation of a tip that points down, (3, 3).
-
-    Fingers close along an angle about the world's z; of both such rotations the one nearer to
-    another rotation.
-    """
-    c, s = math.cos(angle), math.sin(angle)
-    found = np.array([[-s, c, 0.0], [c, s, 0.0], [0.0, 0.0, -1.0]])
-    other = found * [-1.0, -1.0, 1.0]
-    return max(found, other, key=lambda R: float(np.trace(R @ near.T)))
 
 
 def together(task: Task, **hands: Motion) -> Iterator[Array]:

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.scoring import fls_score
 from trocar.descriptions.scenes import Goal, Scene
-from trocar.errors import InputError, SingularError, UnknownNameError, UnreachableError
+from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.rotations import (
-    matrix_from_quaternion,
     matrix_from_rotation_vector,
     quaternion_from_matrix,
 )
@@ -43,6 +42,9 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
+#: A motion too fast for a joint is slowed to this share of what the joint allows. Source: our own
+#: choice, since joints do not move in proportion to the tip.
+SLOWED = 0.95
 #: Velocities of an endoscope stay this far below its limits. Source: our own choice, rounding.
 ROUNDING = 1e-9
 #: What limits the set-points of a joint.
@@ -60,7 +62,7 @@ class Episode:
     Attributes:
         scene, seed: which
         success: whether all goals were met, and stayed so
-        reason: why it ended: "done", "time", or what went wrong
+        reason: why it ended: "done", what went wrong, or "time" with what held an arm back then
         score: points, see `fls_score`
         time_s: until it ended, simulated [s]
         goals, met: how many there are, and how many were met in the end
@@ -68,6 +70,7 @@ class Episode:
         distance_m: {arm: length of the tip's path} [m]
         force_n: {arm: largest net force of contacts on it} [N]
         grip_n: {arm: largest force of the weaker finger on an object} [N]
+        stalled_s: {arm: how long it stayed where it was though an action moves it} [s]
         grasp: what holds objects, as the rig has it: "friction+stick"
         digest: of the physics state in the end
         figures: what else the scene measures, by name with its unit
@@ -85,6 +88,7 @@ class Episode:
     distance_m: Mapping[str, float]
     force_n: Mapping[str, float]
     grip_n: Mapping[str, float]
+    stalled_s: Mapping[str, float]
     grasp: str
     digest: str
     figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
@@ -179,6 +183,8 @@ class Task:
         self.distance = dict.fromkeys(self.arms, 0.0)
         self.force = dict.fromkeys(self.arms, 0.0)
         self.grip = dict.fromkeys(self.arms, 0.0)
+        self.stalled = dict.fromkeys(self.arms, 0.0)
+        self._reasons: dict[str, str] = {}
         self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
         self.look()
         self._reward = 0.0
@@ -294,6 +300,7 @@ class Task:
             "drops": self.drops,
             "done": self.done,
             "reason": self.reason,
+            "stalled": {name: why for name, why in self._reasons.items() if why},
         }
 
     def result(self, seed: int) -> Episode:
@@ -312,12 +319,15 @@ class Task:
             force_n=dict(self.force),
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
+            stalled_s=dict(self.stalled),
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
             figures=self.figures(),
         )
 
     #: Further topics that are served, {name: help}; their messages are JSON.
     topics: Mapping[str, str] = {}
+    #: Draws into an eye's image of a frame (0 left, 1 right), from any thread.
+    overlay: Callable[[Any, int], NDArray[np.uint8]] | None = None
 
     def messages(self) -> dict[str, Any]:
         """Return what is to be sent on further topics since the last call, {name: content}."""
@@ -340,6 +350,22 @@ class Task:
         """Return the set-point of a tip in the world, (4, 4)."""
         return self._targets[arm].copy()
 
+    def farthest(self, arm: str, T: Array) -> float:
+        """Return the largest change of a joint from its set-point to a pose of the tip.
+
+        Args:
+            arm: a PSM
+            T: in the world, (4, 4)
+
+        Returns:
+            [rad or m]; infinite out of reach
+        """
+        near = self._joints[arm]
+        try:
+            return float(np.abs(self._inverse(arm, T, near) - near[:-1]).max())
+        except (UnreachableError, SingularError):
+            return np.inf
+
     def idle(self) -> dict[str, Array]:
         """Return each arm's part of the action that holds it, {arm: (7,) or (4,)}."""
         found = {name: np.zeros(part.stop - part.start) for name, part in self._slices.items()}
@@ -354,11 +380,11 @@ class Task:
 
     def object_pose(self, name: str) -> Array:
         """Return where an object is in the world, (4, 4)."""
-        if name not in self._names:
-            raise UnknownNameError("object", name, self._names, self.scene.name)
-        row = self._names.index(name)
-        states = self.world.object_states()
-        return transform(matrix_from_quaternion(states.quaternions[row]), states.positions[row])
+        return self.world.object(name).measured_cp().T
+
+    def position(self, name: str) -> Array:
+        """Return where an object was when `look` was called last, (3,) [m]."""
+        return self._states.positions[self._names.index(name)]
 
     def held(self, arm: str) -> str:
         """Return the object that both fingers of an arm press, "" for none."""
@@ -372,17 +398,17 @@ class Task:
         return T[:3, :3] @ at + T[:3, 3]
 
     def met(self, goal: Goal, at: Array) -> bool:
-        """Return whether a goal is met now."""
+        """Return whether a goal is met, as of the last `look`."""
         at = self.place(goal, at)
         if goal.arm and not goal.held:
             off = self.world.arms[goal.arm].tip_in_world().T[:3, 3] - at
             if goal.object:
-                off -= self.object_pose(goal.object)[:3, 3]
+                off -= self.position(goal.object)
         else:
             holders = [arm for arm, name in self._held.items() if name == goal.object]
             if goal.held != (goal.arm in holders if goal.arm else bool(holders)):
                 return False
-            off = self.object_pose(goal.object)[:3, 3] - at
+            off = self.position(goal.object) - at
         return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)
 
     def look(self) -> None:
@@ -392,7 +418,7 @@ class Task:
             self._begin()
         if self.done:
             return
-        self.time = world.time
+        self.time, self._states = world.time, world.object_states()
         self._touch()
         for name in self.arms:
             tip = world.arms[name].tip_in_world().T[:3, 3]
@@ -412,7 +438,7 @@ class Task:
                 self.done, self.success, self.reason = True, True, "done"
                 return
             self.stage, self._since = min(later), None
-        heights = world.object_states().positions[:, 2]
+        heights = self._states.positions[:, 2]
         lost = [n for n, z in zip(self._names, heights, strict=True) if z < self._floor]
         faults = [n for n in self.arms if world.arms[n].operating_state().state == "FAULT"]
         if faults:
@@ -421,7 +447,8 @@ class Task:
             self.drops += len(lost)
             self.done, self.reason = True, f"{', '.join(lost)}: out of play"
         elif self.time >= self.scene.time_limit - 1e-9:
-            self.done, self.reason = True, "time"
+            stalls = [f"{name} stands still, {why}" for name, why in self._reasons.items() if why]
+            self.done, self.reason = True, "; ".join(["time", *stalls])
 
     # ------------------------------------------------------------------ inside
 
@@ -437,11 +464,11 @@ class Task:
                 self.force[arm] = max(self.force[arm], float(np.sqrt(force @ force)))
         now = set(self._held.values())
         for name in set(before.values()) - now:
-            self._fell_from[name] = float(self.object_pose(name)[2, 3])
+            self._fell_from[name] = float(self.position(name)[2])
         for name in now:
             self._fell_from.pop(name, None)
         for name, height in list(self._fell_from.items()):
-            if height - float(self.object_pose(name)[2, 3]) > self.scene.drop_height:
+            if height - float(self.position(name)[2]) > self.scene.drop_height:
                 self.drops += 1
                 del self._fell_from[name]
 
@@ -450,30 +477,55 @@ class Task:
         arm = self.world.arms[name]
         if arm.type != "PSM":
             return np.clip(before + values * PERIOD_S, arm.lower, arm.upper)
-        goal, (most, tolerances) = self._targets[name].copy(), self._bounds[name]
-        goal[:3, 3] += values[:3] * PERIOD_S
-        goal[:3, :3] = matrix_from_rotation_vector(values[3:6] * PERIOD_S) @ goal[:3, :3]
-        after, measured = before.copy(), arm.positions()
-        try:
-            if values[:6].any():
-                local = inverse(self.world.reference_pose(name)) @ goal
-                after[:-1] = arm.local_inverse_kinematics(local, before[:-1])
-            ahead = np.abs(after - measured)[:-1]
-            pushed = ahead > LAG * tolerances
-            further = ahead > np.abs(before - measured)[:-1]
-            fast = np.abs(after - before)[:-1] > most * PERIOD_S
-            if (fast | pushed & further).any():
-                after = before.copy()
-            else:
-                self._targets[name] = goal
-        except (UnreachableError, SingularError):
-            after = before.copy()
+        after, measured, reason = before.copy(), arm.positions(), ""
+        if values[:6].any():
+            reason = self._onward(name, after, measured, values[:6])
+            self.stalled[name] += PERIOD_S if reason else 0.0
+        self._reasons[name] = reason
         opening = float(values[6])
         if opening < 0.0:
             opening = max(opening, float(measured[-1]) - GRIP_RAD)
         fastest = JAW_RAD_S * PERIOD_S
         after[-1] = before[-1] + min(max(opening - before[-1], -fastest), fastest)
         return after
+
+    def _onward(self, name: str, q: Array, measured: Array, twist: Array) -> str:
+        """Move an arm's set-points on by a period, as fast as its joints may; return why they stay.
+
+        Args:
+            name: of a PSM
+            q: its set-points, which are written, (n,)
+            measured: its joints, (n,)
+            twist: of the tip, (6,)
+        """
+        arm, (most, tolerances) = self.world.arms[name], self._bounds[name]
+        for _ in range(2):
+            goal = self._targets[name].copy()
+            goal[:3, 3] += twist[:3] * PERIOD_S
+            if twist[3:].any():
+                turn = matrix_from_rotation_vector(twist[3:] * PERIOD_S)
+                goal[:3, :3] = turn @ goal[:3, :3]
+            try:
+                after = self._inverse(name, goal, q)
+            except (UnreachableError, SingularError) as problem:
+                return str(problem)
+            haste = np.abs(after - q[:-1]) / (most * PERIOD_S)
+            if (worst := float(haste.max())) <= 1.0:
+                break
+            twist = twist * (SLOWED / worst)
+        else:
+            return f"{arm.description.joints[int(haste.argmax())].name} would move too fast"
+        ahead = np.abs(after - measured[:-1])
+        pushed = (ahead > LAG * tolerances) & (ahead > np.abs(q[:-1] - measured[:-1]))
+        if pushed.any():
+            return f"{arm.description.joints[int(pushed.argmax())].name} is held back"
+        self._targets[name], q[:-1] = goal, after
+        return ""
+
+    def _inverse(self, name: str, T: Array, near: Array) -> Array:
+        """Return the joint positions nearest to others, with the tip at a pose in the world."""
+        local = inverse(self.world.reference_pose(name)) @ T
+        return self.world.arms[name].local_inverse_kinematics(local, near[:-1])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""
@@ -485,8 +537,7 @@ class Task:
         down = np.diag([1.0, -1.0, -1.0])
         for arm in instruments:
             try:
-                local = inverse(self.world.reference_pose(arm)) @ transform(down, at)
-                self.world.arms[arm].local_inverse_kinematics(local, self._joints[arm][:-1])
+                self._inverse(arm, transform(down, at), self._joints[arm])
             except (UnreachableError, SingularError):
                 continue
             return

@@ -76,6 +76,17 @@ def distortion_jacobian(points: ArrayLike, coefficients: ArrayLike) -> Array:
     return _jacobian(np.asarray(points, dtype=np.float64), check_distortion(coefficients))
 
 
+def distort_with_jacobian(points: Array, coefficients: Array) -> tuple[Array, Array]:
+    """Return where lenses move points (..., 2) of the plane z = 1, and its derivative (..., 2, 2).
+
+    Args:
+        points: (..., 2)
+        coefficients: as `check_distortion` returns them, first axis of 8; further axes are those of
+            the points, so that each may have a lens of its own
+    """
+    return _distorted(points, coefficients), _jacobian(points, coefficients)
+
+
 def undistort(points: ArrayLike, coefficients: ArrayLike) -> Array:
     """Return the points of the plane z = 1 that a lens moves to these; undoes `distort`.
 

@@ -7,6 +7,7 @@ Frames of cameras are optical: x right, y down, z ahead. The middle of the upper
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -201,13 +202,13 @@ class StereoCalibration:
         """Left and right."""
         return self.left, self.right
 
-    @property
+    @cached_property
     def mounts(self) -> tuple[Array, ...]:
         """T_camera_eye of either: the camera lies midway between them, and looks midway."""
         half = 0.5 * rotation_vector_from_matrix(self.T_left_right[:3, :3])
         T_left_camera = transform(matrix_from_rotation_vector(half), 0.5 * self.T_left_right[:3, 3])
         T_camera_left = inverse(T_left_camera)
-        return T_camera_left, T_camera_left @ self.T_left_right
+        return _frozen(T_camera_left), _frozen(T_camera_left @ self.T_left_right)
 
     def undistorted(self) -> StereoCalibration:
         """Return the same camera behind lenses that do not distort."""

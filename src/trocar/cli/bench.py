@@ -1,12 +1,11 @@
 """Benchmark speed and accuracy, and compare each figure with its goal.
 
 PART speed measures the configurations of the paper's Table 9 against bare MuJoCo in the same run:
-compare the ratio, because the real-time factor depends on the machine. PART figures measures
-accuracy. Only if named, PART core measures the cost of API calls in physics steps, and PART
-calibration what `trocar calibrate` makes of robots that it has not seen: accuracy, intervals,
-exchanged labels, broken loops, setup joints (half an hour). --log adds the replay of a recording.
-Benchmarks of start-up, recording, clients, images and long runs are part of the repository: python
--m benchmarks --help.
+compare the ratio, because the real-time factor depends on the machine. PART fidelity measures
+accuracy; with --calibration, also what `trocar calibrate` makes of robots that it has not seen:
+accuracy, intervals, exchanged labels, broken loops, setup joints (half an hour). PART core, only if
+named, measures the cost of API calls in physics steps. --log adds the replay of a recording.
+python -m benchmarks --help lists more, in the repository. See docs/performance.md.
 """
 
 from __future__ import annotations
@@ -27,10 +26,12 @@ SUMMARY = "benchmark speed against bare MuJoCo, and accuracy"
 ORDER = 200
 
 #: The parts that are measured by default, and all parts.
-PARTS = ("speed", "figures")
-ALL_PARTS = (*PARTS, "core", "calibration")
+PARTS = ("speed", "fidelity")
+ALL_PARTS = (*PARTS, "core")
 #: Progress steps that each part reports, for the time estimate of the progress bar.
-STEPS = {"speed": 6, "figures": 11, "core": 10, "calibration": 6}
+STEPS = {"speed": 6, "fidelity": 11, "core": 10}
+#: The same of --calibration.
+CALIBRATION_STEPS = 6
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -41,8 +42,10 @@ def add_arguments(parser: ArgumentParser) -> None:
         --passes N:int = 5         number of interleaved passes
         --poses N:int = 10000      number of inverse-kinematics poses
         --robots N:int = 40        number of calibrated robots of each kind
-        --log FILE                 replay this PSM recording (docs/replay.md)
-        --calibration OVERLAY ...  measure speed with this calibrated robot (repeatable)
+        --log FILE                 replay this PSM recording (docs/follow.md)
+        --calibration OVERLAY [...]
+            measure speed with these calibrated robots; with PART fidelity and no OVERLAY, calibrate
+            robots and compare them with the truth
     """, part=_part)  # fmt: skip
     add_json(parser)
 
@@ -62,24 +65,28 @@ def run(args: Namespace) -> int:
     from trocar.cli.unseen_robots import unseen_robots
     from trocar.descriptions.overlay import read_overlay
 
-    overlays = [read_overlay(file) for file in args.calibration]
+    overlays = [read_overlay(file) for file in args.calibration or ()]
     if overlays and (set(args.part) - {"speed"} or args.log):
         raise InputError(
-            "--calibration: allowed with PART speed only; to measure the accuracy of a calibrated"
-            " robot, run `trocar verify --calibration`"
+            "--calibration OVERLAY: allowed with PART speed only; to measure the accuracy of a"
+            " calibrated robot, run `trocar verify --calibration`"
         )
+    calibrating = args.calibration == []
+    if calibrating and "fidelity" not in args.part:
+        raise InputError("--calibration without an OVERLAY: allowed with PART fidelity only")
     parts = args.part or (("speed",) if overlays else PARTS)
     rows: list[Table9Row] = []
     found: list[Figure] = []
     steps = sum(STEPS[part] for part in parts) + bool(args.log)
+    steps += CALIBRATION_STEPS if calibrating else 0
     with progress_steps("measuring", steps) as watch:
         if "speed" in parts:
             rows = table9(args.duration, args.passes, watch, overlays)
-        if "figures" in parts:
+        if "fidelity" in parts:
             found += fidelity(watch, args.poses)
         if "core" in parts:
             found += core(watch)
-        if "calibration" in parts:
+        if calibrating:
             found += unseen_robots(args.robots, watch)
         if args.log:
             watch("replay")

@@ -1,10 +1,9 @@
 """Calibrate an endoscope from views of a board on a tool, and write a calibration overlay.
 
 VIEWS is a TOML file with the board, the arms' joint positions at each view, and pictures of both
-eyes or the corners found in them (see docs/vision.md; trocar views simulates one). One adjustment
-finds both lenses, the pose between the eyes, the camera's place on the ECM's scope and the bases of
-the PSMs in the ECM's, with standard deviations that include the noise of the joint readings.
-Also: trocar calibrate camera VIEWS.
+eyes or the corners found in them (trocar views simulates one). One adjustment finds both lenses,
+the pose between the eyes, the camera's place on the ECM's scope and the bases of the PSMs in the
+ECM's, with standard deviations. See docs/vision.md. Also: trocar calibrate camera VIEWS.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Export an arm or a rig for other simulators: a folder with the model, its meshes and a README.
 
 If an arm and a rig have the same name (psm, ecm), the arm is exported; give the path of the rig's
-file to export the rig. If the export fails, nothing is written.
+file to export the rig. If the export fails, nothing is written. See docs/exports.md.
 """
 
 from __future__ import annotations

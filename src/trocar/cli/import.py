@@ -2,7 +2,7 @@
 
 FILE is URDF (expand xacro first), SDF with one model, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE);
 meshes are decomposed into convex pieces. The output is a folder with one TOML file and its meshes.
-See docs/exports.md for the supported elements.
+See docs/import.md for the supported elements.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Simulate motion capture of an arm, and write the tracks of its links.
 
 Marker clusters and cameras are placed at random. The arm rests, then sweeps its linkage, then
-moves about its remote centre of motion; of setup joints and masters every joint is swept in turn.
-Dynamics and servo errors are simulated, unless --motion
-kinematic. The ground truth for a calibration is written to FILE.truth.json.
+moves about its remote centre of motion; setup joints and masters sweep every joint in turn. The
+ground truth is written to FILE.truth.json. See docs/calibration.md.
 """
 
 from __future__ import annotations

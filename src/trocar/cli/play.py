@@ -1,9 +1,8 @@
 """Play a training scene: by its scripted policy and scored, or by a person or a client.
 
-The scene is served like trocar sim, its scripted policy drives, and score, time and drops are in
-the web viewer and on the topic task/state. With --policy none a person or a client drives. With
---headless scripted episodes run as fast as possible, and success, score, time, distances, forces
-and drops of each are printed. See docs/scenes.md.
+The scene is served like trocar sim; score, time and drops are in the web viewer and on the topic
+task/state. With --headless scripted episodes run as fast as possible, and success, score, time,
+distances, forces and drops of each are printed. See docs/scenes.md.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Replay the recording of a simulation, or drive an arm along the log of a real arm, and compare.
 
-Recording of a simulation (trocar sim --record): every command is repeated, and every physics step
-is compared bit by bit. Only --rig and --json apply.
+A recording of a simulation (trocar sim --record) is repeated, and every physics step is compared
+bit by bit. Only --rig and --json apply.
 
-Log of a real PSM, ECM or MTM: CSV without a header, plain or gzip, one row per sample with the
-positions, then velocities, then efforts of all joints (SI units); or a rosbag 1, rosbag 2 or MCAP
-file with topic /<ARM>/measured_js. See docs/replay.md.
+A log of a real PSM, ECM or MTM is a CSV file, plain or gzip, one row per sample with the positions,
+then velocities, then efforts of all joints (SI units), or a rosbag 1, rosbag 2 or MCAP file with
+topic /<ARM>/measured_js. See docs/follow.md.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 Words after the script name that are not options of this command are passed to the script, as is
 everything after `--`. With --speed max, the script's sleeps, rates and waits run in simulated time,
 as fast as possible and reproducible bit by bit. The exit status is the script's, 1 if it raises.
+See docs/scripts.md.
 """
 
 from __future__ import annotations

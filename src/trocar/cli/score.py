@@ -1,10 +1,7 @@
 """Score the motion of a recording: path length, economy of motion, smoothness, events.
 
 FILE is a recording of a simulation (trocar sim --record, trocar teleop --record). Each arm whose
-tip moved is scored, by forward kinematics in the arm's own reference frame, after a low-pass filter
-of 10 Hz. Economy is the straight line from the first to the last tip position over the path.
-Smoothness is the log dimensionless jerk: a straight minimum-jerk reach has -5.32, larger is
-smoother. See docs/scores.md for definitions and sources.
+tip moved is scored. See docs/scores.md for definitions and sources.
 """
 
 from __future__ import annotations

@@ -139,6 +139,7 @@ def serve(
         pictures = open_pictures(loop, args)
         if pictures is not None:
             stack.enter_context(closing(pictures))
+            pictures.overlay = task and task.overlay
             pictures.start()
         record_images(world, pictures, args)
         if shared:

@@ -2,10 +2,9 @@
 
 closure: loop error over the joint range; rcm: remote centre of motion (Table 7, Figure 9); axes:
 distances between hinge axes (Table 6); tracking: six joints along a sine (Figure 10); realtime:
-speed (Table 9); formats: frame poses of exported files compared with the kinematics, MJCF and URDF
-read by MuJoCo, URDF by pinocchio and Drake and SDF by Drake if these are installed.
-Exit status 1: a figure is out of tolerance; speed depends on the machine and has no tolerance. See
-docs/calibration.md for the methods.
+speed (Table 9, no tolerance); formats: frame poses of exported files, read by MuJoCo and, if they
+are installed, pinocchio and Drake, compared with the kinematics. Exit status 1: a figure is out of
+tolerance. See docs/calibration.md.
 """
 
 from __future__ import annotations

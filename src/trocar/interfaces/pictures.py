@@ -54,6 +54,8 @@ FAREWELL_S = 5.0
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
+#: Returns the picture of an eye of a frame (0 left, 1 right) with what is drawn into it.
+Overlay = Callable[[Any, int], Picture]
 
 #: Of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.
 QUALITY = 85
@@ -182,30 +184,45 @@ class Shot:
         asked_s: wall time of the snapshot [s]
     """
 
-    def __init__(self, camera: str, order: Order, frame: Any, packer: Packer) -> None:
+    def __init__(
+        self, camera: str, order: Order, frame: Any, packer: Packer, overlay: Overlay | None = None
+    ) -> None:
         self.camera, self.record, self.frame = camera, order.cameras[camera], frame
         self.stamp, self.asked_s, self._packer = order.stamp, order.asked_s, packer
-        self._packed: dict[str, bytes] = {}
+        self._overlay = overlay
+        self._overlaid: dict[str, Picture] = {}
+        self._packed: dict[tuple[str, bool], bytes] = {}
 
     @property
     def format(self) -> str:
         """What `packed` gives: "jpeg" or "png"."""
         return self._packer.format
 
-    def eye(self, eye: str) -> Picture:
-        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left."""
-        return self.frame.right if eye == "right" else self.frame.left
+    def eye(self, eye: str, *, overlaid: bool = False) -> Picture:
+        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left.
+
+        Args:
+            eye: "left" or "right"
+            overlaid: with what is drawn into it, if anything is
+        """
+        if not overlaid or self._overlay is None:
+            return self.frame.right if eye == "right" else self.frame.left
+        if eye not in self._overlaid:
+            picture = self._overlaid[eye] = self._overlay(self.frame, int(eye == "right"))
+            picture.setflags(write=False)
+        return self._overlaid[eye]
 
     @property
     def calibration(self) -> Calibration:
         """What the eyes are like that saw it; without distortion where it was not asked for."""
         return self.frame.calibration
 
-    def packed(self, eye: str) -> bytes:
+    def packed(self, eye: str, *, overlaid: bool = False) -> bytes:
         """Return the picture of an eye as a file's bytes, packed once for all who ask."""
-        found = self._packed.get(eye)
+        found = self._packed.get((eye, overlaid))
         if found is None:
-            found = self._packed[eye] = self._packer.pack(self.eye(eye))
+            picture = self.eye(eye, overlaid=overlaid)
+            found = self._packed[eye, overlaid] = self._packer.pack(picture)
         return found
 
 
@@ -272,6 +289,7 @@ class Pictures:
 
     Attributes:
         led: whether somebody else says when, by `shoot`; otherwise it is every 1 / rate_hz
+        overlay: draws into pictures of those who want them so; set before anybody looks
         made, dropped: pictures drawn and handed on; those that were due and never drawn
         failure: why nothing is drawn any more, "" while all is well
     """
@@ -300,6 +318,7 @@ class Pictures:
         self._refused = 0
         self._complained = -COMPLAIN_S
         self.led = False
+        self.overlay: Overlay | None = None
         self.made = self.dropped = 0
         self.failure = ""
 
@@ -455,7 +474,7 @@ class Pictures:
             for camera in sorted(order.wanted & order.cameras.keys()):
                 beside = order.beside.get(camera, ())
                 frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
-                shot = Shot(camera, order, frame, self._packer)
+                shot = Shot(camera, order, frame, self._packer, self.overlay)
                 for client in self._clients:
                     client.take(shot)
                 self.made += 1

@@ -76,6 +76,8 @@ class Card:
         self.context, self.gl = open_context(), load()
         self.most = limit(self.context)
         self._programs: dict[tuple[str, ...], moderngl.Program] = {}
+        self._uniforms: dict[int, dict[str, Any]] = {}
+        self._set: dict[tuple[int, str], object] = {}
         self._arrays: dict[tuple[str, int], moderngl.VertexArray] = {}
         self._targets: dict[tuple[object, ...], moderngl.Framebuffer] = {}
         self._maps: dict[int, tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
@@ -159,6 +161,16 @@ class Card:
             )
         return self._programs[key]
 
+    def uniforms(self, program: moderngl.Program, values: Mapping[str, object]) -> None:
+        """Set what the program has kept of these, and has not already; compilers drop some."""
+        number = program.glo
+        if number not in self._uniforms:
+            self._uniforms[number] = {name: program[name] for name in program}
+        known = self._uniforms[number]
+        for name, value in values.items():
+            if name in known and self._set.get((number, name)) != value:
+                known[name].value = self._set[number, name] = value
+
     def picture(self, pixels: NDArray[np.uint8], repeats: bool) -> moderngl.Texture:
         """Return a texture of pixels (height, width, 4), with smaller copies for what is far."""
         found = self.context.texture(pixels.shape[1::-1], 4, pixels.tobytes())
@@ -197,13 +209,6 @@ class Card:
     def release(self) -> None:
         """Let go of everything; not inside `with card.context`."""
         self.context.release()
-
-
-def set_uniforms(program: moderngl.Program, uniforms: Mapping[str, object]) -> None:
-    """Set what the program has kept of these; a compiler drops what changes nothing."""
-    for name, value in uniforms.items():
-        if name in program:
-            program[name] = value
 
 
 def _columns_of(things: Scenery, look: Look) -> dict[str, NDArray[Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +47,7 @@ class Pinhole:
     near: float
     far: float
 
-    @property
+    @cached_property
     def clip(self) -> tuple[float, float, float, float]:
         """Of x and y over depth: two factors and two offsets into -1 to 1, rows downwards."""
         return (
@@ -56,7 +57,7 @@ class Pinhole:
             (2.0 * self.cy + 1.0) / self.height - 1.0,
         )
 
-    @property
+    @cached_property
     def depths(self) -> tuple[float, float]:
         """A factor and an offset that carry depth z to z times -1 (near) to 1 (far)."""
         span = self.far - self.near
@@ -183,7 +184,7 @@ class Optics:
     places: NDArray[np.float32] | None
     shown: Calibration
 
-    @property
+    @cached_property
     def parallel(self) -> bool:
         """Whether a scope's light and both eyes look the same way, from the same depth."""
         return self.light is not None and all(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.rendering import context, shaders
-from trocar.rendering.card import SEEN, SHADING, Card, set_uniforms
+from trocar.rendering.card import SEEN, SHADING, Card
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
 from trocar.rendering.scenery import KINDS
@@ -114,7 +114,7 @@ class Painter:
     def _shade(self, stage: Stage, lenses: Optics) -> None:
         card = self._card
         program = card.program(shaders.SHADOW_VERTEX, shaders.SHADOW_FRAGMENT)
-        set_uniforms(program, {"shadow": _columns(stage.light.clip)})
+        card.uniforms(program, {"shadow": _columns(stage.light.clip)})
         shade, target = card.shadow_map(self._look.shadow_map(lenses.size[0]))
         target.use()
         target.clear(depth=1.0)
@@ -154,7 +154,7 @@ class Painter:
         for kind, first, count in stage.kinds:
             own = [KINDS[kind].upper()] if KINDS[kind] else []
             program = card.program(shaders.VERTEX, shaders.FRAGMENT, [*defines, *own])
-            set_uniforms(program, common)
+            card.uniforms(program, common)
             for row, eye in enumerate(lenses.eyes):
                 width, height = lenses.drawn
                 target = cast("moderngl.Framebuffer", card.context.fbo)
@@ -163,7 +163,7 @@ class Painter:
                 at = tuple(T[:3, :3] @ light.at + T[:3, 3])
                 sky = (*(T[:3, :3] @ light.up), light.around)
                 own_eye = {"eye": _columns(T), "pinhole": lens.clip, "depths": lens.depths}
-                set_uniforms(program, {**own_eye, "light": at, "sky": sky})
+                card.uniforms(program, {**own_eye, "light": at, "sky": sky})
                 card.render(program, SEEN, first, count)
 
     def _bind(self, look: Look, shade: moderngl.Texture) -> None:
@@ -193,12 +193,12 @@ class Painter:
         card.context.enable_only(card.gl.NOTHING)
         for unit, name in enumerate(outputs):
             drawn[name].texture.use(unit)
-            set_uniforms(program, {INPUTS[name]: unit})
+            card.uniforms(program, {INPUTS[name]: unit})
         if lenses.places is not None:
             self._where(lenses).use(len(outputs))
         grain = (self._look.seed * 2654435761 + round(time * 1e6) * 40503) % 2**32
         size = lenses.drawn[0], lenses.drawn[1] * len(lenses.eyes)
-        set_uniforms(
+        card.uniforms(
             program,
             {"places": len(outputs), "size": size, "noise": self._look.noise, "seed": grain},
         )
@@ -238,4 +238,4 @@ def _open_for(target: moderngl.Framebuffer, which: Sequence[bool]) -> None:
 
 
 def _columns(T: Array) -> tuple[float, ...]:
-    return tuple(float(v) for v in T.T.ravel())
+    return tuple(T.T.ravel().tolist())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 
 import numpy as np
@@ -65,7 +66,7 @@ class Scenery:
     of_arms: NDArray[np.bool_]
     names: Mapping[int, str]
 
-    @property
+    @cached_property
     def radii(self) -> Array:
         """From each box's middle to its corners, (m,) [m]."""
         return np.linalg.norm(self.halves, axis=1)
@@ -76,6 +77,8 @@ class Scenery:
         Raises:
             UnknownNameError: no such object; the known ones are listed
         """
+        if not names:
+            return []
         known = {name: number for number, name in self.names.items()}
         for name in names:
             if name not in known:

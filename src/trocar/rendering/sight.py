@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +47,22 @@ class Frustum:
     near: float
     pixels: float
 
+    @cached_property
+    def planes(self) -> tuple[Array, Array]:
+        """Its sides and its end at the eye: directions inwards (3, 5), least products (5,)."""
+        sides = np.array(
+            [
+                [1.0, 0.0, -self.left],
+                [-1.0, 0.0, self.right],
+                [0.0, 1.0, -self.top],
+                [0.0, -1.0, self.bottom],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        T = self.T_eye_reference
+        least = -sides @ T[:3, 3] + [0.0, 0.0, 0.0, 0.0, self.near]
+        return (sides @ T[:3, :3]).T, least
+
 
 def placed(scenery: Scenery, snapshot: Snapshot, T_reference_world: Array) -> Array:
     """Return T_reference_object of every object as (m, 3, 4)."""
@@ -78,22 +96,13 @@ def boxes(scenery: Scenery, poses: Array) -> Boxes:
     return Boxes(middles, np.swapaxes(turns, 1, 2) * scenery.halves[:, :, None])
 
 
-def inside(frustum: Frustum, around: Boxes) -> NDArray[np.bool_]:
-    """Return which boxes reach into a pyramid, (m,); a few that do not are taken as well."""
-    sides = np.array(
-        [
-            [1.0, 0.0, -frustum.left],
-            [-1.0, 0.0, frustum.right],
-            [0.0, 1.0, -frustum.top],
-            [0.0, -1.0, frustum.bottom],
-            [0.0, 0.0, 1.0],
-        ]
-    )
-    T = frustum.T_eye_reference
-    inwards = (sides @ T[:3, :3]).T
-    least = -sides @ T[:3, 3] + [0.0, 0.0, 0.0, 0.0, frustum.near]
+def inside(frusta: Sequence[Frustum], around: Boxes) -> NDArray[np.bool_]:
+    """Return which boxes reach into pyramids, (k, m); a few that do not are taken as well."""
+    inwards = np.concatenate([frustum.planes[0] for frustum in frusta], axis=1)
+    least = np.concatenate([frustum.planes[1] for frustum in frusta])
     reach = np.abs(around.edges @ inwards).sum(axis=1)
-    return (around.middles @ inwards + reach > least).all(axis=1)
+    beyond = around.middles @ inwards + reach > least
+    return beyond.reshape(len(beyond), len(frusta), 5).all(axis=2).T
 
 
 def chosen_levels(

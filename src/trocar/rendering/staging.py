@@ -79,9 +79,9 @@ def stage(
     around = boxes(things, rows)
     frusta = [eye.frustum for eye in lenses.eyes]
     nearest, farthest = around.depths(frusta[0].T_eye_reference)
-    in_sight = np.zeros(len(things.bodies), dtype=np.bool_)
-    for frustum in frusta:
-        in_sight |= inside(frustum, around)
+    light = lenses.light or _room_light(things, around, T_reference_world)
+    *seeing, lit = inside([*frusta, light.frustum], around)
+    in_sight = np.logical_or.reduce(seeing)
     if only is not None:
         in_sight &= only
     seen = np.flatnonzero(in_sight)
@@ -92,10 +92,9 @@ def stage(
         present, first, count = np.unique(things.kinds[seen], return_index=True, return_counts=True)
         kinds = list(zip(present.tolist(), first.tolist(), count.tolist(), strict=True))
     level = chosen_levels(things, frusta[0], seen, nearest[seen])
-    light = lenses.light or _room_light(things, around, T_reference_world)
     throws = np.zeros_like(in_sight)
     if shadows:
-        throws = inside(light.frustum, around) & (things.radii < FLOOR)
+        throws = lit & (things.radii < FLOOR)
         if light.scope:
             throws &= things.of_arms | (things.radii < LARGE)
         if only is not None:

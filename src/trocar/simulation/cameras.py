@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,10 +55,13 @@ class CameraRecord:
         """Whether it has two eyes."""
         return isinstance(self.calibration, StereoCalibration)
 
-    @property
+    @cached_property
     def T_world_camera(self) -> Array:
-        """Where it is, midway between the eyes (4, 4)."""
-        return self.T_world_body @ self.T_body_mount @ bend(self.angle)
+        """Where it is, midway between the eyes (4, 4), read-only."""
+        found = self.T_world_body @ self.T_body_mount
+        found = found @ bend(self.angle) if self.angle else found
+        found.setflags(write=False)
+        return found
 
     @property
     def T_world_eyes(self) -> tuple[Array, ...]:

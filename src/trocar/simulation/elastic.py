@@ -12,6 +12,7 @@ Frame: origin in the middle of the wound on the surface at rest, x along the wou
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -58,6 +59,9 @@ class ElasticPad:
     Attributes:
         nodes: at rest, (n, 3) [m]
         cells: corners of each, in the order of `CORNERS`, (m, 8)
+        sizes: edges of a cell, (3,) [m]
+        matrix: forces of the nodes by their displacements, (3n, 3n)
+        free: those of them that are not clamped
     """
 
     def __init__(self, tissue: Tissue) -> None:
@@ -79,11 +83,11 @@ class ElasticPad:
         other = np.argsort(CORNERS @ [1, -2, 4])  # the mirrored cell's corners in order
         self.nodes = np.concatenate([grid, grid * [1.0, -1.0, 1.0]])
         self.cells = np.concatenate([half, half[:, other] + len(grid)])
-        self._sizes = np.array([xs[1] - xs[0], ys[1] - ys[0], zs[1] - zs[0]])
+        self.sizes = np.array([xs[1] - xs[0], ys[1] - ys[0], zs[1] - zs[0]])
         self._patch_radius = tissue.patch
         middles = self.nodes[self.cells].mean(axis=1)
         moduli = tissue.modulus_at(-middles[:, 2])
-        unit = _cell_stiffness(self._sizes, tissue.poisson)
+        unit = _cell_stiffness(self.sizes, tissue.poisson)
         dofs = (3 * self.cells[:, :, None] + np.arange(3)).reshape(-1, 24)
         rows, columns = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
         size = 3 * len(self.nodes)
@@ -107,12 +111,12 @@ class ElasticPad:
         """
         at = np.asarray(point, dtype=np.float64)
         middles = self.nodes[self.cells].mean(axis=1)
-        reach = self._patch_radius + 0.5 * float(np.linalg.norm(self._sizes))
+        reach = self._patch_radius + 0.5 * float(np.linalg.norm(self.sizes))
         near = np.linalg.norm(middles - at, axis=1) < reach
         near &= np.sign(middles[:, 1]) == (1.0 if at[1] > 0.0 else -1.0)
         line = (np.arange(PATCH_POINTS) + 0.5) * 2.0 / PATCH_POINTS - 1.0
         local = np.stack(np.meshgrid(line, line, line, indexing="ij"), axis=-1).reshape(-1, 3)
-        places = middles[near][:, None] + 0.5 * self._sizes * local
+        places = middles[near][:, None] + 0.5 * self.sizes * local
         apart = np.linalg.norm(places - at, axis=-1) / self._patch_radius
         share = np.where(apart < 1.0, (1.0 - apart**2) ** 2, 0.0)
         found = np.zeros(len(self.nodes))
@@ -139,6 +143,15 @@ class ElasticPad:
         moved[self.free] = self._factor.solve(forces[self.free])
         return moved
 
+    def volumes(self, moved: Array) -> Array:
+        """Return the factors by which displacements (n, 3) change the cells' volumes, (m,).
+
+        They are those in the middle of each; one that is not above 0 is turned inside out.
+        """
+        slopes = CORNERS / 8.0 * (2.0 / self.sizes)
+        gradient = np.einsum("mci,cj->mij", moved[self.cells], slopes)
+        return np.linalg.det(np.eye(3) + gradient)
+
     def surface(self) -> tuple[Index, Index]:
         """Return the nodes of the visible surface, (k,), and its triangles among them, (m, 3)."""
         quads = self.cells[:, FACES].reshape(-1, 4)
@@ -151,6 +164,12 @@ class ElasticPad:
         nodes, corners = np.unique(outside, return_inverse=True)
         corners = corners.reshape(-1, 4)
         return nodes, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+
+
+@lru_cache(maxsize=4)
+def pad_of(tissue: Tissue) -> ElasticPad:
+    """Return the mesh of a tissue, factored once."""
+    return ElasticPad(tissue)
 
 
 def _shape_functions(local: Array) -> Array:

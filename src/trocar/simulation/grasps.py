@@ -293,6 +293,7 @@ class Grasps:
         anchor, turned = self._placed(row, found, grip[0])
         self._set(row, Hold(found, anchor, turned, *grip))
         self._slicken()
+        self._looks[row] = 0
         self._read[row] = self._grasp(found, force)
         self._most[row] = force
         self._loose.pop(found, None)
@@ -359,25 +360,24 @@ class Grasps:
         if self._kind == "friction":
             return float("nan")
         data, finger = self._data, self._jaws[row].bodies[0]
-        found, body = data.contact, self._bodies[hold.object]
-        pads = zip(found.efc_address[contacts].tolist(), found.dim[contacts].tolist(), strict=True)
-        rows = [k for first, count in pads for k in range(first, first + count)]
+        found, body = data.contact, int(self._bodies[hold.object])
+        firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
+        rows = [k for c in contacts for k in range(firsts[c], firsts[c] + sizes[c])]
         if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:
             first = int(data.efc_id[: data.ne].searchsorted(weld))  # equalities first, in order
             rows += range(first, first + WELD_ROWS)
         jacobian = data.efc_J.reshape(-1, self._model.nv)[rows, self._dofs[hold.object]]
-        push = data.efc_force[rows] @ jacobian
+        push = data.efc_force[rows].dot(jacobian)
         facing = data.xmat[finger].reshape(3, 3)
-        arm = data.xpos[finger] + facing @ hold.centre - data.xpos[body]
-        turn = facing @ hold.axes
-        torque = data.xmat[body].reshape(3, 3) @ push[3:]
-        x, y, z = arm.tolist()
+        turn = facing.dot(hold.axes)
+        x, y, z = (data.xpos[finger] + facing.dot(hold.centre) - data.xpos[body]).tolist()
         fx, fy, fz = push[:3].tolist()
+        torque = data.xmat[body].reshape(3, 3).dot(push[3:])
         torque -= (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
-        force, torque = (push[:3] @ turn).tolist(), (torque @ turn).tolist()
+        force, torque = push[:3].dot(turn).tolist(), torque.dot(turn).tolist()
         both = max(right + max(right + force[2], 0.0), 1e-9)
         sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
-        turning = sum((t / lever) ** 2 for t, lever in zip(torque, hold.levers, strict=True))
+        turning = sum((t / at) ** 2 for t, at in zip(torque, hold.levers.tolist(), strict=True))
         return sqrt(sliding + turning) / both
 
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:

@@ -76,6 +76,11 @@ class ObjectKinematics:
             at = slice(first, first + places), slice(rate, rate + rates)
             joints.append(JointRows(kind, *at, joint, on, pose))
         self.joints = tuple(joints)
+        self._scalars = [
+            (k, row.qpos.start, row.qvel.start)
+            for k, row in enumerate(joints)
+            if row.kind in ("hinge", "slide")
+        ]
         self._free = [k for k, row in enumerate(joints) if row.kind == "free"]
         rows = [(row.qpos.start, row.qvel.start) for row in joints if row.kind == "free"]
         first, rate = np.array(rows, np.intp).reshape(-1, 2).T
@@ -131,9 +136,8 @@ class ObjectKinematics:
     def coordinates(self, qpos: Array, qvel: Array) -> Array:
         """Return coordinate and rate of each hinge or slide, NaN of other joints, (n, 2)."""
         found = np.full((len(self.joints), 2), np.nan)
-        for k, row in enumerate(self.joints):
-            if row.kind in ("hinge", "slide"):
-                found[k] = qpos[row.qpos.start], qvel[row.qvel.start]
+        for k, at, rate in self._scalars:
+            found[k] = qpos[at], qvel[rate]
         return found
 
     def _matrices(self, qpos: Array) -> list[Array]:

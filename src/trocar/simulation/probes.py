@@ -158,10 +158,12 @@ class Probes:
             sides = self._arm_of_geom[found.geom]
             here = np.flatnonzero((sides.max(axis=1) >= 0) & (found.efc_address >= 0))
             if len(here):
-                sides, force = sides[here], self._contact_forces(data, here)
-                for side, sign in ((0, -1.0), (1, 1.0)):
-                    mine = sides[:, side] >= 0
-                    np.add.at(total, sides[mine, side], sign * force[mine])
+                forces = self._contact_forces(data, here)
+                for (one, two), force in zip(sides[here].tolist(), forces, strict=True):
+                    if one >= 0:
+                        total[one] -= force
+                    if two >= 0:
+                        total[two] += force
         return dict(zip(self._arms, total, strict=True))
 
     @cached_property

@@ -60,12 +60,13 @@ class TissueDrawings:
             self._parts = self._split()
         nodes, faces = self._parts[part]
         tissue = self._tissue
-        here = tissue.pad.nodes[nodes] + tissue.displacements()[nodes]
+        rest = tissue.pad.nodes[nodes]
+        here = rest + tissue.displacements()[nodes]
         at = here @ tissue.pose[:3, :3].T + tissue.pose[:3, 3]
         look = MATERIALS[tissue.tissue.material]
         rgba = look.rgba if part == "skin" else WALL
         name = f"{tissue.name}_{part}"
-        return DrawnSurface(name, at, faces, rgba, look.gloss, 0.0, "tissue")
+        return DrawnSurface(name, at, faces, rgba, look.gloss, 0.0, "tissue", rest)
 
     def _split(self) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
         """Return nodes and triangles of both parts; edges are sharp, their nodes doubled."""

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.descriptions.records import Prop
 from trocar.descriptions.tissues import Tissue
-from trocar.errors import InputError
+from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.modeling import naming
 from trocar.modeling.tissues import (
@@ -23,13 +23,15 @@ from trocar.modeling.tissues import (
     EYE_ARMATURE,
     EYE_KG,
     PLACES,
+    PLATE_M,
     PLATES,
     SLACK_M,
     tissue_bit,
 )
-from trocar.simulation.elastic import Condensed, ElasticPad
+from trocar.simulation.elastic import Condensed, ElasticPad, pad_of
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.objects import checked_pose
+from trocar.simulation.pressing import CLOSED_M, OPENED_M, Held, Jaw, Surface, Tools
 
 Array = NDArray[np.float64]
 
@@ -53,6 +55,19 @@ END_RAD = 0.03
 #: Channels lie at least so far inside the tissue. Source: our own choice, half a patch. [m]
 MARGIN_M = 7e-4
 
+#: A tip that is so deep in tissue without a puncture is beside the plan. Source: our own choice.
+#: [m]
+ASTRAY_M = 1e-3
+#: Fingers this near to the highest place of the surface are looked at. Source: our own choice, two
+#: looks at 500 mm/s. [m]
+CLOSE_M = 5e-3
+#: Pads whose ends are so deep below the surface at rest hold a patch that is so deep in tissue.
+#: Source: our own choice. [m]
+PINCH_M = 5e-4
+#: The mesh is looked at so often, and only where a place has moved so far; so many of its cells may
+#: be inside out, as some at a tight thread are. Source: measured: 2 of 5040 at 2 N. [s, m]
+VOLUMES_S, FAR_M, INVERTED = 0.25, 2e-3, 0.02
+
 LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 
 
@@ -71,6 +86,8 @@ class TissueReading(NamedTuple):
         tension: of the thread [N]
         excess: by which the thread is longer than it may be: a measure of numerical health [m]
         fed: thread that has passed the last channel point from the knot on [m]
+        pressed: force with which fingers press its surface [N]
+        gripped: force of the tissue on each jaw that grips it, in its frame, {arm: (3,)} [N]
     """
 
     points: Array
@@ -84,6 +101,8 @@ class TissueReading(NamedTuple):
     tension: float
     excess: float
     fed: float
+    pressed: float
+    gripped: dict[str, Array]
     time: float
 
 
@@ -98,6 +117,10 @@ class TissueState:
     passed: NDArray[np.bool_]
     left: NDArray[np.bool_]
     torn: NDArray[np.bool_]
+    grips: tuple[Held, ...]
+    near: tuple[int, ...]
+    opened: tuple[bool, ...]
+    astray: bool
     fields: tuple[Array, ...]
 
 
@@ -134,7 +157,8 @@ class SoftTissue:
         prop: its description
         arms: how many there are in the rig
         timestep: of the physics [s]
-        journal: receives commands, and the events "puncture", "channel", "swage" and "tear"
+        journal: receives commands, and the events "puncture", "channel", "swage", "tear", "astray"
+            (a tip entered beside the plan, where tissue does not hold it), "grip" and "slip"
 
     Attributes:
         name, tissue: as described
@@ -156,13 +180,18 @@ class SoftTissue:
     @cached_property
     def pad(self) -> ElasticPad:
         """Its mesh."""
-        return _pad(self.tissue)
+        return pad_of(self.tissue)
 
     def attach(
-        self, model: mujoco.MjModel, data: mujoco.MjData, shadows: Sequence[mujoco.MjData] = ()
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        shadows: Sequence[mujoco.MjData] = (),
+        jaws: Sequence[Jaw] = (),
     ) -> None:
-        """Take the physics that the tissue is in, and what shows the same bodies."""
+        """Take the physics that it is in, what shows the same bodies, and what touches it."""
         self._model, self._data, self._shadows = model, data, shadows
+        self._tools = Tools(model, data, jaws)
         name, count = self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 
@@ -265,11 +294,53 @@ class SoftTissue:
         np.multiply(self._v, DAMPING_S, out=w)
         w += u
         np.dot(self._pull, w, out=self._applied)
+        if self._tools.near or self._grips:
+            self._touch()
+
+    def _touch(self) -> None:
+        """Apply the forces between tissue and jaws."""
+        mujoco.mj_kinematics(self._model, self._data)
+        tools, count = self._tools, len(self._held)
+        tools.release()
+        displaced = self._displaced()
+        if self._grips:
+            forces = -self.stiffness * self._condensed().stiffness @ displaced
+            self._applied[self._held] = forces[:count] - DAMPING_S * (
+                self.stiffness * self._condensed().stiffness[:count, :count] @ self._v[self._held]
+            )
+            turn = self.pose[:3, :3]
+            self._pulls = forces[count:].reshape(-1, 3)
+            for grip, force in zip(self._grips, self._pulls, strict=True):
+                body = tools.jaws[grip.jaw].bodies[0]
+                tools.push(body, self._anchor(grip), turn @ force)
+        if tools.near:
+            pressed = tools.apply(self.pose, self._surface(), displaced, self.stiffness)
+            self._applied[self._held] += pressed[:count]
+
+    def _displaced(self) -> Array:
+        """Return the displacements of all places that are held, then of patches in jaws, (k,)."""
+        own = (self._q - self._rest)[self._held]
+        if not self._grips:
+            return own
+        pose = self.pose
+        moved = [
+            (self._anchor(grip) - pose[:3, 3]) @ pose[:3, :3] - grip.point for grip in self._grips
+        ]
+        return np.concatenate([own, *moved])
+
+    def _anchor(self, grip: Held) -> Array:
+        """Return where a patch between pads is in the world, (3,)."""
+        finger = self._tools.jaws[grip.jaw].bodies[0]
+        turn = self._data.xmat[finger].reshape(3, 3)
+        return self._data.xpos[finger] + turn @ grip.anchor
 
     def look(self) -> None:
-        """Let the needle puncture and pass, and tissue tear, as the last step tells."""
+        """Let the needle puncture and pass, jaws grip, and tissue tear, as the last step tells."""
         data, stitch = self._data, self.stitch
         self._tear()
+        self._pinch()
+        if self._journal.period % round(VOLUMES_S / self._timestep) == 0:
+            self._check_volumes()
         if stitch == len(self.plan):
             return
         passed, tip = self.passed[stitch], self._local(self._needle, self._tip)
@@ -279,6 +350,10 @@ class SoftTissue:
             if self._pressed(self._plates[stitch, 0]) > self.tissue.puncture:
                 self._puncture(0)
                 self._pass(0)
+            beside = np.abs(tip - now[0])[:2].max() > PLATE_M[0]  # it presses on no plate
+            if beside and tip[2] < -ASTRAY_M and not self._astray and self._inside(tip):
+                self._astray = True
+                self._event("astray", offset=tip - now[0])
         elif not passed[1]:
             if side * (tip[1] - now[1, 1]) < 0.0:
                 self._pass(1)
@@ -323,6 +398,11 @@ class SoftTissue:
             self.tension(),
             float(max(over.max(initial=0.0), 0.0)),
             float(data.qpos[self._feed]),
+            self._tools.force,
+            {
+                self._tools.jaws[grip.jaw].arm: force.copy()
+                for grip, force in zip(self._grips, self._pulls, strict=True)
+            },
             float(data.time),
         )
 
@@ -334,8 +414,25 @@ class SoftTissue:
 
     def displacements(self) -> Array:
         """Return the displacement of every node of its mesh, in its frame, (n, 3) [m]."""
-        held = np.repeat(~self.torn.ravel(), 3)
-        return self._condensed().response @ (self._q - self._rest)[held]
+        if self._grips:
+            mujoco.mj_kinematics(self._model, self._data)
+        condensed = self._condensed()
+        moved: Array = condensed.response @ self._displaced()
+        if self._tools.nodes:
+            surface = self._surface()
+            forces, places = np.zeros((len(moved), 3)), np.zeros(condensed.response.shape[-1])
+            for (half, node), force in self._tools.nodes.items():
+                forces[surface.nodes[half, node], 2] = -force
+                places -= force * surface.rise[half][node]
+            own = self.pad.solve(forces.ravel()).reshape(-1, 3)
+            back = condensed.response @ np.linalg.solve(condensed.stiffness, places)
+            moved += (own - back) / self.stiffness
+        return moved
+
+    @property
+    def astray(self) -> bool:
+        """Whether a tip has entered the tissue beside the stitch that is planned next."""
+        return self._astray
 
     @property
     def time(self) -> float:
@@ -368,6 +465,10 @@ class SoftTissue:
             self.passed.copy(),
             self.left.copy(),
             self.torn.copy(),
+            self._grips,
+            tuple(self._tools.near),
+            self._opened,
+            self._astray,
             tuple(field[row].copy() for field, row in self._fields),
         )
 
@@ -376,6 +477,9 @@ class SoftTissue:
         self.pose, self.stiffness, self.plan = state.pose.copy(), state.stiffness, state.plan.copy()
         self.offsets, self.torn = state.offsets.copy(), state.torn.copy()
         self.passed, self.left = state.passed.copy(), state.left.copy()
+        self._grips, self._opened, self._astray = state.grips, state.opened, state.astray
+        self._pulls = np.zeros((len(state.grips), 3))
+        self._tools.near, self._tools.force, self._tools.nodes = list(state.near), 0.0, {}
         self._count()
         self._condense()
         for (field, row), value in zip(self._fields, state.fields, strict=True):
@@ -394,6 +498,12 @@ class SoftTissue:
         self.offsets = np.full(plan.shape, np.nan)
         self.passed, self.left = np.zeros(shape, bool), np.zeros(shape, bool)
         self.torn = np.zeros((len(plan), len(PLACES)), bool)
+        self._grips: tuple[Held, ...] = ()
+        self._pulls = np.zeros((0, 3))
+        self._opened = (False,) * len(self._tools.jaws)
+        self._astray = False
+        self._tools.near = []
+        self._tools.release()
         self._count()
         data.eq_active[self._welds] = 0
         self._condense()
@@ -438,7 +548,10 @@ class SoftTissue:
             contype[self._plates[self.stitch, [0, wall]]] = self._bit
 
     def _condensed(self) -> Condensed:
-        return _condensed(self.tissue, self._places().tobytes(), self.torn.tobytes())
+        return _condensed(self.tissue, self._points)
+
+    def _surface(self) -> Surface:
+        return _surface(self.tissue, self._points)
 
     def _places(self) -> Array:
         """Return where its places are at rest, in its frame, (8n, 3) [m]."""
@@ -456,10 +569,14 @@ class SoftTissue:
         return np.concatenate(found)
 
     def _condense(self) -> None:
-        self._rest = self._places().ravel()
-        held = np.flatnonzero(np.repeat(~self.torn.ravel(), 3))
-        self._pull = np.zeros((len(self._rest),) * 2)
-        self._pull[np.ix_(held, held)] = -self.stiffness * self._condensed().stiffness
+        places = self._places()
+        self._rest, held = places.ravel(), ~self.torn.ravel()
+        self._held = np.flatnonzero(np.repeat(held, 3))
+        #: The patches that are held: places, and what is between pads.
+        self._points = np.array([*places[held], *(g.point for g in self._grips)]).tobytes()
+        self._pull, count = np.zeros((len(self._rest),) * 2), len(self._held)
+        stiff = self._condensed().stiffness[:count, :count]
+        self._pull[np.ix_(self._held, self._held)] = -self.stiffness * stiff
 
     def _kinematics(self) -> None:
         """Bring bodies and tendons to where the last step ended: MuJoCo has where it began."""
@@ -472,6 +589,84 @@ class SoftTissue:
         data = self._data
         at = data.xpos[body] + data.xmat[body].reshape(3, 3) @ point
         return (at - self.pose[:3, 3]) @ self.pose[:3, :3]
+
+    def _inside(self, point: Array) -> bool:
+        """Return whether a point in its frame is inside one of its halves at rest."""
+        size, across = self.tissue, abs(point[1]) - 0.5 * self.tissue.gap
+        along = abs(point[0]) < 0.5 * size.length
+        return bool(along and 0.0 < across < size.width and -size.depth < point[2] < 0.0)
+
+    def _pinch(self) -> None:
+        """Let jaws near the surface grip, and let go of, what is between their pads."""
+        tools, tissue = self._tools, self.tissue
+        if not tools.jaws:
+            return
+        rises = (self._q - self._rest)[2::3]
+        over = tools.over(self.pose, tissue, float(rises.max(initial=0.0)) + CLOSE_M)
+        if not (over or tools.near or self._grips):
+            return
+        tools.look(self.pose, self._surface(), self._displaced(), over, 2.0 * PERIOD_S)
+        if not tools.near:
+            tools.release()
+        opened = list(self._opened)
+        grips = list(self._grips)
+        for row, jaw in enumerate(tools.jaws):
+            middle, apart = tools.between(row)
+            mine = next((grip for grip in grips if grip.jaw == row), None)
+            pull = 0.0
+            if mine is not None:
+                pull = float(np.linalg.norm(self._pulls[self._grips.index(mine)]))
+            if mine is not None and (apart > OPENED_M or pull > tissue.tear):
+                grips.remove(mine)
+                slipped = apart <= OPENED_M
+                self._event("slip" if slipped else "grip", arm=jaw.arm, held=False, force=pull)
+            elif mine is None and opened[row] and apart < CLOSED_M:
+                point = (middle - self.pose[:3, 3]) @ self.pose[:3, :3]
+                if point[2] < -PINCH_M and self._inside(point) and not self._grasps(jaw):
+                    point[2] = -PINCH_M
+                    grips.append(Held(row, point, self._in_finger(jaw.bodies[0], point)))
+                    self._event("grip", arm=jaw.arm, held=True, at=point)
+            if not CLOSED_M <= apart <= OPENED_M:
+                opened[row] = apart > OPENED_M
+        self._opened = tuple(opened)
+        if tuple(grips) != self._grips:
+            kept = {id(g): self._pulls[k] for k, g in enumerate(self._grips)}
+            self._grips = tuple(grips)
+            self._pulls = np.array([kept.get(id(g), np.zeros(3)) for g in grips]).reshape(-1, 3)
+            self._tools.release()
+            self._condense()
+
+    def _in_finger(self, finger: int, point: Array) -> Array:
+        """Return where a patch about a point of the tissue at rest is now, in a finger's frame."""
+        moved = self.pad.weights(point) @ self.displacements()
+        at = self.pose[:3, :3] @ (point + moved) + self.pose[:3, 3]
+        return (at - self._data.xpos[finger]) @ self._data.xmat[finger].reshape(3, 3)
+
+    def _grasps(self, jaw: Jaw) -> bool:
+        """Return whether fingers touch the needle."""
+        met = self._data.contact.geom[(np.isin(self._data.contact.geom, jaw.geoms)).any(axis=1)]
+        return bool((self._model.geom_bodyid[met] == self._needle).any())
+
+    def _check_volumes(self) -> None:
+        """Reject tissue of which much is turned inside out: the linear mesh means nothing then.
+
+        Raises:
+            DivergedError: where and when
+        """
+        if float(np.abs(self._q - self._rest).max()) < FAR_M and not self._tools.nodes:
+            return
+        volumes = self.pad.volumes(self.displacements())
+        bad = int((volumes <= 0.0).sum())
+        if bad > INVERTED * len(volumes):
+            worst = int(np.argmin(volumes))
+            at = 1e3 * self.pad.nodes[self.pad.cells[worst]].mean(axis=0)
+            raise DivergedError(
+                float(self._data.time),
+                self.name,
+                None,
+                f"{bad} of {len(volumes)} elements are turned inside out, most of all element"
+                f" {worst} at {at.round(1).tolist()} mm; allowed: {100 * INVERTED:g} %",
+            )
 
     def _pressed(self, plate: int) -> float:
         """Return the force with which tips press on a plate [N]."""
@@ -543,16 +738,17 @@ class SoftTissue:
         self._journal.event(self.name, name, **{"stitch": self.stitch, **values})
 
 
-@lru_cache(maxsize=4)
-def _pad(tissue: Tissue) -> ElasticPad:
-    return ElasticPad(tissue)
+@lru_cache(maxsize=16)
+def _condensed(tissue: Tissue, points: bytes) -> Condensed:
+    """Return a tissue condensed to patches about points."""
+    return pad_of(tissue).condense(np.frombuffer(points).reshape(-1, 3))
 
 
 @lru_cache(maxsize=16)
-def _condensed(tissue: Tissue, places: bytes, torn: bytes) -> Condensed:
-    """Return a tissue condensed to the places that hold."""
-    points = np.frombuffer(places).reshape(-1, 3)
-    return _pad(tissue).condense(points[~np.frombuffer(torn, bool)])
+def _surface(tissue: Tissue, points: bytes) -> Surface:
+    """Return the surface of a tissue that is condensed to patches about points."""
+    condensed = _condensed(tissue, points)
+    return Surface(tissue, pad_of(tissue), condensed.response, condensed.stiffness)
 
 
 def _checked_plan(name: str, tissue: Tissue, points: ArrayLike) -> Array:

@@ -35,6 +35,7 @@ from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
 from trocar.simulation.play import Player, fastest
+from trocar.simulation.pressing import jaws_of
 from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
@@ -851,7 +852,8 @@ class World:
         self._grasps.attach(self.rig, model, data)
         self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
-            tissue.attach(model, data, (self.frames.shadow, self._true.shadow))
+            shadows = self.frames.shadow, self._true.shadow
+            tissue.attach(model, data, shadows, jaws_of(self.rig, model))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
 
     def _advance(self, count: int) -> None:

@@ -108,6 +108,7 @@ def test_all_figures_hold_with_lost_bodies_and_gross_errors() -> None:
     assert 0.90 <= np.mean(scaled < 1.96) <= 0.995
 
 
+@pytest.mark.slow
 def test_a_take_at_the_full_rate_and_noise_is_within_the_figures() -> None:
     tracks, truth = seen(0, 0.6, "both", FULL, 120.0)
     got = calibrate(tracks, load_arm("psm"))

@@ -102,6 +102,7 @@ def test_a_chain_of_another_length_is_refused():
         measured("suj_psm1", replace(tracks, poses=larger))
 
 
+@pytest.mark.slow
 def test_sweeps_that_begin_the_wrong_way_and_starts_without_rest_are_refused():
     _, tracks, _ = take("suj_psm1", 3)
     rest = tracks.times < 2.0

@@ -40,6 +40,7 @@ def rms(cloud: np.ndarray) -> float:
 ARMS = ["psm", pytest.param("ecm", marks=pytest.mark.slow)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_the_parts_add_up(name: str) -> None:
     arm = worn(load_arm(name), np.random.default_rng(2))
@@ -107,6 +108,7 @@ def test_the_frame_s_error_is_that_of_its_axes_and_the_centre_s_that_of_the_body
     np.testing.assert_allclose(axis.sigma, axis.frame.position, rtol=1e-3, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_frame_s_error_is_as_large_as_takes_scatter() -> None:
     takes = [seen("psm_pitch_back", seed) for seed in range(30)]
     scatter = np.std([take.position for take in takes], axis=0)

@@ -57,6 +57,7 @@ def test_offsets_are_found_but_for_those_that_nothing_shows(tmp_path: Path, boar
     assert np.abs(off(base, truth["A"])).max() < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boards", [False, True])
 def test_standard_deviations_are_honest(tmp_path: Path, boards: bool) -> None:
     scores: list[float] = []

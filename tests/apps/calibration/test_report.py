@@ -51,6 +51,7 @@ def test_a_worn_arms_own_centre_wanders() -> None:
     assert 5e-5 < own_centre(arm.mechanism, centre_links(arm), q).rms_axes.max() < 2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["psm", "ecm"])
 def test_a_calibrated_arms_own_centre_wanders_as_the_worn_arms_did(
     name: str, tmp_path: Path

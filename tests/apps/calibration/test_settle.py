@@ -53,6 +53,7 @@ def off(found: Calibration, truth: dict[str, float]) -> dict[str, float]:
     return {label: found.closed_distances[label] - wanted for label, wanted in truth.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "seed"), WORN)
 def test_closed_lengths_of_worn_robots_are_as_near_as_measured_ones(name: str, seed: int) -> None:
     found, truth = found_of(name, seed), made(name, seed, WHITE).truth["axis_distances_m"]
@@ -61,9 +62,8 @@ def test_closed_lengths_of_worn_robots_are_as_near_as_measured_ones(name: str, s
         assert abs(error) < 3.2 * found.axis_distances[label].sigma, label
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("psm", 1), pytest.param("ecm", 1, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seed"), [("psm", 1), ("ecm", 1)])
 def test_measured_lengths_to_pins_that_slide_are_within_their_deviations(
     name: str, seed: int
 ) -> None:
@@ -94,9 +94,8 @@ def test_chi_squared_never_rises_and_the_rounds_end(name: str, seed: int) -> Non
     assert np.all(np.diff(refined.history) <= 0.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("psm", 0), pytest.param("ecm", 0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seed"), [("psm", 0), ("ecm", 0)])
 def test_more_rounds_do_not_move_the_answer(
     name: str, seed: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -112,12 +111,13 @@ def test_more_rounds_do_not_move_the_answer(
         assert value == pytest.approx(once.closed_distances[label], abs=limit), label
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seed"),
     [
         ("psm", 3),
-        pytest.param("psm", 0, marks=pytest.mark.slow),
-        pytest.param("ecm", 0, marks=pytest.mark.slow),
+        ("psm", 0),
+        ("ecm", 0),
     ],
 )
 def test_exact_tracks_of_axes_that_only_lean_give_every_length(name: str, seed: int) -> None:

@@ -36,9 +36,8 @@ def in_plane(arm: ArmDescription) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"), [("psm", 3), pytest.param("ecm", 4, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seed"), [("psm", 3), ("ecm", 4)])
 def test_truth_tracks_and_overlay_tell_one_distance_of_skew_axes(name: str, seed: int) -> None:
     arm, rng = load_arm(name), np.random.default_rng(seed)
     robot = worn(perturbed(arm, rng), rng)
@@ -59,6 +58,7 @@ def test_truth_tracks_and_overlay_tell_one_distance_of_skew_axes(name: str, seed
     assert not any("along the axes" in text for text in found.warnings)
 
 
+@pytest.mark.slow
 def test_without_the_ground_s_own_axis_the_place_along_skew_axes_is_said_to_be_open() -> None:
     arm = load_arm("psm")
     robot = worn(arm, np.random.default_rng(2))
@@ -75,9 +75,8 @@ def test_without_the_ground_s_own_axis_the_place_along_skew_axes_is_said_to_be_o
 
 
 # In the whole take the loops rest in most samples, and those in which they move are no outliers.
-@pytest.mark.parametrize(
-    ("parts", "seed"), [("", 1), pytest.param("axes", 0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("parts", "seed"), [("", 1), ("axes", 0)])
 def test_a_worn_master_is_calibrated_with_its_leaning_axes(parts: Parts, seed: int) -> None:
     arm = load_arm("mtml")
     robot = worn(arm, np.random.default_rng(seed))

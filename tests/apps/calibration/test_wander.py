@@ -82,6 +82,7 @@ def test_gross_outliers_of_20_mm_are_left_out_and_the_wander_is_not(
     assert found.wander_rms == pytest.approx(truth(name, seed), rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_rest_before_the_swing_does_not_make_the_wander_less() -> None:
     exact = made("psm", 0)
     rested = {
@@ -92,6 +93,7 @@ def test_a_rest_before_the_swing_does_not_make_the_wander_less() -> None:
     assert found.wander_rms == pytest.approx(told("psm", exact.poses).wander_rms, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_centre_of_table_7_is_told_at_yaw_0_wherever_the_arm_swings() -> None:
     exact = made("psm", 0)  # its centre is a millimetre off the yaw axis
     found = told("psm", exact.poses).table7
@@ -169,6 +171,7 @@ def test_intervals_of_a_wandering_centre_and_of_its_curve_cover_them() -> None:
     assert np.median(errors) < 2e-5
 
 
+@pytest.mark.slow
 def test_slow_noise_is_no_wander_and_widens_the_intervals() -> None:
     settings = MocapSettings("kinematic", "both", 24.0, 0.6, 30.0, Noise(), 3)
     slow, white = (

@@ -46,6 +46,7 @@ def blocks(folder: Path) -> list[str]:
     return re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["psm", "full_cart"])
 def test_the_folder_has_what_menagerie_wants(name, tmp_path):
@@ -84,6 +85,7 @@ def test_plain_mujoco_loads_every_file_without_trocar(tmp_path):
     assert not list(folder.glob("MUJOCO_LOG.TXT"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["psm", "mtml", "two_psm_ecm"])
 def test_the_examples_of_the_readme_run(name, tmp_path, monkeypatch):
@@ -99,6 +101,7 @@ def test_the_examples_of_the_readme_run(name, tmp_path, monkeypatch):
     assert model.nu == 2 * sum(len(a.arm.joints) for a in find_rig(name).arms)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", ["psm", "full_cart"])
 def test_the_readme_has_the_source_of_every_mass_and_gain_and_the_versions(name, tmp_path):

@@ -149,6 +149,7 @@ def test_a_calibrated_arm_is_off_by_no_more_than_is_said(
         assert worst < 1.2 * model.line_errors["ECM"].worst
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("silence")
 def test_a_chain_fitted_to_the_tip_has_the_tip_several_times_nearer(
     skew_overlay, rng, tmp_path

@@ -59,6 +59,7 @@ def test_a_topic_that_begins_late_is_known_and_a_file_without_a_summary_is_read(
     assert "PSM1/measured_js" in open_bag(file).topics
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
 def test_a_long_bag_takes_no_more_memory_than_a_short_one(tmp_path: Path, kind: str) -> None:
     peaks: list[int] = []

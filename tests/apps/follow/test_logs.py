@@ -195,6 +195,7 @@ def test_wrist_is_motor_or_joint(psm: ArmDescription, tmp_path: Path) -> None:
         count_rows(tmp_path / "log.csv", psm, wrong)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_recording(psm: ArmDescription, tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(f"{ROW}\n" * 12_000)

@@ -69,6 +69,7 @@ def lag_of(seen: Seen, arm: str, joint: int = 0) -> float:
     return float(shifts[int(np.argmin(misses))])
 
 
+@pytest.mark.slow
 def test_arms_follow_a_bag_of_200_hz_within_ten_milliseconds(tmp_path: Path) -> None:
     path = write(tmp_path / "a.bag", "ros1", rows(["PSM1", "PSM2", "ECM"], 3.0))
     seen, report = follow(path)

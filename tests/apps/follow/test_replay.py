@@ -147,6 +147,7 @@ def test_progress_reaches_the_last_row(log: Path) -> None:
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_recording(
     write_psm_log: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,11 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from trocar.apps.suturing.planning import (
+    APART_M,
+    START,
     Grip,
     Plan,
+    Reach,
     check_needle,
+    clearance,
     load_plan,
     make_plan,
     needle_on_circle,
@@ -79,8 +84,46 @@ def test_wounds_up_to_30_deg_are_planned_with_room_in_every_joint(
 def test_a_wound_across_the_line_between_the_ports_is_refused_with_the_reason(
     task: Suturing,
 ) -> None:
-    with pytest.raises(UnreachableError, match=r"wound at 90 deg.*reach"):
+    with pytest.raises(UnreachableError, match=r"wound at 90 deg.*PSM\d's \w+ would be"):
         plan_at(task, 90.0)
+
+
+def test_a_stitch_that_the_endoscope_does_not_see_is_refused(task: Suturing) -> None:
+    wound, needle = transform(np.eye(3), [0.08, 0.03, 0.01]), task.object_pose("needle")
+    with pytest.raises(UnreachableError, match=r"endoscope's left eye does not see all of it: got"):
+        make_plan(task.world, task.tissue.tissue, wound, [0.0], needle)
+
+
+def test_shafts_that_would_meet_are_near_and_those_of_plans_are_not(task: Suturing) -> None:
+    plan = plan_at(task, 0.0)
+    (stitch,) = plan.stitches
+    reaches = {name: Reach(task.world, name) for name in ("PSM1", "PSM2")}
+    assert clearance(stitch, plan.needle, reaches, []) > APART_M
+    tip = stitch.needle_pose(plan.needle, START) @ stitch.grips[0].pose(plan.needle)
+    scope = tip[:3, 3], tip[:3, 3] + [0.0, 0.0, 0.1]  # one that stands on the instrument's tip
+    assert clearance(stitch, plan.needle, reaches, [scope]) < APART_M
+
+
+def test_pictures_have_rings_about_planned_punctures_and_the_banner(task: Suturing) -> None:
+    task.reset(1)
+    task.make_plan()
+    task.announce("stitch 1: approach")
+    seen: list[str] = []
+
+    def capture() -> NDArray[np.uint8]:
+        seen.extend(one.name for one in task.world.snapshot(arms=False).drawings)
+        return np.full((120, 160, 3), 90, np.uint8)
+
+    image = task.picture(capture)
+    assert {"plan_1_in", "plan_1_out"} <= set(seen)
+    names = {one.name for one in task.world.snapshot(arms=False).drawings}
+    assert not any(name.startswith("plan_") for name in names)
+    assert (image[8:] == 90).all()
+    assert image[:7].max() > 100 > 31 > image[:7].min()
+
+
+def test_a_plan_is_drawn(task: Suturing) -> None:
+    assert plan_at(task, 10.0).picture().startswith(b"\x89PNG")
 
 
 def test_a_plan_comes_back_from_its_file(task: Suturing, tmp_path: Path) -> None:
@@ -141,7 +184,7 @@ def test_the_challenges_score_of_a_pose_sums_base_middle_and_tip() -> None:
     )
 
 
-def test_the_challenges_pass_counts_crossings_in_order_and_direction() -> None:
+def test_the_challenges_pass_is_the_last_crossing_of_entry_then_exit() -> None:
     entry, out = np.eye(4), transform(np.eye(3), [0.01, 0.0, 0.0])
     angles = np.linspace(0.2, -1.2 * np.pi, 200)
     path = np.column_stack(
@@ -149,10 +192,17 @@ def test_the_challenges_pass_counts_crossings_in_order_and_direction() -> None:
     )
     made = score_pass(path, entry, out)
     assert made.complete
-    assert made.entry_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-6)
-    assert made.exit_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-6)
-    assert 0.0 < made.protrusion_m < 0.0051
+    assert made.entry_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-5)  # of one sample
+    assert made.exit_m == pytest.approx(np.hypot(1e-4, 3e-4), abs=2e-5)
+    assert made.axial_m == pytest.approx(0.0051 * np.sin(0.2 * np.pi))
     assert not score_pass(path[::-1], entry, out).complete
+    assert not score_pass(path[:120], entry, out).complete  # it has not come out
+    again = score_pass(
+        np.concatenate([path, [[0.01, 4e-3, -1e-3], [0.01, 4e-3, 1e-3]]]), entry, out
+    )
+    assert again.exit_m == pytest.approx(4e-3)
+    wide = path + np.array([0.0, 6e-3, 0.0])
+    assert np.isnan(score_pass(wide, entry, out).entry_m)
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ from trocar.apps.tasks import Episode, play
 from trocar.errors import InputError, TrocarError
 
 
+@pytest.mark.slow
 def test_workers_change_nothing_and_a_killed_ones_episode_runs_again(touch: Path) -> None:
     alone = list(play(str(touch), range(3)))
     found: list[Episode] = []
@@ -80,7 +81,7 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4), 2, "local
 print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
 """
     words = [sys.executable, "-c", code]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    done = subprocess.run(words, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()  # Ray prints of the worker that died, too
     found, alone = (line for line in lines if line.startswith("digests"))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trocar.apps.motions import Hand
 from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.apps.vision.scenes import VisualServoing
 from trocar.descriptions import load_rig, names
@@ -135,6 +136,29 @@ def test_the_policy_of_the_wall_finds_the_board_by_the_rings() -> None:
         task.reset(seed)
         found = inverse(task.object_pose("board")) @ task._T_board  # type: ignore[attr-defined]
         assert np.linalg.norm(found[:2, 3]) < 1.5e-3
+
+
+def test_a_hand_that_turns_on_and_on_turns_back_before_the_limit_of_its_roll(task: Task) -> None:
+    task.reset(0)
+    hand = Hand(task, "PSM1")
+    for k in range(6):
+        angle = np.radians(80.0 * k)
+        for part in hand.over(np.array([0.03, 0.0, 0.03]), 0.0, angle):
+            task.command(part)
+        closing = task.world.arms["PSM1"].tip_in_world().T[:3, 1]
+        assert abs(closing[:2] @ [np.cos(angle), np.sin(angle)]) > np.cos(np.radians(2.0))
+    assert task.stalled == {"PSM1": 0.0}
+
+
+def test_an_arm_that_stands_still_though_an_action_moves_it_stands_in_the_result(
+    task: Task,
+) -> None:
+    task.scene = replace(task.scene, time_limit=1.0)
+    found = run_episode(task, 0, lambda _: np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0]))
+    assert found.reason.startswith("time; PSM1 stands still, ")
+    assert 0.01 < found.stalled_s["PSM1"] < 0.9
+    assert found.distance_m["PSM1"] > 0.06  # the pitch slows it before
+    assert task.state()["stalled"]["PSM1"] in found.reason
 
 
 def test_an_object_that_no_jaw_can_hold_is_one_error(touch: Path) -> None:

@@ -61,6 +61,7 @@ def test_a_hand_on_a_handle_carries_the_master_and_the_tool_follows() -> None:
     assert not bench.engine.carriers["MTMR"].busy
 
 
+@pytest.mark.slow
 def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     pytest.importorskip("mcap")
     source = Bench()
@@ -89,6 +90,7 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     assert np.linalg.norm(moved) == pytest.approx(0.2 * 0.03, rel=0.15)
 
 
+@pytest.mark.slow
 def test_a_reset_lets_a_recorded_motion_begin_anew_once_its_master_is_aligned() -> None:
     bench = Bench()
     rest = bench.world.arm("MTMR").setpoints()

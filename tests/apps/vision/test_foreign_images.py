@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[3]
 pytest.importorskip("cv2", reason="needs the extra vision")
 
 
+@pytest.mark.slow
 def test_a_needle_in_images_of_mujocos_renderer_is_followed() -> None:
     result = subprocess.run(
         [sys.executable, str(ROOT / "examples" / "vision" / "foreign_images.py")],

@@ -26,7 +26,7 @@ from trocar.interfaces.crtk.messages import (
 )
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
 from trocar.interfaces.loop import SERVER_TICK_S
-from trocar.interfaces.pictures import Pictures
+from trocar.interfaces.pictures import Overlay, Pictures
 from trocar.simulation import World
 
 from ..fake_renderer import FakeRenderer
@@ -46,12 +46,14 @@ class Filmed(Served):
         wanted: list[str] | None = None,
         renderer: FakeRenderer | None = None,
         calibrations: dict | None = None,
+        overlay: Overlay | None = None,
         **options: Any,
     ) -> None:
         self.world, self.clock = World(rig), HandClock()
         self.loop = Loop(self.world, tick_s=SERVER_TICK_S, clock=self.clock)
         self.renderer = renderer or FakeRenderer()
         self.pictures = Pictures(self.loop, lambda: self.renderer, calibrations=calibrations)
+        self.pictures.overlay = overlay
         self.pictures.start()
         self.core = Core(self.loop, pictures=self.pictures, **options)
         self.transport = MemoryTransport(wanted)
@@ -290,3 +292,39 @@ def test_a_rig_without_cameras_has_none(filmed) -> None:
     served = filmed("psm", wanted=None)
     served.run(0.02)
     assert served.renderer.drawn == 0
+
+
+def test_overlays_have_topics_of_their_own_with_the_stamp_of_the_image(
+    filmed: Callable[..., Filmed],
+) -> None:
+    drawn: list[int] = []
+
+    def overlay(frame: Any, eye: int) -> np.ndarray:
+        drawn.append(eye)
+        picture = (frame.left, frame.right)[eye].copy()
+        picture[:4] = (10, 20, 30)
+        return picture
+
+    topics = [f"endoscope/{e}/{o}image_raw" for e in EYES for o in ("", "overlay/")]
+    served = filmed(
+        wanted=[*topics, "endoscope/left/overlay/image_raw/compressed"], overlay=overlay
+    )
+    served.run(0.1)
+    for eye in EYES:
+        plain = served.messages(f"endoscope/{eye}/image_raw")
+        over = served.messages(f"endoscope/{eye}/overlay/image_raw")
+        assert [m["header"] for m in plain] == [m["header"] for m in over] and len(over) > 2
+        pixels = over[-1]["data"].reshape(over[-1]["height"], over[-1]["width"], 3)
+        assert (pixels[:4] == (10, 20, 30)).all() and not pixels[4:].any()
+        assert not plain[-1]["data"].any()
+    (packed, *_) = served.messages("endoscope/left/overlay/image_raw/compressed")
+    opened = np.asarray(Image.open(io.BytesIO(bytes(packed["data"]))))
+    assert np.abs(opened[:2].astype(int) - (10, 20, 30)).max() < 12
+    # Once for each eye and image, however many look.
+    assert drawn.count(0) == len(served.messages("endoscope/left/overlay/image_raw"))
+
+
+def test_without_anything_to_draw_there_are_no_topics_of_overlays(
+    filmed: Callable[..., Filmed],
+) -> None:
+    assert not [name for name in filmed().core.topics if "overlay" in name]

@@ -163,3 +163,17 @@ def test_the_page_has_the_window_and_shows_what_is_drawn(
         loop.run(0.02)
     pictures.close()
     assert run_there(server, lambda: Page(server, world, loop)).cameras is None
+
+
+def test_overlays_are_shown_until_they_are_switched_off(server: LocalServer, world: World) -> None:
+    pictures = Pictures(Loop(world), FakeRenderer)
+    pictures.overlay = lambda frame, eye: np.full_like((frame.left, frame.right)[eye], 120)
+    window = run_there(server, lambda: CameraWindow(server.gui, pictures, {"endoscope": 2}))
+    window.show(time.perf_counter())
+    for switched, brightness in ((True, 120), (False, LIGHT)):
+        run_there(server, lambda on=switched: window.choose_overlays(on))
+        window._awaited = True
+        one = shot(window)
+        one._overlay = pictures.overlay
+        window.take(one)
+        assert np.abs(shown(server, window) - brightness).max() < 4

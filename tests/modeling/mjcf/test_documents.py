@@ -36,6 +36,7 @@ from .conftest import ARMS, RIGS, compiled, find, model_of, written
 AGREED = 1e-9
 
 
+@pytest.mark.slow
 def test_every_arm_and_rig_compiles_without_a_warning():
     for name in (*ARMS, *RIGS):
         for variant in VARIANTS:
@@ -43,6 +44,7 @@ def test_every_arm_and_rig_compiles_without_a_warning():
             assert model.nu and model.nkey == 1 and not complaints, (name, variant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tool", [*names("tools"), "none"])
 def test_every_instrument_compiles_and_rests(tool, complaints):
     model = compiled(lone_arm_rig(load_arm("psm", tool=tool)))

@@ -107,6 +107,7 @@ def test_the_file_with_the_simulations_servos_moves_as_the_simulation(name):
     assert apart_from_the_simulation(rig, compiled(rig, PID)) < SAME
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["psm", "ecm", "mtm", "suj_two_psm_ecm"])
 def test_the_file_that_takes_positions_moves_as_position_servos_without_weight(name):
     """What position servos do is held against the simulation's in test_position_servos."""
@@ -120,6 +121,7 @@ def test_the_file_that_takes_positions_moves_as_position_servos_without_weight(n
     assert max(np.abs(ours[arm] - theirs[arm]).max() for arm in ours) < SAME
 
 
+@pytest.mark.slow
 def test_a_friction_that_differs_by_a_thousandth_is_seen():
     """The agreement is no tautology."""
     rig = load_rig("psm")

@@ -1,4 +1,4 @@
-"""Simulated arms along a real robot's motion: mirrored (docs/mirror.md), replayed or repeated."""
+"""Simulated arms along a real robot's motion: mirrored, replayed (docs/follow.md) or repeated."""
 
 from trocar.apps.bags import Bag, open_bag
 from trocar.apps.follow.mirror import BagSource, LiveSource, Mirror, MirrorReport

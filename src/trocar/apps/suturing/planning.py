@@ -7,7 +7,7 @@ other arm takes it there and turns it out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -15,11 +15,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.apps.drawing import PALETTE, new_figure, png
+from trocar.cameras import StereoCalibration
+from trocar.cameras.lens import project
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.table import parse_table, toml_text
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import InputError, SingularError, UnreachableError
-from trocar.geometry.se3 import inverse, transform
+from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
 from trocar.outputs import write_text
@@ -46,6 +49,14 @@ STEP = np.radians(4.0)
 ABOVE_M = 0.02
 #: Joints this near to a limit are as good as out of reach. Source: our own choice. [rad]
 LEAST = np.radians(2.0)
+#: Axes of two shafts are at least so far apart. Source: radii of 4.2 mm of instruments and 5 mm of
+#: the endoscope, and some room. [m]
+APART_M = 0.0105
+#: From an instrument's tip back to the end of its shaft, along the jaw. Source: length of the wrist
+#: of a large needle driver in the dVRK's tables, 9.1 mm. [m]
+WRIST_M = 0.0091
+#: Points of a shaft that are looked at. Source: our own choice, one each 4 mm.
+ALONG = 40
 #: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
 ENOUGH = np.radians(8.0)
 
@@ -154,6 +165,43 @@ class Plan:
     def save(self, path: Path, *, overwrite: bool = False) -> None:
         """Write it as TOML."""
         write_text(path, toml_text(self.document()), overwrite)
+
+    def picture(self) -> bytes:
+        """Return a drawing of it as PNG: from above, and each stitch across the wound.
+
+        Raises:
+            MissingExtraError: matplotlib is not installed
+        """
+        figure = new_figure(9.0, 4.4, "drawing a plan")
+        above, across = figure.subplots(1, 2)
+        angles = np.linspace(0.0, 2.0 * np.pi, 181)
+        for number, one in enumerate(self.stitches):
+            colour, points = PALETTE[number % len(PALETTE)], 1e3 * one.points
+            radius, height = 1e3 * one.radius, 1e3 * one.height
+            above.plot(points[[0, 3], 0], points[[0, 3], 1], "-o", color=colour, markevery=[0])
+            words = (
+                f"{number + 1}: {one.driver} drives ({np.degrees(one.margins[0]):.0f} deg to"
+                f" {one.limited[0]}'s limit),\n{one.taker} takes"
+                f" ({np.degrees(one.margins[1]):.0f} deg to {one.limited[1]}'s)"
+            )
+            across.plot(
+                radius * np.cos(angles),
+                height + radius * np.sin(angles),
+                "--",
+                color=colour,
+                lw=0.8,
+            )
+            across.plot(points[:, 1], points[:, 2], "o", color=colour, label=words)
+        above.axhline(0.0, color="0.6")
+        across.axhline(0.0, color="0.6")
+        above.set(title="from above (dot: in)", xlabel="along the wound [mm]")
+        above.set(ylabel="across [mm]")
+        across.set(title="across: needle's circle, channel points", xlabel="across [mm]")
+        across.set(ylabel="above the surface [mm]")
+        figure.legend(fontsize=7, loc="outside lower center")
+        for axes in (above, across):
+            axes.set_aspect("equal", adjustable="datalim")
+        return png(figure)
 
 
 def load_plan(path: Path) -> Plan:
@@ -276,6 +324,23 @@ class Reach:
         except (UnreachableError, SingularError):
             return None
 
+    def room(self, T: Array) -> tuple[float, str]:
+        """Return how far joints can be from limits with the tip at a pose in the world, and which.
+
+        Returns:
+            the least distance, below 0 beyond a limit, -inf where no joint alone is in the way
+            [rad]; its joint
+        """
+        try:
+            found = inverse_kinematics(self._mechanism, self._structure, self._back @ T)
+        except SingularError:
+            return -np.inf, ""
+        except UnreachableError as problem:
+            joints = {key: over for key, over in problem.excess.items() if key in self.names}
+            joint = max(joints, key=lambda key: joints[key], default="")
+            return -joints.get(joint, np.inf), joint
+        return max(self.margin(q) for q in found)
+
     def margin(self, q: Array) -> tuple[float, str]:
         """Return the least distance of a turning joint from a limit, and which [rad]."""
         room = np.where(self._turns, np.minimum(q - self._lower, self._upper - q), np.inf)
@@ -320,19 +385,34 @@ def make_plan(
 
     Raises:
         InputError: the needle does not fit jaws or tissue
-        UnreachableError: no arm reaches it; says which joint is in the way
+        UnreachableError: no arm reaches it, shafts would meet, or an endoscope does not see it;
+            says which joint is in the way and by how much
     """
     needle = tissue.wire
     check_needle(tissue)
+    scopes = [
+        (arm.tip_in_world().T[:3, 3], world.remote_centres()[name])
+        for name, arm in world.arms.items()
+        if arm.type == "ECM"
+    ]
     arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
     reaches = {name: Reach(world, name) for name in arms}
     found: list[Stitch] = []
     for place in places:
         before = found[-1] if found else None
+        _check_view(world, tissue, wound, place)
         options = list(_options(reaches, tissue, (wound, place), needle_pose, before))
+        if options:
+            gaps = [clearance(one, needle, reaches, scopes) for one in options]
+            options = [one for one, gap in zip(options, gaps, strict=True) if gap >= APART_M]
+            if not options:
+                raise UnreachableError(
+                    f"stitch {len(found) + 1}: shafts come within {1e3 * max(gaps):.1f} mm of each"
+                    f" other; allowed: {1e3 * APART_M:.1f} mm"
+                )
         best = max(options, key=lambda one: min(one.margins), default=None)
         if best is None or min(best.margins) < LEAST:
-            raise UnreachableError(_why_not(reaches, tissue, wound, place))
+            raise UnreachableError(_why_not(reaches, tissue, (wound, place), best))
         found.append(best)
     return Plan(tuple(found), needle)
 
@@ -361,6 +441,65 @@ def check_needle(tissue: Tissue) -> None:
         raise InputError(
             f"needle: got a wire of {1e3 * needle.wire:.2f} mm; allowed: up to 2 mm, for the jaws"
         )
+
+
+def clearance(
+    stitch: Stitch,
+    needle: Needle,
+    reaches: Mapping[str, Reach],
+    scopes: Sequence[tuple[Array, Array]],
+) -> float:
+    """Return the least distance between axes of shafts while a stitch is made [m].
+
+    Args:
+        stitch: as it is planned
+        needle: with which
+        reaches: of the arms
+        scopes: both ends of the shafts of endoscopes, in the world
+    """
+
+    def shaft(row: int, angle: float) -> tuple[Array, Array]:
+        arm = (stitch.driver, stitch.taker)[row]
+        T = stitch.needle_pose(needle, angle) @ stitch.grips[row].pose(needle)
+        return T[:3, 3] - WRIST_M * T[:3, 2], reaches[arm].port
+
+    gaps = [_apart(shaft(0, stitch.out), shaft(1, stitch.out))]
+    for row, (first, last) in enumerate(((START, stitch.out), (stitch.out, END))):
+        for angle in np.arange(first, last, 3.0 * STEP):
+            gaps += [_apart(shaft(row, angle), scope) for scope in scopes]
+    return min(gaps)
+
+
+def _apart(one: tuple[Array, Array], two: tuple[Array, Array]) -> float:
+    """Return the distance between two segments, of one of which points are looked at [m]."""
+    points = one[0] + np.linspace(0.0, 1.0, ALONG)[:, None] * (one[1] - one[0])
+    way = two[1] - two[0]
+    share = np.clip((points - two[0]) @ way / (way @ way), 0.0, 1.0)
+    return float(np.linalg.norm(points - two[0] - share[:, None] * way, axis=1).min())
+
+
+def _check_view(world: World, tissue: Tissue, wound: Array, place: float) -> None:
+    """Reject a stitch that an endoscope does not see.
+
+    Raises:
+        UnreachableError: which eye, and where in its image the stitch would be
+    """
+    points = stitch_points(tissue, place, tissue.wire.radius, RISE * tissue.wire.radius)
+    seen = points @ wound[:3, :3].T + wound[:3, 3]
+    for camera in world.cameras().values():
+        if camera.kind != "endoscope" or not isinstance(camera.calibration, StereoCalibration):
+            continue
+        for side, lens, eye in zip(
+            ("left", "right"), camera.calibration.eyes, camera.T_world_eyes, strict=True
+        ):
+            at = project(transform_points(inverse(eye), seen), lens.K, lens.distortion)
+            out = ~((at >= 0.0) & (at < lens.size)).all(axis=1)
+            if out.any():
+                raise UnreachableError(
+                    f"stitch {1e3 * place:.1f} mm along the wound: {camera.name}'s {side} eye does"
+                    f" not see all of it: got a point at {at[out][0].round().tolist()} px; allowed:"
+                    f" within {list(lens.size)} px"
+                )
 
 
 _NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))
@@ -444,12 +583,55 @@ def _pairs(reaches: dict[str, Reach], needle_pose: Array) -> list[tuple[str, str
     return [(one, two) for one in near for two in near if one != two]
 
 
-def _why_not(reaches: dict[str, Reach], tissue: Tissue, wound: Array, place: float) -> str:
-    """Say why no arm reaches a stitch."""
+def _why_not(
+    reaches: dict[str, Reach],
+    tissue: Tissue,
+    where: tuple[Array, float],
+    best: Stitch | None,
+) -> str:
+    """Say why no arm reaches a stitch: which joint is in the way, and by how much."""
+    needle, (wound, place) = tissue.wire, where
     yaw = np.degrees(np.arctan2(wound[1, 0], wound[0, 0]))
     at = np.round(1e3 * (wound @ [place, 0.0, 0.0, 1.0])[:3], 1).tolist()
+    if best is not None:
+        worst = int(np.argmin(best.margins))
+        arm = (best.driver, best.taker)[worst]
+        room, joint = best.margins[worst], best.limited[worst]
+    else:
+        arm, room, joint = max(
+            (
+                _nearest_miss(reach, tissue, where, side)
+                for reach in reaches.values()
+                for side in (1, -1)
+            ),
+            key=lambda found: found[1],
+        )
+    off = np.degrees(room)
+    way = f"{off:.0f} deg from its limit" if off >= 0.0 else f"{-off:.0f} deg beyond its limit"
+    reason = f"{arm}'s {joint} would be {way} at best" if joint else f"{arm} does not reach so far"
     return (
         f"stitch at {at} mm across a wound at {yaw:.0f} deg: {' and '.join(reaches)} do not reach"
-        f" its whole arc of {1e3 * tissue.wire.radius:.1f} mm radius by {np.degrees(LEAST):.0f} deg"
-        " from every joint's limit; allowed: within 45 deg of the line between the ports, and 30 mm"
+        f" its whole arc of {1e3 * needle.radius:.1f} mm radius: {reason}; needed:"
+        f" {np.degrees(LEAST):.0f} deg; allowed: within 45 deg of the line between the ports, and"
+        " 30 mm"
     )
+
+
+def _nearest_miss(
+    reach: Reach, tissue: Tissue, where: tuple[Array, float], side: int
+) -> tuple[str, float, str]:
+    """Return an arm, the least margin of its joints on the arc as it drives it best, and of which.
+
+    Each pose counts by itself, whether or not the arm gets from one to the next.
+    """
+    needle, (wound, place) = tissue.wire, where
+    height = RISE * needle.radius
+    best = (reach.arm.name, -np.inf, "")
+    for along, across in product((1, -1), repeat=2):
+        held = Grip(HOLD_SWAGE, along, across).pose(needle)
+        least = (reach.arm.name, np.inf, "")
+        for tip in np.arange(START, np.pi, 3.0 * STEP):
+            pose = needle_on_circle(wound, place, height, side, tip - needle.arc)
+            least = min(least, (reach.arm.name, *reach.room(pose @ held)), key=lambda one: one[1])
+        best = max(best, least, key=lambda found: found[1])
+    return best

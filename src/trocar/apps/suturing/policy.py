@@ -255,6 +255,8 @@ class Sewing:
         self.op.announce(f"stitch {number + 1}: drive")
 
         def late(angle: float) -> bool:
+            if tissue.astray:
+                raise StitchError(f"stitch {number + 1}: the tip went in beside the plan")
             return not tissue.passed[number, 0] and angle > stitch.surface + MISSED_RAD
 
         yield from self._arc(hand, stitch, held, (START, stitch.out), DRIVE_RAD_S, late)

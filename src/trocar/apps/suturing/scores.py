@@ -27,6 +27,7 @@ class StitchScore:
         displacement_mm, force_n: largest, of tissue at a channel point
         tension_n: largest, of the thread
         excess_mm: largest length by which the thread was too long: a measure of numerical health
+        press_n: largest force with which fingers pressed the surface
         slip_um, turn_deg: largest change of the needle's pose in a jaw that held it
         friction: largest share of a grip's friction that was used
         gap_before_mm, gap_mm, gap_deep_mm: between the walls: before; in the end at the surface,
@@ -44,6 +45,7 @@ class StitchScore:
     force_n: float = 0.0
     tension_n: float = 0.0
     excess_mm: float = 0.0
+    press_n: float = 0.0
     slip_um: float = 0.0
     turn_deg: float = 0.0
     friction: float = 0.0
@@ -94,6 +96,7 @@ class Watch:
         score.force_n = max(score.force_n, float(forces))
         score.tension_n = max(score.tension_n, read.tension)
         score.excess_mm = max(score.excess_mm, 1e3 * read.excess)
+        score.press_n = max(score.press_n, read.pressed)
         self._look_at_grips(score)
         return read
 
@@ -137,7 +140,7 @@ def pose_score(needle: Needle, reported: Array, true: Array) -> float:
     """Return the score of a reported needle pose as task 1 of the AccelNet challenge has it [m].
 
     The sum of the distances of the needle's base, middle and tip; the least wins.
-    Source: AccelNet surgical robotics challenge 2021-22, evaluation of task 1.
+    Source: as of `score_pass`, `Task_1_Evaluation`.
 
     Args:
         needle: its dimensions
@@ -153,53 +156,51 @@ class Pass:
     """A pass of a needle's tip through two holes, as tasks 2 and 3 of the challenge score it.
 
     Attributes:
-        entry_m, exit_m: lateral distance of the tip from the hole where it crossed; NaN: it did not
-        protrusion_m: how far the tip stands out of the exit in the end, along its axis
-        complete: both crossed, in order
+        entry_m, exit_m: lateral distance of the tip from a hole at the first sample beyond its
+            plane, of the last crossing; NaN: it did not cross
+        axial_m: distance of the tip from the exit's plane in the end
+        complete: whether it crossed the entry before the exit, and is nearer to the exit then
     """
 
     entry_m: float
     exit_m: float
-    protrusion_m: float
-
-    @property
-    def complete(self) -> bool:
-        """Whether the tip crossed both."""
-        return not np.isnan(self.entry_m + self.exit_m)
+    axial_m: float
+    complete: bool
 
 
-#: Half the box about a hole that counts as passing it. Source: the challenge's evaluation, 0.05 of
-#: its units, at 0.1 m a unit. [m]
+#: Half the edges of the box about a hole in which the tip is looked at, and the distance from the
+#: exit that the challenge recommends for the end. Source: `hole_bounds` of the challenge's
+#: evaluation.py. [m]
 HOLE_M = 5e-3
 
 
 def score_pass(tips: ArrayLike, entry: Array, out: Array) -> Pass:
     """Score a tip's path through two holes as tasks 2 and 3 of the challenge do.
 
-    The tip crosses an entry from +z to -z of its frame, an exit from -z to +z, each within 5 mm;
-    what counts is the distance from the middle of the hole where it crosses its plane, and how
-    far the tip stands out of the exit in the end.
-    Source: AccelNet surgical robotics challenge 2021-22, evaluation of tasks 2 and 3.
+    The tip is looked at within 5 mm of a hole along each axis. It crosses an entry from +z to -z
+    of its frame, an exit from -z to +z; the last crossing counts, by the tip's distance from the
+    hole's axis at the first sample beyond the plane.
+    Source: surgical-robotics-ai/surgical_robotics_challenge at c17b95a, evaluation/evaluation.py
+    (of 2021-22; tasks 1 and 2 of 2023-24 are 2 and 3 there). It samples every 10 ms.
 
     Args:
         tips: the tip's way in the world, (n, 3) [m]
         entry, out: frames of the holes in the world, z out of the surface, (4, 4)
     """
     path = np.asarray(tips, dtype=np.float64)
-    went_in, at_entry = _crossing(path, entry, -1.0)
-    came_out, at_exit = _crossing(path[went_in:], out, 1.0)
-    last = (path[-1] - out[:3, 3]) @ out[:3, :3]
-    protrusion = float(max(last[2], 0.0)) if not np.isnan(at_exit) else 0.0
-    return Pass(at_entry, at_exit if came_out else float("nan"), protrusion)
+    (went, at_entry), (came, at_exit) = _crossing(path, entry, -1.0), _crossing(path, out, 1.0)
+    end = (path[-1] - out[:3, 3]) @ out[:3, :3]
+    nearer = np.linalg.norm(end) < np.linalg.norm(path[-1] - entry[:3, 3])
+    return Pass(at_entry, at_exit, abs(float(end[2])), bool(0 <= went < came and nearer))
 
 
 def _crossing(path: Array, hole: Array, direction: float) -> tuple[int, float]:
-    """Return after which point a path crosses a hole's plane in a direction, and how far off."""
+    """Return which point lies beyond a hole's plane after the last crossing, and how far off it."""
     local = (path - hole[:3, 3]) @ hole[:3, :3]
-    z = direction * local[:, 2]
-    for k in np.flatnonzero((z[:-1] < 0.0) & (z[1:] >= 0.0)):
-        share = z[k] / (z[k] - z[k + 1])
-        at = local[k] + share * (local[k + 1] - local[k])
-        if np.abs(at[:2]).max() <= HOLE_M:
-            return int(k) + 1, float(np.hypot(at[0], at[1]))
-    return 0, float("nan")
+    near = np.flatnonzero((np.abs(local) <= HOLE_M).all(axis=1))
+    z = direction * local[near, 2]
+    crossed = np.flatnonzero((z[:-1] < 0.0) & (z[1:] > 0.0))
+    if not len(crossed):
+        return -1, float("nan")
+    after = int(near[crossed[-1] + 1])
+    return after, float(np.hypot(*local[after, :2]))

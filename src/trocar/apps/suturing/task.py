@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
 from trocar.apps.suturing.planning import Plan, make_plan, wound_frame
 from trocar.apps.suturing.policy import Noise, Sewing, StitchError
@@ -17,6 +19,7 @@ from trocar.descriptions.scenes import Goal, Scene
 from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import inverse, transform
+from trocar.simulation.records import DrawnCurve
 from trocar.simulation.tissues import SoftTissue
 
 Array = NDArray[np.float64]
@@ -30,6 +33,11 @@ SEEN = 15
 LOOK_PERIODS = 5
 #: Units at the end of the scores' names.
 UNITS = ("mm", "um", "deg", "n", "s")
+#: Rings in pictures about planned points: radius, thickness, height above the surface, colour.
+#: Source: our own choice; a blue that tissue never has. [m]
+RING_M, RING, RING_RGBA = (1.2e-3, 1.2e-4, 2e-4), 16, (0.35, 0.75, 1.0, 1.0)
+#: Height of a banner by that of the picture. Source: our own choice.
+BANNER = 0.055
 #: A stitch is closed with less than this between the edges. Source: our own choice. [m]
 CLOSED_M = 3e-4
 
@@ -120,6 +128,32 @@ class Suturing(Task):
         self.banner = text
         self.world.journal.event(self.tissue.name, "status", text=text)
 
+    def picture(self, capture: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+        """Return the endoscope's image with planned points that are ahead, and with the banner."""
+        stops = [self.world.draw(ring.name, lambda ring=ring: ring) for ring in self._rings()]
+        try:
+            image = np.array(capture())
+        finally:
+            for stop in stops:
+                stop()
+        strip = _banner(self.banner, image.shape[1], round(BANNER * image.shape[0]))
+        image[: len(strip)] = np.maximum(image[: len(strip)] // 3, strip)
+        return image
+
+    def _rings(self) -> Iterator[DrawnCurve]:
+        """Yield rings about planned punctures that are ahead."""
+        if self._plan is None:
+            return
+        tissue, (radius, thick, height) = self.tissue, RING_M
+        angles = np.linspace(0.0, 2.0 * np.pi, RING + 1)
+        circle = radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(RING + 1)])
+        for number, points in enumerate(tissue.plan):
+            for place, k in (("in", 0), ("out", 3)):
+                if not tissue.passed[number, k]:
+                    at = circle + points[k] + [0.0, 0.0, height]
+                    at = at @ tissue.pose[:3, :3].T + tissue.pose[:3, 3]
+                    yield DrawnCurve(f"plan_{number + 1}_{place}", at, thick, RING_RGBA, 0.3)
+
     @property
     def plan(self) -> Plan:
         """Its stitches; made where the policy has not."""
@@ -151,6 +185,15 @@ class Suturing(Task):
             self._failed = "the wound is still open"
         except StitchError as problem:
             self._failed = str(problem)
+
+
+@lru_cache(maxsize=16)
+def _banner(text: str, width: int, height: int) -> NDArray[np.uint8]:
+    """Return a strip of an image with white words, (height, width, 3)."""
+    strip = Image.new("RGB", (width, height))
+    font = ImageFont.load_default(size=0.6 * height)
+    ImageDraw.Draw(strip).text((0.5 * height, 0.15 * height), text, fill="white", font=font)
+    return np.array(strip)
 
 
 class NeedleThroughPhantom(Suturing):
@@ -186,6 +229,6 @@ class NeedleThroughPhantom(Suturing):
                 found |= {
                     f"{name} entry [mm]": 1e3 * made.entry_m,
                     f"{name} exit [mm]": 1e3 * made.exit_m,
-                    f"{name} out [mm]": 1e3 * made.protrusion_m,
+                    f"{name} out [mm]": 1e3 * made.axial_m,
                 }
         return found

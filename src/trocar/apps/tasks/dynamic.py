@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.motions import TRIES, UP, Hand, Motion, pointing_down, together
+from trocar.apps.motions import TRIES, UP, Hand, Motion, together
 from trocar.apps.task import SETTLED_S, Task
 from trocar.apps.tasks.transfer import Carry, across
 from trocar.descriptions.scenes import Goal
@@ -101,9 +101,9 @@ class Pendulum(Task):
 
     def _run(self, hand: Hand) -> Motion:
         ((_, at),) = self.goals
-        down = pointing_down(np.pi / 2.0, self.target(hand.arm)[:3, :3])
         side = 1.0 if self.target(hand.arm)[0, 3] > at[0] else -1.0
         beside = at + hand.reach * UP
+        down = hand.pointing_down(np.pi / 2.0, beside)
         outwards = np.array([side, 0.0, 0.0])
         yield from hand.close(0.0)
         for _ in range(TRIES):

@@ -114,8 +114,9 @@ def _on_cluster(
         here = {"address": address}
     try:
         ray.init(log_to_driver=False, logging_level="ERROR", **here)
-    except (ConnectionError, RuntimeError, ValueError) as problem:
-        raise InputError(f"--cluster: got {address!r}: {problem}; allowed: HOST:PORT") from None
+    except Exception as problem:  # noqa: BLE001  the very class that Ray raises when it starts late
+        allowed = "HOST:PORT of a Ray cluster, or local"
+        raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
         run = ray.remote(_episode).options(max_retries=ATTEMPTS - 1)
         for seed, due in zip(seeds, [run.remote(scene, seed) for seed in seeds], strict=True):

@@ -15,6 +15,7 @@ from trocar.interfaces import Loop
 from trocar.interfaces.crtk import Component, Core
 from trocar.interfaces.crtk.topic import STRING, Topic, served
 from trocar.interfaces.inbox import Command
+from trocar.interfaces.pictures import Overlay
 from trocar.interfaces.state import Elapsed
 
 Array = NDArray[np.float64]
@@ -71,6 +72,11 @@ class ServedTask:
         more = self.task.topics.items()
         rows = [Topic(name, STRING, "pub", depth=1, help=text) for name, text in more]
         return Component(served([ROW, *rows]), begin)
+
+    @property
+    def overlay(self) -> Overlay | None:
+        """What draws into images of the cameras, None for a scene that draws nothing."""
+        return self.task.overlay
 
     def note(self) -> str:
         """Return what the page shows of it, HTML."""

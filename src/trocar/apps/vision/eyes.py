@@ -7,7 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.apps.vision.images import metal, opencv
 from trocar.cameras import StereoCalibration
-from trocar.cameras.lens import distort, distortion_jacobian, plane_from_pixels, undistort
+from trocar.cameras.lens import (
+    check_distortion,
+    distort,
+    distort_with_jacobian,
+    plane_from_pixels,
+    undistort,
+)
 from trocar.errors import InputError
 from trocar.geometry import inverse
 
@@ -40,6 +46,7 @@ class Eyes:
         self.T_eye_left = np.stack([np.eye(4), inverse(calibration.T_left_right)])
         self.focal = float(0.5 * (self.K[0, 0, 0] + self.K[0, 1, 1]))
         self._distortion = tuple(eye.distortion for eye in calibration.eyes)
+        self._lenses = np.stack([check_distortion(c) for c in self._distortion], axis=1)[..., None]
 
     def project(self, points: ArrayLike, eye: int) -> Array:
         """Return pixels of points (..., 3) in the left eye's frame, (..., 2)."""
@@ -49,22 +56,25 @@ class Eyes:
         flat = distort(p[..., :2] / depth, self._distortion[eye])
         return flat @ self.K[eye, :2, :2].T + self.K[eye, :2, 2]
 
-    def project_with_jacobian(self, points: Array, eye: int) -> tuple[Array, Array, Array]:
-        """Return pixels (n, 2), depths (n,) and d pixel / d point (n, 2, 3)."""
-        R = self.T_eye_left[eye, :3, :3]
-        p = points @ R.T + self.T_eye_left[eye, :3, 3]
-        depth = np.maximum(p[:, 2], 1e-6)
-        flat = p[:, :2] / depth[:, None]
-        scale = self.K[eye, :2, :2]
-        by_point = np.zeros((len(p), 2, 3))
-        by_point[:, 0, 0] = by_point[:, 1, 1] = 1.0 / depth
-        by_point[:, :, 2] = -flat / depth[:, None]
-        by_point = by_point @ R
-        c = self._distortion[eye]
-        if c.any():
-            by_point = distortion_jacobian(flat, c) @ by_point
-            flat = distort(flat, c)
-        return flat @ scale.T + self.K[eye, :2, 2], depth, scale @ by_point
+    def project_with_jacobian(self, points: Array) -> tuple[Array, Array, Array]:
+        """Return what both eyes see of points (n, 3) in the left eye's frame.
+
+        Returns:
+            pixels (2, n, 2), depths (2, n) and d pixel / d point (2, n, 2, 3)
+        """
+        R = self.T_eye_left[:, :3, :3]
+        p = points @ R.transpose(0, 2, 1) + self.T_eye_left[:, None, :3, 3]
+        depth = np.maximum(p[..., 2], 1e-6)
+        flat = p[..., :2] / depth[..., None]
+        by_point = np.zeros((*flat.shape, 3))
+        by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / depth
+        by_point[..., 2] = -flat / depth[..., None]
+        scale = self.K[:, None, :2, :2]
+        if self._lenses.any():
+            flat, turn = distort_with_jacobian(flat, self._lenses)
+            scale = scale @ turn
+        pixels = flat @ self.K[:, :2, :2].transpose(0, 2, 1) + self.K[:, None, :2, 2]
+        return pixels, depth, scale @ by_point @ R[:, None]
 
     def flat(self, pixels: ArrayLike, eye: int) -> Array:
         """Return the points of the plane z = 1 of an eye that pixels (..., 2) show, (..., 2)."""

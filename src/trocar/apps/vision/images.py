@@ -95,9 +95,7 @@ def between(image: NDArray[Any], pixels: Array) -> NDArray[Any]:
     """Return values at pixels (..., 2), interpolated; beyond the edge those of the edge."""
     cv2 = opencv()
     at = pixels.reshape(len(pixels), -1, 2).astype(np.float32)
-    found = cv2.remap(
-        image, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    found = cv2.remap(image, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return found.reshape(*pixels.shape[:-1], *image.shape[2:])
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from trocar.apps.vision.eyes import Eyes, Picture
 from trocar.apps.vision.images import between, filtered_rows, smoothed_columns, weighed
 from trocar.descriptions.needles import Needle
-from trocar.geometry import matrix_from_rotation_vector, rotation_vector_from_matrix, skew
+from trocar.geometry import matrix_from_rotation_vector, rotation_vector_from_matrix
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -101,8 +101,19 @@ class _View(NamedTuple):
     corner: Array
 
 
+class Covers(NamedTuple):
+    """Bands of both eyes' images that rods cover: starts, ways (m, 2, 1, 2), half widths [px]."""
+
+    starts: Array
+    ways: Array
+    halves: Array
+
+
 class _Line(NamedTuple):
-    """Points of the arc in one eye: pixels, depths, d pixel / d point, normals, px per metre."""
+    """Points (n, 3) of the arc in both eyes, (2, n, ...).
+
+    Pixels, depths, d pixel / d point, normals, px per metre along the arc.
+    """
 
     points: Array
     pixels: Array
@@ -138,24 +149,22 @@ class NeedleFit:
         self.eyes, self.needle = eyes, needle
         self.angles = np.linspace(0.0, needle.arc, PROFILES + 2)[1:-1]
         self._halves = needle.half_width(self.angles)
+        self._half = float(np.median(self._halves))
         self._around = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+        self._rim = _box(-0.5 * RIM, 0.5 * RIM)
+        self._limit = np.array(eyes.size) - 1.0
 
     # ------------------------------------------------------------------ images
 
     def colours(self, images: Sequence[Picture], T: Array) -> Colours:
         """Return the colour direction that separates the needle from what is beside it."""
-        inside: list[Array] = []
-        outside: list[Array] = []
-        for eye in range(2):
-            line = self._line(T, self.angles[::2], eye)
-            half = self._halves[::2] * self.eyes.focal / line.depths
-            for share in (-0.4, 0.0, 0.4):
-                at = line.pixels + (share * half)[:, None] * line.normals
-                inside.append(between(images[eye], at).astype(np.float64))
-            for beyond in (-6.0, -4.0, -2.5, 2.5, 4.0, 6.0):
-                at = line.pixels + (np.sign(beyond) * half + beyond)[:, None] * line.normals
-                outside.append(between(images[eye], at).astype(np.float64))
-        one, other = np.concatenate(inside), np.concatenate(outside)
+        line = self._line(T, self.angles[::2])
+        half = self._halves[::2] * self.eyes.focal / line.depths
+        off = [share * half for share in (-0.4, 0.0, 0.4)]
+        off += [np.sign(beyond) * half + beyond for beyond in (-6.0, -4.0, -2.5, 2.5, 4.0, 6.0)]
+        at = line.pixels + np.stack(off)[..., None] * line.normals
+        values = np.stack([between(images[eye], at[:, eye]) for eye in range(2)], axis=1)
+        one, other = (part.reshape(-1, 3).astype(np.float64) for part in (values[:3], values[3:]))
         middle, beside = np.median(one, axis=0), np.median(other, axis=0)
         scatter = (
             np.cov(np.clip(one - middle, -25.0, 25.0).T)
@@ -179,15 +188,15 @@ class NeedleFit:
         width, height = self.eyes.size
         values: list[Array] = []
         covered = 0.0
-        for eye in range(2):
-            line = self._line(T, self._around, eye)
-            low = np.clip(np.floor(line.pixels.min(axis=0)) - 10, 0, (width - 2, height - 2))
-            high = np.clip(np.ceil(line.pixels.max(axis=0)) + 10, low + 1, (width, height))
+        line = self._line(T, self._around)
+        for eye, pixels in enumerate(line.pixels):
+            low = np.clip(np.floor(pixels.min(axis=0)) - 10, 0, (width - 2, height - 2))
+            high = np.clip(np.ceil(pixels.max(axis=0)) + 10, low + 1, (width, height))
             (left, top), (right, bottom) = low.astype(int), high.astype(int)
             part = images[eye][top:bottom:2, left:right:2].reshape(-1, 3)
             values.append(part.astype(np.float64) @ direction)
-            length = np.mean(line.stretch) * self.needle.length
-            covered += 0.25 * length * self.needle.wire * self.eyes.focal / np.mean(line.depths)
+            length = line.stretch[eye].mean() * self.needle.length
+            covered += 0.25 * length * self.needle.wire * self.eyes.focal / line.depths[eye].mean()
         both = np.concatenate(values)
         share = float(np.clip(0.5 * covered / len(both), 0.002, 0.3))
         outside, inside = np.quantile(both, [0.5, 1.0 - share])
@@ -214,101 +223,101 @@ class NeedleFit:
 
     # ------------------------------------------------------------------ measurements
 
+    def covers(self, rods: Sequence[Rod]) -> Covers | None:
+        """Return what rods cover of both eyes' images, None without rods."""
+        if not rods:
+            return None
+        ends = np.concatenate([(start, end) for start, end, _ in rods])
+        pixels, depths, _ = self.eyes.project_with_jacobian(ends)
+        pairs = pixels.reshape(2, -1, 1, 2, 2).transpose(1, 0, 2, 3, 4)
+        nearest = depths.reshape(2, -1, 2).min(axis=2).T[..., None]
+        radii = np.array([radius for _, _, radius in rods])[:, None, None]
+        start = pairs[..., 0, :]
+        return Covers(start, pairs[..., 1, :] - start, radii * self.eyes.focal / nearest)
+
     def rows(
-        self, views: Sequence[_View], T: Array, length: float, rods: Sequence[Rod] = ()
+        self, views: Sequence[_View], T: Array, length: float, covers: Covers | None = None
     ) -> Rows:
         """Return offsets along profiles that reach so far to both sides [px]."""
-        found: list[tuple[Array, Array, Array, Array]] = []
-        for eye in range(2):
-            line = self._line(T, self.angles, eye)
-            half = float(np.median(self._halves * self.eyes.focal / line.depths))
-            half = max(half, 0.5)
-            ends = length + half + RIM + 2.0
-            places = np.arange(-ends, ends + 0.5 * STEP, STEP)
-            at = line.pixels[:, None] + places[:, None] * line.normals[:, None, :]
-            profile = self._sample(views[eye], at)
-            profile = smoothed_columns(profile, SMOOTH)
-            inside = filtered_rows(profile, _box(-half, half))
-            side = filtered_rows(profile, _box(-0.5 * RIM, 0.5 * RIM))
-            shift = round((half + 0.5 * RIM) / STEP)
-            low, high = shift, len(places) - shift
-            inside = inside[:, low:high]
-            before, after = side[:, low - shift : high - shift], side[:, low + shift : high + shift]
-            places = places[low:high]
-            keep = np.abs(places) <= length + 0.5 * STEP
-            score = (inside - 0.5 * (before + after))[:, keep]
-            beside = np.maximum(before, after)[:, keep]
-            places = places[keep]
-            best = score.argmax(axis=1)
-            row, k = np.arange(len(score)), np.clip(best, 1, len(places) - 2)
-            a, b, c = score[row, k - 1], score[row, k], score[row, k + 1]
-            bend = np.minimum(a - 2.0 * b + c, -1e-6)
-            offset = places[k] + STEP * np.clip(0.5 * (a - c) / bend, -1.0, 1.0)
-            weight = (
-                np.clip((b - 0.3) / 0.3, 0.0, 1.0)
-                * np.clip((0.75 - beside[row, k]) / 0.25, 0.0, 1.0)
-                * ((best > 0) & (best < len(places) - 1))
-                * self._inside(line.pixels, length + 2.0)
-                * self._uncovered(line.pixels, eye, rods)
-            )
-            arm = line.points - T[:3, 3]
-            by_pose = np.concatenate([line.jacobian, -line.jacobian @ skew(arm)], axis=2)
-            jacobian = (line.normals[:, None, :] @ by_pose)[:, 0]
-            found.append((offset.astype(np.float64), jacobian, line.normals, weight))
-        return Rows(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+        line = self._line(T, self.angles)
+        half = max(self._half * self.eyes.focal / float(line.depths.mean()), 0.5)
+        middle, most = int((length + half + RIM + 2.0) / STEP) + 1, int(length / STEP + 0.5)
+        places = STEP * np.arange(-middle, middle + 1)
+        at = line.pixels[:, :, None] + places[:, None] * line.normals[:, :, None]
+        # Profiles of both eyes beside each other: the rims at their ends are not used.
+        profile = smoothed_columns(np.concatenate([*self._sample(views, at)], axis=1), SMOOTH)
+        shape = len(profile), 2, -1
+        inside = filtered_rows(profile, _box(-half, half)).reshape(shape)
+        side = filtered_rows(profile, self._rim).reshape(shape)
+        shift = round((half + 0.5 * RIM) / STEP)
+        before, there, after = (
+            part[..., middle - most + by : middle + most + 1 + by].swapaxes(0, 1)
+            for part, by in ((side, -shift), (inside, 0), (side, shift))
+        )
+        score = there - 0.5 * (before + after)
+        best = score.argmax(axis=2)
+        k = np.clip(best, 1, 2 * most - 1)[..., None]
+        a, b, c = (np.take_along_axis(score, k + by, 2)[..., 0] for by in (-1, 0, 1))
+        beside = np.take_along_axis(np.maximum(before, after), k, 2)[..., 0]
+        bend = np.minimum(a - 2.0 * b + c, -1e-6)
+        offset = STEP * (k[..., 0] - most + np.clip(0.5 * (a - c) / bend, -1.0, 1.0))
+        weight = (
+            np.clip((b - 0.3) / 0.3, 0.0, 1.0)
+            * np.clip((0.75 - beside) / 0.25, 0.0, 1.0)
+            * ((best > 0) & (best < 2 * most))
+            * self._known(line.pixels, length + 2.0, covers)
+        )
+        by_point = (line.normals[:, :, None] @ line.jacobian)[:, :, 0]
+        by_turn = np.cross(line.points - T[:3, 3], by_point)
+        return Rows(
+            offset.ravel().astype(np.float64),
+            np.concatenate([by_point, by_turn], axis=2).reshape(-1, 6),
+            line.normals.reshape(-1, 2),
+            weight.ravel(),
+        )
 
-    def ends(self, views: Sequence[_View], T: Array, rods: Sequence[Rod] = ()) -> Ends:
-        """Return where the ends of the arc are seen."""
-        needle, found = self.needle, Ends(np.zeros(4), np.zeros(4))
+    def ends(self, views: Sequence[_View], T: Array, covers: Covers | None = None) -> Ends:
+        """Return where the ends of the arc are seen: swage and tip, of the left eye first."""
+        needle = self.needle
         s = np.arange(-REACH_M, REACH_M, ALONG_M)
-        for row, (eye, tip) in enumerate((e, t) for e in range(2) for t in (False, True)):
-            sign = 1.0 if tip else -1.0
-            angles = (needle.arc if tip else 0.0) + sign * s / needle.radius
-            line = self._line(T, angles, eye)
-            half = 0.5 * needle.wire * self.eyes.focal / line.depths
-            across = (0.0 if tip else 0.45) * np.maximum(half, 1.0)
-            at = line.pixels + np.array([-1.0, 0.0, 1.0])[:, None, None] * (
-                across[:, None] * line.normals
-            )
-            there = np.clip(self._sample(views[eye], at).mean(axis=0), -0.3, 1.3) - 0.5
-            sums = np.cumsum(there)
-            j = int(sums.argmax())
-            if not 6 < j < len(s) - 7:
-                continue
-            contrast = float(
-                there[j - 11 if j > 11 else 0 : j + 1].mean() - there[j + 1 : j + 13].mean()
-            )
-            middle = line.pixels[j : j + 1]
-            if contrast < 0.55 or not (
-                self._inside(middle, 3.0)[0] and self._uncovered(middle, eye, rods)[0]
-            ):
-                continue
-            thin = POINT_PX / (needle.wire * self.eyes.focal / line.depths[j])
-            seen = s[j] + 0.5 * ALONG_M + (needle.taper * thin if tip else 0.0)
-            found.angle[row] = sign * seen / needle.radius
-            # Ends of an arc that is seen from its edge are less certain.
-            found.weight[row] = contrast * line.stretch[j] * line.depths[j] / self.eyes.focal
-        return found
+        count = len(s)
+        line = self._line(T, np.concatenate([-s / needle.radius, needle.arc + s / needle.radius]))
+        wire = needle.wire * self.eyes.focal / line.depths
+        across = np.maximum(0.5 * wire, 1.0) * np.repeat([0.45, 0.0], count)
+        at = line.pixels + np.array([-1.0, 0.0, 1.0])[:, None, None, None] * (
+            across[..., None] * line.normals
+        )
+        there = self._sample(views, at.swapaxes(0, 1)).mean(axis=1).reshape(4, count)
+        sums = np.zeros((4, count + 1))
+        np.cumsum(np.clip(there, -0.3, 1.3) - 0.5, axis=1, out=sums[:, 1:])
+        end, row = np.arange(4), sums[:, 1:].argmax(axis=1) + 1
+        first, last = np.maximum(row - 12, 0), np.minimum(row + 12, count)
+        contrast = (sums[end, row] - sums[end, first]) / (row - first)
+        contrast -= (sums[end, last] - sums[end, row]) / np.maximum(last - row, 1)
+        pixels, wires, depths, stretch = (
+            part.reshape(4, count, *part.shape[2:])[end, row - 1]
+            for part in (line.pixels, wire, line.depths, line.stretch)
+        )
+        good = (row > 7) & (row < count - 6) & (contrast >= 0.55)
+        good &= self._known(pixels.reshape(2, 2, 2), 3.0, covers).ravel() > 0.0
+        sign = np.array([-1.0, 1.0, -1.0, 1.0])
+        seen = s[row - 1] + 0.5 * ALONG_M + (sign > 0.0) * needle.taper * POINT_PX / wires
+        # Ends of an arc that is seen from its edge are less certain.
+        weight = contrast * stretch * depths / self.eyes.focal
+        return Ends(np.where(good, sign * seen / needle.radius, 0.0), np.where(good, weight, 0.0))
 
     def roll(self, views: Sequence[_View], T: Array, limit: float = np.pi) -> Array:
         """Return a pose turned about its own axis so that the arc covers the most evidence."""
         count = 360
-        angles = np.arange(count) * 2.0 * np.pi / count
-        evidence = np.zeros(count)
-        for eye in range(2):
-            line = self._line(T, angles, eye)
-            half = 0.5 * self.needle.wire * self.eyes.focal / line.depths
-            on, beside = (
-                self._sample(
-                    views[eye],
-                    line.pixels + np.array(shares)[:, None, None] * line.normals
-                    * (half + extra)[:, None],
-                )
-                for shares, extra in (((-0.5, 0.0, 0.5), 0.0), ((-1.0, 1.0), 2.5))
-            )  # fmt: skip
-            covered = (beside.max(axis=0) > 0.6) & (beside.min(axis=0) > 0.45)
-            known = ~covered & (self._inside(line.pixels, 3.0) > 0.0)
-            evidence += np.where(known, np.clip(on.mean(axis=0), -0.3, 1.3) - 0.5, 0.0)
+        line = self._line(T, np.arange(count) * 2.0 * np.pi / count)
+        half = 0.5 * self.needle.wire * self.eyes.focal / line.depths
+        off = [-0.5 * half, 0.0 * half, 0.5 * half, -half - 2.5, half + 2.5]
+        at = line.pixels[:, None] + np.stack(off, 1)[..., None] * line.normals[:, None]
+        values = self._sample(views, at)
+        on, beside = values[:, :3].mean(axis=1), values[:, 3:]
+        covered = (beside.max(axis=1) > 0.6) & (beside.min(axis=1) > 0.45)
+        known = ~covered & (self._known(line.pixels, 3.0) > 0.0)
+        evidence = np.where(known, np.clip(on, -0.3, 1.3) - 0.5, 0.0).sum(axis=0)
         width = round(self.needle.arc / (2.0 * np.pi) * count)
         sums = np.concatenate([[0.0], np.cumsum(np.tile(evidence, 3))])
         most = min(int(limit / (2.0 * np.pi) * count) + 1, count // 2)
@@ -328,16 +337,16 @@ class NeedleFit:
         s = np.linspace(0.1, 0.8, 12) * needle.taper / needle.radius
         beyond = -np.linspace(0.1, 0.3, 6) * needle.taper / needle.radius
         for start, sign in ((0.0, 1.0), (needle.arc, -1.0)):
-            for eye in range(2):
-                line = self._line(T, start + sign * s, eye)
-                half = 0.36 * needle.wire * self.eyes.focal / line.depths
-                at = line.pixels + np.array([-1.0, 0.0, 1.0])[:, None, None] * (
-                    half[:, None] * line.normals
-                )
-                there = np.clip(self._sample(views[eye], at), -0.3, 1.3).mean(axis=1)
-                ground = self._sample(views[eye], self._line(T, start + sign * beyond, eye).pixels)
+            line = self._line(T, start + sign * s)
+            half = 0.36 * needle.wire * self.eyes.focal / line.depths
+            at = line.pixels + np.array([-1.0, 0.0, 1.0])[:, None, None, None] * (
+                half[..., None] * line.normals
+            )
+            wires = np.clip(self._sample(views, at.swapaxes(0, 1)), -0.3, 1.3).mean(axis=2)
+            at = self._line(T, start + sign * beyond).pixels[:, None]
+            for there, ground in zip(wires, self._sample(views, at), strict=True):
                 if there[1] > 0.4 and ground.mean() < 0.4:
-                    found += sign * (0.5 * (there[0] + there[2]) / there[1] - 0.6)
+                    found += sign * float(0.5 * (there[0] + there[2]) / there[1] - 0.6)
         return found
 
     def quality(self, rows: Rows) -> Quality:
@@ -356,6 +365,7 @@ class NeedleFit:
         rods: Sequence[Rod] = (),
     ) -> tuple[Array, Quality, Colours]:
         """Return the pose that fits best, near a given one, how well it does, and its colours."""
+        covers = self.covers(rods)
         for k, length in enumerate(lengths):
             if colours is None:
                 colours = self.metallic(images, T)
@@ -364,7 +374,7 @@ class NeedleFit:
                 if fresh.separation > 0.7 * colours.separation:
                     colours = fresh
             views = self.views(images, T, colours, length + 16.0)
-            rows = self.rows(views, T, length, rods)
+            rows = self.rows(views, T, length, covers)
             pull = np.minimum(1.0, max(1.0, length / 6.0) / np.maximum(np.abs(rows.offset), 1e-6))
             weight = rows.weight * pull
             A = (rows.jacobian * weight[:, None]).T @ rows.jacobian + np.diag(
@@ -372,7 +382,7 @@ class NeedleFit:
             )
             b = (rows.jacobian * weight[:, None]).T @ rows.offset
             if k:
-                ends = self.ends(views, T, rods)
+                ends = self.ends(views, T, covers)
                 row = np.concatenate([np.zeros(3), T[:3, 2]])
                 pull = np.minimum(1.0, 2.0 * END_RAD / np.maximum(np.abs(ends.angle), 1e-9))
                 strength = ends.weight * pull * (SIGMA_PX / END_RAD) ** 2 / WORTH
@@ -384,39 +394,36 @@ class NeedleFit:
             T = moved(T, x)
         assert colours is not None  # noqa: S101  there is at least one length
         views = self.views(images, T, colours, lengths[-1] + 16.0)
-        return T, self.quality(self.rows(views, T, lengths[-1], rods)), colours
+        return T, self.quality(self.rows(views, T, lengths[-1], covers)), colours
 
     # ------------------------------------------------------------------ inside
 
     def _on(self, T: Array, angles: Array) -> Array:
         return self.needle.points(angles) @ T[:3, :3].T + T[:3, 3]
 
-    def _line(self, T: Array, angles: Array, eye: int) -> _Line:
+    def _line(self, T: Array, angles: Array) -> _Line:
         points = self._on(T, angles)
-        pixels, depths, jacobian = self.eyes.project_with_jacobian(points, eye)
+        pixels, depths, jacobian = self.eyes.project_with_jacobian(points)
         along = (jacobian @ (self.needle.tangents(angles) @ T[:3, :3].T)[..., None])[..., 0]
-        stretch = np.linalg.norm(along, axis=1)
-        along = along / np.maximum(stretch, 1e-9)[:, None]
-        normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        stretch = np.hypot(along[..., 0], along[..., 1])
+        along /= np.maximum(stretch, 1e-9)[..., None]
+        normals = np.stack([-along[..., 1], along[..., 0]], axis=-1)
         return _Line(points, pixels, depths, jacobian, normals, stretch)
 
-    def _sample(self, view: _View, pixels: Array) -> Floats:
-        return between(view.evidence, pixels - view.corner)
+    def _sample(self, views: Sequence[_View], pixels: Array) -> Floats:
+        """Return evidence of both eyes at pixels (2, n, k, 2), (2, n, k)."""
+        pairs = zip(views, pixels, strict=True)
+        return np.stack([between(view.evidence, at - view.corner) for view, at in pairs])
 
-    def _inside(self, pixels: Array, margin: float) -> Array:
-        limit = np.array(self.eyes.size) - 1.0 - margin
-        return np.asarray(((pixels > margin) & (pixels < limit)).all(axis=1), np.float64)
-
-    def _uncovered(self, pixels: Array, eye: int, rods: Sequence[Rod]) -> Array:
-        free: Array = np.ones(len(pixels))
-        for start, end, radius in rods:
-            both = np.stack([start, end])
-            (a, b), depths, _ = self.eyes.project_with_jacobian(both, eye)
-            way = b - a
-            share = np.clip((pixels - a) @ way / (way @ way + 1e-9), 0.0, 1.0)
-            off = np.linalg.norm(pixels - a - share[:, None] * way, axis=1)
-            free = free * (off > radius * self.eyes.focal / depths.min())
-        return free
+    def _known(self, pixels: Array, margin: float, covers: Covers | None = None) -> Array:
+        """Return 1 where pixels (2, n, 2) are in the image and not covered, else 0, (2, n)."""
+        free = ((pixels > margin) & (pixels < self._limit - margin)).all(axis=-1)
+        if covers is not None:
+            off = pixels - covers.starts
+            along = (off * covers.ways).sum(-1) / ((covers.ways**2).sum(-1) + 1e-9)
+            off -= np.clip(along, 0.0, 1.0)[..., None] * covers.ways
+            free = free & ((off**2).sum(-1) > covers.halves**2).all(axis=0)
+        return np.asarray(free, np.float64)
 
 
 def _box(low: float, high: float) -> Array:

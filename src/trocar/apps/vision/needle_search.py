@@ -56,7 +56,7 @@ class NeedleSearch:
             self._lines.append(lines)
             self._distance.append(distances(lines, values.shape))
 
-    def held(self, T_left_tip: Array, reach: float, count: int = 5) -> list[Array]:
+    def held(self, T_left_tip: Array, reach: float, count: int = 24) -> list[Array]:
         """Return poses of a needle in the jaws of a tool, best first.
 
         The wire runs along the tip's x axis, the hinge of the jaws: a place along the wire and a
@@ -86,7 +86,7 @@ class NeedleSearch:
         scores = self._near(points, NEAR_HELD).mean(axis=1)
         return self._best(poses, scores, count)
 
-    def free(self, rng: np.random.Generator, count: int = 6) -> list[Array]:
+    def free(self, rng: np.random.Generator, count: int = 24) -> list[Array]:
         """Return poses of a needle anywhere, best first, by circles through points of both eyes."""
         X = self._matched(rng)
         if len(X) < 10:

@@ -52,6 +52,8 @@ COMMANDS = 2
 NOISE = 0.03
 #: Style of the images. Source: our own choice.
 STYLE: Literal["plain", "surgical"] = "surgical"
+#: Directions in which a box's outline is touched, and rounds of weights. Source: our own choice.
+DIRECTIONS, ROUNDS = 36, 12
 #: Size of the images. Source: a Classic's scope, digitised.
 PRESET = "dvrk_sd_640x480"
 
@@ -66,10 +68,12 @@ class EndoscopeTask(Task):
     def __init__(self, scene: Scene) -> None:
         self._scope: Endoscope | None = None
         self._eyes = load_stereo_camera(PRESET)
+        self.overlay = self._overlaid
         super().__init__(scene)
 
     def _begin(self) -> None:
         self._looks, self.shown = -1, None  # the first look, of a reset, opens no renderer
+        self._items: list[Item] = []
         self._worked = False
         T_world_left = self.world.camera("endoscope").T_world_camera @ self._eyes.mounts[0]
         self._T_tip_left = inverse(self._measured("ECM")) @ T_world_left
@@ -80,8 +84,13 @@ class EndoscopeTask(Task):
         super().look()
         if self._looks % COMMANDS == 0 and not self.done:
             frame = self.scope().capture_next()
-            self.shown = overlaid(frame.left, View.of(frame), self.see(frame))
+            self._items = self.see(frame)
+            self.shown = self._overlaid(frame)
         self._looks += 1
+
+    def _overlaid(self, frame: StereoFrame, eye: int = 0) -> Picture:
+        """Return an eye's image of any frame with what was drawn last, where it is in the world."""
+        return overlaid(frame.eyes[eye], View.of(frame, eye), self._items)
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether a goal is met, at the end of the work."""
@@ -320,7 +329,7 @@ class VisualServoing(EndoscopeTask):
 
     def see(self, frame: StereoFrame) -> list[Item]:
         """Find the block in both eyes and note where it is."""
-        pixels = [blue_blob(image) for image in frame.eyes]
+        pixels = [blue_box(image) for image in frame.eyes]
         left, right = pixels
         q = self.world.arms[self._ecm].positions()
         if left is not None and right is not None:
@@ -331,8 +340,10 @@ class VisualServoing(EndoscopeTask):
         true = [frame.project(at, eye) for eye in range(2)]
         inside = all(bool(((p > 0.0) & (p < size - 1.0)).all()) for p in true)
         share = float(np.nan_to_num(frame.visible["block"]).min())
-        off = true[0] - 0.5 * (size - 1.0)
-        depth = (inverse(frame.T_world_camera[0]) @ np.append(at, 1.0))[2]
+        x, y, depth = transform_points(
+            self._eyes.mounts[0] @ inverse(frame.T_world_camera[0]), at
+        )  # midway between the eyes
+        off = self._eyes.left.K[0, 0] / depth * np.array([x, y])
         rcm = self.world.health().rcm_error_m
         self._rows.append((frame.time, float(inside and share > 0.0), np.hypot(*off), depth, rcm))
         self._messages = {
@@ -396,20 +407,34 @@ class VisualServoing(EndoscopeTask):
             yield self.servo.velocity(self.world.time, arm.positions())
 
 
-def blue_blob(image: Picture) -> Array | None:
-    """Return the middle of the largest blue thing in an image, (2,) [px], None without one."""
+def blue_box(image: Picture) -> Array | None:
+    """Return the middle of the largest blue box in an image, (2,) [px], None without one.
+
+    A box's outline is symmetrical about its middle, so the two lines that touch it in a direction
+    have the middle halfway. Where jaws hide a corner some directions are off, and weigh little:
+    least absolute deviations, by iterated weights.
+    """
     cv2 = opencv()
     smooth = cv2.GaussianBlur(image, (0, 0), 1.5).astype(np.float32)
-    blue = np.clip(smooth[..., 2] - smooth[..., 1] - VisualServoing.BLUE, 0.0, 25.0)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((blue > 0.0).astype(np.uint8))
+    blue = (smooth[..., 2] - smooth[..., 1] > VisualServoing.BLUE).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(blue)
     if count < 2:
         return None
     best = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     if stats[best, cv2.CC_STAT_AREA] < VisualServoing.LEAST_PX:
         return None
-    v, u = np.nonzero(labels == best)
-    weights = blue[v, u]
-    return np.array([weights @ u, weights @ v], np.float64) / float(weights.sum())
+    inside = np.argwhere(labels == best)[:, ::-1].astype(np.int32)
+    outline = cv2.convexHull(inside)[:, 0].astype(np.float64)
+    angles = np.linspace(0.0, np.pi, DIRECTIONS, endpoint=False)
+    normals = np.stack([np.cos(angles), np.sin(angles)])
+    reach = outline @ normals
+    halfway = 0.5 * (reach.max(axis=0) + reach.min(axis=0))
+    middle, weight = outline.mean(axis=0), np.ones(DIRECTIONS)
+    for _ in range(ROUNDS):
+        weighed = normals * weight
+        middle = np.asarray(np.linalg.solve(weighed @ normals.T, weighed @ halfway), np.float64)
+        weight = 1.0 / np.maximum(np.abs(halfway - middle @ normals), 0.3)
+    return middle
 
 
 def pose_errors(found: Array, truth: Array) -> tuple[float, float, float]:

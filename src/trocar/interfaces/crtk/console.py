@@ -264,9 +264,9 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         return Command(WORLD, "set_reference_arm", {"name": name}, "SUJ/set_reference_arm")
 
     switches = (
-        ("power_on", "enable", "give every arm power"),
-        ("power_off", "disable", "take every arm's power"),
-        ("home", "home", "bring every arm home"),
+        ("power_on", "enable", "power every arm on"),
+        ("power_off", "disable", "power every arm off"),
+        ("home", "home", "home every arm"),
     )
     pressed = "0 released, 1 pressed, 2 quick tap"
     sound, words = ("system/set_volume", "system/beep"), "system/string_to_speech"
@@ -279,7 +279,7 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         latched("system/volume", FLOAT, "of beeps and speech", "0 to 1"),
         command(sound[1], MATRIX, "s, Hz, 0 to 1", "duration, frequency, volume",
                 shows(sound[1], _beep)),
-        command(words, STRING, "", "said, in the log", shows(words, _speech)),
+        command(words, STRING, "", "text for the log", shows(words, _speech)),
         event("system/error", STRING, "errors that concern no single arm"),
         event("system/warning", STRING, "rejections that concern no single arm"),
         event("system/status", STRING, "other events"),
@@ -300,7 +300,7 @@ def console_topics(rig: RigDescription, emit: Emit) -> list[Topic]:
         *(latched(f"footpedals/{name}", JOY, pressed) for name in PEDALS),
         *(
             command(
-                topic, JOY, "", "as if it were pressed or released", shows(topic, _emulated(topic))
+                topic, JOY, "", "press or release the pedal", shows(topic, _emulated(topic))
             )
             for topic in BUTTONS
         ),
@@ -328,7 +328,7 @@ TELEOP_CONSOLE = (
 TELEOP = (
     command("state_command", COMMAND, "", "enable, disable, align_mtm"),
     latched("current_state", STRING, "state of the component"),
-    latched("desired_state", STRING, "the state that was commanded last"),
+    latched("desired_state", STRING, "the last commanded state"),
     latched("following", BOOL, "whether the instrument follows"),
     latched("scale", FLOAT, "motion of the instrument per master's"),
     command("set_scale", FLOAT, "", "motion of the instrument per master's"),

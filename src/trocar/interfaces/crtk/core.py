@@ -158,7 +158,10 @@ class Core:
         self.prefixes = {arm.name: prefix(arm.name, arm.arm) for arm in rig.arms}
         self._bedside = console.Bedside(self.emit)
         older, older_cameras = compatible(rig, compat, loop.post)
-        seen = () if pictures is None else (*images.camera_topics(rig), *older_cameras)
+        seen: tuple[tuple[Topic, images.Origin], ...] = ()
+        if pictures is not None:
+            drawn = images.camera_topics(rig, overlaid=pictures.overlay is not None)
+            seen = (*drawn, *older_cameras)
         topics = by_name(topic_table(rig, self.emit, self._bedside))
         topics |= {**older, **by_name(topic for topic, _ in seen)}
         for part in self._components:

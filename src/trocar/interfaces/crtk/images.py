@@ -44,7 +44,10 @@ IMAGE, COMPRESSED, INFO = (
     "sensor_msgs/CompressedImage",
     "sensor_msgs/CameraInfo",
 )
-What = Literal["image", "compressed", "info", "depth", "depth info", "ids", "names"]
+What = Literal[
+    "image", "compressed", "info", "depth", "depth info", "ids", "names", "overlay",
+    "overlay compressed",
+]  # fmt: skip
 #: What stands behind the name of an eye: the type, the unit, the help.
 KINDS: dict[What, tuple[str, str, str, str]] = {
     "image": ("image_raw", IMAGE, "rgb8", "what {seen} sees, as its lens throws it"),
@@ -54,11 +57,15 @@ KINDS: dict[What, tuple[str, str, str, str]] = {
     "depth info": ("depth/camera_info", INFO, "px", "the same as camera_info, beside the depth"),
     "ids": ("ids/image_raw", IMAGE, "", "32SC1: what {seen} sees in each pixel, 0: nothing"),
     "names": ("ids/names", "std_msgs/String", "", 'JSON: {{"id": "name"}}, once ids are drawn'),
+    "overlay": ("overlay/image_raw", IMAGE, "rgb8", "image_raw and what is drawn into it"),
+    "overlay compressed": ("overlay/image_raw/compressed", COMPRESSED, "", "the same, compressed"),
 }
 #: What everybody has; what is drawn with them where somebody wants it; what a recording holds.
 PLAIN: tuple[What, ...] = ("image", "compressed", "info")
 BESIDE: tuple[What, ...] = ("depth", "depth info", "ids", "names")
 RECORDED: tuple[What, ...] = ("compressed", "info")
+#: What there is where something is drawn into images.
+OVERLAID: tuple[What, ...] = ("overlay", "overlay compressed")
 
 
 @dataclass(frozen=True)
@@ -81,10 +88,11 @@ class Origin:
         return frame_name(self.camera, self.eye)
 
 
-def camera_topics(rig: RigDescription) -> Iterator[tuple[Topic, Origin]]:
-    """Return the topics of a rig's cameras."""
+def camera_topics(rig: RigDescription, *, overlaid: bool = False) -> Iterator[tuple[Topic, Origin]]:
+    """Return the topics of a rig's cameras; overlaid: also of images with what is drawn into."""
     for camera in rig.cameras:
-        yield from rows_of(camera.name, camera.kind)
+        names = PLAIN + BESIDE + (OVERLAID if overlaid else ())
+        yield from rows_of(camera.name, camera.kind, names)
 
 
 def endoscope_eyes(rig: RigDescription) -> Iterator[tuple[str, str]]:
@@ -125,7 +133,7 @@ def rows_at(
 
 
 #: What sensor_msgs/Image calls them. Source: sensor_msgs/image_encodings.h.
-ENCODINGS = {"image": "rgb8", "depth": "32FC1", "ids": "32SC1"}
+ENCODINGS = {"image": "rgb8", "overlay": "rgb8", "depth": "32FC1", "ids": "32SC1"}
 #: What is drawn only while somebody wants it.
 DRAWN = ("depth", "ids")
 
@@ -233,8 +241,10 @@ def message(shot: Shot, origin: Origin, stamp: Stamp) -> Message:
     if origin.what in ("info", "depth info"):
         infos = _infos(shot.calibration)
         return {"header": head, **infos[-1 if origin.eye == "right" else 0]}
-    if origin.what == "compressed":
-        return {"header": head, "format": shot.format, "data": shot.packed(origin.eye)}
+    overlaid = origin.what in OVERLAID
+    if origin.what in ("compressed", "overlay compressed"):
+        data = shot.packed(origin.eye, overlaid=overlaid)
+        return {"header": head, "format": shot.format, "data": data}
     picture = _pixels(shot, origin)
     height, width = picture.shape[:2]
     return {
@@ -242,7 +252,7 @@ def message(shot: Shot, origin: Origin, stamp: Stamp) -> Message:
         "height": height,
         "width": width,
         "encoding": ENCODINGS[origin.what],
-        "is_bigendian": int(sys.byteorder == "big" and origin.what != "image"),
+        "is_bigendian": int(sys.byteorder == "big" and picture.itemsize > 1),
         "step": picture.nbytes // height,
         "data": np.ascontiguousarray(picture).reshape(-1).view(np.uint8),
     }
@@ -255,7 +265,7 @@ def _has(shot: Shot, origin: Origin) -> bool:
 
 def _pixels(shot: Shot, origin: Origin) -> NDArray[np.generic]:
     if origin.what not in DRAWN:
-        return shot.eye(origin.eye)
+        return shot.eye(origin.eye, overlaid=origin.what == "overlay")
     return getattr(shot.frame, origin.what)[-1 if origin.eye == "right" else 0]
 
 

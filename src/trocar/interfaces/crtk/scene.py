@@ -70,8 +70,8 @@ CONTACTS_TYPE = "trocar_msgs/Contacts"
 NOTHING = np.zeros(0)
 #: What a jaw has between its pads: type, unit and help of its topics.
 GRASP = {
-    "object": (STRING, "", "what the pads press, empty for nothing"),
-    "force": (FLOAT, "N", "with which they press it, the lesser of both"),
+    "object": (STRING, "", "object between the pads, empty for none"),
+    "force": (FLOAT, "N", "force on the object, the lesser of both pads"),
 }
 #: Source: sensor_msgs/Imu: the orientation is not measured.
 UNMEASURED = [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -87,7 +87,7 @@ def scene_topics(rig: RigDescription) -> list[Topic]:
                 _flow("reset")),
         command("scene/pause", EMPTY, "", "pause time; commands are applied all the same",
                 _flow("pause")),
-        command("scene/resume", EMPTY, "", "let time flow again", _flow("resume")),
+        command("scene/resume", EMPTY, "", "resume time", _flow("resume")),
         command("scene/step", "std_msgs/Int32", "periods",
                 "while paused: so many periods, then all states", _step),
     ]  # fmt: skip
@@ -138,8 +138,8 @@ def _grasp_rows(arm: str) -> list[Topic]:
     return [
         make("object", lambda grasp: grasp.object),
         make("force", lambda grasp: grasp.force),
-        event(f"{arm}/grasp/slipped", STRING, "it let go of this: the load was more than friction"),
-        event(f"{arm}/grasp/dropped", STRING, "this fell after it let go of it"),
+        event(f"{arm}/grasp/slipped", STRING, "object whose load exceeded friction"),
+        event(f"{arm}/grasp/dropped", STRING, "object that fell after the jaw released it"),
     ]
 
 
@@ -336,10 +336,10 @@ def _twist(reading: TwistReading, _: object, stamp: Stamp) -> Message:
 #: {kind: how it is published}; one for each kind of `trocar.descriptions.sensors`.
 SENSORS = {
     "joint_effort": SensorRow(JOINTS, "N m, N", "effort of a motor", _effort),
-    "tip_wrench": SensorRow(WRENCH, FORCE, "what the environment does to an instrument", _wrench),
+    "tip_wrench": SensorRow(WRENCH, FORCE, "external load on an instrument", _wrench),
     "contacts": SensorRow(CONTACTS_TYPE, "m, N", "contacts of a body", _touch),
     "proximity": SensorRow(
-        JOINTS, "m", "position: distance of what lies in the jaw, and its gap", _proximity
+        JOINTS, "m", "position: distance of an object in the jaw, and gap", _proximity
     ),
     "tension": SensorRow(
         JOINTS, "m, N", "position: length of an elastic band; effort: its tension", _tension

@@ -55,6 +55,7 @@ class CameraWindow:
         self._came: deque[float] = deque(maxlen=SPAN)
         self._due = self._seen = 0.0
         self._status = ""
+        self._overlaid = pictures.overlay is not None
         window = gui.add_panel()
         with window.add_tab("Cameras"):
             if len(cameras) > 1:
@@ -63,6 +64,8 @@ class CameraWindow:
             both = max(cameras.values()) > 1
             views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
             when_pressed(gui.add_button_group("View", views), self.choose_view)
+            if self._overlaid:
+                when_touched(gui.add_checkbox("Overlays", True), self.choose_overlays)
             self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
             self.line = gui.add_html(FULL_SCREEN.format(status=""))
         window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
@@ -105,6 +108,10 @@ class CameraWindow:
         self._view = view
         self._came.clear()
 
+    def choose_overlays(self, shown: bool) -> None:
+        """Show pictures with what is drawn into them, or as they are."""
+        self._overlaid = shown
+
     # ------------------------------------------------------------------ other threads
 
     def wanted(self) -> Collection[str]:
@@ -127,7 +134,9 @@ class CameraWindow:
     def _composed(self, shot: Shot, view: str) -> bytes:
         if self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT):
             eye = RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT
-            jpeg = shot.format == self._packer.format
-            return shot.packed(eye) if jpeg else self._packer.pack(shot.eye(eye))
+            if shot.format == self._packer.format:
+                return shot.packed(eye, overlaid=self._overlaid)
+            return self._packer.pack(shot.eye(eye, overlaid=self._overlaid))
         compose: Callable[[Picture, Picture], Picture] = side_by_side if view == BOTH else anaglyph
-        return self._packer.pack(compose(shot.eye(LEFT), shot.eye(RIGHT)))
+        left, right = (shot.eye(eye, overlaid=self._overlaid) for eye in (LEFT, RIGHT))
+        return self._packer.pack(compose(left, right))

@@ -330,6 +330,7 @@ def test_killed_clients_are_forgotten(served: Served, killed: list[subprocess.Po
     assert moves_on(served)
 
 
+@pytest.mark.slow
 def test_24_clients_come_and_go_while_the_arm_moves_and_no_tick_is_lost(
     served: Served, meet: Callable[..., Talk]
 ) -> None:

@@ -80,6 +80,7 @@ def test_a_raw_image_comes_whole(url: str) -> None:
     assert pixels.size == message["height"] * message["step"]
 
 
+@pytest.mark.slow
 def test_who_does_not_read_images_keeps_nobody_from_theirs(url: str) -> None:
     with connect(url, compression=None, max_size=None) as deaf:
         deaf.send(json.dumps({"op": "subscribe", "topic": f"{LEFT}/image_raw"}))

@@ -1,4 +1,4 @@
-"""docs/mirror.md, run as it is written, with a bag that has what it shows."""
+"""The mirror on docs/follow.md, run as it is written, with a bag that has what it shows."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-PAGE = Path(__file__).parents[1] / "docs" / "mirror.md"
-TEXT = PAGE.read_text(encoding="utf-8")
+PAGE = Path(__file__).parents[1] / "docs" / "follow.md"
+TEXT = PAGE.read_text(encoding="utf-8").split("\n## Replay\n")[0]
 KIND = "sensor_msgs/msg/JointState"
 
 

@@ -2,6 +2,7 @@
 
 import pytest
 
+from benchmarks.random_actions import random_actions
 from benchmarks.tasks import asleep_and_awake, figures, wilson
 from trocar.apps.tasks import Episode
 
@@ -32,3 +33,11 @@ def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
 def test_an_object_costs_less_while_it_sleeps() -> None:
     asleep, awake = asleep_and_awake()
     assert 0.0 < asleep.value < awake.value
+
+
+def test_an_episode_of_random_efforts_ends_when_something_has_left_the_table() -> None:
+    found = random_actions(["needle-handover"], 4, 0.8, lambda _: None)  # the fourth flings it off
+    values = {figure.name.split(": ")[1]: figure for figure in found}
+    assert values["fastest object"].value > 2.0
+    assert values["deepest object"].value < 2.0  # mm; on the floor, 0.75 m below, 2.1
+    assert "of 0.7" in values["deepest object"].source

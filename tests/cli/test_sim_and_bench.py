@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import re
 import socket
+from argparse import ArgumentParser
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from trocar.cli import main
+from trocar.cli.worlds import add_world, make_world
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import ClosurePatch, Overlay, write_overlay
+from trocar.errors import UnknownNameError
 from trocar.simulation import World
 
 REPORT = [
@@ -212,3 +215,13 @@ def test_bench_calibrates_robots_that_it_has_not_seen(capsys):
         assert missed["met"]
     assert found["psm: drift of a free arm with broken loops in 5 s"]["met"]
     assert found["remote centre, median, white noise"]["value"] < 60e-6
+
+
+def test_computed_torque_of_an_arm_is_an_option_of_the_command_line() -> None:
+    parser = ArgumentParser()
+    add_world(parser)
+    world = make_world(parser.parse_args(["--rig", "psm", "--computed-torque", "PSM1"]))
+    assert world.arm("PSM1").computed_torque
+    assert not make_world(parser.parse_args(["--rig", "psm"])).arm("PSM1").computed_torque
+    with pytest.raises(UnknownNameError, match="PSM1"):
+        make_world(parser.parse_args(["--rig", "psm", "--computed-torque", "PSM7"]))

@@ -9,8 +9,8 @@ from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 from trocar.cameras.lens import plane_from_pixels
 from trocar.errors import InputError
 from trocar.geometry.se3 import transform
-from trocar.geometry.surfaces import tube, vertex_normals
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
+from trocar.rendering.primitives import tube, vertex_normals
 from trocar.simulation import World
 from trocar.simulation.records import Drawing, DrawnCurve, DrawnSurface
 

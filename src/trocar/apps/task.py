@@ -498,7 +498,8 @@ class Task:
             measured: its joints, (n,)
             twist: of the tip, (6,)
         """
-        arm, (most, tolerances) = self.world.arms[name], self._bounds[name]
+        joints, reason = self.world.arms[name].description.joints, ""
+        most, tolerances = self._bounds[name]
         for _ in range(2):
             goal = self._targets[name].copy()
             goal[:3, 3] += twist[:3] * PERIOD_S
@@ -513,12 +514,13 @@ class Task:
             if (worst := float(haste.max())) <= 1.0:
                 break
             twist = twist * (SLOWED / worst)
+            reason = f"{joints[int(haste.argmax())].name} would move too fast"
         else:
-            return f"{arm.description.joints[int(haste.argmax())].name} would move too fast"
+            return reason
         ahead = np.abs(after - measured[:-1])
         pushed = (ahead > LAG * tolerances) & (ahead > np.abs(q[:-1] - measured[:-1]))
         if pushed.any():
-            return f"{arm.description.joints[int(pushed.argmax())].name} is held back"
+            return f"{joints[int(pushed.argmax())].name} is held back"
         self._targets[name], q[:-1] = goal, after
         return ""
 

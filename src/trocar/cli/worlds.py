@@ -42,6 +42,8 @@ def add_world(
     add_calibrations(group)
     add_gains(group)
     options(group, """
+        --computed-torque ARM ...           add the model's inverse dynamics to ARM's servos
+                                            (repeatable)
         --errors NAME                       errors of encoders, cables and registrations: perfect,
                                             lab or wide (default: the rig's)
         --seed N:int = 0                    random seed of errors and sensors, another robot each
@@ -86,6 +88,8 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         world.exchange_tool(arm, tool)
     if args.tool:
         world.reset()
+    for arm in args.computed_torque:
+        world.arm(arm).use_computed_torque(True)
     return world
 
 

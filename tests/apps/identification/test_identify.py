@@ -22,7 +22,12 @@ from trocar.apps.identification import (
     predicted_efforts,
     read_motion,
 )
-from trocar.apps.identification.drivetrains import described_trains, stop_elements, structure
+from trocar.apps.identification.drivetrains import (
+    described_trains,
+    stop_elements,
+    structure,
+    train_efforts,
+)
 from trocar.apps.identification.regression import loaded
 from trocar.apps.identification.rigid_body import parameters, pseudo_inertia
 from trocar.cli import main
@@ -158,6 +163,22 @@ def test_stop_elements_only_dissipate_over_closed_cycles() -> None:
     expected = 4.0 * (5.0 * 0.01 * (0.3 - 0.01) + 2.0 * 0.1 * (0.3 - 0.1))
     assert work == pytest.approx(expected, rel=0.01)
     assert (np.abs(stop_elements(c, (0.01,))) <= 0.01).all()
+
+
+def test_hysteresis_is_that_of_positions_before_the_filters() -> None:
+    """Stop elements of a coarse triangle wave, filtered, are explained by themselves alone."""
+    arm = load_arm("ecm")
+    wave = np.abs((np.arange(1000) / 40.0) % 2.0 - 1.0)
+    q = np.outer(wave, 0.02 * np.ones(4))
+    qd = np.gradient(q, 1.0 / RATE_HZ, axis=0)
+    train = Drivetrain({"yaw": 1.0}, {"stops": (1.0,)}, stop_limits=(0.005,))
+    effort = np.zeros_like(q)
+    effort[:, 0] = stop_elements(q[:, 0], (0.005,))[:, 0]
+    log = filtered(
+        Log("made", RATE_HZ, q, qd, effort, arm.mechanism.joint_names, np.eye(4)), arm, SETTINGS
+    )
+    found = log.smooth(train_efforts({"yaw": train}, arm, log.motion))
+    np.testing.assert_allclose(found, log.cut(log.effort), atol=1e-12)
 
 
 def test_an_excitation_stays_in_limits_and_is_better_than_the_first() -> None:
@@ -300,7 +321,8 @@ def test_swapped_efforts_are_named(
 
 
 @pytest.mark.parametrize(
-    ("size", "joint", "parameter"), [(0.02, "pitch", "roll.hz"), (0.1, "insertion", "stops")]
+    ("size", "joint", "parameter"),
+    [(0.02, "yaw", "yaw.stops"), (0.1, "insertion", "insertion.stops")],
 )
 def test_a_log_that_excites_too_little_names_what_it_does_not_determine(
     tmp_path: Path,

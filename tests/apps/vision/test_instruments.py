@@ -58,3 +58,5 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
         find_tip(eyes, blank, blank, there.eyes, masks, guess)
     with pytest.raises(InputError, match="a point ahead of the eyes"):
         find_tip(eyes, blank, blank, there.eyes, masks, -guess)
+    with pytest.raises(InputError, match=r"tip: at .* px, out of the \(640, 480\) images"):
+        find_tip(eyes, blank, blank, there.eyes, masks, np.array([0.3, 0.0, guess[2]]))

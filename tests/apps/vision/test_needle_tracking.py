@@ -131,6 +131,21 @@ def test_a_needle_that_is_never_seen_is_searched_on(eyes: StereoCalibration) -> 
     assert tracker.update(2.3, *drawn(eyes, None, rng)).status == "searching"
 
 
+def test_a_needle_that_leaves_the_view_is_carried_on_with_growing_doubt(
+    eyes: StereoCalibration,
+) -> None:
+    rng, truth, tracker = np.random.default_rng(8), before_the_eyes(), NeedleTracker(eyes, NEEDLE)
+    tracker.start(-1.0, truth, np.diag([1e-7] * 3 + [0.003] * 3))
+    sigmas: list[float] = []
+    for k in range(6):
+        T = moved(truth, np.array([0.08 if k > 1 else 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]))
+        holder = Holder("PSM1", T)
+        found = tracker.update(k / 30.0, *drawn(eyes, None if k > 1 else T, rng), holder)
+        assert found.status == ("predicting" if k > 1 else "tracking")
+        sigmas.append(found.position_sigma)
+    assert (np.diff(sigmas[1:]) > 0.0).all()
+
+
 def test_images_that_cannot_be_used_are_rejected(eyes: StereoCalibration) -> None:
     rng, tracker = np.random.default_rng(6), NeedleTracker(eyes, NEEDLE)
     left, right = drawn(eyes, before_the_eyes(), rng)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.apps.vision.drawn import NEEDLE, small_eyes
+from trocar.apps.follow.mirror import follow
 from trocar.apps.tasks import make_task
 from trocar.apps.vision.overlay import (
     Area,
@@ -25,6 +26,7 @@ from trocar.cameras.lens import project
 from trocar.errors import InputError
 from trocar.geometry import inverse, matrix_from_rotation_vector, transform
 from trocar.rendering import StereoFrame
+from trocar.simulation import World
 
 pytest.importorskip("cv2", reason="needs the extra vision")
 
@@ -135,3 +137,34 @@ def test_overlays_stay_where_they_belong_while_the_scope_moves() -> None:
                 assert abs(u - np.interp(v, line[:, 1], line[:, 0])) < 0.2
     task.close()
     assert len(cameras) == 4 and np.abs(cameras[0] - cameras[-1]).max() > 1e-3
+
+
+def test_overlays_of_mirrored_arms_lie_where_the_robots_own_camera_has_them() -> None:
+    robot, twin = World("two_psm_ecm"), World("two_psm_ecm")
+    rng = np.random.default_rng(3)
+    for name in ("PSM1", "ECM"):
+        q = robot.arms[name].positions()
+        q[:4] += rng.uniform(-0.03, 0.03, 4) * [1.0, 1.0, 0.1, 1.0]
+        robot.set_state(name, q)
+    eyes = robot.camera("endoscope").calibration
+    at = robot.camera("endoscope").T_world_eyes[1]
+    line = at @ [[-0.005, 0.008], [0.002, -0.003], [0.08, 0.09], [1.0, 1.0]]
+    true = View(eyes.eyes[1], at).pixels(line[:3].T).mean(axis=0)
+    on_tool = inverse(robot.arms["PSM1"].tip_in_world().T) @ line
+    image = np.zeros((eyes.eyes[1].height, eyes.eyes[1].width, 3), np.uint8)
+
+    def drawn() -> float:
+        """Return by how much the middle of a curve on the twin's tool is off in the image [px]."""
+        ends = twin.arms["PSM1"].tip_in_world().T @ on_tool
+        view = View(eyes.eyes[1], twin.camera("endoscope").T_world_eyes[1])
+        shown = overlaid(image, view, [Curve(ends[:3].T, (255, 255, 255), 1)])[..., 0].astype(float)
+        v, u = np.nonzero(shown)
+        mean = np.array([u, v]) @ shown[v, u] / shown.sum()
+        return float(np.linalg.norm(mean - true))
+
+    assert drawn() > 5.0
+    for name in ("PSM1", "ECM"):  # the joint states at the image's stamp
+        command = follow(name, robot.arms[name].positions(), np.zeros(7), "set")
+        assert command.act is not None
+        command.act(twin)
+    assert drawn() < 0.2

@@ -102,7 +102,7 @@ def test_a_box_is_centred_though_a_jaw_hides_one_of_its_corners() -> None:
     corners = half * (np.mgrid[:2, :2, :2].reshape(3, -1).T * 2.0 - 1.0)
     off: list[np.ndarray] = []
     for _ in range(20):
-        turn = matrix_from_rotation_vector([0.6, 0.4, 0.0] + rng.uniform(-0.6, 0.6, 3))
+        turn = matrix_from_rotation_vector(rng.uniform((0.0, -0.2, -0.6), (1.2, 1.0, 0.6)))
         middle = np.array([*rng.uniform(-0.008, 0.008, 2), 0.09])
         pixels = project(corners @ turn.T + middle, eye.K, eye.distortion)
         image = np.full((eye.height, eye.width, 3), (170, 80, 75), np.uint8)

@@ -63,7 +63,8 @@ def basis(train: Drivetrain, weight: Array, motion: JointMotion) -> Array:
         elif term == "harmonic":
             columns += [np.sin(c), np.cos(c)]
         elif term == "stops":
-            columns += list(stop_elements(c, train.stop_limits).T)
+            travel = c if motion.unfiltered is None else motion.unfiltered @ weight
+            columns += list(stop_elements(travel, train.stop_limits).T)
         else:
             lower, upper = train.cable_range
             x = np.clip(2.0 * (c - lower) / (upper - lower) - 1.0, -1.0, 1.0)

@@ -191,7 +191,12 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
     resting = len(arm.joints) - len(names)
     rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(q), 1))
     still = np.zeros((len(q), resting))
-    motion = JointMotion(np.hstack([q, rest]), np.hstack([qd, still]), np.hstack([qdd, still]))
+    motion = JointMotion(
+        np.hstack([q, rest]),
+        np.hstack([qd, still]),
+        np.hstack([qdd, still]),
+        np.hstack([log.q, rest]),
+    )
     return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
 
 

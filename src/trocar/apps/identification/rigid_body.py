@@ -35,11 +35,16 @@ RATE_STEP_S = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class JointMotion:
-    """Joint positions, velocities and accelerations, (k, n) each [rad or m, per s, per s^2]."""
+    """Joint positions, velocities and accelerations, (k, n) each [rad or m, per s, per s^2].
+
+    Stop elements deflect along `unfiltered` positions where there are some: hysteresis of filtered
+    positions is not the filtered hysteresis.
+    """
 
     q: Array
     qd: Array
     qdd: Array
+    unfiltered: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,6 +29,7 @@ from trocar.apps.identification.drivetrains import (
     structure,
     train_efforts,
 )
+from trocar.apps.identification.logs import derivative
 from trocar.apps.identification.regression import loaded
 from trocar.apps.identification.rigid_body import parameters, pseudo_inertia
 from trocar.cli import main
@@ -172,7 +173,7 @@ def test_hysteresis_is_that_of_positions_before_the_filters() -> None:
     arm = load_arm("ecm")
     wave = np.abs((np.arange(1000) / 40.0) % 2.0 - 1.0)
     q = np.outer(wave, 0.02 * np.ones(4))
-    qd = np.gradient(q, 1.0 / RATE_HZ, axis=0)
+    qd = derivative(q, RATE_HZ)
     train = Drivetrain({"yaw": 1.0}, {"stops": (1.0,)}, stop_limits=(0.005,))
     effort = np.zeros_like(q)
     effort[:, 0] = stop_elements(q[:, 0], (0.005,))[:, 0]

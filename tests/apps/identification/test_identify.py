@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from trocar import World
 from trocar.apps.identification import (
     FilteredLog,
     JointMotion,
@@ -28,6 +29,7 @@ from trocar.apps.identification.drivetrains import (
     structure,
     train_efforts,
 )
+from trocar.apps.identification.logs import derivative
 from trocar.apps.identification.regression import loaded
 from trocar.apps.identification.rigid_body import parameters, pseudo_inertia
 from trocar.cli import main
@@ -35,6 +37,7 @@ from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import overlay_text, parse_overlay
 from trocar.descriptions.overlay_records import Drivetrain, FilterSettings, Overlay
 from trocar.errors import InputError, LogError, MissingExtraError
+from trocar.recording import record
 
 Array = NDArray[np.float64]
 RATE_HZ = 100.0
@@ -170,7 +173,7 @@ def test_hysteresis_is_that_of_positions_before_the_filters() -> None:
     arm = load_arm("ecm")
     wave = np.abs((np.arange(1000) / 40.0) % 2.0 - 1.0)
     q = np.outer(wave, 0.02 * np.ones(4))
-    qd = np.gradient(q, 1.0 / RATE_HZ, axis=0)
+    qd = derivative(q, RATE_HZ)
     train = Drivetrain({"yaw": 1.0}, {"stops": (1.0,)}, stop_limits=(0.005,))
     effort = np.zeros_like(q)
     effort[:, 0] = stop_elements(q[:, 0], (0.005,))[:, 0]
@@ -279,6 +282,22 @@ def test_efforts_of_the_wrong_sign_are_named(tidy: Callable[..., Path]) -> None:
 
     with pytest.raises(LogError, match=r"the motors take up .* but friction dissipates"):
         read_motion(tidy(change), load_arm("ecm"))
+
+
+def test_efforts_of_a_recording_are_means_of_the_steps_around_a_sample(tmp_path: Path) -> None:
+    world, found = World("ecm", timestep_s=0.0025), []
+    with record(world, tmp_path / "it.mcap"):
+        arm = world.arm("ECM")
+        for k in range(1300):
+            arm.servo_jp([0.2 * np.sin(0.007 * k), 0.1 * np.sin(0.005 * k), 0.06, 0.1])
+            world.step()
+            found.append(arm.measured_js().effort)
+    log = read_motion(tmp_path / "it.mcap", load_arm("ecm"))
+    assert log.rate_hz == pytest.approx(200.0)
+    efforts = np.array(found)
+    means = 0.5 * (efforts[:-1] + efforts[1:])
+    # The recording begins with the state before the first step.
+    np.testing.assert_allclose(log.effort[1:100], means[1::2][:99], rtol=1e-5, atol=1e-5)
 
 
 def test_a_short_log_is_refused(tidy: Callable[..., Path]) -> None:

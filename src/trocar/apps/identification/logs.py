@@ -223,7 +223,11 @@ def constant_joints(log: Log, arm: ArmDescription) -> tuple[str, ...]:
 
 
 def _own_rows(file: str, arm: ArmDescription) -> tuple[Array, float]:
-    """Return the rows of a recording of trocar's own, (k, 3, n), and their rate [Hz]."""
+    """Return the rows of a recording of trocar's own, (k, 3, n), and their rate [Hz].
+
+    An effort acts during the step that ends at its row: efforts are means of the steps before and
+    after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
+    """
     recorded = open_recording(file)
     joints = recorded_joints(arm)
     known = [recorded.columns(name) for name in recorded.arms]
@@ -235,10 +239,11 @@ def _own_rows(file: str, arm: ArmDescription) -> tuple[Array, float]:
             f" ({', '.join(recorded.arms)}); allowed: one",
         )
     every = max(1, round(0.005 / recorded.timestep))
-    states = recorded.states(fitting[0], every)
+    states = recorded.states(fitting[0])
     order = [list(fitting[0].joints).index(name) for name in joints]
-    rows = np.stack([states.position, states.velocity, states.effort], axis=1)[:, :, order]
-    return rows, 1.0 / (every * recorded.timestep)
+    effort = 0.5 * (states.effort + np.concatenate([states.effort[1:], states.effort[-1:]]))
+    rows = np.stack([states.position, states.velocity, effort], axis=1)
+    return rows[::every, :, order], 1.0 / (every * recorded.timestep)
 
 
 def _header(path: str | Path) -> list[str] | None:

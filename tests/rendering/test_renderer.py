@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import threading
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -187,8 +188,8 @@ def test_what_is_not_drawn_would_not_be_seen(
 
     culled, _ = pictures()
 
-    def all_of_it(_: Frustum, around: Boxes) -> np.ndarray:
-        return np.ones(len(around.middles), dtype=bool)
+    def all_of_it(frusta: Sequence[Frustum], around: Boxes) -> np.ndarray:
+        return np.ones((len(frusta), len(around.middles)), dtype=bool)
 
     monkeypatch.setattr(staging, "inside", all_of_it)
     whole, _ = pictures()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,12 @@ Array = NDArray[np.float64]
 
 ARM = "PSM1"
 #: Source: our own choice; the dVRK's logs have 200 rows a second.
-RATE_HZ, DURATION_S, FREQUENCY_HZ = 200.0, 4.0, 0.25
-#: Where the motion begins, and half of how far it goes [rad or m]. Source: our own choice.
-START = (0.0, 0.0, 0.12, 0.0, 0.0, 0.0, 0.2)
-SWING = (0.2, -0.15, 0.03, 0.5, 0.3, -0.3, 0.2)
+RATE_HZ, DURATION_S, FREQUENCY_HZ = 200.0, 8.0, 0.125
+#: Where the motion begins, half of how far it goes [rad or m], and how often. Source: our own
+#: choice; joints that swing at rates of their own excite the dynamics enough to identify them.
+START = (0.0, 0.0, 0.1, 0.0, 0.0, 0.0, 0.2)
+SWING = (0.3, -0.25, 0.05, 0.5, 0.3, -0.3, 0.2)
+SWINGS = (3, 4, 5, 7, 6, 8, 9)
 #: Joints that logs hold as their motors turn. Source: dvrk_dynamics_identification.
 MOTOR_SIDE = ("wrist_pitch", "wrist_yaw", "jaw")
 #: Stamp of the bag's first message [ns]. Source: any moment; the dVRK's stamps are of this size.
@@ -56,15 +59,21 @@ def write_samples(folder: Path) -> dict[str, str]:
 
 
 def _move() -> Recording:
-    """Simulate a PSM that swings once, and sample it."""
-    world = World("psm")
-    omega = 2.0 * np.pi * FREQUENCY_HZ
-    time = np.arange(round(DURATION_S * RATE_HZ)) / RATE_HZ
-    positions = np.array(START) + np.outer(1.0 - np.cos(omega * time), SWING)
-    velocities = omega * np.outer(np.sin(omega * time), SWING)
-    world.set_state(ARM, positions[0])
+    """Simulate a PSM whose joints swing, and sample it.
+
+    Set-points are new in each step: of efforts that follow steps of 5 ms, samples show one phase.
+    """
+    world = World("psm", dynamics="identified")
     every = round(1.0 / RATE_HZ / world.timestep)
-    return world.play({ARM: positions}, {ARM: velocities}, every=every)
+    omega = 2.0 * np.pi * FREQUENCY_HZ * np.array(SWINGS)
+    angle = np.outer(np.arange(round(DURATION_S / world.timestep)) * world.timestep, omega)
+    positions = np.array(START) + (1.0 - np.cos(angle)) * SWING
+    velocities = np.sin(angle) * omega * SWING
+    world.set_state(ARM, positions[0])
+    moved = world.play({ARM: positions}, {ARM: velocities}, every=1)
+    kept = ("positions", "velocities", "efforts", "coordinates")
+    samples = {name: {ARM: getattr(moved, name)[ARM][::every]} for name in kept}
+    return replace(moved, time=moved.time[::every], **samples)
 
 
 def _write_log(path: Path, moved: Recording) -> None:

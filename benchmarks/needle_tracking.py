@@ -126,7 +126,7 @@ def measure(setting: Setting) -> Outcome:
 
 def needle_tracking(seeds: int, workers: int, watch: Callable[[str], None]) -> list[Figure]:
     """Track needles on all grounds and in both sizes, with so many runs at a time."""
-    kinds = [(preset, style) for style in STYLES for preset in GOALS]
+    kinds: list[tuple[str, Style]] = [(preset, style) for style in STYLES for preset in GOALS]
     settings = [Setting(*kind, seed) for kind in kinds for seed in range(seeds)]
     found: list[Outcome] = []
     with get_context("spawn").Pool(workers) if workers > 1 else nullcontext() as pool:
@@ -176,8 +176,8 @@ def _figures(preset: str, style: Style, runs: list[Outcome]) -> list[Figure]:
         Figure(f"{name}: found from nothing within 1 s, at most 80 mm away",
                float(np.mean([one.cold for one in runs])), "", lower=0.95 if goals else None,
                source=SOURCE),
-        Figure(f"{name}: NEES, mean", float(nees.mean()), "", *((9.0, 2.0) if goals else ()),
-               source=SOURCE),
+        Figure(f"{name}: NEES, mean", float(nees.mean()), "", 9.0 if goals else None,
+               2.0 if goals else None, source=SOURCE),
         Figure(f"{name}: NEES under {NEES_95:g}", below, "", lower=0.9 if goals else None,
                source=SOURCE),
         Figure(f"{name}: images a second of one core, median, by CPU time", 1.0 / cost, "Hz",

@@ -112,4 +112,4 @@ def errors(point: Array, row: tuple[Array, Array, Array, Array]) -> Array:
     """Return by how much a place is off in the left image [px] and in space [m], (2,)."""
     _, _, truth, K = row
     off = K @ point / point[2] - K @ truth / truth[2]
-    return np.array([np.linalg.norm(off), np.linalg.norm(point - truth)])
+    return np.array([np.linalg.norm(off), np.linalg.norm(point - truth)], dtype=np.float64)

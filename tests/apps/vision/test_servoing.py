@@ -119,4 +119,4 @@ def test_a_box_is_centred_though_a_jaw_hides_one_of_its_corners() -> None:
     outline, mean = np.median(off, axis=0)
     # Perspective and whole pixels alone are 0.5 px.
     assert outline < 1.5 and mean > 4.0, (outline, mean)
-    assert blue_box(np.zeros_like(image)) is None
+    assert blue_box(np.zeros((eye.height, eye.width, 3), np.uint8)) is None

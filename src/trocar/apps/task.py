@@ -42,8 +42,8 @@ GRIP_RAD = 0.3
 #: Set-points go no further from the measured joints than this share of the tolerance beyond which
 #: an arm goes into FAULT, as when it presses on the table. Source: our own choice.
 LAG = 0.5
-#: A motion too fast for a joint is slowed to this share of what the joint allows. Source: our own
-#: choice, since joints do not move in proportion to the tip.
+#: A joint that would be too fast gets this share of its greatest velocity. Source: our own choice;
+#: joints do not move in proportion to the tip.
 SLOWED = 0.95
 #: Velocities of an endoscope stay this far below its limits. Source: our own choice, rounding.
 ROUNDING = 1e-9

@@ -54,7 +54,7 @@ FAREWELL_S = 5.0
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
 Picture = NDArray[np.uint8]
-#: Returns the picture of an eye of a frame (0 left, 1 right) with what is drawn into it.
+#: Takes a frame and an eye (0 left, 1 right); returns that eye's picture with overlays.
 Overlay = Callable[[Any, int], Picture]
 
 #: Of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.

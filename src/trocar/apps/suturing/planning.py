@@ -328,7 +328,7 @@ class Reach:
         """Return how far joints can be from limits with the tip at a pose in the world, and which.
 
         Returns:
-            the least distance, below 0 beyond a limit, -inf where no joint alone is in the way
+            the least distance, below 0 beyond a limit, -inf where no turning joint is in the way
             [rad]; its joint
         """
         try:
@@ -336,7 +336,8 @@ class Reach:
         except SingularError:
             return -np.inf, ""
         except UnreachableError as problem:
-            joints = {key: over for key, over in problem.excess.items() if key in self.names}
+            turning = [name for name, turns in zip(self.names, self._turns, strict=True) if turns]
+            joints = {key: over for key, over in problem.excess.items() if key in turning}
             joint = max(joints, key=lambda key: joints[key], default="")
             return -joints.get(joint, np.inf), joint
         return max(self.margin(q) for q in found)

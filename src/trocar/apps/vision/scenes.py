@@ -89,7 +89,7 @@ class EndoscopeTask(Task):
         self._looks += 1
 
     def _overlaid(self, frame: StereoFrame, eye: int = 0) -> Picture:
-        """Return an eye's image of any frame with what was drawn last, where it is in the world."""
+        """Return an eye's image of any frame with the newest overlays, projected anew."""
         return overlaid(frame.eyes[eye], View.of(frame, eye), self._items)
 
     def met(self, goal: Goal, at: Array) -> bool:

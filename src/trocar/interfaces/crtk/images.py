@@ -89,7 +89,7 @@ class Origin:
 
 
 def camera_topics(rig: RigDescription, *, overlaid: bool = False) -> Iterator[tuple[Topic, Origin]]:
-    """Return the topics of a rig's cameras; overlaid: also of images with what is drawn into."""
+    """Return the topics of a rig's cameras; overlaid: also those of images with overlays."""
     for camera in rig.cameras:
         names = PLAIN + BESIDE + (OVERLAID if overlaid else ())
         yield from rows_of(camera.name, camera.kind, names)

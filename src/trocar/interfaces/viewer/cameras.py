@@ -109,7 +109,7 @@ class CameraWindow:
         self._came.clear()
 
     def choose_overlays(self, shown: bool) -> None:
-        """Show pictures with what is drawn into them, or as they are."""
+        """Show pictures with or without overlays."""
         self._overlaid = shown
 
     # ------------------------------------------------------------------ other threads

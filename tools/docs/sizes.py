@@ -12,7 +12,14 @@ PACKAGE = ROOT / "src" / "trocar"
 ROW = re.compile(r"^\| (\w+) \| ([\d,-]+) \| [\d,]+ \| ([\d,-]+) \| [\d,]+ \|$", re.MULTILINE)
 WORDS = re.compile(r"^[\d,]+ words\b", re.MULTILINE)
 #: Pages that programs write.
-GENERATED = ("command-line.md", "errata.md", "licences.md", "script-calls.md", "topic-list.md")
+GENERATED = (
+    "command-line.md",
+    "errata.md",
+    "licences.md",
+    "scene-list.md",
+    "script-calls.md",
+    "topic-list.md",
+)
 CODE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 
 

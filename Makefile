@@ -73,7 +73,7 @@ run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and
 	@echo "  trocar render -o scope.png                    the endoscope's picture"
 	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
 	@echo "  trocar sample samples                         small files for replay, calibrate, ..."
-	@echo "  python examples/09_websocket_client.py        a client that moves this robot"
+	@echo "  python examples/09_websocket_client.py        a WebSocket client that moves an arm"
 	$(BIN)/trocar sim $(ARGS)
 
 quick: .venv/.ready-test ## run the tests of what changed, within a minute (ARGS="tests/kinematics")

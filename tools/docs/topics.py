@@ -10,6 +10,7 @@ from typing import TypeVar
 from trocar.descriptions import load_rig
 from trocar.interfaces.crtk.compat import TABLES, compatible
 from trocar.interfaces.crtk.core import service_table, topic_table
+from trocar.interfaces.crtk.images import camera_topics
 from trocar.interfaces.crtk.scene import SENSORS
 from trocar.interfaces.crtk.topic import Service, Topic
 
@@ -48,6 +49,8 @@ def page() -> str:
         ),
         "## Sensors",
         _table(("kind", "type", "unit"), ((k, r.type, r.unit, r.help) for k, r in SENSORS.items())),
+        "## Images",
+        _others(t for t, of in camera_topics(rig, overlaid=True) if of.eye != "right"),
         "## Services",
         _table(
             ("service", "type", "of"),

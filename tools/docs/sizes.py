@@ -10,7 +10,7 @@ DOCS = ROOT / "docs"
 PAGE = DOCS / "performance.md"
 PACKAGE = ROOT / "src" / "trocar"
 ROW = re.compile(r"^\| (\w+) \| ([\d,-]+) \| [\d,]+ \| ([\d,-]+) \| [\d,]+ \|$", re.MULTILINE)
-WORDS = re.compile(r"^[\d,]+ words\b", re.MULTILINE)
+WORDS = re.compile(r"[\d,]+ words\b")
 #: Pages that programs write.
 GENERATED = (
     "command-line.md",

@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -121,8 +121,12 @@ def _serve(args: Namespace) -> int:
         )
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
+    from trocar.descriptions.catalogue import load_scene
 
-    task = make_task(args.scene)
+    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    if args.policy == "none":  # a person or a client may drive every arm
+        scene = replace(scene, welded=())
+    task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
     print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, look_of, recording
+from trocar.cli.worlds import add_record, changed_look, look_of, recording
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ def _scene(args: Namespace) -> Scene | str:
     given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
     given = {key: value for key, value in given.items() if value is not None}
     if not given:
-        return args.scene
+        look = changed_look(args)
+        return replace(load_scene(args.scene), look=look) if look else args.scene
     if args.scene != "suturing":
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
     from trocar.apps.suturing.scene import suturing_scene

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +86,11 @@ class Scene:
         arms: that a policy drives
         welded: other arms, which stay where they start; empty where a person may drive them
         placements, goals: of objects and tips; goals by stage
-        hidden: objects that observations leave out, and with them places of goals on them
         time_limit: of an episode [s]
         drop_height: an object that falls farther counts as dropped [m]
+        hidden: objects that observations leave out, and with them places of goals on them
+        look: settings of `trocar.rendering.Look` for the images that the task looks at, by name;
+            others are as the task has them
     """
 
     name: str
@@ -104,6 +106,7 @@ class Scene:
     drop_height: float
     hidden: tuple[str, ...] = ()
     welded: tuple[str, ...] = ()
+    look: Mapping[str, Any] = field(default_factory=dict)
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.

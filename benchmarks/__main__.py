@@ -96,6 +96,18 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of tasks and random-actions: this one (repeatable; default: all)",
     )
     parser.add_argument(
+        "--case",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="of suturing: one, noisy, four, random, ... (repeatable; default: all)",
+    )
+    parser.add_argument(
+        "--log",
+        metavar="FILE",
+        help="of suturing: add a JSON document for each episode; those in it are not run again",
+    )
+    parser.add_argument(
         "--transport",
         action="append",
         choices=TRANSPORTS,
@@ -166,7 +178,8 @@ def main(words: Sequence[str] | None = None) -> int:
         if "suturing" in args.name:
             from benchmarks.suturing import suturing
 
-            found += suturing(args.episodes or 50, watch)
+            log = args.log and Path(args.log)
+            found += suturing(args.episodes or 50, watch, args.case, log)
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 

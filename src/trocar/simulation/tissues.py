@@ -192,7 +192,7 @@ class SoftTissue:
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
         self._model, self._data, self._shadows = model, data, shadows
         self._tools = Tools(model, data, jaws)
-        name, count = self.name, self.tissue.stitches
+        tissue, name, count = self.tissue, self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 
         def ids(kind: Any, parts: Sequence[str]) -> NDArray[np.intp]:
@@ -232,6 +232,9 @@ class SoftTissue:
         )
         self._fresh = tuple(field[row].copy() for field, row in self._fields)
         self._u, self._w = np.zeros(size), np.zeros(size)
+        #: The square of how far a needle may be that touches it [m^2].
+        sizes = [0.5 * tissue.length, 0.5 * tissue.gap + tissue.width, tissue.depth]
+        self._far = (float(np.linalg.norm(sizes)) + tissue.wire.radius + CLOSE_M) ** 2
         self.begin()
 
     def begin(self) -> None:
@@ -343,8 +346,11 @@ class SoftTissue:
             self._check_volumes()
         if stitch == len(self.plan):
             return
-        passed, tip = self.passed[stitch], self._local(self._needle, self._tip)
-        side = self._sides[stitch]
+        passed, side = self.passed[stitch], self._sides[stitch]
+        x, y, z = (data.xpos[self._needle] - self.pose[:3, 3]).tolist()
+        if not passed[0] and x * x + y * y + z * z > self._far:
+            return  # the needle is nowhere near
+        tip = self._local(self._needle, self._tip)
         now = self._q.reshape(len(self.plan), -1, 3)[stitch]
         if not passed[0]:
             if self._pressed(self._plates[stitch, 0]) > self.tissue.puncture:
@@ -405,6 +411,10 @@ class SoftTissue:
             },
             float(data.time),
         )
+
+    def forces_on_jaws(self) -> dict[str, Array]:
+        """Return the force of its surface and of what they grip on each jaw, {arm: (3,)} [N]."""
+        return self._tools.forces() if self._tools.near or self._grips else {}
 
     def tension(self) -> float:
         """Return the tension of the thread, as of the last step [N]."""
@@ -601,8 +611,7 @@ class SoftTissue:
         tools, tissue = self._tools, self.tissue
         if not tools.jaws:
             return
-        rises = (self._q - self._rest)[2::3]
-        over = tools.over(self.pose, tissue, float(rises.max(initial=0.0)) + CLOSE_M)
+        over = tools.over(self.pose, tissue, CLOSE_M + max(0.0, float(self._u[2::3].max())))
         if not (over or tools.near or self._grips):
             return
         tools.look(self.pose, self._surface(), self._displaced(), over, 2.0 * PERIOD_S)
@@ -671,7 +680,10 @@ class SoftTissue:
     def _pressed(self, plate: int) -> float:
         """Return the force with which tips press on a plate [N]."""
         touching = self._data.contact
-        met = np.flatnonzero((touching.geom == plate).any(axis=1) & (touching.efc_address >= 0))
+        hit = touching.geom == plate
+        if not hit.any():
+            return 0.0
+        met = np.flatnonzero(hit.any(axis=1) & (touching.efc_address >= 0))
         rows = [slice(k := touching.efc_address[c], k + touching.dim[c]) for c in met]
         return sum(float(np.linalg.norm(self._data.efc_force[row])) for row in rows)
 

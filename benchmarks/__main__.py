@@ -103,9 +103,9 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of suturing: one, noisy, four, random, ... (repeatable; default: all)",
     )
     parser.add_argument(
-        "--log",
+        "--keep",
         metavar="FILE",
-        help="of suturing: add a JSON document for each episode; those in it are not run again",
+        help="of tasks and suturing: keep episodes in FILE, and do not run again those that it has",
     )
     parser.add_argument(
         "--transport",
@@ -178,12 +178,13 @@ def main(words: Sequence[str] | None = None) -> int:
         if "suturing" in args.name:
             from benchmarks.suturing import suturing
 
-            log = args.log and Path(args.log)
-            found += suturing(args.episodes or 50, watch, args.case, log)
+            kept = args.keep and Path(args.keep)
+            found += suturing(args.episodes or 50, watch, args.case, kept)
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 
-            found += tasks(args.scene, args.episodes or 50, watch)
+            kept = args.keep and Path(args.keep)
+            found += tasks(args.scene, args.episodes or 50, watch, kept)
         if "random-actions" in args.name:
             from benchmarks.random_actions import EPISODE_S, random_actions
 

@@ -68,7 +68,7 @@ def suturing(
     episodes: int,
     watch: Callable[[str], None],
     only: Sequence[str] = (),
-    log: Path | None = None,
+    kept: Path | None = None,
 ) -> list[Figure]:
     """Return the figures of all cases.
 
@@ -76,8 +76,8 @@ def suturing(
         episodes: seeds of one stitch
         watch: receives progress
         only: cases that are run; none: all
-        log: file with a JSON document for each episode, to which they are added; those that are in
-            it are not run again
+        kept: file with a JSON document for each episode, to which they are added; those that are
+            in it are not run again
 
     Raises:
         InputError: a case that is not known
@@ -86,14 +86,14 @@ def suturing(
         if name not in (*CASES, RANDOM):
             raise InputError(f"--case: got {name}; allowed: {', '.join((*CASES, RANDOM))}")
     rows: list[Row] = []
-    if log is not None and log.exists():
-        rows = [json.loads(line) for line in log.read_text().splitlines()]
+    if kept is not None and kept.exists():
+        rows = [json.loads(line) for line in kept.read_text().splitlines()]
 
     def note(row: Row) -> None:
         rows.append(row)
         watch(f"{row['case']}: seed {row['seed']}: {row['end']}")
-        if log is not None:
-            with log.open("a") as file:
+        if kept is not None:
+            with kept.open("a") as file:
                 file.write(json.dumps(row) + "\n")
 
     found: list[Figure] = []

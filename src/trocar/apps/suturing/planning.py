@@ -265,9 +265,8 @@ def needle_on_circle(wound: Array, x: float, height: float, side: int, swage: fl
         side: as of a stitch
         swage: angle of the needle's swage [rad]
     """
-    out, c, s = np.array([0.0, side, 0.0]), np.cos(swage), np.sin(swage)
-    first, second = c * out - s * UP, -s * out - c * UP
-    turn = np.column_stack([first, second, np.cross(first, second)])
+    c, s = np.cos(swage), np.sin(swage)
+    turn = np.array([[0.0, 0.0, -side], [c * side, -s * side, 0.0], [-s, -c, 0.0]])
     return wound @ transform(turn, np.array([x, 0.0, height]))
 
 

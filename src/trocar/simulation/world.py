@@ -687,8 +687,12 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
-        return self._probes.contact_forces()
+        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        found = self._probes.contact_forces()
+        for tissue in self.tissues.values():
+            for arm, force in tissue.forces_on_jaws().items():
+                found[arm] += force
+        return found
 
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.

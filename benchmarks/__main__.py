@@ -96,6 +96,11 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of tasks and random-actions: this one (repeatable; default: all)",
     )
     parser.add_argument(
+        "--keep",
+        metavar="FILE",
+        help="of tasks: keep episodes in FILE, and do not run again those that it has",
+    )
+    parser.add_argument(
         "--transport",
         action="append",
         choices=TRANSPORTS,
@@ -170,7 +175,8 @@ def main(words: Sequence[str] | None = None) -> int:
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 
-            found += tasks(args.scene, args.episodes or 50, watch)
+            kept = args.keep and Path(args.keep)
+            found += tasks(args.scene, args.episodes or 50, watch, kept)
         if "random-actions" in args.name:
             from benchmarks.random_actions import EPISODE_S, random_actions
 

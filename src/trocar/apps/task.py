@@ -116,7 +116,7 @@ class Task:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.world = World(scene.rig)
+        self.world = World(scene.rig, welded=scene.welded)
         self.world.rig_source = scene.file  # by which a recording of it is replayed
         self.arms = scene.arms
         self._slices: dict[str, slice] = {}
@@ -139,6 +139,12 @@ class Task:
         #: The least and largest values of an action.
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._names = tuple(self.world.objects)
+        #: World in the frames of arms that stand in it, which never move.
+        self._own = {
+            place.name: inverse(self.world.reference_pose(place.name))
+            for place in self.world.rig.arms
+            if not place.on
+        }
         self.reset(0)
 
     # ------------------------------------------------------------------ episode
@@ -526,8 +532,9 @@ class Task:
 
     def _inverse(self, name: str, T: Array, near: Array) -> Array:
         """Return the joint positions nearest to others, with the tip at a pose in the world."""
-        local = inverse(self.world.reference_pose(name)) @ T
-        return self.world.arms[name].local_inverse_kinematics(local, near[:-1])
+        own = self._own.get(name)
+        own = inverse(self.world.reference_pose(name)) if own is None else own
+        return self.world.arms[name].local_inverse_kinematics(own @ T, near[:-1])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""

@@ -10,14 +10,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, look_of, recording
+from trocar.cli.worlds import add_record, changed_look, look_of, recording
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -105,7 +106,8 @@ def _scene(args: Namespace) -> Scene | str:
     given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
     given = {key: value for key, value in given.items() if value is not None}
     if not given:
-        return args.scene
+        look = changed_look(args)
+        return replace(load_scene(args.scene), look=look) if look else args.scene
     if args.scene != "suturing":
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
     from trocar.apps.suturing.scene import suturing_scene
@@ -121,8 +123,12 @@ def _serve(args: Namespace) -> int:
         )
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
+    from trocar.descriptions.catalogue import load_scene
 
-    task = make_task(args.scene)
+    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    if args.policy == "none":  # a person or a client may drive every arm
+        scene = replace(scene, welded=())
+    task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
     print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)

@@ -56,9 +56,10 @@ def _episodes(name: str, episodes: int, file: Path | None) -> tuple[list[Episode
     """Run the episodes of a scene that a file lacks; return all, and their processor time [s]."""
     known: dict[int, tuple[Episode, float]] = {}
     if file is not None and file.exists():
+        called = load_scene(name).name
         for line in file.read_text(encoding="utf-8").splitlines():
             row = json.loads(line)
-            if row["scene"] == name and row["seed"] < episodes:
+            if row["scene"] == called and row["seed"] < episodes:
                 cpu_s = row.pop("cpu_s")
                 known[row["seed"]] = Episode(**row), cpu_s
     task = make_task(name) if len(known) < episodes else None

@@ -241,6 +241,8 @@ class Task:
     def setpoints(self, action: ArrayLike) -> list[Row]:
         """Return the set-points of a period, one row for every `EVERY` physics steps.
 
+        After the first row, rows lack arms that rest, and jaws that do.
+
         Raises:
             InputError: as for `command`
         """
@@ -262,8 +264,11 @@ class Task:
             before = self._joints[name]
             after = self._next(name, before, values[self._slices[name]])
             change = after - before
-            for k, row in enumerate(rows, 1):
-                row[name] = before + (k / count) * change, change / PERIOD_S
+            own = self.world.arms[name].description.own_joints
+            part = slice(None) if change[own:].any() else slice(own)
+            for k, row in enumerate(rows if change.any() else rows[:1], 1):
+                q, v = before + (k / count) * change, change / PERIOD_S
+                row[name] = (q, v) if k == 1 else (q[part], v[part])
             self._joints[name] = after
         return rows
 
@@ -271,11 +276,10 @@ class Task:
         """Command the arms' servos, as `setpoints` has it."""
         for name, (q, v) in row.items():
             arm = self.world.arms[name]
-            if arm.type == "PSM":
-                arm.servo_jp(q[:-1], v[:-1])
-                cast(Jaw, arm.jaw).servo_jp(q[-1:], v[-1:])
-            else:
-                arm.servo_jp(q, v)
+            own = arm.description.own_joints
+            arm.servo_jp(q[:own], v[:own])
+            if len(q) > own:
+                cast(Jaw, arm.jaw).servo_jp(q[own:], v[own:])
 
     def reward(self) -> float:
         """Return the change of the share of goals that are met, of the last command."""

@@ -240,7 +240,7 @@ class World:
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
         for name, tissue in self.tissues.items():
-            drawn = TissueDrawings(tissue, self.rig)
+            drawn = TissueDrawings(tissue, self._model, self._data)
             for part in (drawn.skin, drawn.wound, drawn.thread):
                 self.draw(f"{name}_{part.__name__}", part)
         warn_near_singular(self.rig)

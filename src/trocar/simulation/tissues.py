@@ -299,6 +299,7 @@ class SoftTissue:
         np.multiply(self._v, DAMPING_S, out=w)
         w += u
         np.dot(self._pull, w, out=self._applied)
+        self._applied += self._lift
         if self._tools.near or self._grips:
             self._touch()
 
@@ -591,6 +592,9 @@ class SoftTissue:
         self._pull, count = np.zeros((len(self._rest),) * 2), len(self._held)
         stiff = self._condensed().stiffness[:count, :count]
         self._pull[np.ix_(self._held, self._held)] = -self.stiffness * stiff
+        #: What holds the weight of the places' bodies.
+        up = -EYE_KG * self._model.opt.gravity @ self.pose[:3, :3]
+        self._lift = np.tile(up, len(places))
 
     def _kinematics(self) -> None:
         """Bring bodies and tendons to where the last step ended: MuJoCo has where it began."""

@@ -112,6 +112,7 @@ class Task:
         drops: objects dropped so far
         done: whether the episode is over
         reason: why: "done", "time", or what went wrong; "" before
+        remarks: of the policy, about what it could not do; they stand in the reason
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -191,6 +192,7 @@ class Task:
         self.grip = dict.fromkeys(self.arms, 0.0)
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self._reasons: dict[str, str] = {}
+        self.remarks: list[str] = []
         self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
         self.look()
         self._reward = 0.0
@@ -458,7 +460,7 @@ class Task:
             self.done, self.reason = True, f"{', '.join(lost)}: out of play"
         elif self.time >= self.scene.time_limit - 1e-9:
             stalls = [f"{name} stands still, {why}" for name, why in self._reasons.items() if why]
-            self.done, self.reason = True, "; ".join(["time", *stalls])
+            self.done, self.reason = True, "; ".join(["time", *self.remarks, *stalls])
 
     # ------------------------------------------------------------------ inside
 

@@ -674,6 +674,8 @@ class World:
     def grasps(self) -> dict[str, Grasp]:
         """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
 
+        Small loads are as of the last 10 ms.
+
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """
         return self._grasps.read()

@@ -65,6 +65,7 @@ schema = 1
 name = "grip"
 source = "our own choice"
 grasp = "{grasp}"
+dynamics = "cad"
 [[arm]]
 name = "PSM1"
 description = "psm"
@@ -111,7 +112,7 @@ class Grip:
                 file = grasp
             else:
                 file.write_text(rig_text(grasp), encoding="utf-8")
-            self.world = world = World(file, dynamics="cad")
+            self.world = world = World(file)
         self.arm, needle = world.arm("PSM1"), world.object("needle")
         middle = 1e-3 * RADIUS * np.cos(0.5 * np.pi / PIECES)  # of a capsule, which lies across
         turn = np.pi * (0.5 - 0.5 / PIECES)

@@ -72,6 +72,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         stalled_s: {arm: how long it stayed where it was though an action moves it} [s]
         grasp: what holds objects, as the rig has it: "friction+stick"
+        dynamics: of the arms, as the rig has them: "cad"
         digest: of the physics state in the end
         figures: what else the scene measures, by name with its unit
     """
@@ -90,6 +91,7 @@ class Episode:
     grip_n: Mapping[str, float]
     stalled_s: Mapping[str, float]
     grasp: str
+    dynamics: str
     digest: str
     figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
@@ -331,6 +333,7 @@ class Task:
             force_n=dict(self.force),
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
+            dynamics=self.world.rig.dynamics,
             stalled_s=dict(self.stalled),
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
             figures=self.figures(),

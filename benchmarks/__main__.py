@@ -96,9 +96,16 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of tasks and random-actions: this one (repeatable; default: all)",
     )
     parser.add_argument(
+        "--case",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="of suturing: one, noisy, four, random, ... (repeatable; default: all)",
+    )
+    parser.add_argument(
         "--keep",
         metavar="FILE",
-        help="of tasks: keep episodes in FILE, and do not run again those that it has",
+        help="of tasks and suturing: keep episodes in FILE, and do not run again those that it has",
     )
     parser.add_argument(
         "--transport",
@@ -171,7 +178,8 @@ def main(words: Sequence[str] | None = None) -> int:
         if "suturing" in args.name:
             from benchmarks.suturing import suturing
 
-            found += suturing(args.episodes or 50, watch)
+            kept = args.keep and Path(args.keep)
+            found += suturing(args.episodes or 50, watch, args.case, kept)
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 

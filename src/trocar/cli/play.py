@@ -55,6 +55,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --stitches N:int        of suturing: how many (default: 1)
         --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
         --tissue NAME           of suturing: phantom (default), skin or soft
+        --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
+                                or as a picture (.png, extra plot), before it is played
     """)  # fmt: skip
     add_json(parser)
     add_record(parser)
@@ -71,6 +73,8 @@ def run(args: Namespace) -> int:
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     args.scene = _scene(args)
+    if args.plan:
+        _write_plan(args)
     if not args.headless:
         return _serve(args)
     if args.policy == "none":
@@ -113,6 +117,21 @@ def _scene(args: Namespace) -> Scene | str:
     from trocar.apps.suturing.scene import suturing_scene
 
     return suturing_scene(**given)
+
+
+def _write_plan(args: Namespace) -> None:
+    """Write the plan of the first episode's stitches."""
+    from trocar.apps.suturing.task import Suturing
+    from trocar.apps.tasks import make_task
+
+    path = Path(args.plan).expanduser()
+    if path.suffix not in (".toml", ".png"):
+        raise InputError(f"--plan: got {args.plan}; allowed: a file that ends in .toml or .png")
+    task = make_task(args.scene)
+    if not isinstance(task, Suturing):
+        raise InputError(f"--plan: got the scene {task.scene.name}; allowed: suturing")
+    task.reset(args.seed)
+    task.make_plan().save(path, overwrite=args.overwrite)
 
 
 def _serve(args: Namespace) -> int:

@@ -17,6 +17,7 @@ from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.threads import ChainThread
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
@@ -379,6 +380,7 @@ class Prop:
         script: path of the Python file whose `before_step` is called, "" for none
         needle: its dimensions, where it is a curved needle
         tissue: soft halves of a pad with a wound between them, where it is tissue
+        thread: where it is a thread: `shapes` has its first link
     """
 
     name: str
@@ -389,6 +391,7 @@ class Prop:
     script: str = ""
     needle: Needle | None = None
     tissue: Tissue | None = None
+    thread: ChainThread | None = None
 
 
 @dataclass(frozen=True, eq=False)

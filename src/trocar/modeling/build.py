@@ -24,6 +24,7 @@ from trocar.descriptions.records import (
     RigArm,
     RigDescription,
 )
+from trocar.descriptions.threads import ChainThread
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -47,10 +48,12 @@ from trocar.modeling.options import (
     STIFF_STEPS,
     STILL_M_S,
     STOP_STEPS,
+    THREAD,
     TOLERANCE,
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
+from trocar.modeling.threads import add_thread, bodies_of
 from trocar.modeling.tissues import add_tissue, tissue_bit
 
 Array = NDArray[np.float64]
@@ -229,6 +232,9 @@ class Draft:
         poses = {prop.name: prop.pose for prop in rig.props}
         for prop in rig.props:
             body = add_prop(self.spec, prop, poses, options.timestep)
+            if prop.thread is not None:
+                self._add_links(prop, prop.thread, body)
+                continue
             if prop.movable is not None:
                 _set_mass(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
             mask = self.masks[OBJECTS if prop.movable else ""]
@@ -253,7 +259,21 @@ class Draft:
         soften(self.spec, self._geoms, options.timestep)
         if options.servo == "pid" and options.collisions and not options.standalone:
             for arm in rig.arms:
-                self._add_grasp(arm, [p for p in rig.objects if p.joint is None])
+                self._add_grasp(arm, [p for p in rig.objects if p.thread or not p.joint])
+
+    def _add_links(self, prop: Prop, thread: ChainThread, body: mujoco.MjsBody) -> None:
+        """Add the links of a thread with their shapes; it touches itself only where it may knot."""
+        mask = self.masks[OBJECTS]
+        if not thread.knots:
+            mask = ContactMask(0, mask.conaffinity)
+        step = self._options.timestep
+        links = add_thread(body, prop, thread, step)
+        for number, link in enumerate(links):
+            before = len(self._geoms.surfaces)
+            self._geoms.add(link, f"{prop.name}/{number}", prop.shapes[0], mask)
+            for surface in self._geoms.surfaces[before:]:
+                surface.geom.condim = 3  # too thin to resist rotation
+                surface.geom.solref = [k * step ** (n - 2) for n, k in enumerate(THREAD)]
 
     def _set_solver(self) -> None:
         compiler, option = cast(Any, self.spec.compiler), cast(Any, self.spec.option)
@@ -453,7 +473,7 @@ class Draft:
                 solref=[k / self._options.timestep ** (2 - n) for n, k in enumerate(HOLD)],
                 solimp=STIFF_IMPEDANCE,
             )
-        names = [prop.name for prop in objects]
+        names = [n for prop in objects for n in bodies_of(prop)]
         pair_grips(self.spec, pads, [s for s in self._geoms.surfaces if s.body in names])
 
     def _add_servo(self, place: RigArm, joint: JointDescription, group: int) -> None:

@@ -140,7 +140,7 @@ def pair_grips(spec: mujoco.MjSpec, pads: Sequence[Surface], held: Sequence[Surf
         pair = cast(Any, spec.add_pair(geomname1=names[0], geomname2=names[1]))
         slide, spin, roll = _friction(pad.geom, shape.geom)
         pair.condim, pair.friction = pad.geom.condim, [slide, slide, spin, roll, roll]
-        pair.solref, pair.solimp = pad.geom.solref, pad.geom.solimp
+        pair.solref, pair.solimp = shape.geom.solref, shape.geom.solimp
 
 
 def _soft(one: Surface, two: Surface) -> bool:

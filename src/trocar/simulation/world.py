@@ -53,6 +53,7 @@ from trocar.simulation.records import (
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
+from trocar.simulation.threads import Thread
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue_drawings import TissueDrawings
@@ -213,6 +214,10 @@ class World:
             for prop in self.rig.props
             if prop.tissue is not None and self.options.collisions
         }
+        #: Threads that jaws can grasp, by name; they are among the objects, too.
+        self.threads: dict[str, Thread] = {
+            prop.name: Thread(prop, prop.thread) for prop in self.rig.objects if prop.thread
+        }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
@@ -240,9 +245,11 @@ class World:
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
         for name, tissue in self.tissues.items():
-            drawn = TissueDrawings(tissue, self.rig)
+            drawn = TissueDrawings(tissue, self._model, self._data)
             for part in (drawn.skin, drawn.wound, drawn.thread):
                 self.draw(f"{name}_{part.__name__}", part)
+        for name, thread in self.threads.items():
+            self._drawings[name] = thread.curve
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -689,8 +696,12 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
-        return self._probes.contact_forces()
+        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        found = self._probes.contact_forces()
+        for tissue in self.tissues.values():
+            for arm, force in tissue.forces_on_jaws().items():
+                found[arm] += force
+        return found
 
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
@@ -854,6 +865,8 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        for thread in self.threads.values():
+            thread.attach(model, data)
         self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
             shadows = self.frames.shadow, self._true.shadow

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
 from trocar.modeling import naming
+from trocar.modeling.threads import bodies_of
 from trocar.simulation.journal import Journal
 
 Array = NDArray[np.float64]
@@ -67,6 +68,7 @@ class Hold:
 
     Attributes:
         object: its index
+        body: of the object, which the jaw holds: a link of a thread
         anchor: centre of the grip in the object (3,) [m]
         turned: rotation of the object in the left finger, quaternion wxyz (4,)
         centre: of the grip, in the left finger (3,) [m]
@@ -77,6 +79,7 @@ class Hold:
     """
 
     object: int
+    body: int
     anchor: Array
     turned: Array
     centre: Array
@@ -123,7 +126,8 @@ class Grasps:
 
     def __init__(self, rig: RigDescription, timestep: float, journal: Journal) -> None:
         self._kind, self._journal, self._timestep = rig.grasp, journal, timestep
-        self.objects = tuple(prop.name for prop in rig.objects if prop.joint is None)
+        self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
+        self.objects = tuple(prop.name for prop in self._props)
         self.every = max(1, round(PERIOD_S / timestep))
         self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
         self._again = -round(SLIPPED_S / (timestep * self.every))
@@ -139,11 +143,15 @@ class Grasps:
                 self._jaws.append(Jaws(arm.name, (sides[0], sides[1]), np.array(welds)))
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
-        self._dofs = [slice(k := int(model.body_dofadr[body]), k + 6) for body in bodies]
+        #: What carries each freely: itself, or what a thread is tied to. All forces on a tree are
+        #: those on the six degrees of freedom of its root.
+        self._roots = model.body_rootid[self._bodies]
+        self._dofs = [slice(k := int(model.body_dofadr[root]), k + 6) for root in self._roots]
         finger, held = np.full(model.nbody, -1), np.full(model.nbody, -1)
         for row, jaws in enumerate(self._jaws):
             finger[list(jaws.bodies)] = 2 * row, 2 * row + 1
-        held[self._bodies] = np.arange(len(bodies))
+        for row, prop in enumerate(self._props):
+            held[[model.body(name).id for name in bodies_of(prop)]] = row
         #: Of each geom: its finger, 2 * jaws + side, and its object; -1 of others.
         self._finger, self._held = finger[model.geom_bodyid], held[model.geom_bodyid]
         #: The same as lists, with -1 in the end for flexes, whose contacts have the geom -1.
@@ -234,7 +242,7 @@ class Grasps:
             self._set(row, replace(hold, stuck=False))
             self._slicken()
         elif not hold.stuck:
-            anchor, turned = self._placed(row, hold.object, hold.centre)
+            anchor, turned = self._placed(row, hold.body, hold.centre)
             far = float(np.linalg.norm(anchor - hold.anchor))
             same = min(1.0, abs(float(turned @ hold.turned)))
             if pressed < LOOSE_N or far > SLIPPED_M or 2.0 * acos(same) > SLIPPED_RAD:
@@ -278,9 +286,9 @@ class Grasps:
         self._holds: list[Hold | None] = [None] * count
         self._looks = np.zeros((count, len(self.objects)), dtype=np.int64)
         self._pressing = False  # whether any of these is not 0
-        #: The largest force of each hold so far; what was let go: by which jaw, and from where [m].
+        #: The largest force of each hold so far; what was let go: jaw, body, from where [m].
         self._most = [0.0] * count
-        self._loose: dict[int, tuple[int, float]] = {}
+        self._loose: dict[int, tuple[int, int, float]] = {}
         self._read = [Grasp("", 0.0, 0.0, 0.0)] * count
 
     def _take(self, row: int, found: int, contacts: Index, force: float) -> None:
@@ -299,8 +307,13 @@ class Grasps:
             (touching.frame[contacts][:, :3] * signs[:, None]) @ turn,
             touching.friction[contacts],
         )
-        anchor, turned = self._placed(row, found, grip[0])
-        self._set(row, Hold(found, anchor, turned, *grip))
+        of = touching.geom[contacts, np.where(meets[:, 0] >= 0, 1, 0)]
+        pressed = np.bincount(
+            self._model.geom_bodyid[of], data.efc_force[touching.efc_address[contacts]]
+        )
+        body = int(pressed.argmax())
+        anchor, turned = self._placed(row, body, grip[0])
+        self._set(row, Hold(found, body, anchor, turned, *grip))
         self._slicken()
         self._looks[row] = 0
         self._read[row] = self._grasp(found, force)
@@ -309,9 +322,9 @@ class Grasps:
         name = self.objects[found]
         self._journal.event(self._jaws[row].arm, "grasp/object", object=name, force=force)
 
-    def _placed(self, row: int, found: int, centre: Array) -> tuple[Array, Array]:
-        """Return where a grip's centre is in an object, and how that is turned in the finger."""
-        data, finger, body = self._data, self._jaws[row].bodies[0], self._bodies[found]
+    def _placed(self, row: int, body: int, centre: Array) -> tuple[Array, Array]:
+        """Return where a grip's centre is in a body, and how that is turned in the finger."""
+        data, finger = self._data, self._jaws[row].bodies[0]
         mujoco.mj_kinematics(self._model, data)  # bodies were where the last step began
         there, about = data.xmat[body].reshape(3, 3), data.xmat[finger].reshape(3, 3)
         anchor = (data.xpos[finger] + about @ centre - data.xpos[body]) @ there
@@ -322,8 +335,8 @@ class Grasps:
 
     def _release(self, row: int) -> None:
         if (hold := self._holds[row]) is not None:
-            height = float(self._data.xpos[self._bodies[hold.object], 2])
-            self._loose[hold.object] = row, height
+            height = float(self._data.xpos[hold.body, 2])
+            self._loose[hold.object] = row, hold.body, height
         self._set(row, None)
         self._slicken()
         self._looks[row] = 0
@@ -333,8 +346,8 @@ class Grasps:
     def _watch_falls(self) -> None:
         """Report what fell since a jaw let go of it."""
         holding = {hold.object for hold in self._holds if hold is not None}
-        for found, (row, height) in list(self._loose.items()):
-            fallen = height - float(self._data.xpos[self._bodies[found], 2])
+        for found, (row, body, height) in list(self._loose.items()):
+            fallen = height - float(self._data.xpos[body, 2])
             if found in holding or fallen > DROPPED_M:
                 del self._loose[found]
             if found not in holding and fallen > DROPPED_M:
@@ -347,6 +360,7 @@ class Grasps:
         self._data.eq_active[welds] = 0
         if hold is not None and hold.stuck and self._kind != "friction":
             weld = welds[hold.object]
+            self._model.eq_obj2id[weld] = hold.body
             self._model.eq_data[weld, :10] = *hold.anchor, *hold.centre, *hold.turned
             self._data.eq_active[weld] = 1
 
@@ -373,7 +387,7 @@ class Grasps:
         if self._kind == "friction":
             return float("nan")
         data, finger = self._data, self._jaws[row].bodies[0]
-        found, body = data.contact, int(self._bodies[hold.object])
+        found, body = data.contact, int(self._roots[hold.object])
         firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
         rows = [k for c in contacts for k in range(firsts[c], firsts[c] + sizes[c])]
         if data.eq_active[weld := int(self._jaws[row].welds[hold.object])]:

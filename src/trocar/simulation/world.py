@@ -883,6 +883,7 @@ class World:
         left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
+        every = min((tissue.every for tissue in tissues), default=1)
         computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         looks, renewal = self._looks, self._renewal
@@ -910,12 +911,16 @@ class World:
                     count = 1
                 if scripts.running:
                     scripts.call(self)
-                for tissue in tissues:
-                    tissue.apply()
+                if scripts.running:
+                    count = 1
+                if tissues:
+                    count = min(count, every - journal.period % every)
                 if tissues or scripts.running:
                     mujoco.mj_getState(model, data, self._before, STEPPED)
-                    count = 1
-                mujoco.mj_step(model, data, count)
+                if tissues:
+                    self._step_tissues(count)
+                else:
+                    mujoco.mj_step(model, data, count)
                 journal.period += count
                 journal.time = data.time
                 run -= count
@@ -932,6 +937,14 @@ class World:
                         tissue.look()
                 for observer, _ in self._observers:
                     observer()
+
+    def _step_tissues(self, count: int) -> None:
+        """Step the physics with the forces of soft tissue."""
+        tissues = tuple(self.tissues.values())
+        for _ in range(count):
+            for tissue in tissues:
+                tissue.apply()
+            mujoco.mj_step(self._model, self._data)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.
@@ -986,7 +999,7 @@ class World:
         mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
         self._bad[:] = 0
         for _ in range(self._renewal):
-            mujoco.mj_step(self._model, self._data)
+            self._step_tissues(1)
             if self._bad[list(BAD)].any():
                 break
         self.journal.time = self._data.time

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from trocar.cli import main
-from trocar.cli.worlds import add_look, look_of
+from trocar.cli.worlds import add_look, changed_look, look_of
 from trocar.rendering import Look
 
 LIVE = ("sim", "--no-page", "--websocket-port", "0", "--duration", "0.05")
@@ -67,6 +67,16 @@ def test_smoke_blood_noise_and_compression_reach_the_renderer() -> None:
     found = look_of(parser.parse_args(words))
     assert found == Look("surgical", smoke=0.3, blood=0.1, noise=0.02, jpeg=70)
     assert look_of(parser.parse_args([])) == Look()
+
+
+def test_a_scene_takes_the_settings_of_its_images_that_are_given_and_no_others() -> None:
+    parser = ArgumentParser()
+    add_look(parser)
+    assert changed_look(parser.parse_args([])) == {}
+    assert changed_look(parser.parse_args(["--look", "plain"])) == {"style": "plain"}
+    given = ["--look", "surgical", "--smoke", "0.3", "--exposure", "1"]
+    expected = {"style": "surgical", "smoke": 0.3, "exposure": 1.0}
+    assert changed_look(parser.parse_args(given)) == expected
 
 
 def test_a_rig_with_cameras_runs_without_them(capsys: pytest.CaptureFixture[str]) -> None:

@@ -192,25 +192,6 @@ def test_what_tears_out_is_reported_and_no_longer_held(world: World) -> None:
     assert not read.forces[0, 3].any()
 
 
-def test_a_saved_state_goes_on_to_the_last_bit_and_worlds_repeat(world: World) -> None:
-    def run() -> NDArray[np.float64]:
-        push(world, np.array([0.1, 0.4, -0.3]))
-        world.step(40)
-        saved = world.save()
-        world.step(40)
-        row = world.save().row
-        world.load(saved)
-        world.step(40)
-        assert np.array_equal(world.save().row, row)
-        push(world, np.zeros(3))
-        return row
-
-    pad_of(world)
-    first = run()
-    pad_of(world)
-    assert np.array_equal(run(), first)
-
-
 def test_a_tissue_stands_where_it_was_put_and_a_saved_state_brings_it_back(world: World) -> None:
     tissue, pose = pad_of(world), np.eye(4)
     pose[:3, 3] = 0.01, -0.01, 0.012

@@ -10,14 +10,15 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, look_of, recording
+from trocar.cli.worlds import add_record, changed_look, look_of, recording
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --stitches N:int        of suturing: how many (default: 1)
         --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
         --tissue NAME           of suturing: phantom (default), skin or soft
+        --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
+                                or as a picture (.png, extra plot), before it is played
     """)  # fmt: skip
     add_json(parser)
     add_record(parser)
@@ -70,6 +73,8 @@ def run(args: Namespace) -> int:
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     args.scene = _scene(args)
+    if args.plan:
+        _write_plan(args)
     if not args.headless:
         return _serve(args)
     if args.policy == "none":
@@ -105,12 +110,28 @@ def _scene(args: Namespace) -> Scene | str:
     given = {key: getattr(args, key) for key in ("stitches", "needle", "tissue")}
     given = {key: value for key, value in given.items() if value is not None}
     if not given:
-        return args.scene
+        look = changed_look(args)
+        return replace(load_scene(args.scene), look=look) if look else args.scene
     if args.scene != "suturing":
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
     from trocar.apps.suturing.scene import suturing_scene
 
     return suturing_scene(**given)
+
+
+def _write_plan(args: Namespace) -> None:
+    """Write the plan of the first episode's stitches."""
+    from trocar.apps.suturing.task import Suturing
+    from trocar.apps.tasks import make_task
+
+    path = Path(args.plan).expanduser()
+    if path.suffix not in (".toml", ".png"):
+        raise InputError(f"--plan: got {args.plan}; allowed: a file that ends in .toml or .png")
+    task = make_task(args.scene)
+    if not isinstance(task, Suturing):
+        raise InputError(f"--plan: got the scene {task.scene.name}; allowed: suturing")
+    task.reset(args.seed)
+    task.make_plan().save(path, overwrite=args.overwrite)
 
 
 def _serve(args: Namespace) -> int:
@@ -121,8 +142,12 @@ def _serve(args: Namespace) -> int:
         )
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
+    from trocar.descriptions.catalogue import load_scene
 
-    task = make_task(args.scene)
+    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    if args.policy == "none":  # a person or a client may drive every arm
+        scene = replace(scene, welded=())
+    task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
     print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
@@ -192,6 +193,15 @@ def look_of(args: Namespace, samples: int = 0) -> Look:
         distortion=args.distortion,
         samples=samples,
     )
+
+
+def changed_look(args: Namespace) -> dict[str, object]:
+    """Return the settings of `look_of` that the options of `add_look` change, by name."""
+    look = look_of(args)
+    changed = {
+        f.name: getattr(look, f.name) for f in fields(look) if getattr(look, f.name) != f.default
+    }
+    return {**changed, "style": look.style} if args.look else changed
 
 
 def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,10 +84,13 @@ class Scene:
         rig: the rig with the scene's props and start pose
         task: the class of the task, see `trocar.apps.tasks`
         arms: that a policy drives
+        welded: other arms, which stay where they start; empty where a person may drive them
         placements, goals: of objects and tips; goals by stage
-        hidden: objects that observations leave out, and with them places of goals on them
         time_limit: of an episode [s]
         drop_height: an object that falls farther counts as dropped [m]
+        hidden: objects that observations leave out, and with them places of goals on them
+        look: settings of `trocar.rendering.Look` for the images that the task looks at, by name;
+            others are as the task has them
     """
 
     name: str
@@ -102,6 +105,8 @@ class Scene:
     time_limit: float
     drop_height: float
     hidden: tuple[str, ...] = ()
+    welded: tuple[str, ...] = ()
+    look: Mapping[str, Any] = field(default_factory=dict)
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.
@@ -180,7 +185,9 @@ def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> 
     task = str(path.parent / task) if task.endswith(".py") else task
     goals.sort(key=lambda goal: goal.stage)
     parts = (named, title, source, str(path), rig, task, arms, tuple(placements), tuple(goals))
-    return Scene(*parts, limit, drop, hidden)
+    # what arms without motors read has no errors
+    welded = () if rig.errors else tuple(a.name for a in rig.arms if a.name in {*known} - {*arms})
+    return Scene(*parts, limit, drop, hidden, welded)
 
 
 def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDescription:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -142,6 +142,7 @@ class World:
         friction: "identified" or "paper"
         gravity_compensation: on or off; as the gains' source has it when omitted
         setup_joints: "braked" (simulated, held by brakes) or "locked" (welded, faster)
+        welded: names of other arms that stay where they start, which is faster too
         collisions: whether bodies touch
         seed: of the random numbers that sensors draw
         tip_load_n: force that turns about each instrument's tip [N]
@@ -154,7 +155,7 @@ class World:
             omitted. Everything that arms report has them; `true_state` has not
 
     Raises:
-        UnknownNameError, DescriptionError: the rig, a calibration or the errors
+        UnknownNameError, DescriptionError: the rig, an arm to weld, a calibration or the errors
         InputError: another argument
     """
 
@@ -167,6 +168,7 @@ class World:
         friction: Literal["identified", "paper"] = "identified",
         gravity_compensation: bool | None = None,
         setup_joints: Literal["braked", "locked"] = "braked",
+        welded: Sequence[str] = (),
         collisions: bool = True,
         seed: int = 0,
         tip_load_n: float = 0.0,
@@ -692,8 +694,12 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
-        return self._probes.contact_forces()
+        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        found = self._probes.contact_forces()
+        for tissue in self.tissues.values():
+            for arm, force in tissue.forces_on_jaws().items():
+                found[arm] += force
+        return found
 
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
@@ -1018,14 +1024,19 @@ def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
     for name, allowed in CHOICES.items():
         if choices[name] not in allowed:
             raise InputError(f"{name}: got {choices[name]!r}; allowed: {', '.join(allowed)}")
-    start, welded = rig.poses["start"], choices["setup_joints"] == "locked"
+    names = [arm.name for arm in rig.arms]
+    for name in choices["welded"]:
+        if name not in names:
+            raise UnknownNameError("arm", name, names, "welded")
+    setups = {arm.name for arm in rig.arms if arm.arm.type == "SUJ"}
+    still = {*choices["welded"], *(setups if choices["setup_joints"] == "locked" else ())}
     return ModelOptions(
         timestep=_checked_period(choices["timestep_s"]),
         control=choices["control"],
         gravity_compensation=choices["gravity_compensation"],
         friction=choices["friction"],
         collisions=choices["collisions"],
-        locked={a.name: start[a.name] for a in rig.arms if a.arm.type == "SUJ" and welded},
+        locked={name: rig.poses["start"][name] for name in names if name in still},
     )
 
 
@@ -1038,20 +1049,22 @@ def _choices(model: RigModel) -> dict[str, Any]:
     options = model.options
     if options.servo != "pid":
         raise InputError(f"World: got a model with servo {options.servo!r}; allowed: 'pid'")
+    setups = {arm.name for arm in model.rig.arms if arm.arm.type == "SUJ"}
     return {
         "timestep_s": options.timestep,
         "control": options.control,
         "gravity_compensation": options.gravity_compensation,
         "friction": options.friction,
         "collisions": options.collisions,
-        "setup_joints": "locked" if options.locked else "braked",
+        "setup_joints": "locked" if setups & {*options.locked} else "braked",
+        "welded": tuple(name for name in options.locked if name not in setups),
     }
 
 
 def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) -> None:
     """Reject arguments that a model determines already."""
     defaults: dict[str, Any] = World.__init__.__kwdefaults__ or {}
-    names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions")
+    names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions", "welded")
     given = [name for name in names if choices[name] != defaults[name]]
     if given or calibration is not None:
         what = ", ".join([*given, *(["calibration"] if calibration is not None else [])])

@@ -113,6 +113,16 @@ def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: 
     assert task.success
 
 
+def test_arms_that_a_scene_does_not_drive_are_welded(touch: Path) -> None:
+    scene = load_scene(touch)
+    assert scene.welded == ("PSM2", "ECM")
+    task = make_task(scene)
+    task.reset(0)
+    before = task.world.arms["ECM"].positions()
+    assert not task.world.arms["ECM"].servo_jp(before)
+    assert make_task(replace(scene, welded=())).world.arms["ECM"].servo_jp(before)
+
+
 def test_a_place_on_an_object_goes_with_it_and_what_is_hidden_is_not_observed() -> None:
     task = make_task("icra2026-peg-transfer")
     poses: list[np.ndarray] = []

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+from typing import Literal
+
 import numpy as np
 import pytest
 
-from trocar.apps.vision import find_tip
+from trocar.apps.vision import find_marker, find_tip
 from trocar.apps.vision.instruments import instrument_masks
 from trocar.cameras import StereoCalibration
 from trocar.descriptions import load_rig
 from trocar.errors import InputError
-from trocar.geometry import inverse, matrix_from_rotation_vector, transform
+from trocar.geometry import inverse, matrix_from_rotation_vector, transform, transform_points
 from trocar.rendering import Endoscope, Look
 from trocar.simulation import World
+from trocar.simulation.records import DrawnCurve
 
 pytest.importorskip("cv2", reason="needs the extra vision")
 pytest.importorskip("moderngl", reason="needs the extra scope")
@@ -60,3 +64,33 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
         find_tip(eyes, blank, blank, there.eyes, masks, -guess)
     with pytest.raises(InputError, match=r"tip: at .* px, out of the \(640, 480\) images"):
         find_tip(eyes, blank, blank, there.eyes, masks, np.array([0.3, 0.0, guess[2]]))
+    with pytest.raises(InputError, match=r"predicted: got images of .* allowed: two of"):
+        find_tip(eyes, blank, blank, [one[::2] for one in there.eyes], masks, guess)
+
+
+@pytest.mark.parametrize("style", ["plain", "surgical"])
+def test_a_green_dot_on_an_instrument_is_found_in_both_eyes(style: Literal["plain"]) -> None:
+    world = World(load_rig("training"))
+    tip = world.arms["PSM1"].tip_in_world().T
+    sight = world.camera("endoscope").T_world_camera[:3, 2]
+    dot = tip[:3, 3] - 0.012 * sight  # in front of the jaws
+    across = np.cross(sight, [1.0, 0.0, 0.0])
+    line = dot + np.outer([-1e-3, 1e-3], across / np.linalg.norm(across))
+    stop = world.draw("dot", lambda: DrawnCurve("dot", line, 0.001, (0.1, 0.7, 0.2, 1.0)))
+    with closing(Endoscope(world, preset="dvrk_sd_640x480", look=Look(style, noise=0.03))) as scope:
+        frame = scope.capture()
+        stop()
+        bare = scope.capture()
+    eyes = frame.calibration
+    assert isinstance(eyes, StereoCalibration) and frame.right is not None
+    assert bare.right is not None
+    fix = find_marker(eyes, frame.left, frame.right, (40, 180, 60))
+    for eye in range(2):
+        assert np.linalg.norm(fix.pixels[eye] - frame.project(dot, eye)) < 0.5
+    true = transform_points(inverse(frame.T_world_camera[0]), dot)
+    depth_per_px = true[2] ** 2 / (frame.K[0, 0, 0] * frame.baseline)
+    assert np.linalg.norm(fix.point - true) < 0.75 * depth_per_px
+    with pytest.raises(InputError, match=r"the left image has nothing of its colour"):
+        find_marker(eyes, bare.left, bare.right, (40, 180, 60))
+    with pytest.raises(InputError, match="allowed: one that is not grey"):
+        find_marker(eyes, frame.left, frame.right, (90, 90, 90))

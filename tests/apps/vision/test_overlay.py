@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -23,9 +25,10 @@ from trocar.apps.vision.overlay import (
 )
 from trocar.apps.vision.scenes import AugmentedReality
 from trocar.cameras.lens import project
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 from trocar.geometry import inverse, matrix_from_rotation_vector, transform
-from trocar.rendering import StereoFrame
+from trocar.rendering import Look, StereoFrame
 from trocar.simulation import World
 
 pytest.importorskip("cv2", reason="needs the extra vision")
@@ -137,6 +140,23 @@ def test_overlays_stay_where_they_belong_while_the_scope_moves() -> None:
                 assert abs(u - np.interp(v, line[:, 1], line[:, 0])) < 0.2
     task.close()
     assert len(cameras) == 4 and np.abs(cameras[0] - cameras[-1]).max() > 1e-3
+
+
+def test_images_of_a_scene_look_as_the_scene_says() -> None:
+    pytest.importorskip("moderngl", reason="needs the extra scope")
+    scene = load_scene("augmented-reality")
+    changed = replace(scene, look={"style": "plain", "vignette": 0.5})
+    for given, look in (
+        (scene, Look("surgical", noise=0.03)),
+        (changed, Look("plain", noise=0.03, vignette=0.5)),
+    ):
+        task = make_task(given)
+        assert isinstance(task, AugmentedReality)
+        task.reset(1)
+        assert task.scope().renderer.look == look
+        # A film begins with them, before anything was looked at.
+        assert task.picture(lambda: BLACK).shape == (480, 640, 3)
+        task.close()
 
 
 def test_overlays_of_mirrored_arms_lie_where_the_robots_own_camera_has_them() -> None:

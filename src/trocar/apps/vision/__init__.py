@@ -1,6 +1,6 @@
 """What an endoscope's pictures are used for."""
 
-from trocar.apps.vision.instruments import TipFix, find_tip
+from trocar.apps.vision.instruments import TipFix, find_marker, find_tip
 from trocar.apps.vision.needle_tracking import JAWS, Holder, NeedleEstimate, NeedleTracker
 from trocar.apps.vision.overlay import View, overlaid
 from trocar.apps.vision.servoing import ServoSettings, VisualServo
@@ -16,6 +16,7 @@ __all__ = [
     "View",
     "VisualServo",
     "Wound",
+    "find_marker",
     "find_tip",
     "find_wound",
     "overlaid",

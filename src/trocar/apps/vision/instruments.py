@@ -1,9 +1,10 @@
-"""Tips of instruments in both eyes' images, without markers.
+"""Tips of instruments in both eyes' images, without markers; and coloured markers.
 
-The image that kinematics predicts is rendered, and its edges about the tip are registered to those
-of the real one by their directions, as doubled angles weighted by strength. Both eyes share one
-shift along rows and columns and one disparity, so that a fix in the left image that the right one
-contradicts is not taken. Source: doubled angles: Granlund 1978; the rest: prototypes.
+Without markers the image that kinematics predicts is rendered, and its edges about the tip are
+registered to those of the real one by their directions, as doubled angles weighted by strength.
+Both eyes share one shift along rows and columns and one disparity, so that a fix in the left image
+that the right one contradicts is not taken. Source: doubled angles: Granlund 1978; the rest:
+prototypes.
 """
 
 from __future__ import annotations
@@ -35,6 +36,10 @@ FLOOR, SMOOTH = 4.0, 1.6
 INNER = 0.4
 #: Least share of the prediction's edges that the image has. Source: our own choice.
 LEAST = 0.15
+#: A marker's pixels differ from grey by this at least [grey levels], by a share of what its
+#: clearest one does, and in its own direction by so much more than across it; it has so many
+#: pixels, and both eyes agree on its place to this [px]. Source: our own choice.
+PALE, CLEAR, PURE, LEAST_PX, APART_PX = 12.0, 0.5, 1.5, 12, 3.0
 #: Parts of an instrument that are compared.
 PARTS = ("wrist_pitch", "wrist_yaw", "finger_left", "finger_right")
 
@@ -87,6 +92,10 @@ def find_tip(
         raise InputError(f"tip: got {at.tolist()}; allowed: a point ahead of the eyes")
     scale = eyes.focal / float(at[2])
     around, slack = int(AROUND_M * scale), int(OFF_M * scale)
+    for name, given in (("predicted", predicted), ("masks", masks)):
+        sizes = [one.shape[1::-1] for one in given]
+        if sizes != [eyes.size] * 2:
+            raise InputError(f"{name}: got images of {sizes}; allowed: two of {eyes.size}")
     centres = [eyes.project(at[None], eye)[0] for eye in range(2)]
     maps: list[Floats] = []
     for eye in range(2):
@@ -116,6 +125,61 @@ def find_tip(
     shifts = [_peak(one, row, column) - slack, _peak(other, row, column + disparity) - slack]
     pixels = np.stack([centre + shift for centre, shift in zip(centres, shifts, strict=True)])
     return TipFix(pixels, eyes.triangulate(pixels[0], pixels[1]), 0.5 * best)
+
+
+def find_marker(
+    calibration: StereoCalibration, left: ArrayLike, right: ArrayLike, colour: ArrayLike
+) -> TipFix:
+    """Return where a marker is, as a dot or band of paint on an instrument: its middle as seen.
+
+    Args:
+        calibration: of both eyes
+        left, right: images
+        colour: of the marker, which nothing else of its size has: red, green, blue, 0 to 255
+
+    Raises:
+        InputError: images of another size, a grey colour, or images without the marker
+    """
+    eyes = Eyes(calibration)
+    own = np.asarray(colour, np.float64)
+    own = own - own.mean()
+    if own.shape != (3,) or not np.linalg.norm(own) > PALE:
+        raise InputError(
+            f"colour: got {np.asarray(colour).tolist()}; allowed: one that is not grey"
+        )
+    own /= np.linalg.norm(own)
+    spots = [_spot(image, own) for image in eyes.check(left, right)]
+    for name, spot in zip(("left", "right"), spots, strict=True):
+        if spot is None:
+            raise InputError(f"marker: the {name} image has nothing of its colour. Is it in view?")
+    pixels = np.array([spot[0] for spot in spots if spot is not None])
+    point = eyes.triangulate(pixels[0], pixels[1])
+    apart = max(float(np.linalg.norm(eyes.project(point, k) - pixels[k])) for k in range(2))
+    if apart > APART_PX:
+        raise InputError(
+            f"marker: the rays of both eyes miss each other by {apart:.1f} px; allowed: up to"
+            f" {APART_PX:g}. Has something else its colour?"
+        )
+    return TipFix(pixels, point, min(spot[1] for spot in spots if spot is not None))
+
+
+def _spot(image: Picture, own: Array) -> tuple[Array, float] | None:
+    """Return the middle of the largest spot of a colour, and how pure its colour is."""
+    cv2 = opencv()
+    smooth = cv2.GaussianBlur(image, (0, 0), SMOOTH).astype(np.float32)
+    beside = smooth - smooth.mean(axis=2, keepdims=True)
+    along = beside @ own.astype(np.float32)
+    across = np.sqrt(np.maximum((beside**2).sum(axis=2) - along**2, 0.0))
+    there = (along > max(PALE, CLEAR * float(along.max()))) & (along > PURE * across)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(there.astype(np.uint8))
+    if count < 2:
+        return None
+    best = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    if stats[best, cv2.CC_STAT_AREA] < LEAST_PX:
+        return None
+    v, u = np.nonzero(labels == best)
+    pure = float((along[v, u] / np.hypot(along[v, u], across[v, u])).mean())
+    return np.array([u.mean(), v.mean()]), pure
 
 
 def _agreement(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,10 +48,9 @@ Picture = NDArray[np.uint8]
 
 #: Commands of 20 ms between images. Source: our own choice, 25 images a second as in videos.
 COMMANDS = 2
-#: Noise of the images, as a share of white. Source: the goals of tracking.
-NOISE = 0.03
-#: Style of the images. Source: our own choice.
-STYLE: Literal["plain", "surgical"] = "surgical"
+#: How the images look unless the scene says otherwise: style, and noise as a share of white.
+#: Source: our own choice; the goals of tracking.
+LOOK: Mapping[str, Any] = {"style": "surgical", "noise": 0.03}
 #: Directions in which a box's outline is touched, and rounds of weights. Source: our own choice.
 DIRECTIONS, ROUNDS = 36, 12
 #: Size of the images. Source: a Classic's scope, digitised.
@@ -100,7 +99,7 @@ class EndoscopeTask(Task):
         """Return the endoscope, opened at the first call."""
         if self._scope is None:
             movable = [prop.name for prop in self.world.rig.objects]
-            look = Look(STYLE, noise=NOISE)
+            look = Look(**{**LOOK, **self.scene.look})
             self._scope = Endoscope(self.world, preset=PRESET, visible=movable, look=look)
         return self._scope
 
@@ -116,12 +115,11 @@ class EndoscopeTask(Task):
         """Return an arm's tip in the world as its joints have it, (4, 4)."""
         return self.world.reference_pose(arm) @ self.world.arms[arm].local_measured_cp().T
 
-    def picture(self, capture: Callable[[], Picture]) -> Picture:
+    def picture(self, capture: Callable[[], Picture]) -> Picture:  # noqa: ARG002  it has its own
         """Return the newest image with what is drawn into it."""
-        if self.shown is not None:
-            return self.shown
-        eye = self._eyes.left
-        return np.asarray(opencv().resize(capture(), eye.size), np.uint8)
+        if self.shown is None:  # not looked at yet
+            return self._overlaid(self.scope().capture())
+        return self.shown
 
     def close(self) -> None:
         """Let go of the graphics library."""

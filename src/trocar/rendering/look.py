@@ -14,7 +14,7 @@ NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
 #: Hard ones, of which a single pixel of the map is looked up: pixels of the map for each of the
 #: picture's width, in steps of so many, at most. Source: our own choice; edges of shadows have no
 #: larger stairs than other edges.
-FINE, STEP, MOST = 1.2, 256, 4096
+FINE, STEP, MOST = 1.0, 256, 4096
 #: Exposure as a scope's video processor chooses it.
 AUTO: Literal["auto"] = "auto"
 STYLES = "plain", "surgical"

@@ -73,7 +73,7 @@ run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and
 	@echo "  trocar render -o scope.png                    the endoscope's picture"
 	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
 	@echo "  trocar sample samples                         small files for replay, calibrate, ..."
-	@echo "  python examples/09_websocket_client.py        a client that moves this robot"
+	@echo "  python examples/09_websocket_client.py        a WebSocket client that moves an arm"
 	$(BIN)/trocar sim $(ARGS)
 
 quick: .venv/.ready-test ## run the tests of what changed, within a minute (ARGS="tests/kinematics")
@@ -110,7 +110,7 @@ cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
-	$(BIN)/python tools/docs/command_line.py && $(BIN)/python tools/docs/topics.py && $(BIN)/python tools/docs/sizes.py
+	for page in command_line topics scenes errata calls sizes; do $(BIN)/python tools/docs/$$page.py || exit; done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 

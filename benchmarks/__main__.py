@@ -106,6 +106,18 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of tasks and random-actions: this one (repeatable; default: all)",
     )
     parser.add_argument(
+        "--case",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="of suturing: one, noisy, four, random, ... (repeatable; default: all)",
+    )
+    parser.add_argument(
+        "--keep",
+        metavar="FILE",
+        help="of tasks and suturing: keep episodes in FILE, and do not run again those that it has",
+    )
+    parser.add_argument(
         "--transport",
         action="append",
         choices=TRANSPORTS,
@@ -176,11 +188,13 @@ def main(words: Sequence[str] | None = None) -> int:
         if "suturing" in args.name:
             from benchmarks.suturing import suturing
 
-            found += suturing(args.episodes or 50, watch)
+            kept = args.keep and Path(args.keep)
+            found += suturing(args.episodes or 50, watch, args.case, kept)
         if "tasks" in args.name:
             from benchmarks.tasks import tasks
 
-            found += tasks(args.scene, args.episodes or 50, watch)
+            kept = args.keep and Path(args.keep)
+            found += tasks(args.scene, args.episodes or 50, watch, kept)
         if "random-actions" in args.name:
             from benchmarks.random_actions import EPISODE_S, random_actions
 

@@ -194,7 +194,7 @@ def _world(needle: Needle) -> World:
         needle=needle,
     )
     rig = load_rig("training")
-    return World(replace(rig, props=(*rig.props, prop)))
+    return World(replace(rig, props=(*rig.props, prop)), dynamics="cad")
 
 
 def held_pose(needle: Needle, rng: np.random.Generator) -> Array:

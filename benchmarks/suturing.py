@@ -6,9 +6,11 @@ place (+-3 mm, +-20 deg), seen with 1 mm and 5 deg, in the jaws with 0.2 mm and 
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,75 +20,150 @@ from trocar.apps.figures import Figure
 from trocar.apps.suturing.planning import Reach
 from trocar.apps.suturing.scene import suturing_scene
 from trocar.apps.suturing.task import Suturing
-from trocar.apps.tasks import Episode, run_episode
-from trocar.errors import DivergedError
+from trocar.apps.tasks import run_episode
+from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
 
-#: Stitches of a running suture, and the share of the seeds that it is sewn for. Source: our own
-#: choice.
-RUNNING, SHARE = 4, 5
-#: Needles in tissues that are tried beside the scene's own. Source: our own choice.
-OTHERS = (("36mm-half", "skin"), ("24mm-3/8", "phantom"), ("17mm-half", "soft"))
-#: Episodes of random motion by those of a stitch, ways in each, and their speed. Source: our own
+#: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]
-RANDOM, MOVES, RANDOM_M_S = 4, 5, 0.1
-#: Noise of the harder runs, by that of the others. Source: our own choice.
-HARDER = 2.5
+MOVES, RANDOM_M_S = 5, 0.1
+
+Row = dict[str, Any]
 
 
-def suturing(episodes: int, watch: Callable[[str], None]) -> list[Figure]:
-    """Return the figures of one stitch, also with more noise, others' needles, and of four."""
-    found: list[Figure] = []
-    few = max(1, episodes // SHARE)
-    rows: list[tuple[str, tuple[int, str, str], float, int, float | None]] = [
-        ("one stitch", (1, "", "phantom"), 1.0, episodes, 0.96),
-        ("one stitch, noise x 2.5", (1, "", "phantom"), HARDER, few, 0.85),
-    ]
-    for needle, tissue in OTHERS:
-        rows.append((f"{needle} in {tissue}", (1, needle, tissue), 1.0, max(1, few // 3), None))
-    rows.append(("four stitches", (RUNNING, "", "phantom"), 1.0, few, 0.90))
-    for name, variant, noise, count, least in rows:
-        watch(f"{name}, {count} episodes")
-        before = len(found)
-        task = Suturing(suturing_scene(*variant))
-        task.noise = task.noise.scaled(noise)
-        results: list[Episode] = []
-        made: list[dict[str, Any]] = []
-        begin = time.process_time()
-        for seed in range(count):
-            results.append(run_episode(task, seed))
-            if results[-1].success:
-                made += [asdict(score) for score in task.watch.scores]
-            watch(f"{name}: seed {seed}: {results[-1].reason}, {results[-1].time_s:.1f} s")
-        cpu = time.process_time() - begin
-        found += figures(name, results, made, least)
-        speed = sum(one.time_s for one in results) / cpu
-        note = "simulated time over processor time, one core, with policy and scores"
-        goal = 3.5 if variant[0] > 1 else 5.0
-        found.append(Figure(f"{name}: speed", speed, "", lower=goal, source=note))
-        found.append(_physics(name, task))
-        for figure in found[before:]:
-            watch(f"{figure.name}: {figure.value:.3g} {figure.unit} ({figure.source})")
-    watch(f"random motion, {RANDOM * episodes} episodes")
-    return found + _random_motion(RANDOM * episodes)
+@dataclass(frozen=True)
+class Case:
+    """What is sewn.
+
+    Attributes:
+        stitches, needle, tissue: as of `suturing_scene`
+        noise: by that of the others
+        share: of the seeds
+        success: share of successes that is the goal; None: none is set
+    """
+
+    stitches: int = 1
+    needle: str = ""
+    tissue: str = "phantom"
+    noise: float = 1.0
+    share: float = 1.0
+    success: float | None = None
 
 
-def figures(
-    name: str, results: Sequence[Episode], made: Sequence[dict[str, Any]], least: float | None
+#: Each case by its name. Source: our own choice.
+CASES: dict[str, Case] = {
+    "one": Case(success=0.96),
+    "noisy": Case(noise=2.5, success=0.85),
+    "36mm-half in skin": Case(needle="36mm-half", tissue="skin", share=0.1),
+    "24mm-3/8 in phantom": Case(needle="24mm-3/8", share=0.1),
+    "17mm-half in soft": Case(needle="17mm-half", tissue="soft", share=0.1),
+    "four": Case(stitches=4, share=0.2, success=0.90),
+}
+#: Episodes of random motion by seeds of the others, and their case.
+RANDOM, MANY = "random", 4
+
+
+def suturing(
+    episodes: int,
+    watch: Callable[[str], None],
+    only: Sequence[str] = (),
+    kept: Path | None = None,
 ) -> list[Figure]:
-    """Return the figures of episodes.
+    """Return the figures of all cases.
 
     Args:
-        name: what they are
-        results: the episodes
-        made: scores of the stitches of those that succeeded
-        least: share of successes that is the goal; None: none is set
+        episodes: seeds of one stitch
+        watch: receives progress
+        only: cases that are run; none: all
+        kept: file with a JSON document for each episode, to which they are added; those that are
+            in it are not run again
+
+    Raises:
+        InputError: a case that is not known
     """
-    good = [one for one in results if one.success]
-    low, high = wilson(len(good), len(results))
-    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f} % (Wilson), {len(results)} seeds"
-    found = [Figure(f"{name}: success", len(good) / len(results), "", lower=least, source=interval)]
+    for name in only:
+        if name not in (*CASES, RANDOM):
+            raise InputError(f"--case: got {name}; allowed: {', '.join((*CASES, RANDOM))}")
+    rows: list[Row] = []
+    if kept is not None and kept.exists():
+        rows = [json.loads(line) for line in kept.read_text().splitlines()]
+
+    def note(row: Row) -> None:
+        rows.append(row)
+        watch(f"{row['case']}: seed {row['seed']}: {row['end']}")
+        if kept is not None:
+            with kept.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+
+    found: list[Figure] = []
+    for name, case in CASES.items():
+        if only and name not in only:
+            continue
+        seeds = range(max(1, round(case.share * episodes)))
+        task: Suturing | None = None
+        for seed in seeds:
+            if not any((row["case"], row["seed"]) == (name, seed) for row in rows):
+                task = task or _task(case)
+                note({"case": name, "seed": seed, **_sewn(task, seed)})
+        found += figures(name, case, [r for r in rows if r["case"] == name and r["seed"] in seeds])
+    if not only or RANDOM in only:
+        task = None
+        for seed in range(MANY * episodes):
+            if not any((row["case"], row["seed"]) == (RANDOM, seed) for row in rows):
+                task = task or Suturing(suturing_scene())
+                note({"case": RANDOM, "seed": seed, **_random_motion(task, seed)})
+        moved = [r for r in rows if r["case"] == RANDOM and r["seed"] < MANY * episodes]
+        speed = f"{1e3 * RANDOM_M_S:g} mm/s"
+        words = f"{len(moved)} episodes of {MOVES} ways at {speed} with a jaw in tissue"
+        bad = sum(row["end"] != "done" for row in moved)
+        deep = max(row["deepest_mm"] for row in moved)
+        found += [
+            Figure("random motion: divergences", bad, "", upper=0.0, source=words),
+            Figure("random motion: deepest dent", deep, "mm", source=words),
+        ]
+    return found
+
+
+def _task(case: Case) -> Suturing:
+    task = Suturing(suturing_scene(case.stitches, case.needle, case.tissue))
+    task.noise = task.noise.scaled(case.noise)
+    return task
+
+
+def _sewn(task: Suturing, seed: int) -> Row:
+    """Return what came of an episode, and the processor time of it and of its physics [s]."""
+    step, spent = task.world.step, [0.0]
+
+    def timed(count: int) -> None:
+        begin = time.process_time()
+        step(count)
+        spent[0] += time.process_time() - begin
+
+    begin = time.process_time()
+    task.world.step = timed
+    try:
+        episode = run_episode(task, seed)
+    finally:
+        task.world.step = step
+    return {
+        "end": episode.reason,
+        "success": episode.success,
+        "time_s": episode.time_s,
+        "cpu_s": time.process_time() - begin,
+        "physics_s": spent[0],
+        "stitches": [asdict(score) for score in task.watch.scores],
+    }
+
+
+def figures(name: str, case: Case, rows: Sequence[Row]) -> list[Figure]:
+    """Return the figures of a case's episodes."""
+    good = [row for row in rows if row["success"]]
+    made = [stitch for row in good for stitch in row["stitches"]]
+    low, high = wilson(len(good), len(rows))
+    interval = f"95 % interval {100 * low:.1f} to {100 * high:.1f} % (Wilson), {len(rows)} seeds"
+    share = len(good) / len(rows)
+    found = [Figure(f"{name}: success", share, "", lower=case.success, source=interval)]
     if made:
         for key, what, unit, goal in (
             ("time_s", "time of a stitch", "s", 30.0),
@@ -97,7 +174,7 @@ def figures(
             ("gap_deep_mm", "gap at depth in the end", "mm", None),
             ("force_n", "largest force of tissue", "N", None),
             ("displacement_mm", "largest displacement of tissue", "mm", None),
-            ("tension_n", "tension of the thread", "N", None),
+            ("tension_n", "tension of the thread", "N", 2.0),
             ("press_n", "force of fingers on the surface", "N", None),
             ("slip_um", "slip in a jaw that holds", "um", 10.0),
             ("friction", "share of friction used", "", 0.8),
@@ -115,57 +192,44 @@ def figures(
         found.append(
             Figure(f"{name}: thread too long by", excess, "mm", upper=0.5, source="largest")
         )
+    for key, what, goals in (
+        ("cpu_s", "speed with policy and scores", (5.0, 3.5)),
+        ("physics_s", "speed of physics", (9.0, 5.0)),
+    ):
+        speed = sum(row["time_s"] for row in rows) / sum(row[key] for row in rows)
+        note = "simulated time over processor time of whole episodes, one core"
+        goal = goals[case.stitches > 1]
+        found.append(Figure(f"{name}: {what}", speed, "", lower=goal, source=note))
     return found
 
 
-def _random_motion(count: int) -> list[Figure]:
-    """Return the figures of jaws that move at random in tissue: what diverges, what passes."""
-    task = Suturing(suturing_scene())
-    world, diverged, deepest = task.world, 0, 0.0
+def _random_motion(task: Suturing, seed: int) -> Row:
+    """Move a jaw at random in tissue; return whether it diverged, and the deepest dent."""
+    world, deepest, end = task.world, 0.0, "done"
     tissue, size = task.tissue, task.tissue.tissue
-    reach = Reach(world, "PSM1")
-    arm = world.arms["PSM1"]
-    for seed in range(count):
-        rng = np.random.default_rng([seed, 3])
-        world.reset(seed)
-        turn = rotation_z(rng.uniform(-0.5, 0.5)) @ np.diag([1.0, -1.0, -1.0])
-        at = tissue.pose[:3, 3] + [0.0, 0.5 * size.width, 0.02]
-        start, first = arm.setpoints()[:-1], reach.all(transform(turn, at))[0]
-        for k in range(100):
-            arm.servo_jp(start + (k + 1) / 100 * (first - start))
-            world.step(5)
-        try:
-            for _ in range(MOVES):
-                away = rng.uniform(-1.0, 1.0, 3) * [0.4 * size.length, size.width, 0.006]
-                goal = tissue.pose[:3, 3] + away + [0.0, 0.0, 0.0125]
-                jaw = rng.uniform(-0.3, 0.6)
-                for _ in range(round(float(np.linalg.norm(goal - at)) / (RANDOM_M_S * 0.005))):
-                    way = goal - at
-                    at = at + way * min(1.0, RANDOM_M_S * 0.005 / float(np.linalg.norm(way)))
-                    q = reach.near(transform(turn, at), arm.setpoints()[:-1])
-                    if q is not None and arm.jaw is not None:
-                        arm.servo_jp(q)
-                        arm.jaw.servo_jp([jaw])
-                    world.step(5)
-                deepest = min(deepest, float(tissue.displacements()[:, 2].min()))
-        except DivergedError:
-            diverged += 1
-    note = f"{count} episodes of {MOVES} ways at {1e3 * RANDOM_M_S:g} mm/s with a jaw in tissue"
-    return [
-        Figure("random motion: divergences", diverged, "", upper=0.0, source=note),
-        Figure("random motion: deepest dent", -1e3 * deepest, "mm", source=note),
-    ]
-
-
-def _physics(name: str, task: Suturing) -> Figure:
-    """Return the speed of physics where the last episode ended: thread in tissue, and tight."""
-    best = np.inf
-    for _ in range(5):
-        begin = time.process_time()
-        task.world.step(500)
-        best = min(best, (time.process_time() - begin) / 500)
-    speed = task.world.timestep / best
-    note = "simulated time over processor time, one core; thread through all points, needle held"
-    return Figure(
-        f"{name}: speed of physics", speed, "", lower=5.0 if "four" in name else 9.0, source=note
-    )
+    reach, arm = Reach(world, "PSM1"), world.arms["PSM1"]
+    rng = np.random.default_rng([seed, 3])
+    world.reset(seed)
+    turn = rotation_z(rng.uniform(-0.5, 0.5)) @ np.diag([1.0, -1.0, -1.0])
+    at = tissue.pose[:3, 3] + [0.0, 0.5 * size.width, 0.02]
+    start, first = arm.setpoints()[:-1], reach.all(transform(turn, at))[0]
+    for k in range(100):
+        arm.servo_jp(start + (k + 1) / 100 * (first - start))
+        world.step(5)
+    try:
+        for _ in range(MOVES):
+            away = rng.uniform(-1.0, 1.0, 3) * [0.4 * size.length, size.width, 0.006]
+            goal = tissue.pose[:3, 3] + away + [0.0, 0.0, 0.0125]
+            jaw = rng.uniform(-0.3, 0.6)
+            for _ in range(round(float(np.linalg.norm(goal - at)) / (RANDOM_M_S * 0.005))):
+                way = goal - at
+                at = at + way * min(1.0, RANDOM_M_S * 0.005 / float(np.linalg.norm(way)))
+                q = reach.near(transform(turn, at), arm.setpoints()[:-1])
+                if q is not None and arm.jaw is not None:
+                    arm.servo_jp(q)
+                    arm.jaw.servo_jp([jaw])
+                world.step(5)
+            deepest = min(deepest, float(tissue.displacements()[:, 2].min()))
+    except DivergedError as problem:
+        end = str(problem)
+    return {"end": end, "deepest_mm": -1e3 * deepest}

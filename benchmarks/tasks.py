@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -30,19 +33,46 @@ def own_scenes() -> tuple[str, ...]:
     return tuple(name for name, task in named.items() if not isinstance(TASKS.get(task), str))
 
 
-def tasks(scenes: Sequence[str], episodes: int, watch: Callable[[str], None]) -> list[Figure]:
+def tasks(
+    scenes: Sequence[str], episodes: int, watch: Callable[[str], None], file: Path | None = None
+) -> list[Figure]:
     """Return the figures of scenes, with seeds from 0 on.
 
     When none is named, of all built-in ones, and what an object costs that is asleep or awake.
+
+    Args:
+        scenes, episodes, watch: which, how many of each, and what reports progress
+        file: keeps each episode as a line of JSON; those that it has are not run again
     """
     found: list[Figure] = []
     for name in scenes or own_scenes():
         watch(f"{name}, {episodes} episodes")
-        task = make_task(name)
-        begin = time.process_time()
-        results = [run_episode(task, seed) for seed in range(episodes)]
-        found += figures(results, time.process_time() - begin)
+        results, cpu_s = _episodes(name, episodes, file)
+        found += figures(results, cpu_s)
     return found if scenes else [*found, *asleep_and_awake()]
+
+
+def _episodes(name: str, episodes: int, file: Path | None) -> tuple[list[Episode], float]:
+    """Run the episodes of a scene that a file lacks; return all, and their processor time [s]."""
+    known: dict[int, tuple[Episode, float]] = {}
+    if file is not None and file.exists():
+        called = load_scene(name).name
+        for line in file.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            if row["scene"] == called and row["seed"] < episodes:
+                cpu_s = row.pop("cpu_s")
+                known[row["seed"]] = Episode(**row), cpu_s
+    task = make_task(name) if len(known) < episodes else None
+    for seed in range(episodes):
+        if task is not None and seed not in known:
+            begin = time.process_time()
+            one = run_episode(task, seed)
+            known[seed] = one, time.process_time() - begin
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(json.dumps({**asdict(one), "cpu_s": known[seed][1]}) + "\n")
+    results, times = zip(*(known[seed] for seed in range(episodes)), strict=True)
+    return list(results), sum(times)
 
 
 def asleep_and_awake() -> list[Figure]:

@@ -134,7 +134,14 @@ def test_the_readme_moves_an_arm_in_python(capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.parametrize(
-    ("page", "tool"), [("command-line.md", "command_line.py"), ("topic-list.md", "topics.py")]
+    ("page", "tool"),
+    [
+        ("command-line.md", "command_line.py"),
+        ("errata.md", "errata.py"),
+        ("scene-list.md", "scenes.py"),
+        ("script-calls.md", "calls.py"),
+        ("topic-list.md", "topics.py"),
+    ],
 )
 def test_a_generated_page_is_what_the_program_offers(page: str, tool: str) -> None:
     written = runpy.run_path(str(ROOT / "tools" / "docs" / tool))["page"]()

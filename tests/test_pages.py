@@ -15,7 +15,7 @@ from benchmarks.served import served
 from trocar.cli import main
 from trocar.descriptions import load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.cameras import load_camera
-from trocar.descriptions.paper import Erratum, errata, load_printed, printed_tables
+from trocar.descriptions.paper import errata, load_printed, printed_tables
 from trocar.descriptions.sensors import KINDS
 from trocar.descriptions.solids import INDEX
 from trocar.simulation import World
@@ -86,43 +86,6 @@ def test_the_page_on_security_has_the_port_of_every_server(
     shown = re.findall(r"TCP (\d+) \(`--(\S*port)`\)", text("security.md"))
     assert len(shown) == 3
     assert dict(said) == {option: port for port, option in shown}
-
-
-# ------------------------------------------------------------------ mechanism.md: errata
-
-
-def shown_entry(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.7g}"
-
-
-def errata_row(wrong: Erratum) -> str:
-    entries = (
-        f"{wrong.frame}, {wrong.key}",
-        shown_entry(wrong.printed),
-        shown_entry(wrong.mended),
-        wrong.effect,
-        wrong.source,
-    )
-    return f"| {' | '.join(entries)} |"
-
-
-def errata_tables() -> str:
-    """The errata of every printed table, as the page shows them."""
-    parts: list[str] = []
-    for name in printed_tables():
-        head = f"**Table {name.removeprefix('table')}**"
-        rows = [errata_row(wrong) for wrong in errata(name)]
-        columns = "| frame, entry | printed | mended | what the print does | known from |"
-        parts.append("\n".join([head, "", columns, "|---|---|---|---|---|", *rows]))
-    return "\n\n".join(parts)
-
-
-def test_the_page_on_the_mechanism_shows_the_errata_that_are_in_the_data() -> None:
-    shown = re.search(
-        r"<!-- errata:[^\n]*-->\n(.*?)<!-- /errata -->", text("mechanism.md"), re.DOTALL
-    )
-    assert shown is not None
-    assert shown[1].strip() == errata_tables()
 
 
 # ------------------------------------------------------------------ descriptions.md: the schema

@@ -1,9 +1,12 @@
 """Figures of scenes."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import pytest
 
 from benchmarks.random_actions import random_actions
-from benchmarks.tasks import asleep_and_awake, figures, wilson
+from benchmarks.tasks import asleep_and_awake, figures, tasks, wilson
 from trocar.apps.tasks import Episode
 
 
@@ -11,7 +14,7 @@ def episode(success: bool, time_s: float) -> Episode:
     reason = "done" if success else "time"
     each = {"PSM1": 1.0}
     return Episode(
-        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", ""
+        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", "cad", ""
     )
 
 
@@ -28,6 +31,18 @@ def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
     assert found["s: time"] == 5.0
     assert found["s: drops"] == 6
     assert found["s: speed"] == 10.0
+
+
+def test_episodes_that_a_file_has_are_not_run_again(tmp_path: Path) -> None:
+    file, scene = tmp_path / "kept.jsonl", ["needle-reach"]
+    quiet: Callable[[str], None] = lambda _: None  # noqa: E731
+    tasks(scene, 1, quiet, file)
+    kept = file.read_text(encoding="utf-8")
+    again = tasks(scene, 2, quiet, file)
+    lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+    assert lines[0] == kept and len(lines) == 2
+    file.write_text(lines[0] + lines[1].replace('"success": true', '"success": false'))
+    assert (again[0].value, tasks(scene, 2, quiet, file)[0].value) == (1.0, 0.5)
 
 
 def test_an_object_costs_less_while_it_sleeps() -> None:

@@ -202,12 +202,15 @@ def test_bench_refuses_a_duration_of_nothing(capsys):
         assert "allowed: above 0" in capsys.readouterr().err
 
 
+def test_bench_says_that_a_part_comes_before_calibration(capsys):
+    assert main(["bench", "--calibration", "some.toml", "speed"]) == 2
+    assert "trocar bench speed --calibration" in capsys.readouterr().err
+
+
 @pytest.mark.slow
-def test_bench_calibrates_robots_that_it_has_not_seen(capsys):
-    assert (
-        main(["bench", "fidelity", "--calibration", "--robots", "1", "--poses", "100", "--json"])
-        == 0
-    )
+def test_bench_calibrates_robots_that_it_has_not_seen(capsys, monkeypatch):
+    monkeypatch.setattr("trocar.apps.benchmarks.fidelity.fidelity", lambda *_: [])
+    assert main(["bench", "fidelity", "--calibration", "--robots", "1", "--json"]) == 0
     found = {f["name"]: f for f in json.loads(capsys.readouterr().out)["figures"]}
     for name in ("psm", "ecm"):
         assert found[f"{name}: exchanged labels named, of 84 exchanges"]["met"]

@@ -90,6 +90,7 @@ def test_plain_least_squares_finds_the_same_axis_without_noise():
         assert np.linalg.norm(off - off @ mine.direction * mine.direction) < 1e-12
 
 
+@pytest.mark.slow
 def test_plain_least_squares_is_biased_low_on_a_small_sweep_and_maximum_likelihood_is_not():
     errors = {"plain": [], "likely": []}
     for seed in range(20):

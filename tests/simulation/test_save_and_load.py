@@ -108,12 +108,12 @@ def test_a_loaded_world_goes_on_to_the_last_bit(rig, act):
     used.load(state)
     assert fresh.time == world.time
     assert fresh.periods == world.periods
-    world.step(700)
+    world.step(300)
     for other in (fresh, used):
-        other.step(700)
-        same(world, other, 300)
+        other.step(300)
+        same(world, other, 100)
         world.load(state)
-        world.step(700)
+        world.step(300)
 
 
 @pytest.mark.parametrize("periods", [5, 400, 900, 1240, 1262])

@@ -238,3 +238,18 @@ def test_welded_arms_move_as_braked_ones():
         world.step(800)
         ends.append(world.arm("PSM1").readings()[0])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
+
+
+def test_other_arms_are_welded_by_name_where_they_start() -> None:
+    world = World("training", welded=["ECM"])
+    free, ecm = World("training"), world.arm("ECM")
+    assert world.mj_model.nv < free.mj_model.nv
+    assert not ecm.servo_jp(ecm.measured_js().position + 0.1)
+    assert "welded" in ecm.last_warning
+    world.step(100)
+    np.testing.assert_array_equal(ecm.measured_js().position, free.rig.poses["start"]["ECM"])
+    seen, there = (w.camera("endoscope").T_world_camera for w in (world, free))
+    np.testing.assert_allclose(seen, there, atol=1e-12)
+    assert World(world.model).arguments["welded"] == ("ECM",)  # as a recording keeps it
+    with pytest.raises(UnknownNameError, match=r"welded: unknown arm 'EMC'.*did you mean 'ECM'"):
+        World("training", welded=["EMC"])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -191,25 +192,6 @@ def test_what_tears_out_is_reported_and_no_longer_held(world: World) -> None:
     assert not read.forces[0, 3].any()
 
 
-def test_a_saved_state_goes_on_to_the_last_bit_and_worlds_repeat(world: World) -> None:
-    def run() -> NDArray[np.float64]:
-        push(world, np.array([0.1, 0.4, -0.3]))
-        world.step(40)
-        saved = world.save()
-        world.step(40)
-        row = world.save().row
-        world.load(saved)
-        world.step(40)
-        assert np.array_equal(world.save().row, row)
-        push(world, np.zeros(3))
-        return row
-
-    pad_of(world)
-    first = run()
-    pad_of(world)
-    assert np.array_equal(run(), first)
-
-
 def test_a_tissue_stands_where_it_was_put_and_a_saved_state_brings_it_back(world: World) -> None:
     tissue, pose = pad_of(world), np.eye(4)
     pose[:3, 3] = 0.01, -0.01, 0.012
@@ -235,6 +217,70 @@ def test_the_thread_is_drawn_with_its_length_from_the_needle_on(world: World) ->
     assert long == pytest.approx(tissue.tissue.thread.length, rel=0.05)
     swage = world.objects["needle"].measured_cp().T @ [*tissue.tissue.wire.swage[:3, 3], 1.0]
     assert curve.points[0] == pytest.approx(swage[:3], abs=2e-4)
+
+
+def inside(world: World, points: NDArray[np.float64]) -> list[str]:
+    """Return the boxes and capsules of jaws, needle and ground that points are in."""
+    model, data, found = world.mj_model, world.mj_data, list[str]()
+    for geom in np.flatnonzero(model.geom_conaffinity):
+        local = (points - data.geom_xpos[geom]) @ data.geom_xmat[geom].reshape(3, 3)
+        size = model.geom_size[geom]
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_BOX:
+            within = (np.abs(local) < size).all(axis=1)
+        elif model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_CAPSULE:
+            local[:, 2] -= np.clip(local[:, 2], -size[1], size[1])
+            within = np.linalg.norm(local, axis=1) < size[0]
+        else:
+            continue
+        found += [model.geom(int(geom)).name] * int(within.sum())
+    return found
+
+
+def test_the_drawn_thread_stays_outside_of_jaws_and_needle(world: World) -> None:
+    """Two points are left out: the thread begins in the needle. The jaw shuts on the thread."""
+
+    def run() -> tuple[NDArray[np.float64], float]:
+        pad_of(world)
+        arm, moved = world.arms["PSM1"], 0.0
+        curve = {one.name: one for one in world.snapshot(arms=False).drawings}["pad_thread"]
+        middle, last = curve.points[30], curve.points
+        down = np.diag([1.0, -1.0, -1.0, 1.0])
+        down[:3, 3] = middle + np.array([0.0, 0.0, 0.0095])
+        local = np.linalg.inv(world.reference_pose("PSM1")) @ down
+        at = arm.local_inverse_kinematics(local, arm.motors.position[:-1])
+        for opening in (0.6, 0.4, 0.2, 0.0):
+            world.set_state("PSM1", [*at, opening])
+            for _ in range(5):
+                world.step(4)
+                drawn = {one.name: one for one in world.snapshot(arms=False).drawings}
+                points = drawn["pad_thread"].points
+                assert inside(world, points[2:]) == []
+                moved = max(moved, float(np.abs(points - last).max()))
+                last = points
+        return last, moved
+
+    points, moved = run()
+    assert moved > 1e-3  # the jaw pushed it aside
+    assert np.array_equal(run()[0], points)
+
+
+def test_the_drawn_thread_lies_on_the_tissue_as_it_bulges(world: World) -> None:
+    tissue = pad_of(world)
+    push(world, np.array([0.0, 0.0, 0.5]))
+    world.objects["needle"].set_cp([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.016], [0, 0, 0, 1]])
+    for _ in range(40):
+        world.step(20)
+        world.objects["needle"].set_cp([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.016], [0, 0, 0, 1]])
+        drawn = {one.name: one for one in world.snapshot(arms=False).drawings}
+    push(world, np.zeros(3))
+    points, radius = drawn["pad_thread"].points, tissue.tissue.thread.radius
+    skin = drawn["pad_skin"].vertices
+    top = skin[np.isclose(tissue.pad.nodes[:, 2], 0.0)[: len(skin)].nonzero()[0]]
+    over = points[2:][(np.abs(points[2:, :2]) < [0.014, 0.016]).all(axis=1)]
+    assert len(over) > 10 and top[:, 2].max() > 0.0105
+    nearest = np.linalg.norm(over[:, None, :2] - top[:, :2], axis=2).argmin(axis=1)
+    assert (over[:, 2] > top[nearest, 2] + 0.5 * radius).all()
+    assert over[:, 2].min() < 0.011  # it lies there
 
 
 def test_a_plan_outside_of_the_tissue_is_refused(world: World) -> None:

@@ -15,7 +15,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
 
     def inside(found: re.Match[str]) -> str:
         place = posixpath.normpath(posixpath.join(folder, found[2]))
-        kept = not place.startswith("..") and not place.endswith(".py") and place != "README.md"
+        kept = not place.startswith("..") and not place.endswith(".py")
         return found[0] if kept else found[1]
 
     return LINK.sub(inside, markdown)

@@ -1,4 +1,4 @@
-"""Write lines and files of each package into the table of docs/performance.md."""
+"""Write lines and files of each package, and words of the pages, into docs/performance.md."""
 
 from __future__ import annotations
 
@@ -6,15 +6,39 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "performance.md"
+DOCS = ROOT / "docs"
+PAGE = DOCS / "performance.md"
 PACKAGE = ROOT / "src" / "trocar"
 ROW = re.compile(r"^\| (\w+) \| ([\d,-]+) \| [\d,]+ \| ([\d,-]+) \| [\d,]+ \|$", re.MULTILINE)
+WORDS = re.compile(r"[\d,]+ words\b")
+#: Pages that programs write.
+GENERATED = (
+    "command-line.md",
+    "errata.md",
+    "licences.md",
+    "scene-list.md",
+    "script-calls.md",
+    "topic-list.md",
+)
+CODE = re.compile(r"^```.*?^```", re.DOTALL | re.MULTILINE)
 
 
 def sizes(folder: Path) -> tuple[int, int]:
     """Return lines and files of Python in a folder."""
     files = list(folder.rglob("*.py"))
     return sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files), len(files)
+
+
+def words(text: str) -> int:
+    """Return the number of words, tables included, that are not in code blocks."""
+    return sum(bool(re.search(r"\w", word)) for word in CODE.sub("", text).split())
+
+
+def written() -> dict[Path, int]:
+    """Return the words of each page that people write."""
+    docs = (page for page in sorted(DOCS.rglob("*.md")) if page.name not in GENERATED)
+    pages = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *docs)
+    return {page: words(page.read_text(encoding="utf-8")) for page in pages}
 
 
 def row(found: re.Match[str]) -> str:
@@ -25,4 +49,5 @@ def row(found: re.Match[str]) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(ROW.sub(row, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    text = ROW.sub(row, PAGE.read_text(encoding="utf-8"))
+    PAGE.write_text(WORDS.sub(f"{sum(written().values()):,} words", text), encoding="utf-8")

@@ -72,6 +72,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         stalled_s: {arm: how long it stayed where it was though an action moves it} [s]
         grasp: what holds objects, as the rig has it: "friction+stick"
+        dynamics: of the arms, as the rig has them: "cad"
         digest: of the physics state in the end
         figures: what else the scene measures, by name with its unit
     """
@@ -90,6 +91,7 @@ class Episode:
     grip_n: Mapping[str, float]
     stalled_s: Mapping[str, float]
     grasp: str
+    dynamics: str
     digest: str
     figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
@@ -112,11 +114,12 @@ class Task:
         drops: objects dropped so far
         done: whether the episode is over
         reason: why: "done", "time", or what went wrong; "" before
+        remarks: of the policy, about what it could not do; they stand in the reason
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.world = World(scene.rig)
+        self.world = World(scene.rig, welded=scene.welded)
         self.world.rig_source = scene.file  # by which a recording of it is replayed
         self.arms = scene.arms
         self._slices: dict[str, slice] = {}
@@ -139,6 +142,12 @@ class Task:
         #: The least and largest values of an action.
         self.limits: tuple[Array, Array] = np.array(low), np.array(high)
         self._names = tuple(self.world.objects)
+        #: World in the frames of arms that stand in it, which never move.
+        self._own = {
+            place.name: inverse(self.world.reference_pose(place.name))
+            for place in self.world.rig.arms
+            if not place.on
+        }
         self.reset(0)
 
     # ------------------------------------------------------------------ episode
@@ -185,6 +194,7 @@ class Task:
         self.grip = dict.fromkeys(self.arms, 0.0)
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self._reasons: dict[str, str] = {}
+        self.remarks: list[str] = []
         self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
         self.look()
         self._reward = 0.0
@@ -235,6 +245,8 @@ class Task:
     def setpoints(self, action: ArrayLike) -> list[Row]:
         """Return the set-points of a period, one row for every `EVERY` physics steps.
 
+        After the first row, rows lack arms that rest, and jaws that do.
+
         Raises:
             InputError: as for `command`
         """
@@ -256,8 +268,11 @@ class Task:
             before = self._joints[name]
             after = self._next(name, before, values[self._slices[name]])
             change = after - before
-            for k, row in enumerate(rows, 1):
-                row[name] = before + (k / count) * change, change / PERIOD_S
+            own = self.world.arms[name].description.own_joints
+            part = slice(None) if change[own:].any() else slice(own)
+            for k, row in enumerate(rows if change.any() else rows[:1], 1):
+                q, v = before + (k / count) * change, change / PERIOD_S
+                row[name] = (q, v) if k == 1 else (q[part], v[part])
             self._joints[name] = after
         return rows
 
@@ -265,11 +280,10 @@ class Task:
         """Command the arms' servos, as `setpoints` has it."""
         for name, (q, v) in row.items():
             arm = self.world.arms[name]
-            if arm.type == "PSM":
-                arm.servo_jp(q[:-1], v[:-1])
-                cast(Jaw, arm.jaw).servo_jp(q[-1:], v[-1:])
-            else:
-                arm.servo_jp(q, v)
+            own = arm.description.own_joints
+            arm.servo_jp(q[:own], v[:own])
+            if len(q) > own:
+                cast(Jaw, arm.jaw).servo_jp(q[own:], v[own:])
 
     def reward(self) -> float:
         """Return the change of the share of goals that are met, of the last command."""
@@ -319,6 +333,7 @@ class Task:
             force_n=dict(self.force),
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
+            dynamics=self.world.rig.dynamics,
             stalled_s=dict(self.stalled),
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
             figures=self.figures(),
@@ -448,7 +463,7 @@ class Task:
             self.done, self.reason = True, f"{', '.join(lost)}: out of play"
         elif self.time >= self.scene.time_limit - 1e-9:
             stalls = [f"{name} stands still, {why}" for name, why in self._reasons.items() if why]
-            self.done, self.reason = True, "; ".join(["time", *stalls])
+            self.done, self.reason = True, "; ".join(["time", *self.remarks, *stalls])
 
     # ------------------------------------------------------------------ inside
 
@@ -526,8 +541,9 @@ class Task:
 
     def _inverse(self, name: str, T: Array, near: Array) -> Array:
         """Return the joint positions nearest to others, with the tip at a pose in the world."""
-        local = inverse(self.world.reference_pose(name)) @ T
-        return self.world.arms[name].local_inverse_kinematics(local, near[:-1])
+        own = self._own.get(name)
+        own = inverse(self.world.reference_pose(name)) if own is None else own
+        return self.world.arms[name].local_inverse_kinematics(own @ T, near[:-1])
 
     def _check_reach(self, name: str, at: Array) -> None:
         """Reject a place that no driven instrument reaches, pointing straight down."""

@@ -65,6 +65,12 @@ def run(args: Namespace) -> int:
     from trocar.cli.unseen_robots import unseen_robots
     from trocar.descriptions.overlay import read_overlay
 
+    for word in args.calibration or ():
+        if word in ALL_PARTS:
+            raise InputError(
+                f"--calibration: got the PART {word!r}; PART comes first, as in"
+                f" `trocar bench {word} --calibration OVERLAY`"
+            )
     overlays = [read_overlay(file) for file in args.calibration or ()]
     if overlays and (set(args.part) - {"speed"} or args.log):
         raise InputError(

@@ -55,6 +55,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --stitches N:int        of suturing: how many (default: 1)
         --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
         --tissue NAME           of suturing: phantom (default), skin or soft
+        --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
+                                or as a picture (.png, extra plot), before it is played
     """)  # fmt: skip
     add_json(parser)
     add_record(parser)
@@ -71,6 +73,8 @@ def run(args: Namespace) -> int:
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
     args.scene = _scene(args)
+    if args.plan:
+        _write_plan(args)
     if not args.headless:
         return _serve(args)
     if args.policy == "none":
@@ -94,6 +98,7 @@ def run(args: Namespace) -> int:
         "scene": found[0].scene,
         "policy": "scripted",
         "grasp": found[0].grasp,
+        "dynamics": found[0].dynamics,
         "successes": sum(one.success for one in found),
         "episodes": [asdict(one) for one in found],
     }
@@ -115,6 +120,21 @@ def _scene(args: Namespace) -> Scene | str:
     return suturing_scene(**given)
 
 
+def _write_plan(args: Namespace) -> None:
+    """Write the plan of the first episode's stitches."""
+    from trocar.apps.suturing.task import Suturing
+    from trocar.apps.tasks import make_task
+
+    path = Path(args.plan).expanduser()
+    if path.suffix not in (".toml", ".png"):
+        raise InputError(f"--plan: got {args.plan}; allowed: a file that ends in .toml or .png")
+    task = make_task(args.scene)
+    if not isinstance(task, Suturing):
+        raise InputError(f"--plan: got the scene {task.scene.name}; allowed: suturing")
+    task.reset(args.seed)
+    task.make_plan().save(path, overwrite=args.overwrite)
+
+
 def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
     if args.json or args.video or args.episodes > 1 or args.workers > 1 or args.cluster:
@@ -123,8 +143,12 @@ def _serve(args: Namespace) -> int:
         )
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
+    from trocar.descriptions.catalogue import load_scene
 
-    task = make_task(args.scene)
+    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    if args.policy == "none":  # a person or a client may drive every arm
+        scene = replace(scene, welded=())
+    task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
     print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)
@@ -198,7 +222,8 @@ def _report(found: list[Episode]) -> str:
     successes = sum(one.success for one in found)
     measured = [[str(o.seed), *(fixed(v, 2) for v in o.figures.values())] for o in found]
     return (
-        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp}\n\n"
+        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp},"
+        f" dynamics: {found[0].dynamics}\n\n"
         + table([*head, "force [N]"], rows)
         + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")
     )

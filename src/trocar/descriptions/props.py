@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import cast, get_args
 
@@ -25,6 +26,8 @@ from trocar.descriptions.records import (
     Shape,
 )
 from trocar.descriptions.shapes import (
+    link_shape,
+    mass_properties,
     needle_shapes,
     read_body,
     read_drawn,
@@ -35,7 +38,9 @@ from trocar.descriptions.shapes import (
 )
 from trocar.descriptions.solids import seen_and_touched
 from trocar.descriptions.table import Table, read_table
+from trocar.descriptions.threads import read_thread
 from trocar.descriptions.tissues import read_tissue
+from trocar.geometry.se3 import transform
 from trocar.inputs import is_file
 
 Array = NDArray[np.float64]
@@ -81,14 +86,17 @@ def read_props(rig: Table, arms: Sequence[str]) -> tuple[Prop, ...]:
 
 
 def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
-    """Return a prop: needle, tissue, shapes in the rig's file, or bodies in a file of its own."""
+    """Return a prop: needle, tissue, thread, shapes in the rig's file, or bodies in its own."""
     name, at = row.text("name"), read_pose(row)
-    kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue"))
+    kind = row.text("kind", "shapes", allowed=("shapes", "needle", "tissue", "thread"))
     needle = read_needle(row) if kind == "needle" else None
     tissue = read_tissue(row, _needles(before)) if kind == "tissue" else None
-    moves = row.flag("movable", False)
+    thread = read_thread(row, tuple(MATERIALS)) if kind == "thread" else None
+    moves = row.flag("movable", thread is not None)
     if moves and tissue is not None:
         raise row.fail("movable", "got true; allowed: false, for tissue stands where it is put")
+    if not moves and thread is not None:
+        raise row.fail("movable", "got false; allowed: true, for nothing else moves a thread")
     if not moves:
         for key, given in (
             ("mass", row.has("mass", "mass")),
@@ -105,6 +113,12 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
         if moves:
             mass = read_mass(row) if row.has("mass", "mass") else needle.mass
             movable = Movable(mass, *read_inertia(row, None, shapes, mass))
+    elif thread is not None:
+        shapes = (link_shape(thread),)
+        size = np.array([0.5 * thread.diameter, 0.5 * thread.length, 0.0])
+        pose = transform(shapes[0].pose[:3, :3], np.array([0.5 * thread.length, 0.0, 0.0]))
+        whole = replace(shapes[0], kind="cylinder", size=size, pose=pose)
+        movable = Movable(thread.mass, *mass_properties([whole], thread.mass), "shape")
     elif "description" in row:
         bodies = _read_bodies(row)
         shapes = tuple(shape for body in bodies for shape in body.shapes)
@@ -123,15 +137,34 @@ def _read_prop(row: Table, before: Sequence[Prop]) -> Prop:
     names = [prop.name for prop in before]
     joint = _read_joint(row.table("joint"), names) if "joint" in row else None
     row.raw("joint")
+    if thread is not None and joint is not None:
+        at = _tied(row, joint, at, before)
     if moves:
         _check_touchable(row, shapes, free=joint is None)
     script = read_script(row, "before_step")
-    return Prop(name, at, shapes, movable, joint, script, needle, tissue)
+    return Prop(name, at, shapes, movable, joint, script, needle, tissue, thread)
 
 
 def _needles(props: Iterable[Prop]) -> dict[str, Needle]:
     """Return the needles that may pass tissue, {prop: needle}."""
     return {p.name: p.needle for p in props if p.needle and p.movable and not p.joint}
+
+
+def _tied(row: Table, joint: PropJoint, at: Array, before: Sequence[Prop]) -> Array:
+    """Return where a thread begins that is tied to a free prop: at the end of a needle, if none."""
+    free = {prop.name: prop for prop in before if prop.movable and not prop.joint}
+    if joint.kind != "ball" or joint.on not in free:
+        raise row.fail(
+            "joint",
+            f"got a {joint.kind} on {joint.on or 'the world'}; allowed for a thread: a ball on a"
+            f" free prop ({', '.join(free) or 'none'})",
+        )
+    carrier = free[joint.on]
+    if carrier.needle is None or row.has("xyz", "length"):
+        return at
+    swage = carrier.pose @ carrier.needle.swage
+    swage[:3, :3] = swage[:3, :3] @ [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    return swage
 
 
 def _read_joint(row: Table, before: Sequence[str]) -> PropJoint:

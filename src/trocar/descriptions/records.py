@@ -17,6 +17,7 @@ from trocar.descriptions.overlay_records import Overlay
 from trocar.descriptions.robot_errors import RobotErrors
 from trocar.descriptions.sensor_records import SensorDescription
 from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.descriptions.threads import ChainThread
 from trocar.descriptions.tissues import Tissue
 from trocar.errors import UnknownNameError
 from trocar.kinematics.coupling import Coupling
@@ -28,6 +29,7 @@ Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 PropJointKind = Literal["hinge", "slide", "ball"]
 GraspKind = Literal["friction+stick", "friction", "attach"]
+DynamicsKind = Literal["identified", "cad"]
 
 #: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
@@ -379,6 +381,7 @@ class Prop:
         script: path of the Python file whose `before_step` is called, "" for none
         needle: its dimensions, where it is a curved needle
         tissue: soft halves of a pad with a wound between them, where it is tissue
+        thread: where it is a thread: `shapes` has its first link
     """
 
     name: str
@@ -389,6 +392,7 @@ class Prop:
     script: str = ""
     needle: Needle | None = None
     tissue: Tissue | None = None
+    thread: ChainThread | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,6 +440,8 @@ class RigDescription:
             which does not creep and lets go where friction would; or "attach", which lets go when
             the jaw opens
         errors: by which readings of the robots differ from the truth, None for none
+        dynamics: of arms whose overlays have none: "identified", from recordings of real arms
+            where there are any for the kind of arm, or "cad", masses and friction as described
     """
 
     name: str
@@ -455,6 +461,7 @@ class RigDescription:
     extension: str = ""
     grasp: GraspKind = "friction+stick"
     errors: RobotErrors | None = None
+    dynamics: DynamicsKind = "identified"
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.props import read_bands, read_props
-from trocar.descriptions.records import GraspKind, RigDescription
-from trocar.descriptions.rigs import GRASPS
+from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
+from trocar.descriptions.rigs import DYNAMICS, GRASPS
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
@@ -84,6 +84,7 @@ class Scene:
         rig: the rig with the scene's props and start pose
         task: the class of the task, see `trocar.apps.tasks`
         arms: that a policy drives
+        welded: other arms, which stay where they start; empty where a person may drive them
         placements, goals: of objects and tips; goals by stage
         time_limit: of an episode [s]
         drop_height: an object that falls farther counts as dropped [m]
@@ -104,6 +105,7 @@ class Scene:
     time_limit: float
     drop_height: float
     hidden: tuple[str, ...] = ()
+    welded: tuple[str, ...] = ()
     look: Mapping[str, Any] = field(default_factory=dict)
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
@@ -183,7 +185,9 @@ def read_scene(path: Path, load_rig: Callable[[str | Path], RigDescription]) -> 
     task = str(path.parent / task) if task.endswith(".py") else task
     goals.sort(key=lambda goal: goal.stage)
     parts = (named, title, source, str(path), rig, task, arms, tuple(placements), tuple(goals))
-    return Scene(*parts, limit, drop, hidden)
+    # what arms without motors read has no errors
+    welded = () if rig.errors else tuple(a.name for a in rig.arms if a.name in {*known} - {*arms})
+    return Scene(*parts, limit, drop, hidden, welded)
 
 
 def _without(table: Table, rig: RigDescription, driven: Sequence[str]) -> RigDescription:
@@ -225,6 +229,7 @@ def _rig(table: Table, rig: RigDescription) -> RigDescription:
         row = table.table("start_q_rad_m")
         start |= _read_start(row, rig, start)
     grasp = cast(GraspKind, table.text("grasp", rig.grasp, allowed=GRASPS))
+    dynamics = cast(DynamicsKind, table.text("dynamics", rig.dynamics, allowed=DYNAMICS))
     cameras, preset = rig.cameras, table.text("camera", "")
     if preset:
         sees = load_stereo_camera(preset)
@@ -236,7 +241,7 @@ def _rig(table: Table, rig: RigDescription) -> RigDescription:
         )
     poses = {**rig.poses, "start": start}
     parts = {"props": props, "bands": bands, "sensors": sensors, "cameras": cameras}
-    return replace(rig, grasp=grasp, poses=poses, **parts)
+    return replace(rig, grasp=grasp, dynamics=dynamics, poses=poses, **parts)
 
 
 def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> dict[str, Array]:

@@ -17,6 +17,7 @@ from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
 from trocar.descriptions.rounds import cup, ring
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
+from trocar.descriptions.threads import ChainThread
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import transform
 
@@ -126,6 +127,14 @@ def needle_shapes(needle: Needle, material: str) -> tuple[Shape, ...]:
         size = np.array([radius, 0.5 * np.linalg.norm(end - start), 0.0])
         touching.append(Shape("capsule", pose, size, material, visible=False))
     return (seen, *touching)
+
+
+def link_shape(thread: ChainThread) -> Shape:
+    """Return the capsule of a thread's link, which is not drawn: a curve is."""
+    x, radius, half = np.array([1.0, 0.0, 0.0]), 0.5 * thread.diameter, 0.5 * thread.link
+    size, pose = np.array([radius, half, 0.0]), transform(_rotation_to(x), half * x)
+    look = {"visible": False, "friction": thread.friction}
+    return Shape("capsule", pose, size, thread.material, **look)
 
 
 def _read_material(table: Table) -> str:

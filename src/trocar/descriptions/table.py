@@ -33,7 +33,7 @@ UNITS: dict[str, dict[str, float]] = {
     "inertia": {"kgm2": 1.0},
     "torque": {"nm": 1.0},
     "force": {"n": 1.0},
-    "pressure": {"pa": 1.0, "kpa": 1e3},
+    "pressure": {"pa": 1.0, "kpa": 1e3, "gpa": 1e9},
     "angular damping": {"nms": 1.0},
     "linear damping": {"ns_per_m": 1.0},
     "linear stiffness": {"n_per_m": 1.0},

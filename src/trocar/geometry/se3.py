@@ -24,6 +24,7 @@ from trocar.geometry.rotations import (
 # Source: below it the series in `_left_jacobian` and `_inverse_left_jacobian` stop short by less
 # than 1e-17; above it the closed forms' lost digits vanish in the angle^2 that multiplies them.
 _SMALL_ANGLE = 1e-2
+_IDENTITY = np.eye(4)
 
 
 def transform(R: ArrayLike, p: ArrayLike) -> Array:
@@ -37,6 +38,10 @@ def transform(R: ArrayLike, p: ArrayLike) -> Array:
         (..., 4, 4)
     """
     turn, shift = np.asarray(R, dtype=np.float64), np.asarray(p, dtype=np.float64)
+    if turn.ndim == 2 and shift.ndim == 1:  # one pose, in a third of the time
+        matrix = _IDENTITY.copy()
+        matrix[:3, :3], matrix[:3, 3] = turn, shift
+        return matrix
     matrix = np.zeros((*np.broadcast_shapes(turn.shape[:-2], shift.shape[:-1]), 4, 4))
     matrix[..., :3, :3] = turn
     matrix[..., :3, 3] = shift

@@ -24,6 +24,7 @@ from trocar.descriptions.records import (
     RigArm,
     RigDescription,
 )
+from trocar.descriptions.threads import ChainThread
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import inverse, transform
@@ -47,10 +48,12 @@ from trocar.modeling.options import (
     STIFF_STEPS,
     STILL_M_S,
     STOP_STEPS,
+    THREAD,
     TOLERANCE,
     ModelOptions,
 )
 from trocar.modeling.props import add_band, add_prop, extend, pair_grips, soften
+from trocar.modeling.threads import add_thread, bodies_of
 from trocar.modeling.tissues import add_tissue, tissue_bit
 
 Array = NDArray[np.float64]
@@ -134,9 +137,9 @@ def build(rig: RigDescription | str | Path, options: ModelOptions | None = None)
     chosen = options or ModelOptions()
     if not isinstance(rig, RigDescription):
         rig = load_rig(rig)
-    spec = Draft(rig, chosen).spec
+    draft = Draft(rig, chosen)
     try:
-        return RigModel(rig, chosen, spec, spec.compile())
+        return RigModel(rig, chosen, draft.spec, draft.compile())
     except ValueError as problem:
         raise DescriptionError(rig.file, "", f"MuJoCo rejects it: {problem}") from problem
 
@@ -217,7 +220,7 @@ class Draft:
 
     def __init__(self, rig: RigDescription, options: ModelOptions) -> None:
         log_mujoco_warnings()
-        self.spec, self._options = mujoco.MjSpec(), options
+        self.spec, self._options, self._rig = mujoco.MjSpec(), options, rig
         self._geoms = Geoms(self.spec, options)
         self.meshes = self._geoms.meshes
         self.spec.modelname = rig.name
@@ -229,6 +232,9 @@ class Draft:
         poses = {prop.name: prop.pose for prop in rig.props}
         for prop in rig.props:
             body = add_prop(self.spec, prop, poses, options.timestep)
+            if prop.thread is not None:
+                self._add_links(prop, prop.thread, body)
+                continue
             if prop.movable is not None:
                 _set_mass(body, prop.movable.mass, prop.movable.com, prop.movable.inertia)
             mask = self.masks[OBJECTS if prop.movable else ""]
@@ -250,10 +256,24 @@ class Draft:
                     add_tissue(self.spec, prop.name, prop.tissue, bit=bit, timestep=step)
         if rig.extension:
             extend(self.spec, rig.extension)
-        soften(self.spec, self._geoms, options.timestep)
+        soften(self.spec, self._geoms, options.timestep, self.compile)
         if options.servo == "pid" and options.collisions and not options.standalone:
             for arm in rig.arms:
-                self._add_grasp(arm, [p for p in rig.objects if p.joint is None])
+                self._add_grasp(arm, [p for p in rig.objects if p.thread or not p.joint])
+
+    def _add_links(self, prop: Prop, thread: ChainThread, body: mujoco.MjsBody) -> None:
+        """Add the links of a thread with their shapes; it touches itself only where it may knot."""
+        mask = self.masks[OBJECTS]
+        if not thread.knots:
+            mask = ContactMask(0, mask.conaffinity)
+        step = self._options.timestep
+        links = add_thread(body, prop, thread, step)
+        for number, link in enumerate(links):
+            before = len(self._geoms.surfaces)
+            self._geoms.add(link, f"{prop.name}/{number}", prop.shapes[0], mask)
+            for surface in self._geoms.surfaces[before:]:
+                surface.geom.condim = 3  # too thin to resist rotation
+                surface.geom.solref = [k * step ** (n - 2) for n, k in enumerate(THREAD)]
 
     def _set_solver(self) -> None:
         compiler, option = cast(Any, self.spec.compiler), cast(Any, self.spec.option)
@@ -308,6 +328,24 @@ class Draft:
                 self._add_servo(place, joint, group)
             add_tendons(self.spec, place.name, self._drives(place), self._options.timestep)
         return anchors
+
+    def compile(self) -> mujoco.MjModel:
+        """Compile the model.
+
+        MuJoCo scales the softness of constraints by each side's own inverse weight. Identified
+        rotors of a jaw are on tendons to one finger: the other one, which follows by a constraint,
+        would yield to it by 0.2 rad/(N m), so it counts as heavy as the one it follows.
+        """
+        model = self.spec.compile()
+        for place in self._rig.arms:
+            for frame, leader, _ in followers(place.arm) if self._drives(place) else ():
+                one, other = (model.joint(naming.scoped(place.name, f)) for f in (frame, leader))
+                for field, k, m in (
+                    (model.dof_invweight0, one.dofadr, other.dofadr),
+                    (model.body_invweight0, model.jnt_bodyid[one.id], model.jnt_bodyid[other.id]),
+                ):
+                    field[k] = np.minimum(field[k], field[m])
+        return model
 
     def _drives(self, place: RigArm) -> tuple[Drive, ...]:
         """Return an arm's drives in simulations; files for others have friction of hinges."""
@@ -453,7 +491,7 @@ class Draft:
                 solref=[k / self._options.timestep ** (2 - n) for n, k in enumerate(HOLD)],
                 solimp=STIFF_IMPEDANCE,
             )
-        names = [prop.name for prop in objects]
+        names = [n for prop in objects for n in bodies_of(prop)]
         pair_grips(self.spec, pads, [s for s in self._geoms.surfaces if s.body in names])
 
     def _add_servo(self, place: RigArm, joint: JointDescription, group: int) -> None:

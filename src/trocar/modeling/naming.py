@@ -48,6 +48,11 @@ def prop_joint(prop: str, kind: str) -> str:
     return f"{prop}/{kind}"
 
 
+def link(prop: str, number: int) -> str:
+    """Return the name of the body of a thread's link; the first one is the prop's."""
+    return f"{prop}/{number}" if number else prop
+
+
 def band(name: str) -> str:
     """Return the name of an elastic band's tendon, in models and in files."""
     return f"band_{name}"

@@ -172,15 +172,13 @@ def _add_thread(spec: mujoco.MjSpec, name: str, tissue: Tissue, hard: dict[str, 
     store.add_joint(
         name=feed,
         type=mujoco.mjtJoint.mjJNT_SLIDE,
-        axis=[0, 0, 1],
+        axis=[1, 0, 0],
         range=[0.0, tissue.thread.free],
         frictionloss=tissue.thread.friction,
         **hard,
     )
     store.add_site(name=feed, size=[3e-4] * 3)
-    world.add_site(
-        name=naming.scoped(name, "store"), pos=[0.0, 0.0, STORE_M + BRANCH_M], size=[3e-4] * 3
-    )
+    world.add_site(name=naming.scoped(name, "store"), pos=[BRANCH_M, 0.0, STORE_M], size=[3e-4] * 3)
     limit = {key: value for key, value in hard.items() if "friction" not in key}
     path: list[str] = []
     for stitch in range(tissue.stitches):
@@ -204,10 +202,9 @@ def _add_thread(spec: mujoco.MjSpec, name: str, tissue: Tissue, hard: dict[str, 
 
 
 def _light(parent: mujoco.MjsBody, name: str, mass: float) -> mujoco.MjsBody:
-    """Add a body that no weight pulls."""
     made = parent.add_body(name=name)
     made.explicitinertial = True
-    made.mass, made.inertia, made.gravcomp = mass, [1e-9] * 3, 1.0
+    made.mass, made.inertia = mass, [1e-9] * 3
     return made
 
 

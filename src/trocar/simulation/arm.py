@@ -1299,8 +1299,7 @@ class Arm:
     def _check_movable(self, wish: str) -> None:
         if self.motors.welded:
             raise InputError(
-                f"{self.name}: is welded into the model; build the world with"
-                f' setup_joints="braked" to {wish}'
+                f"{self.name}: is welded into the model; build the world without that to {wish}"
             )
 
     def _which(self, joints: Iterable[str] | None) -> list[int]:

@@ -474,7 +474,7 @@ class JointControl:
         m = self.motors
         chosen = [k for k in range(part.start, part.stop) if k not in self.switched]
         if m.welded:
-            why = "the setup joints are welded into the model"
+            why = "it is welded into the model"
         elif m.locked[part].all():
             why = "the brakes are locked; release them first"
         elif chosen and (m.modes[chosen] == EFFORT).all():

@@ -459,7 +459,7 @@ class Site:
 
     def pose(self) -> Array:
         """Return the pose in the world, (4, 4)."""
-        T = np.eye(4)
+        T = IDENTITY.copy()
         T[:3, :3], T[:3, 3] = self.turn, self.at
         return T
 

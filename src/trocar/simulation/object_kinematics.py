@@ -92,13 +92,15 @@ class ObjectKinematics:
         Args:
             qpos: MuJoCo's coordinates, (..., nq)
         """
+        free = qpos[..., self._places]
+        if len(self._free) == len(self.joints):
+            return free
         found = np.empty((*qpos.shape[:-1], len(self.joints), 7))
-        found[..., self._free, :] = qpos[..., self._places]
-        if len(self._free) < len(self.joints):
-            for k, at in enumerate(self._matrices(qpos)):
-                if self.joints[k].kind != "free":
-                    found[..., k, :3] = at[..., :3, 3]
-                    found[..., k, 3:] = quaternion_from_matrix(at[..., :3, :3])
+        found[..., self._free, :] = free
+        for k, at in enumerate(self._matrices(qpos)):
+            if self.joints[k].kind != "free":
+                found[..., k, :3] = at[..., :3, 3]
+                found[..., k, 3:] = quaternion_from_matrix(at[..., :3, :3])
         return found
 
     def velocities(self, qpos: Array, qvel: Array) -> Array:
@@ -108,10 +110,11 @@ class ObjectKinematics:
             qpos: MuJoCo's coordinates, (nq,)
             qvel: their rates, (nv,)
         """
-        found = np.empty((len(self.joints), 6))
-        found[self._free] = qvel[self._rates]
+        free = qvel[self._rates]
         if len(self._free) == len(self.joints):
-            return found
+            return free
+        found = np.empty((len(self.joints), 6))
+        found[self._free] = free
         at = self._matrices(qpos)
         twists: list[Array] = []  # of each origin in axes of the world
         for row, here in zip(self.joints, at, strict=True):

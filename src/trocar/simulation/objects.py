@@ -16,6 +16,7 @@ from trocar.simulation.grasps import Grasps
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.records import JointState, Pose, Twist
+from trocar.simulation.threads import laid
 
 Array = NDArray[np.float64]
 
@@ -90,6 +91,12 @@ class SceneObject:
         body = model.body(self.name).id
         self._applied = data.xfrc_applied[body]
         self._tree = int(model.body_treeid[body])
+        #: The bends of a thread, in `qpos` and `qvel`.
+        self._bends = data.qpos[:0], data.qvel[:0]
+        if self.description.thread is not None:
+            first, bends = model.joint(f"{self.name}/1/y"), 2 * self.description.thread.links - 2
+            at, rate = int(first.qposadr[0]), int(first.dofadr[0])
+            self._bends = data.qpos[at : at + bends], data.qvel[rate : rate + bends]
         self._most_n = min(MOST_N, MOST_M_S2 * float(model.body_mass[body]))
         self._most_nm = min(MOST_NM, MOST_RAD_S2 * float(model.body_inertia[body].min()))
 
@@ -124,7 +131,7 @@ class SceneObject:
 
     @command
     def set_cp(self, T: ArrayLike) -> None:
-        """Put it somewhere, at rest.
+        """Put it somewhere, at rest; a thread lies straight there.
 
         Args:
             T: pose of its frame in the world, (4, 4)
@@ -135,6 +142,24 @@ class SceneObject:
         self._check_kind("set_cp", "free")
         at = checked_pose(self.name, T)
         self._put(np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])]))
+
+    @command
+    def set_curve(self, points: ArrayLike) -> None:
+        """Lay a free thread along a curve, at rest.
+
+        Args:
+            points: on a polyline in the world from the thread's beginning on, (n, 3) [m]
+
+        Raises:
+            InputError: the object is no free thread, other points, or a curve that is too short or
+                too sharp; nothing changes
+        """
+        self._check_kind("set_curve", "free")
+        if self.description.thread is None:
+            raise InputError(f"{self.name}: set_curve: the object is no thread; allowed: set_cp")
+        at, bends = laid(self.name, self.description.thread, points)
+        self._put(np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])]))
+        self._bends[0][:] = bends
 
     @command
     def set_jp(self, q: ArrayLike) -> None:
@@ -194,6 +219,8 @@ class SceneObject:
         rates = self._row.qvel
         self._qpos[:] = coordinates
         self._qvel[:] = 0.0
+        for bends in self._bends:
+            bends[:] = 0.0
         if self._data.tree_asleep[self._tree] < 0:  # it was still, held by what it touched: no more
             self._data.tree_asleep[self._tree] = -(1 + mujoco.mjMINAWAKE)
         self._data.qacc_warmstart[rates] = 0.0

@@ -8,6 +8,7 @@ within tissue hold the patch between them, which moves with the jaw from then on
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -124,10 +125,22 @@ class Surface:
         self.nodes = np.stack([top, top + len(pad.nodes) // 2])
         self.at = pad.nodes[self.nodes, :2]
         self.rise = response[self.nodes, 2]
+        #: The nodes are those of a grid, along the wound and away from it.
+        along, across = np.unique(self.at[0, :, 0]), np.unique(self.at[0, :, 1])
+        self._along, self._across = along.tolist(), across.tolist()
+        self._grid = np.arange(len(top)).reshape(len(along), len(across))
         back = np.linalg.inv(stiffness)
         held = self.rise @ back @ np.swapaxes(self.rise, 1, 2)
         #: With the places held where they are.
         self.compliance = compliance - held
+
+    def under(self, half: int, box: Array, reach: Array) -> Index:
+        """Return the nodes of a half within half the edges of a box of its middle, (k,)."""
+        x, y = float(box[0]), float(box[1]) * (1.0 - 2.0 * half)
+        dx, dy = float(reach[0]), float(reach[1])
+        rows = slice(bisect_left(self._along, x - dx), bisect_right(self._along, x + dx))
+        columns = slice(bisect_left(self._across, y - dy), bisect_right(self._across, y + dy))
+        return self._grid[rows, columns].ravel()
 
 
 def press(compliance: Array, gaps: Array) -> Array:
@@ -138,11 +151,12 @@ def press(compliance: Array, gaps: Array) -> Array:
         gaps: without forces, (n,) [m]
     """
     touch, count = gaps < 0.0, len(gaps)
-    matrix = compliance + SOFT * np.eye(count)
+    matrix = compliance.copy()
+    matrix.flat[:: count + 1] += SOFT
     for _ in range(CHANGES):
         forces = np.zeros(count)
         rows = np.flatnonzero(touch)
-        forces[rows] = np.linalg.solve(matrix[np.ix_(rows, rows)], -gaps[rows])
+        forces[rows] = np.linalg.solve(matrix[rows[:, None], rows], -gaps[rows])
         after = np.where(touch, forces > 0.0, gaps + matrix @ forces < -1e-12)
         if (after == touch).all():
             return forces
@@ -160,16 +174,10 @@ def underside(at: Array, box: Array, turn: Array, half: Array) -> Array:
         turn: its axes as columns, (3, 3)
         half: half its edges, (3,) [m]
     """
-    start = np.column_stack([at, np.zeros(len(at))]) - box
-    local, way = start @ turn, turn[2]
-    low, high = np.full(len(at), -np.inf), np.full(len(at), np.inf)
-    for k in range(3):
-        if abs(way[k]) < 1e-9:
-            low[np.abs(local[:, k]) > half[k]] = np.inf
-        else:
-            ends = (-half[k] - local[:, k]) / way[k], (half[k] - local[:, k]) / way[k]
-            low = np.maximum(low, np.minimum(*ends))
-            high = np.minimum(high, np.maximum(*ends))
+    way = np.where(np.abs(turn[2]) < 1e-9, 1e-9, turn[2])
+    middle = (box[2] * turn[2] - (at - box[:2]) @ turn[:2]) / way
+    thick = half / np.abs(way)
+    low, high = (middle - thick).max(axis=1), (middle + thick).min(axis=1)
     return np.where(low <= high, low, np.inf)
 
 
@@ -196,7 +204,7 @@ class Tools:
         self._geoms = [geom for jaw in jaws for geom in jaw.geoms]
         self._bodies = [body for jaw in jaws for body in jaw.bodies]
         self._half = model.geom_size[self._geoms]
-        self._reach = np.linalg.norm(self._half, axis=1)[:, None]
+        self._reach: list[float] = np.linalg.norm(self._half, axis=1).tolist()
         #: Near the end of each box that is away from the finger's axis, in the finger's frame.
         self._ends = [_end(model, geom) for geom in self._geoms]
         self.wrench = data.xfrc_applied
@@ -213,11 +221,19 @@ class Tools:
             tissue: its record
             highest: the height [m]
         """
-        ends = np.array([0.5 * tissue.length, 0.5 * tissue.gap + tissue.width, highest])
-        boxes = (self._data.geom_xpos[self._geoms] - pose[:3, 3]) @ pose[:3, :3]
-        boxes[:, :2] = np.abs(boxes[:, :2])
-        near = boxes - self._reach < ends
-        return np.flatnonzero(near[:, 0] & near[:, 1] & near[:, 2]).tolist()
+        (x, y, z), found = pose[:3, 3].tolist(), list[int]()
+        (a, b, c), (d, e, f), (g, h, i) = pose[:3, :3].tolist()
+        along, across = 0.5 * tissue.length, 0.5 * tissue.gap + tissue.width
+        for row, (geom, reach) in enumerate(zip(self._geoms, self._reach, strict=True)):
+            u, v, w = self._data.geom_xpos[geom].tolist()
+            u, v, w = u - x, v - y, w - z
+            if (
+                c * u + f * v + i * w < highest + reach
+                and abs(b * u + e * v + h * w) < across + reach
+                and abs(a * u + d * v + g * w) < along + reach
+            ):
+                found.append(row)
+        return found
 
     def look(
         self, pose: Array, surface: Surface, displaced: Array, rows: Sequence[int], time: float
@@ -230,12 +246,15 @@ class Tools:
             mujoco.mj_objectVelocity(self._model, self._data, GEOM, geom, moving, 0)
             near = NEAR_M + float(np.abs(moving[3:]).sum()) * time
             half = self._half[row] + near
-            reach = np.abs(axes[:2]) @ half
-            for at, rise in zip(surface.at, surface.rise, strict=True):
-                under = np.flatnonzero((np.abs(at - box[:2]) < reach).all(axis=1))
+            reach = np.abs(axes) @ half
+            for at, rise, side in zip(surface.at, surface.rise, (0, 1), strict=True):
+                under = surface.under(side, box, reach)
                 if not len(under):
                     continue
-                if (underside(at[under], box, axes, half) < rise[under] @ displaced).any():
+                heights = rise[under] @ displaced
+                if heights.max() < box[2] - reach[2]:
+                    continue
+                if (underside(at[under], box, axes, half) < heights).any():
                     self.near.append(row)
                     break
 
@@ -261,31 +280,51 @@ class Tools:
         """
         turn = pose[:3, :3]
         places, self.force, self.nodes = np.zeros(len(displaced)), 0.0, {}
-        boxes = {row: self._box(pose, self._geoms[row]) for row in self.near}
-        for half in (0, 1):
-            ends = np.full(len(surface.at[half]), np.inf)
-            owner = np.full(len(ends), -1)
-            for row, (box, axes) in boxes.items():
-                reach = np.abs(axes[:2]) @ self._half[row]
-                under = np.flatnonzero((np.abs(surface.at[half] - box[:2]) < reach).all(axis=1))
-                if len(under):
-                    low = underside(surface.at[half][under], box, axes, self._half[row])
-                    first = low < ends[under]
-                    ends[under[first]], owner[under[first]] = low[first], row
-            under = np.flatnonzero(owner >= 0)
-            if not len(under):
+        boxes: list[tuple[int, Array, Array, Array]] = []
+        for row in self.near:
+            box, axes = self._box(pose, self._geoms[row])
+            boxes.append((row, box, axes, np.abs(axes) @ self._half[row]))
+        for half, (at, rise) in enumerate(zip(surface.at, surface.rise, strict=True)):
+            found: list[tuple[Index, Array, Array, Array]] = []
+            for row, box, axes, reach in boxes:
+                under = surface.under(half, box, reach)
+                heights = rise[under] @ displaced
+                if heights.max(initial=-np.inf) <= box[2] - reach[2]:
+                    continue
+                low = underside(at[under], box, axes, self._half[row])
+                inside = low < np.inf
+                owner = np.full(np.count_nonzero(inside), row)
+                found.append((under[inside], low[inside], low[inside] - heights[inside], owner))
+            if not found:
                 continue
-            gaps = ends[under] - surface.rise[half][under] @ displaced
-            if gaps.min() >= 0.0:
+            under, low, gaps, owner = found[0]
+            if len(found) > 1:  # of the lowest box above each node
+                under, low, gaps, owner = (
+                    np.concatenate(parts) for parts in zip(*found, strict=True)
+                )
+                order = np.lexsort((low, under))
+                under, first = np.unique(under[order], return_index=True)
+                low, gaps, owner = (values[order][first] for values in (low, gaps, owner))
+            if gaps.min(initial=0.0) >= 0.0:
                 continue
-            forces = press(surface.compliance[half][np.ix_(under, under)] / stiffness, gaps)
-            places -= forces @ surface.rise[half][under]
+            forces = press(surface.compliance[half][under[:, None], under] / stiffness, gaps)
+            places -= forces @ rise[under]
             self.force += float(forces.sum())
-            for node, force in zip(under.tolist(), forces.tolist(), strict=True):
-                if force > 0.0:
-                    self.nodes[half, node] = force
-                    at = pose[:3, 3] + turn @ [*surface.at[half][node], ends[node]]
-                    self.push(self._bodies[owner[node]], at, force * turn[:, 2])
+            touched = forces > 0.0
+            under, low, owner, forces = (
+                under[touched],
+                low[touched],
+                owner[touched],
+                forces[touched],
+            )
+            keys = [(half, node) for node in under.tolist()]
+            self.nodes |= dict(zip(keys, forces.tolist(), strict=True))
+            points = np.column_stack([at[under], low])
+            for row in {int(k) for k in owner}:
+                weights = np.where(owner == row, forces, 0.0)
+                total = float(weights.sum())
+                middle = pose[:3, 3] + turn @ (weights @ points / total)
+                self.push(self._bodies[row], middle, total * turn[:, 2])
         return places
 
     def push(self, body: int, at: Array, force: Array) -> None:
@@ -294,6 +333,10 @@ class Tools:
         fx, fy, fz = force.tolist()
         self.wrench[body, :3] += force
         self.wrench[body, 3:] += (y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
+
+    def forces(self) -> dict[str, Array]:
+        """Return the force that acts on each jaw in the world, {arm: (3,)} [N]."""
+        return {jaw.arm: self.wrench[list(jaw.bodies), :3].sum(axis=0) for jaw in self.jaws}
 
     def between(self, row: int) -> tuple[Array, float]:
         """Return the middle of the ends of a jaw's pads in the world, (3,), and their distance."""

@@ -152,27 +152,29 @@ class Probes:
 
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
-        total, data = np.zeros((len(self._arms), 3)), self._acted()
-        if data.ncon:
-            found = data.contact
-            sides = self._arm_of_geom[found.geom]
-            here = np.flatnonzero((sides.max(axis=1) >= 0) & (found.efc_address >= 0))
-            if len(here):
-                forces = self._contact_forces(data, here)
-                for (one, two), force in zip(sides[here].tolist(), forces, strict=True):
-                    if one >= 0:
-                        total[one] -= force
-                    if two >= 0:
-                        total[two] += force
-        return dict(zip(self._arms, total, strict=True))
+        total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
+        found, on, pushes = data.contact, self._arm_of_geom, data.efc_force.tolist()
+        rows = found.geom.tolist(), found.efc_address.tolist(), found.dim.tolist()
+        # plain numbers: few contacts are on arms
+        for (a, b), first, dim, axes in zip(*rows, found.frame.tolist(), strict=True):
+            if first < 0 or (on[a] < 0 and on[b] < 0):
+                continue
+            force = [0.0, 0.0, 0.0]
+            for k in range(min(dim, 3)):  # one where a weld holds the object, and pads only press
+                push = pushes[first + k]
+                force = [f + push * axes[3 * k + i] for i, f in enumerate(force)]
+            for arm, sign in ((on[a], -1.0), (on[b], 1.0)):
+                if arm >= 0:
+                    total[arm] = [t + sign * f for t, f in zip(total[arm], force, strict=True)]
+        return dict(zip(self._arms, np.array(total), strict=True))
 
     @cached_property
-    def _arm_of_geom(self) -> Index:
+    def _arm_of_geom(self) -> list[int]:
         """The arm that each geom is on, -1 for none and, in the end, for flexes."""
         of_body = np.full(self._model.nbody, -1)
         for k, name in enumerate(self._arms):
             of_body[list(self._table.arms[name].bodies.values())] = k
-        return np.append(of_body[self._model.geom_bodyid], -1)
+        return [*of_body[self._model.geom_bodyid].tolist(), -1]
 
     def _contact_forces(self, data: mujoco.MjData, here: Index) -> Array:
         """Return what the first shapes of some contacts do to the second, in the world, (n, 3) [N].

@@ -192,7 +192,7 @@ class SoftTissue:
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
         self._model, self._data, self._shadows = model, data, shadows
         self._tools = Tools(model, data, jaws)
-        name, count = self.name, self.tissue.stitches
+        tissue, name, count = self.tissue, self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 
         def ids(kind: Any, parts: Sequence[str]) -> NDArray[np.intp]:
@@ -205,6 +205,8 @@ class SoftTissue:
         self._strings = ids(model.tendon, [f"thread_{place}" for place in CHANNEL])
         self._struts = ids(model.tendon, [f"strut_{place}" for place in CHANNEL[:-1]])
         self._walls = ids(model.tendon, ["wall", "edge"])
+        #: Of each tendon whether it is a length of the thread.
+        self._threads = np.isin(np.arange(model.ntendon), self._strings)
         self._locks = ids(model.tendon, ["lock"])[:, 0]
         beads = [model.joint(naming.scoped(name, f"bead{k}")) for k in range(len(CHANNEL))]
         self._beads = np.array([(b.qposadr[0], b.dofadr[0]) for b in beads])
@@ -217,13 +219,15 @@ class SoftTissue:
         self._v, self._applied = data.qvel[rows], data.qfrc_applied[rows]
         self._tip = self.tissue.wire.tip[:3, 3]
         #: What of the model changes as stitches are made.
-        tendons = np.concatenate(
-            [self._strings.ravel(), self._struts.ravel(), self._walls.ravel(), self._locks]
-        )
+        paths = np.append(self._strings.ravel(), self._locks)
+        tendons = np.concatenate([paths, self._struts.ravel(), self._walls.ravel()])
+        #: Of how many parts a tendon has been compiled.
+        self._parts = np.diff(model.tendon_adr, append=model.nwrap)
         self._fields: tuple[tuple[Array, Any], ...] = (
             (model.eq_data, self._welds.ravel()),
             (model.site_pos, self._sites.ravel()),
             (model.tendon_range, tendons),
+            (model.tendon_num, paths),
             (model.geom_contype, self._plates.ravel()),
             (model.dof_frictionloss, [self._feed_dof]),
             (model.dof_M0, rows),
@@ -232,6 +236,9 @@ class SoftTissue:
         )
         self._fresh = tuple(field[row].copy() for field, row in self._fields)
         self._u, self._w = np.zeros(size), np.zeros(size)
+        #: The square of how far a needle may be that touches it [m^2].
+        sizes = [0.5 * tissue.length, 0.5 * tissue.gap + tissue.width, tissue.depth]
+        self._far = (float(np.linalg.norm(sizes)) + tissue.wire.radius + CLOSE_M) ** 2
         self.begin()
 
     def begin(self) -> None:
@@ -277,10 +284,8 @@ class SoftTissue:
             raise InputError(
                 f"{self.name}: lock: got stitch {stitch}; allowed: one that the needle has left"
             )
-        model, data = self._model, self._data
-        self._kinematics()
-        model.tendon_range[self._locks, 1] = SLACK_M
-        model.tendon_range[self._locks[stitch], 1] = data.ten_length[self._locks[stitch]]
+        self._loosen(self._locks)
+        self._model.tendon_range[self._locks[stitch], 1] = self._measure(self._locks[stitch])
 
     def locked(self, stitch: int) -> bool:
         """Return whether the thread of a stitch, or of a later one, is locked."""
@@ -294,6 +299,7 @@ class SoftTissue:
         np.multiply(self._v, DAMPING_S, out=w)
         w += u
         np.dot(self._pull, w, out=self._applied)
+        self._applied += self._lift
         if self._tools.near or self._grips:
             self._touch()
 
@@ -343,8 +349,11 @@ class SoftTissue:
             self._check_volumes()
         if stitch == len(self.plan):
             return
-        passed, tip = self.passed[stitch], self._local(self._needle, self._tip)
-        side = self._sides[stitch]
+        passed, side = self.passed[stitch], self._sides[stitch]
+        x, y, z = (data.xpos[self._needle] - self.pose[:3, 3]).tolist()
+        if not passed[0] and x * x + y * y + z * z > self._far:
+            return  # the needle is nowhere near
+        tip = self._local(self._needle, self._tip)
         now = self._q.reshape(len(self.plan), -1, 3)[stitch]
         if not passed[0]:
             if self._pressed(self._plates[stitch, 0]) > self.tissue.puncture:
@@ -406,11 +415,16 @@ class SoftTissue:
             float(data.time),
         )
 
+    def forces_on_jaws(self) -> dict[str, Array]:
+        """Return the force of its surface and of what they grip on each jaw, {arm: (3,)} [N]."""
+        return self._tools.forces() if self._tools.near or self._grips else {}
+
     def tension(self) -> float:
         """Return the tension of the thread, as of the last step [N]."""
-        data, rows = self._data, slice(self._data.ne + self._data.nf, self._data.nefc)
-        threads = (data.efc_type[rows] == LIMIT) & np.isin(data.efc_id[rows], self._strings)
-        return float(data.efc_force[rows][threads].sum())
+        data = self._data
+        rows = np.arange(data.ne + data.nf, data.nefc)
+        rows = rows[data.efc_type[rows] == LIMIT]
+        return float(data.efc_force[rows[self._threads[data.efc_id[rows]]]].sum())
 
     def displacements(self) -> Array:
         """Return the displacement of every node of its mesh, in its frame, (n, 3) [m]."""
@@ -518,6 +532,7 @@ class SoftTissue:
         model.tendon_range[self._walls] = np.where(
             self._sides[:, None, None] > 0.0, [0.0, SLACK_M], [-SLACK_M, 0.0]
         )
+        self._loosen(np.append(self._strings.ravel(), self._locks))
         self._arm_plates()
         self._refresh()
 
@@ -577,12 +592,25 @@ class SoftTissue:
         self._pull, count = np.zeros((len(self._rest),) * 2), len(self._held)
         stiff = self._condensed().stiffness[:count, :count]
         self._pull[np.ix_(self._held, self._held)] = -self.stiffness * stiff
+        #: What holds the weight of the places' bodies.
+        up = -EYE_KG * self._model.opt.gravity @ self.pose[:3, :3]
+        self._lift = np.tile(up, len(places))
 
     def _kinematics(self) -> None:
         """Bring bodies and tendons to where the last step ended: MuJoCo has where it began."""
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_tendon(self._model, self._data)
+
+    def _loosen(self, paths: NDArray[np.intp]) -> None:
+        """Let paths of the thread hold nothing; of one part, they take no time to compute."""
+        self._model.tendon_range[paths, 1], self._model.tendon_num[paths] = SLACK_M, 1
+
+    def _measure(self, path: int) -> float:
+        """Return the length of a path of the thread now, all of its parts from here on [m]."""
+        self._model.tendon_num[path] = self._parts[path]
+        self._kinematics()
+        return float(self._data.ten_length[path])
 
     def _local(self, body: int, point: Array) -> Array:
         """Return a point of a body in the tissue's frame, (3,)."""
@@ -601,8 +629,7 @@ class SoftTissue:
         tools, tissue = self._tools, self.tissue
         if not tools.jaws:
             return
-        rises = (self._q - self._rest)[2::3]
-        over = tools.over(self.pose, tissue, float(rises.max(initial=0.0)) + CLOSE_M)
+        over = tools.over(self.pose, tissue, CLOSE_M + max(0.0, float(self._u[2::3].max())))
         if not (over or tools.near or self._grips):
             return
         tools.look(self.pose, self._surface(), self._displaced(), over, 2.0 * PERIOD_S)
@@ -671,7 +698,10 @@ class SoftTissue:
     def _pressed(self, plate: int) -> float:
         """Return the force with which tips press on a plate [N]."""
         touching = self._data.contact
-        met = np.flatnonzero((touching.geom == plate).any(axis=1) & (touching.efc_address >= 0))
+        hit = touching.geom == plate
+        if not hit.any():
+            return 0.0
+        met = np.flatnonzero(hit.any(axis=1) & (touching.efc_address >= 0))
         rows = [slice(k := touching.efc_address[c], k + touching.dim[c]) for c in met]
         return sum(float(np.linalg.norm(self._data.efc_force[row])) for row in rows)
 
@@ -702,11 +732,10 @@ class SoftTissue:
         """Hand a channel point over from the needle's end to the thread."""
         model, data, stitch = self._model, self._data, self.stitch
         data.eq_active[self._welds[stitch, point]] = 0
-        model.tendon_range[self._strings, 1] = SLACK_M
-        self._kinematics()
+        self._loosen(self._strings.ravel())
         string = self._strings[stitch, point]
         fed = float(data.qpos[self._feed])
-        length = float(data.ten_length[string]) - (BRANCH_M - fed)
+        length = self._measure(string) - (BRANCH_M - fed)
         data.qpos[self._feed] = max(fed, length)
         model.tendon_range[string, 1] = BRANCH_M
         self.left[stitch, point] = True

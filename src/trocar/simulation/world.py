@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import copy
 import zlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig, rig_with_tool
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
+from trocar.descriptions.records import DynamicsKind
 from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensor_records import SensorReading
 from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
@@ -53,6 +54,7 @@ from trocar.simulation.records import (
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
+from trocar.simulation.threads import Thread
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue_drawings import TissueDrawings
@@ -81,7 +83,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
-    "dynamics": ("cad", "identified"),
+    "dynamics": (None, "cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
@@ -141,19 +143,20 @@ class World:
         friction: "identified" or "paper"
         gravity_compensation: on or off; as the gains' source has it when omitted
         setup_joints: "braked" (simulated, held by brakes) or "locked" (welded, faster)
+        welded: names of other arms that stay where they start, which is faster too
         collisions: whether bodies touch
         seed: of the random numbers that sensors draw
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
-        dynamics: of arms whose overlays have none: "cad", masses and friction of the descriptions,
-            or "identified", from recordings of real arms where there are any for the kind of arm
-            (with the friction "identified" only)
+        dynamics: of arms whose overlays have none: "identified", from recordings of real arms where
+            there are any for the kind of arm (with the friction "identified" only), or "cad",
+            masses and friction of the descriptions; the rig's own when omitted
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
 
     Raises:
-        UnknownNameError, DescriptionError: the rig, a calibration or the errors
+        UnknownNameError, DescriptionError: the rig, an arm to weld, a calibration or the errors
         InputError: another argument
     """
 
@@ -166,12 +169,13 @@ class World:
         friction: Literal["identified", "paper"] = "identified",
         gravity_compensation: bool | None = None,
         setup_joints: Literal["braked", "locked"] = "braked",
+        welded: Sequence[str] = (),
         collisions: bool = True,
         seed: int = 0,
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
-        dynamics: Literal["cad", "identified"] = "cad",
+        dynamics: DynamicsKind | None = None,
         errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
@@ -185,7 +189,9 @@ class World:
             choices |= _choices(model)
         else:
             nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-            measured = dynamics == friction == "identified"
+            if dynamics is not None:
+                nominal = replace(nominal, dynamics=dynamics)
+            measured = friction == "identified"
             described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
         #: What the world was built with, the rig apart; a recording takes these along.
@@ -210,6 +216,10 @@ class World:
             prop.name: SoftTissue(prop, len(self.rig.arms), self.timestep, self._journal)
             for prop in self.rig.props
             if prop.tissue is not None and self.options.collisions
+        }
+        #: Threads that jaws can grasp, by name; they are among the objects, too.
+        self.threads: dict[str, Thread] = {
+            prop.name: Thread(prop, prop.thread) for prop in self.rig.objects if prop.thread
         }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
@@ -238,9 +248,11 @@ class World:
         self._stride = self._renewal
         self._drawings: dict[str, Callable[[], Drawing]] = {}
         for name, tissue in self.tissues.items():
-            drawn = TissueDrawings(tissue, self.rig)
+            drawn = TissueDrawings(tissue, self._model, self._data)
             for part in (drawn.skin, drawn.wound, drawn.thread):
                 self.draw(f"{name}_{part.__name__}", part)
+        for name, thread in self.threads.items():
+            self._drawings[name] = thread.curve
         warn_near_singular(self.rig)
 
     def __repr__(self) -> str:
@@ -672,6 +684,8 @@ class World:
     def grasps(self) -> dict[str, Grasp]:
         """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
 
+        Small loads are as of the last 10 ms.
+
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """
         return self._grasps.read()
@@ -685,8 +699,12 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
-        return self._probes.contact_forces()
+        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        found = self._probes.contact_forces()
+        for tissue in self.tissues.values():
+            for arm, force in tissue.forces_on_jaws().items():
+                found[arm] += force
+        return found
 
     def sensor(self, name: str) -> SensorReading:
         """Return the reading of a sensor of the rig now.
@@ -850,6 +868,8 @@ class World:
         self._cameras = Cameras(self.rig, self.joints, self._true)
         self._objects.attach(self._model, self._data)
         self._grasps.attach(self.rig, model, data)
+        for thread in self.threads.values():
+            thread.attach(model, data)
         self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
             shadows = self.frames.shadow, self._true.shadow
@@ -1008,15 +1028,21 @@ def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
     """
     for name, allowed in CHOICES.items():
         if choices[name] not in allowed:
-            raise InputError(f"{name}: got {choices[name]!r}; allowed: {', '.join(allowed)}")
-    start, welded = rig.poses["start"], choices["setup_joints"] == "locked"
+            known = ", ".join(filter(None, allowed))
+            raise InputError(f"{name}: got {choices[name]!r}; allowed: {known}")
+    names = [arm.name for arm in rig.arms]
+    for name in choices["welded"]:
+        if name not in names:
+            raise UnknownNameError("arm", name, names, "welded")
+    setups = {arm.name for arm in rig.arms if arm.arm.type == "SUJ"}
+    still = {*choices["welded"], *(setups if choices["setup_joints"] == "locked" else ())}
     return ModelOptions(
         timestep=_checked_period(choices["timestep_s"]),
         control=choices["control"],
         gravity_compensation=choices["gravity_compensation"],
         friction=choices["friction"],
         collisions=choices["collisions"],
-        locked={a.name: start[a.name] for a in rig.arms if a.arm.type == "SUJ" and welded},
+        locked={name: rig.poses["start"][name] for name in names if name in still},
     )
 
 
@@ -1029,20 +1055,23 @@ def _choices(model: RigModel) -> dict[str, Any]:
     options = model.options
     if options.servo != "pid":
         raise InputError(f"World: got a model with servo {options.servo!r}; allowed: 'pid'")
+    setups = {arm.name for arm in model.rig.arms if arm.arm.type == "SUJ"}
     return {
         "timestep_s": options.timestep,
         "control": options.control,
         "gravity_compensation": options.gravity_compensation,
         "friction": options.friction,
         "collisions": options.collisions,
-        "setup_joints": "locked" if options.locked else "braked",
+        "setup_joints": "locked" if setups & {*options.locked} else "braked",
+        "welded": tuple(name for name in options.locked if name not in setups),
+        "dynamics": "cad",  # nothing but what the model's overlays have
     }
 
 
 def _check_default(choices: Mapping[str, Any], calibration: Calibration | None) -> None:
     """Reject arguments that a model determines already."""
     defaults: dict[str, Any] = World.__init__.__kwdefaults__ or {}
-    names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions")
+    names = (*CHOICES, "timestep_s", "gravity_compensation", "collisions", "welded")
     given = [name for name in names if choices[name] != defaults[name]]
     if given or calibration is not None:
         what = ", ".join([*given, *(["calibration"] if calibration is not None else [])])

@@ -78,7 +78,9 @@ def test_exact_poses_give_the_robot_back(name: str, seed: int) -> None:
     assert abs(found.centre.distance.value - truth["rcm"]["distance_to_pitch_axis_m"]) < 1e-8
 
 
-@pytest.mark.parametrize(("name", "seed"), [("psm", 1), ("ecm", 3)])
+@pytest.mark.parametrize(
+    ("name", "seed"), [("psm", 1), pytest.param("ecm", 3, marks=pytest.mark.slow)]
+)
 def test_tracks_of_a_simulated_arm_with_servo_errors_give_it_back_as_well(
     tmp_path: Path, name: str, seed: int
 ) -> None:

@@ -137,6 +137,7 @@ def test_a_still_start_away_from_joint_positions_0_is_refused() -> None:
     assert calibrate(swept(robot, 0.3, start=0.02), psm()).betas
 
 
+@pytest.mark.slow
 def test_the_first_frame_is_a_worse_home_than_the_still_start() -> None:
     errors: dict[str, list[float]] = {"mean": [], "first": []}
     for seed in range(6):
@@ -180,6 +181,7 @@ def test_mixed_handedness_is_named() -> None:
         calibrate(replace(tracks, poses=flipped), psm())
 
 
+@pytest.mark.slow
 def test_a_sweep_of_the_pitch_alone_shows_no_remote_centre() -> None:
     robot = random_robot(7, True, 1e-3)
     tracks = swept(robot)

@@ -119,7 +119,7 @@ def test_reversed_time_is_refused() -> None:
         calibrate(back, load_arm("psm"))
 
 
-@pytest.mark.parametrize("name", LINKS)
+@pytest.mark.parametrize("name", ["psm", pytest.param("ecm", marks=pytest.mark.slow)])
 def test_a_mirrored_volume_is_warned_of(name: str) -> None:
     tracks = take(name, "both")
     mirror = np.diag([1.0, -1.0, 1.0, 1.0])

@@ -56,6 +56,7 @@ def test_the_parts_add_up(name: str) -> None:
     assert (seen.frame.position > 0.0).all() and (seen.frame.spread > 0.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 @pytest.mark.parametrize("equal", [True, False])
 def test_links_of_other_lengths_leave_nothing_to_the_axes(name: str, equal: bool) -> None:

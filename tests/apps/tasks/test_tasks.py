@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trocar.apps.motions import Hand
+from trocar.apps.motions import Hand, together
 from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.apps.vision.scenes import VisualServoing
 from trocar.descriptions import load_rig, names
@@ -113,6 +113,16 @@ def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: 
     assert task.success
 
 
+def test_arms_that_a_scene_does_not_drive_are_welded(touch: Path) -> None:
+    scene = load_scene(touch)
+    assert scene.welded == ("PSM2", "ECM")
+    task = make_task(scene)
+    task.reset(0)
+    before = task.world.arms["ECM"].positions()
+    assert not task.world.arms["ECM"].servo_jp(before)
+    assert make_task(replace(scene, welded=())).world.arms["ECM"].servo_jp(before)
+
+
 def test_a_place_on_an_object_goes_with_it_and_what_is_hidden_is_not_observed() -> None:
     task = make_task("icra2026-peg-transfer")
     poses: list[np.ndarray] = []
@@ -166,6 +176,21 @@ def test_an_object_that_no_jaw_can_hold_is_one_error(touch: Path) -> None:
     task = make_task(replace(scene, task="retrieve", goals=scene.goals[:1]))
     with pytest.raises(InputError, match=r"cube is 14.0 mm wide .* allowed: up to .* of PSM1"):
         run_episode(task, 0)
+
+
+def test_what_the_jaw_missed_stands_in_the_result() -> None:
+    task = make_task("gauze-retrieve")
+    task.scene = replace(task.scene, time_limit=7.0)
+    task.reset(0)
+    beside = task.object_pose("gauze")[:3, 3] + [0.0, 0.03, 0.0]
+    for action in together(
+        task, PSM1=Hand(task, "PSM1").take("gauze", lambda: (beside, 0.0), 0.02)
+    ):
+        task.command(action)
+    while not task.done:
+        task.command(task.stay())
+    missed = "PSM1 missed gauze 3 times, which rolled or slid by 0.0 mm"
+    assert task.result(0).reason == f"time; {missed}"
 
 
 def test_a_policy_that_takes_too_long_is_one_error(

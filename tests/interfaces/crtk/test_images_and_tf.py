@@ -120,6 +120,7 @@ class Seen:
         return np.array(found).reshape(-1, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", EYES)
 def test_what_hangs_is_shown_where_tf_and_camera_info_say_while_the_scope_moves(
     eye: str, tmp_path: Path
@@ -182,6 +183,7 @@ def covered(triangles: np.ndarray, P: np.ndarray) -> np.ndarray:
     return np.array([u.mean(), v.mean()]) + low
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye", EYES)
 def test_an_instrument_in_motion_is_shown_where_joints_and_tf_of_the_stamp_have_it(
     eye: str,

@@ -55,7 +55,7 @@ def check_still(served: Served, ticks: int) -> None:
             np.testing.assert_allclose(setpoints(served), wanted, atol=2e-3)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=5, deadline=None)
 @example([("servo", 0), ("unhome", 1), ("disable", 1)], True)
 @example([("servo", 0), ("unhome", 2)], True)
 @given(asked, st.booleans())

@@ -25,7 +25,7 @@ from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry.se3 import inverse, transform, transform_points
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics, nearest_solution
-from trocar.outputs import write_text
+from trocar.outputs import whole_file, write_text
 from trocar.simulation import World
 from trocar.simulation.tissues import RISE, stitch_points
 
@@ -35,14 +35,21 @@ UP = np.array([0.0, 0.0, 1.0])
 #: How far beyond the tip, the fingers' pivot, a needle is held. Source: 2 mm before the end of a
 #: large needle driver's pads. [m]
 REACH_M = 0.0085
-#: Angles of the tip about the circle, from the surface on the side where it goes in: where driving
-#: begins, how far beyond the surface the tip comes out, where the needle has left. Source:
-#: measured: the jaws then stay clear of the tissue, and 16 deg of tip are left for the other arm.
-#: [rad]
-START, EMERGE, END = np.radians([12.0, 36.0, 332.0])
-#: Where the driving arm holds the needle from its swage, and the other from its tip. Source: as
-#: above. [rad]
+#: Where the driving arm holds the needle from its swage, and the other from its tip. Source:
+#: measured: a jaw nearer to the point does not hold it well. [rad]
 HOLD_SWAGE, HOLD_TIP = np.radians([18.0, 16.0])
+#: How far the tip is before the surface where driving begins, and the needle's end beyond it where
+#: the needle has left. Source: our own choice. [rad]
+BEFORE, BEYOND = np.radians([25.0, 9.0])
+#: Height of the wire above the surface in a jaw, at least, as one arm takes the needle from the
+#: other. Source: measured on a 26 mm half circle: jaws then stay clear of the tissue. [m]
+JAW_M = 2.5e-3
+#: Width of a bite by that of a half of the tissue, at most. Source: measured: wider ones pull at
+#: the clamped face, and 2 N do not close a stiff wound; 5.8 mm in a half of 15 mm do.
+WIDEST = 0.36
+#: Bites are at least so much wider than a half of the gap. Source: our own choice: the channel
+#: points beside the wound lie 2 mm inside its walls. [m]
+LEAST_BITE_M = 2.5e-3
 #: Steps in which reach is looked at. Source: measured: steps of 12 deg miss solutions. [rad]
 STEP = np.radians(4.0)
 #: Height above a needle from which it is picked. Source: our own choice. [m]
@@ -57,6 +64,9 @@ APART_M = 0.0105
 WRIST_M = 0.0091
 #: Points of a shaft that are looked at. Source: our own choice, one each 4 mm.
 ALONG = 40
+#: A circle's centre is at most so high, by its radius. Source: our own choice: flatter bites lie
+#: within a patch's radius of the surface.
+MOST_RISE = 0.92
 #: Joints this far from all limits are good enough to look no further. Source: our own choice. [rad]
 ENOUGH = np.radians(8.0)
 
@@ -90,6 +100,8 @@ class Stitch:
         wound: its frame in the world: origin in its middle on the surface, x along it, z up (4, 4)
         points: channel points in this frame: in, both sides of the wound, out (4, 3) [m]
         radius, height: of the circle, and of its centre above the surface [m]
+        start, out, end: angles of the tip about the circle, from the side where it goes in: where
+            driving begins, where the other arm takes the needle, where it has left [rad]
         side: 1: in on the side of the wound's +y; -1: of -y
         driver, taker: arms that drive the needle in, and out
         grips: of both
@@ -101,6 +113,9 @@ class Stitch:
     points: Array
     radius: float
     height: float
+    start: float
+    out: float
+    end: float
     side: int
     driver: str
     taker: str
@@ -112,11 +127,6 @@ class Stitch:
     def surface(self) -> float:
         """Angle of the tip where it goes in [rad]."""
         return float(np.arcsin(self.height / self.radius))
-
-    @property
-    def out(self) -> float:
-        """Angle of the tip where the other arm takes the needle [rad]."""
-        return np.pi - self.surface + EMERGE
 
     def needle_pose(self, needle: Needle, angle: float) -> Array:
         """Return the needle in the world with its tip at an angle of the circle, (4, 4) [rad]."""
@@ -153,6 +163,7 @@ class Plan:
                     "points_m": one.points.tolist(),
                     "radius_m": one.radius,
                     "height_m": one.height,
+                    "angles_rad": [one.start, one.out, one.end],
                     "side": one.side,
                     "arms": [one.driver, one.taker],
                     "grips": [[g.angle, g.along, g.across] for g in one.grips],
@@ -163,8 +174,12 @@ class Plan:
         return {"schema": 1, "needle": dimensions, "stitch": rows}
 
     def save(self, path: Path, *, overwrite: bool = False) -> None:
-        """Write it as TOML."""
-        write_text(path, toml_text(self.document()), overwrite)
+        """Write it as TOML, or its picture into a file that ends in .png."""
+        if path.suffix == ".png":
+            with whole_file(path, overwrite) as built:
+                built.write_bytes(self.picture())
+        else:
+            write_text(path, toml_text(self.document()), overwrite)
 
     def picture(self) -> bytes:
         """Return a drawing of it as PNG: from above, and each stitch across the wound.
@@ -217,6 +232,7 @@ def load_plan(path: Path) -> Plan:
     for one in table.tables("stitch"):
         grips = one.matrix("grips", 2, 3)
         margins, limited = one.numbers("margins_rad", 2), one.texts("limited")
+        angles = one.numbers("angles_rad", 3).tolist()
         arms = one.texts("arms")
         stitches.append(
             Stitch(
@@ -224,6 +240,7 @@ def load_plan(path: Path) -> Plan:
                 one.matrix("points_m", 4, 3),
                 one.number("radius_m"),
                 one.number("height_m"),
+                *(angles[0], angles[1], angles[2]),
                 round(one.number("side")),
                 *(arms[0], arms[1]),
                 (_grip(grips[0]), _grip(grips[1])),
@@ -248,9 +265,8 @@ def needle_on_circle(wound: Array, x: float, height: float, side: int, swage: fl
         side: as of a stitch
         swage: angle of the needle's swage [rad]
     """
-    out, c, s = np.array([0.0, side, 0.0]), np.cos(swage), np.sin(swage)
-    first, second = c * out - s * UP, -s * out - c * UP
-    turn = np.column_stack([first, second, np.cross(first, second)])
+    c, s = np.cos(swage), np.sin(swage)
+    turn = np.array([[0.0, 0.0, -side], [c * side, -s * side, 0.0], [-s, -c, 0.0]])
     return wound @ transform(turn, np.array([x, 0.0, height]))
 
 
@@ -390,7 +406,6 @@ def make_plan(
             says which joint is in the way and by how much
     """
     needle = tissue.wire
-    check_needle(tissue)
     scopes = [
         (arm.tip_in_world().T[:3, 3], world.remote_centres()[name])
         for name, arm in world.arms.items()
@@ -401,7 +416,7 @@ def make_plan(
     found: list[Stitch] = []
     for place in places:
         before = found[-1] if found else None
-        _check_view(world, tissue, wound, place)
+        _check_view(world, _draft(tissue, (wound, place), 1, ("", "")))
         options = list(_options(reaches, tissue, (wound, place), needle_pose, before))
         if options:
             gaps = [clearance(one, needle, reaches, scopes) for one in options]
@@ -418,30 +433,72 @@ def make_plan(
     return Plan(tuple(found), needle)
 
 
-def check_needle(tissue: Tissue) -> None:
-    """Reject a needle that does not fit jaws or tissue.
+def circle_height(tissue: Tissue) -> float:
+    """Return how high the centre of a stitch's circle lies above the surface [m].
+
+    The lower, the deeper it bites; so high that the jaws of both arms stay clear of the surface
+    while they hold the needle, and that bites are not too wide for the tissue.
 
     Raises:
-        InputError: which, and what is allowed
+        InputError: the needle does not fit jaws or tissue; says what is allowed
     """
-    needle = tissue.wire
-    height = RISE * needle.radius
-    wide, deep = float(np.sqrt(needle.radius**2 - height**2)), needle.radius - height
-    room = 0.5 * tissue.gap + tissue.width
-    if wide > 0.9 * room or deep > 0.9 * tissue.depth:
-        raise InputError(
-            f"needle of {1e3 * needle.radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide and"
-            f" {1e3 * deep:.1f} mm deep; allowed: {900 * room:.1f} and {900 * tissue.depth:.1f} mm"
-        )
-    if wide < 0.5 * tissue.gap + 2.5e-3:
-        raise InputError(
-            f"needle of {1e3 * needle.radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide; needed:"
-            f" {500 * tissue.gap + 2.5:.1f} mm for a wound of {1e3 * tissue.gap:.1f} mm"
-        )
+    needle, room = tissue.wire, 0.5 * tissue.gap + tissue.width
+    radius = needle.radius
     if needle.wire > 2e-3:
         raise InputError(
             f"needle: got a wire of {1e3 * needle.wire:.2f} mm; allowed: up to 2 mm, for the jaws"
         )
+    rise = max(RISE, float(np.sin(_outside(needle))) + JAW_M / radius)
+    if (share := WIDEST * room / radius) < 1.0:
+        rise = max(rise, float(np.sqrt(1.0 - share**2)))
+    wide = radius * float(np.sqrt(max(1.0 - rise**2, 0.0)))
+    least = 0.5 * tissue.gap + LEAST_BITE_M
+    if wide < least:
+        raise InputError(
+            f"needle of {1e3 * radius:.1f} mm radius and {np.degrees(needle.arc):.0f} deg bites"
+            f" {1e3 * wide:.1f} mm wide where jaws stay {1e3 * JAW_M:.1f} mm clear of the"
+            f" surface; needed: {1e3 * least:.1f} mm for a wound of {1e3 * tissue.gap:.1f} mm"
+        )
+    deep = radius * (1.0 - rise)
+    if deep > 0.9 * tissue.depth or rise > MOST_RISE:
+        raise InputError(
+            f"needle of {1e3 * radius:.1f} mm radius bites {1e3 * wide:.1f} mm wide and"
+            f" {1e3 * deep:.1f} mm deep; allowed: up to {900 * tissue.depth:.1f} mm deep, and a"
+            f" radius of {1e3 * WIDEST * room / np.sqrt(1.0 - MOST_RISE**2):.1f} mm in halves of"
+            f" {1e3 * tissue.width:.1f} mm"
+        )
+    return rise * radius
+
+
+def _outside(needle: Needle) -> float:
+    """Return the angle above the horizon at which both arms hold a needle that lies evenly."""
+    return 0.5 * (np.pi + HOLD_SWAGE + HOLD_TIP - needle.arc)
+
+
+def _draft(tissue: Tissue, where: tuple[Array, float], side: int, arms: tuple[str, str]) -> Stitch:
+    """Return a stitch at a place of a wound by two arms, without grips."""
+    needle, (wound, place) = tissue.wire, where
+    height = circle_height(tissue)
+    surface = float(np.arcsin(height / needle.radius))
+    angles = (
+        surface - BEFORE,
+        np.pi + HOLD_TIP - _outside(needle),
+        np.pi - surface + needle.arc + BEYOND,
+    )
+    points = stitch_points(tissue, place, needle.radius, height, float(side))
+    none = Grip(0.0, 1, 1)
+    return Stitch(
+        wound,
+        points,
+        needle.radius,
+        height,
+        *angles,
+        side,
+        *arms,
+        (none, none),
+        (0.0, 0.0),
+        ("", ""),
+    )
 
 
 def clearance(
@@ -465,7 +522,7 @@ def clearance(
         return T[:3, 3] - WRIST_M * T[:3, 2], reaches[arm].port
 
     gaps = [_apart(shaft(0, stitch.out), shaft(1, stitch.out))]
-    for row, (first, last) in enumerate(((START, stitch.out), (stitch.out, END))):
+    for row, (first, last) in enumerate(((stitch.start, stitch.out), (stitch.out, stitch.end))):
         for angle in np.arange(first, last, 3.0 * STEP):
             gaps += [_apart(shaft(row, angle), scope) for scope in scopes]
     return min(gaps)
@@ -479,14 +536,13 @@ def _apart(one: tuple[Array, Array], two: tuple[Array, Array]) -> float:
     return float(np.linalg.norm(points - two[0] - share[:, None] * way, axis=1).min())
 
 
-def _check_view(world: World, tissue: Tissue, wound: Array, place: float) -> None:
+def _check_view(world: World, stitch: Stitch) -> None:
     """Reject a stitch that an endoscope does not see.
 
     Raises:
         UnreachableError: which eye, and where in its image the stitch would be
     """
-    points = stitch_points(tissue, place, tissue.wire.radius, RISE * tissue.wire.radius)
-    seen = points @ wound[:3, :3].T + wound[:3, 3]
+    seen = stitch.points @ stitch.wound[:3, :3].T + stitch.wound[:3, 3]
     for camera in world.cameras().values():
         if camera.kind != "endoscope" or not isinstance(camera.calibration, StereoCalibration):
             continue
@@ -496,14 +552,12 @@ def _check_view(world: World, tissue: Tissue, wound: Array, place: float) -> Non
             at = project(transform_points(inverse(eye), seen), lens.K, lens.distortion)
             out = ~((at >= 0.0) & (at < lens.size)).all(axis=1)
             if out.any():
+                place = 1e3 * float(stitch.points[0, 0])
                 raise UnreachableError(
-                    f"stitch {1e3 * place:.1f} mm along the wound: {camera.name}'s {side} eye does"
-                    f" not see all of it: got a point at {at[out][0].round().tolist()} px; allowed:"
+                    f"stitch {place:.1f} mm along the wound: {camera.name}'s {side} eye does not"
+                    f" see all of it: got a point at {at[out][0].round().tolist()} px; allowed:"
                     f" within {list(lens.size)} px"
                 )
-
-
-_NO_GRIPS = (Grip(0.0, 1, 1), Grip(0.0, 1, 1))
 
 
 def _options(
@@ -514,18 +568,14 @@ def _options(
     before: Stitch | None,
 ) -> Iterator[Stitch]:
     """Yield ways to make a stitch at a place of a wound; like the one before, if there is one."""
-    needle, (wound, place) = tissue.wire, where
-    height = RISE * needle.radius
+    needle = tissue.wire
     for (driver, taker), side in product(_pairs(reaches, needle_pose), (1, -1)):
         if before is not None and (driver, side) != (before.driver, before.side):
             continue
-        points = stitch_points(tissue, place, needle.radius, height, float(side))
-        draft = Stitch(
-            wound, points, needle.radius, height, side, driver, taker, _NO_GRIPS, (0, 0), ("", "")
-        )
+        draft = _draft(tissue, where, side, (driver, taker))
         pick = needle_pose if before is None else None
-        inwards = np.arange(START, draft.out + STEP, STEP), HOLD_SWAGE, pick
-        outwards = np.arange(draft.out - STEP, END + STEP, STEP), needle.arc - HOLD_TIP, None
+        inwards = np.arange(draft.start, draft.out + STEP, STEP), HOLD_SWAGE, pick
+        outwards = np.arange(draft.out - STEP, draft.end + STEP, STEP), needle.arc - HOLD_TIP, None
         kept = (None, None) if before is None else before.grips
         one = _best_grip(reaches[driver], draft, needle, inwards, kept[0])
         two = None if one is None else _best_grip(reaches[taker], draft, needle, outwards, kept[1])
@@ -625,14 +675,13 @@ def _nearest_miss(
 
     Each pose counts by itself, whether or not the arm gets from one to the next.
     """
-    needle, (wound, place) = tissue.wire, where
-    height = RISE * needle.radius
+    needle, draft = tissue.wire, _draft(tissue, where, side, ("", ""))
     best = (reach.arm.name, -np.inf, "")
     for along, across in product((1, -1), repeat=2):
         held = Grip(HOLD_SWAGE, along, across).pose(needle)
         least = (reach.arm.name, np.inf, "")
-        for tip in np.arange(START, np.pi, 3.0 * STEP):
-            pose = needle_on_circle(wound, place, height, side, tip - needle.arc)
-            least = min(least, (reach.arm.name, *reach.room(pose @ held)), key=lambda one: one[1])
+        for tip in np.arange(draft.start, draft.out, 3.0 * STEP):
+            room = reach.room(draft.needle_pose(needle, tip) @ held)
+            least = min(least, (reach.arm.name, *room), key=lambda one: one[1])
         best = max(best, least, key=lambda found: found[1])
     return best

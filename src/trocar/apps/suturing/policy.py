@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from trocar.apps.motions import UP, Hand, Motion, together
 from trocar.apps.suturing.planning import (
     ABOVE_M,
-    END,
     LEAST,
-    START,
     Plan,
     Reach,
     Stitch,
@@ -33,13 +31,14 @@ Array = NDArray[np.float64]
 DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(30.0)
 #: Speeds of the pull: slack, and under tension. Source: our own choice. [m/s]
 PULL_M_S, TIGHT_M_S = 0.03, 0.006
-#: Tension at which a stitch is tight, and that at which the pull slows down. Source: Horeman 2013
-#: measured 3 +- 1.2 N while surgeons pulled; 2 N closes the wound. [N]
-TIGHT_N, SLOW_N = 2.0, 0.5
+#: Tension at which a stitch is tight, that at which the pull slows down, and speed of its last part
+#: by the tension that is missing, so that it ends below 2 N. Source: Horeman 2013 measured 3 +- 1.2
+#: N while surgeons pulled; 2 N closes the wound. [N, m/s/N, m/s]
+TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
 #: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
 #: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
 #: the least force.
-PULLS = ((0.8, 0.6, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
+PULLS = ((0.9, 0.45, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
 #: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm
 #: thick. [m]
 APART_M = 0.03
@@ -50,10 +49,15 @@ PULL_M = 0.1
 TILT_DEG = 35.0
 #: Times that anything is tried. Source: our own choice.
 TRIES = 4
-#: Time in which a jaw has closed on a needle. Source: our own choice. [s]
-CLOSE_S = 0.6
-#: Openings of jaws about a needle. Source: our own choice. [rad]
-AROUND, GRIP = 0.6, -0.349
+#: Time in which pads come near to a needle, and in which a jaw that grips has taken hold of it.
+#: Source: our own choice. [s]
+NEAR_S, CLOSE_S = 0.12, 0.4
+#: Openings of jaws: about a needle that lies, about one that the other arm holds, where pads come
+#: near to the wire, and with all force. Source: our own choice; wider ones press the tissue. [rad]
+AROUND, BESIDE, ALMOST, GRIP = 0.6, 0.4, 0.16, -0.349
+#: Speed with which pads come to the wire. Source: measured: two arms that hold one needle then
+#: force each other by less. [rad/s]
+GENTLE_RAD_S = 0.5
 #: Height above the surface before a stitch. Source: our own choice. [m]
 CLEAR_M = 0.006
 #: Looks at a needle in the jaws whose mean is taken. Source: our own choice.
@@ -164,6 +168,13 @@ class NeedleHand(Hand):
         if np.linalg.norm(goal[:3, 3] - now[:3, 3]) > 1e-3:
             raise StitchError(f"{self.arm} does not reach {np.round(1e3 * goal[:3, 3], 1)} mm")
 
+    def give_way(self) -> Motion:
+        """Bring the set-point half of the way to where the tip is, for a period."""
+        now, goal = self.task.target(self.arm), self.task.world.arms[self.arm].tip_in_world().T
+        change = rotation_vector_from_matrix(goal[:3, :3] @ now[:3, :3].T)
+        way = np.concatenate([goal[:3, 3] - now[:3, 3], change])
+        yield np.append(0.5 * way / PERIOD_S, self.jaw)
+
     def back(self, way: float, speed: float = 0.08) -> Motion:
         """Withdraw along the jaw [m]."""
         yield from self.shift(-way * self.task.target(self.arm)[:3, 2], speed)
@@ -189,8 +200,8 @@ class Sewing:
         stitches = self.op.plan.stitches
         for number, stitch in enumerate(stitches):
             self.op.announce(f"stitch {number + 1}: approach")
-            yield from self._drive(number, stitch, held)
-            held = yield from self._regrasp(stitch)
+            held = yield from self._drive(number, stitch, held)
+            held = yield from self._regrasp(stitch, held)
             yield from self._pull_through(number, stitch, held)
             self.op.tissue.lock(number)
             if number + 1 < len(stitches):
@@ -204,7 +215,7 @@ class Sewing:
 
     # ------------------------------------------------------------------ parts of a stitch
 
-    def _pick(self) -> Iterator[Array]:
+    def _pick(self) -> Generator[Array, None, Array]:
         """Pick the needle up, again where that fails; return how it is held."""
         for attempt in range(TRIES):
             self.op.announce("pick" if attempt == 0 else f"pick again ({attempt + 1})")
@@ -244,10 +255,10 @@ class Sewing:
             yield from self._one(hand, hand.wait(0.5))
         raise StitchError(f"the needle was not picked in {TRIES} tries")
 
-    def _drive(self, number: int, stitch: Stitch, held: Array) -> Iterator[Array]:
-        """Bring the needle to the wound and through both of its sides."""
+    def _drive(self, number: int, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
+        """Bring the needle to the wound and through both sides; return how it is held."""
         hand, tissue = self.hands[stitch.driver], self.op.tissue
-        begin = stitch.needle_pose(self.needle, START)
+        begin = stitch.needle_pose(self.needle, stitch.start)
         yield from self._one(hand, hand.line(_raised(begin @ held, CLEAR_M)))
         held = yield from self._look_again(hand, held)
         yield from self._one(hand, hand.line(begin @ held, 0.02))
@@ -259,47 +270,50 @@ class Sewing:
                 raise StitchError(f"stitch {number + 1}: the tip went in beside the plan")
             return not tissue.passed[number, 0] and angle > stitch.surface + MISSED_RAD
 
-        yield from self._arc(hand, stitch, held, (START, stitch.out), DRIVE_RAD_S, late)
+        yield from self._arc(hand, stitch, held, (stitch.start, stitch.out), DRIVE_RAD_S, late)
         yield from self._one(hand, hand.wait(0.1))
         if not tissue.passed[number].all():
             reached = int(tissue.passed[number].sum())
             raise StitchError(f"stitch {number + 1}: the tip passed {reached} of 4 points")
+        return held
 
-    def _regrasp(self, stitch: Stitch) -> Iterator[Array]:
+    def _regrasp(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
         """Let the other arm take the needle by its tip; return how it holds it."""
         self.op.announce("the other arm takes the needle")
-        held = stitch.grips[1].pose(self.needle)
-        angles = np.arange(stitch.out, END, np.radians(4.0))
-        way = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
-        return (yield from self._take(stitch, 1, stitch.driver, way))
+        grip = stitch.grips[1].pose(self.needle)
+        angles = np.arange(stitch.out, stitch.end, np.radians(4.0))
+        way = [stitch.needle_pose(self.needle, angle) @ grip for angle in angles]
+        return (yield from self._take(stitch, 1, held, way))
 
-    def _take(self, stitch: Stitch, row: int, giver: str, then: list[Array]) -> Iterator[Array]:
+    def _take(
+        self, stitch: Stitch, row: int, given: Array, then: list[Array]
+    ) -> Generator[Array, None, Array]:
         """Let an arm take the needle with one of the stitch's grips, the other let go of it.
 
         Args:
             stitch: whose grips
             row: 0: of the driver, 1: of the taker
-            giver: the arm that holds it now
+            given: how the other arm holds the needle now
             then: poses that the taker's tip shall go through afterwards
         """
-        taker = (stitch.driver, stitch.taker)[row]
+        taker, giver = (stitch.driver, stitch.taker)[:: 1 - 2 * row]
         give, take = self.hands[giver], self.hands[taker]
-        grip = stitch.grips[row]
-        goal = self._pose() @ grip.pose(self.needle)
+        grip = stitch.grips[row].pose(self.needle)
+        goal = self._pose(give, given) @ grip
         for _ in range(TRIES):
-            yield from self._one(take, take.open(AROUND))
+            yield from self._one(take, take.open(BESIDE))
             yield from self._approach(take, [goal, *then])
             yield from self._one(take, take.line(goal, 0.03))
             yield from self._close(take)
             if take.holds:
                 break
             self.op.announce(f"{taker} missed the needle")
-            yield from self._one(take, take.open(AROUND))
+            yield from self._one(take, take.open(BESIDE))
             yield from self._one(take, take.back(ABOVE_M))
-            goal = self._pose() @ grip.pose(self.needle)
+            goal = self._pose(give, given) @ grip
         else:
             raise StitchError(f"{taker} did not take the needle in {TRIES} tries")
-        yield from self._one(give, give.open(AROUND))
+        yield from self._one(give, give.open(BESIDE))
         held = self._held(take)
         yield from self._one(give, give.back(0.015))
         yield from self._one(give, give.shift(0.02 * UP))
@@ -309,8 +323,8 @@ class Sewing:
         """Turn the needle out and pull the thread until the stitch is tight."""
         hand, tissue = self.hands[stitch.taker], self.op.tissue
         self.op.announce(f"stitch {number + 1}: pull the needle out")
-        now = stitch.angle_of(self.needle, self.task.object_pose(tissue.tissue.needle))
-        yield from self._arc(hand, stitch, held, (now, END), OUT_RAD_S, lambda _: False)
+        now = stitch.angle_of(self.needle, self._pose(hand, held))
+        yield from self._arc(hand, stitch, held, (now, stitch.end), OUT_RAD_S, lambda _: False)
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
@@ -344,20 +358,22 @@ class Sewing:
     def _pull(self, hand: NeedleHand, way: Array) -> Iterator[Array]:
         goal, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
         while tension < TIGHT_N and pulled < PULL_M:
-            step = (PULL_M_S if tension < SLOW_N else TIGHT_M_S) * PERIOD_S
+            speed = max(SLOWEST_M_S, min(TIGHT_M_S, GAIN * (TIGHT_N - tension)))
+            step = (PULL_M_S if tension < SLOW_N else speed) * PERIOD_S
             goal[:3, 3] += step * way
             pulled += step
             yield goal
             tension = self.op.tissue.tension()
 
-    def _hand_back(self, stitch: Stitch, held: Array) -> Iterator[Array]:
+    def _hand_back(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
         """Turn the needle on in the air and give it back; return how the driver holds it."""
         give = self.hands[stitch.taker]
         begin = self.task.target(give.arm) @ inverse(held)
-        goal = stitch.needle_pose(self.needle, START + np.radians(4.0))
+        start = stitch.start + np.radians(4.0)
+        goal = stitch.needle_pose(self.needle, start)
         goal[2, 3] += 0.018
         angle = stitch.angle_of(self.needle, begin)
-        turn = (START + np.radians(4.0) - angle) % (2.0 * np.pi)
+        turn = (start - angle) % (2.0 * np.pi)
         x, count = float(stitch.points[0, 0]), 120
 
         def way() -> Iterator[Array]:
@@ -372,10 +388,10 @@ class Sewing:
 
         yield from self._one(give, give.follow(way()))
         yield from self._one(give, give.wait(0.1))
-        held = stitch.grips[0].pose(self.needle)
-        angles = np.arange(START, stitch.out, np.radians(4.0))
-        then = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
-        return (yield from self._take(stitch, 0, give.arm, [_raised(then[0], CLEAR_M), *then]))
+        grip = stitch.grips[0].pose(self.needle)
+        angles = np.arange(stitch.start, stitch.out, np.radians(4.0))
+        then = [stitch.needle_pose(self.needle, angle) @ grip for angle in angles]
+        return (yield from self._take(stitch, 0, held, [_raised(then[0], CLEAR_M), *then]))
 
     # ------------------------------------------------------------------ inside
 
@@ -383,11 +399,13 @@ class Sewing:
         return together(self.task, **{hand.arm: motion})
 
     def _close(self, hand: NeedleHand) -> Iterator[Array]:
-        """Close a jaw until it holds the needle, or for half a second."""
-        hand.jaw = GRIP
-        for _ in range(round(CLOSE_S / PERIOD_S)):
-            yield from self._one(hand, hand.wait(PERIOD_S))
-            if hand.holds:
+        """Close a jaw until it holds the needle, the arm giving way to what pushes it."""
+        hand.jaw = ALMOST
+        yield from self._one(hand, hand.wait(NEAR_S))
+        gently = np.arange(ALMOST, 0.0, -GENTLE_RAD_S * PERIOD_S).tolist()
+        for hand.jaw in [*gently, *[GRIP] * round(CLOSE_S / PERIOD_S)]:
+            yield from self._one(hand, hand.give_way())
+            if hand.holds and hand.jaw < 0.0:
                 return
 
     def _arc(
@@ -427,14 +445,14 @@ class Sewing:
     def _start_joints(self, stitch: Stitch, held: Array) -> Array | None:
         """Return where the driver is above the wound, on the best way along the arc; None: none."""
         hand = self.hands[stitch.driver]
-        angles = np.arange(START, stitch.out, np.radians(4.0))
+        angles = np.arange(stitch.start, stitch.out, np.radians(4.0))
         poses = [stitch.needle_pose(self.needle, angle) @ held for angle in angles]
         found = hand.reach.along([_raised(poses[0], ABOVE_M), *poses])
         return None if found is None or found[0] < LEAST else found[2]
 
-    def _pose(self) -> Array:
-        """Return the needle's pose in the world, as it is measured in the jaws that hold it."""
-        return self.task.object_pose(self.op.tissue.tissue.needle)
+    def _pose(self, hand: Hand, held: Array) -> Array:
+        """Return the needle's pose in the world by how a hand holds it, (4, 4)."""
+        return self.task.world.arms[hand.arm].tip_in_world().T @ inverse(held)
 
     def _see(self) -> Array:
         """Return where the needle lies, as it is seen."""
@@ -444,7 +462,7 @@ class Sewing:
         turn = matrix_from_rotation_vector(noise.turn * rng.uniform(-1.0, 1.0) * UP)
         return transform(turn @ T[:3, :3], T[:3, 3])
 
-    def _look_again(self, hand: NeedleHand, held: Array) -> Iterator[Array]:
+    def _look_again(self, hand: NeedleHand, held: Array) -> Generator[Array, None, Array]:
         """Look at a needle in the jaws a few times; return the mean of how it is held."""
         looks = [held]
         for _ in range(LOOKS - 1):

@@ -17,6 +17,7 @@ from trocar.apps.tasks.transfer import (
     PegBoard,
     PickPlace,
     Retrieve,
+    ThreadHandOver,
     WallTransfer,
 )
 from trocar.descriptions.catalogue import load_scene
@@ -35,6 +36,7 @@ TASKS: dict[str, type[Task] | str] = {
     "needle-pick": NeedlePick,
     "needle-handover": NeedleHandOver,
     "needle-regrasp": NeedleRegrasp,
+    "thread-handover": ThreadHandOver,
     "retrieve": Retrieve,
     "push": Push,
     "stack": Stack,

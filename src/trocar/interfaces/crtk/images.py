@@ -50,14 +50,14 @@ What = Literal[
 ]  # fmt: skip
 #: What stands behind the name of an eye: the type, the unit, the help.
 KINDS: dict[What, tuple[str, str, str, str]] = {
-    "image": ("image_raw", IMAGE, "rgb8", "what {seen} sees, as its lens throws it"),
+    "image": ("image_raw", IMAGE, "rgb8", "image of {seen}, with its distortion"),
     "compressed": ("image_raw/compressed", COMPRESSED, "", "the same as JPEG or PNG"),
-    "info": ("camera_info", INFO, "px", "lens and size of {seen}, with every image"),
-    "depth": ("depth/image_raw", IMAGE, "m", "32FC1: how far ahead what {seen} sees is, or inf"),
-    "depth info": ("depth/camera_info", INFO, "px", "the same as camera_info, beside the depth"),
-    "ids": ("ids/image_raw", IMAGE, "", "32SC1: what {seen} sees in each pixel, 0: nothing"),
-    "names": ("ids/names", "std_msgs/String", "", 'JSON: {{"id": "name"}}, once ids are drawn'),
-    "overlay": ("overlay/image_raw", IMAGE, "rgb8", "image_raw and what is drawn into it"),
+    "info": ("camera_info", INFO, "px", "calibration of {seen}, with every image"),
+    "depth": ("depth/image_raw", IMAGE, "m", "32FC1: distance ahead of {seen}, or inf"),
+    "depth info": ("depth/camera_info", INFO, "px", "camera_info of the depth"),
+    "ids": ("ids/image_raw", IMAGE, "", "32SC1: body at each pixel of {seen}, or 0"),
+    "names": ("ids/names", "std_msgs/String", "", 'JSON: {{"id": "name"}} of the bodies'),
+    "overlay": ("overlay/image_raw", IMAGE, "rgb8", "image_raw with overlays"),
     "overlay compressed": ("overlay/image_raw/compressed", COMPRESSED, "", "the same, compressed"),
 }
 #: What everybody has; what is drawn with them where somebody wants it; what a recording holds.

@@ -1,4 +1,4 @@
-"""What a script may call, row by row as docs/scripts.md lists it, and what has to come of it.
+"""What a script may call, row by row as docs/script-calls.md lists it, and what has to come of it.
 
 {part: (rig, what comes first, {row: check})}; the rows of a part run in one script, in this order.
 """

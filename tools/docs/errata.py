@@ -1,0 +1,43 @@
+"""Write docs/errata.md: what the closed-loop paper prints wrong, from the data of the package."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from trocar.descriptions.paper import Erratum, errata, printed_tables
+
+PAGE = Path(__file__).parents[2] / "docs" / "errata.md"
+TEXT = """\
+# Errata of the printed tables
+
+Of Tables 1 to 5 of the closed-loop paper. [The mechanism](mechanism.md) names the paper and the
+sources of the corrections.
+
+<!-- Written by make docs. -->"""
+
+
+def page() -> str:
+    """Return the page as Markdown."""
+    parts = [TEXT]
+    for name in printed_tables():
+        parts += [f"## Table {name.removeprefix('table')}", _table(errata(name))]
+    return "\n\n".join(parts) + "\n"
+
+
+def _table(rows: tuple[Erratum, ...]) -> str:
+    lines = [
+        "| frame, entry | printed | mended | effect of the print | source |",
+        "|---|---|---|---|---|",
+    ]
+    for row in rows:
+        cells = (f"{row.frame}, {row.key}", _entry(row.printed), _entry(row.mended))
+        lines.append(f"| {' | '.join((*cells, row.effect, row.source))} |")
+    return "\n".join(lines)
+
+
+def _entry(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.7g}"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -71,7 +71,7 @@ def _round_trip(file: Path) -> list[Figure]:
     low_pass = butter(4, 8.0, fs=recorded.rate_hz, output="sos")
     smooth = sosfiltfilt(low_pass, recorded.q, axis=0)
     curve = CubicSpline(np.arange(len(smooth)) / recorded.rate_hz, smooth)
-    world = World("psm", calibration="psm", collisions=False)
+    world = World("psm", collisions=False)
     psm, every = world.arm("PSM1"), round(1.0 / recorded.rate_hz / world.timestep)
     times = np.arange((len(smooth) - 1) * every + 1) * world.timestep
     most = np.array([joint.velocity_max for joint in psm.description.joints])
@@ -128,8 +128,8 @@ def _open_loop(file: Path) -> list[Figure]:
     effort = log.effort @ np.linalg.inv(log.joint_from_column)
     span = np.ptp(log.q, axis=0)[: len(OPEN)]
     found: list[Figure] = []
-    for label, dynamics, most in (("identified", "psm", FOLLOWS), ("CAD", None, None)):
-        world = World("psm", calibration=dynamics, collisions=False, gravity_compensation=False)
+    for label, dynamics, most in (("identified", None, FOLLOWS), ("CAD", "cad", None)):
+        world = World("psm", dynamics=dynamics, collisions=False, gravity_compensation=False)
         starts = range(AHEAD, len(log.q) - WINDOW, WINDOW)
         errors = [_followed(world, start, (log.q, log.qd, effort)) / span for start in starts]
         found += [
@@ -166,7 +166,7 @@ def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
 
 
 def _cost(rig: str) -> Figure:
-    worlds = [World(rig), World(rig, calibration="psm")]
+    worlds = [World(rig, dynamics="cad"), World(rig)]
     spent = np.zeros((PASSES, 2))
     for row in spent:
         for k, world in enumerate(worlds):
@@ -185,7 +185,7 @@ def _swing(world: World) -> None:
 
 
 def _drift() -> Figure:
-    world = World("psm", calibration="psm")
+    world = World("psm")
     arm = world.arm("PSM1")
     arm.move_jp([0.3, 0.2, 0.14, 0.3, 0.3, 0.2]).wait()
     arm.free()

@@ -65,6 +65,7 @@ schema = 1
 name = "grip"
 source = "our own choice"
 grasp = "{grasp}"
+dynamics = "cad"
 [[arm]]
 name = "PSM1"
 description = "psm"

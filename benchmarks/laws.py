@@ -104,7 +104,7 @@ def laws() -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "laws.toml"
         file.write_text(rig_text(), encoding="utf-8")
-        world = World(file)
+        world = World(file, dynamics="cad")
     momentum = _momentum(world, 0.5)
     world.step(500)  # blocks, punches and loads come to rest
     thresholds = _thresholds(world)

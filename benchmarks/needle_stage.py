@@ -99,7 +99,7 @@ class Stage:
             needle=needle,
         )
         rig = load_rig("training")
-        self.world = World(replace(rig, props=(*rig.props, prop)))
+        self.world = World(replace(rig, props=(*rig.props, prop)), dynamics="cad")
         shapes = [s for s in self.world.shapes() if s.arm is not None or s.name[:6] == "needle"]
         self._needle = next(s.body for s in shapes if s.arm is None)
         self._bodies = len(self.world.snapshot(arms=False).positions)

@@ -103,7 +103,7 @@ def soak(
     """
     if not 0.0 < duration_s < float("inf"):
         raise InputError(f"soak: got {duration_s!r} s; allowed: above 0")
-    world = World(rig)
+    world = World(rig, dynamics="cad")
     arm = resting_arm(world)
     begin_trajectory(world, paper_sine(world.rig, TICK_S, TICK_S))
     energy = RestEnergy(world, arm)

@@ -36,7 +36,7 @@ def tips(seeds: int, watch: Callable[[str], None]) -> list[Figure]:
     """Find the tip of a PSM in images of both styles."""
     found: list[Figure] = []
     for style in ("plain", "surgical"):
-        world = World(load_rig("training"))
+        world = World(load_rig("training"), dynamics="cad")
         look = Look(style, noise=0.03)
         scope = Endoscope(world, preset="dvrk_sd_640x480", ids=True, look=look)
         single: list[Array] = []

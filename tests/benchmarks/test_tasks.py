@@ -14,7 +14,7 @@ def episode(success: bool, time_s: float) -> Episode:
     reason = "done" if success else "time"
     each = {"PSM1": 1.0}
     return Episode(
-        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", ""
+        "s", 0, success, reason, 1.0, time_s, 1, 1, 2, each, each, each, each, "friction", "cad", ""
     )
 
 

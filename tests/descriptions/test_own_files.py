@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -101,3 +102,13 @@ def test_tools_differ_in_what_they_weigh_down() -> None:
         for tool in (*TOOLS, "none")
     }
     assert masses["none"] < 0.5 * min(masses[tool] for tool in TOOLS)
+
+
+def test_a_shipped_arm_is_read_once_and_an_own_one_whenever_it_is_asked_for(tmp_path):
+    assert load_arm("psm") is load_arm("psm")
+    assert load_arm("psm", "none") is not load_arm("psm")
+    own = tmp_path / "own.toml"
+    text = (DATA / "arms" / "ecm.toml").read_text(encoding="utf-8")
+    for title in ("first", "second"):
+        own.write_text(re.sub(r"(?m)^title = .*$", f'title = "{title}"', text), encoding="utf-8")
+        assert load_arm(own).title == title

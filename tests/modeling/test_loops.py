@@ -108,7 +108,7 @@ def test_an_open_hinge_is_left_out_with_the_guard_and_ties_nothing_instead(opene
 
 def test_an_open_loop_lets_the_shaft_leave_the_remote_centre_and_a_closed_one_does_not(opened):
     for file, least, most in (("psm", 0.0, 1e-7), (opened, 1e-2, 1.0)):
-        world = World(lone_rig(load_arm(file), "PSM1"))
+        world = World(lone_rig(load_arm(file), "PSM1"), dynamics="cad")
         world.step(200)
         health = world.health()
         assert least <= health.rcm_error_m <= most

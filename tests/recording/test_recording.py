@@ -284,7 +284,7 @@ def test_a_file_cut_anywhere_is_read_to_its_last_whole_block(tmp_path: Path) -> 
 
 
 def test_a_damaged_block_is_said_and_what_lies_before_is_read(tmp_path: Path) -> None:
-    world, file = World("psm"), tmp_path / "run.mcap"
+    world, file = World("psm", dynamics="cad"), tmp_path / "run.mcap"
     with record(world, file):
         drive(world)
     data = bytearray(file.read_bytes())
@@ -371,7 +371,7 @@ class Full(io.BytesIO):
 def test_a_full_disk_ends_the_run_and_leaves_a_file_that_standard_tools_read(
     tmp_path: Path, taken: bool
 ) -> None:
-    world, disk = World("psm"), Full(60_000, taken)
+    world, disk = World("psm", dynamics="cad"), Full(60_000, taken)
     recorder = record(world, disk)
     message = r"full\.mcap: nothing is recorded after t = \d\.\d+ s: No space left on device"
     with pytest.raises(RecordingError, match=message) as caught:

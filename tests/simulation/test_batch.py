@@ -65,7 +65,7 @@ def test_a_batch_begins_where_its_world_is():
 
 
 def test_tips_and_jaws_are_set_by_name_and_the_rest_stays():
-    batch = Batch("two_psm_ecm", N)
+    batch = Batch(World("two_psm_ecm", dynamics="cad"), N)
     before = batch.read()
     goal = before.tips["PSM1"].copy()
     goal[:, 0, 3] += [0.0, 0.004, 0.008]

@@ -205,8 +205,9 @@ def test_a_move_ends_when_its_set_point_arrives_though_the_jaw_is_blocked(arm):
     assert abs(jaw_of(arm).measured_js().position[0]) < 0.02
 
 
-def test_jaw_verbs_add_as_the_arm_s_do(world, arm):
-    jaw = jaw_of(arm)
+def test_jaw_verbs_add_as_the_arm_s_do():
+    world = World("psm", dynamics="cad")
+    jaw = jaw_of(world.arm("PSM1"))
     assert jaw.servo_jp([0.2])
     assert jaw.servo_jr([0.1])
     assert jaw.setpoint_js().position[0] == pytest.approx(0.3)

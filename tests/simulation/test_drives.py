@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,8 +12,9 @@ from numpy.typing import NDArray
 
 from trocar import Batch, World, build, load_rig
 from trocar.descriptions.calibrated import as_overlay
+from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.overlay import Overlay
-from trocar.errors import InputError
+from trocar.errors import DescriptionError, InputError
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.drives import Drives, spring_fields
 
@@ -187,18 +189,48 @@ def test_worlds_of_a_batch_move_as_worlds_do() -> None:
 
 
 def test_identified_dynamics_are_those_of_arms_without_others() -> None:
-    world = World("mtm", dynamics="identified")
+    world = World("mtm")
     assert world.arm("MTMR").description.overlay is not None
     assert world.arm("MTML").description.overlay is None  # there is no recording of one
-    assert World("psm", dynamics="identified", friction="paper").drives is None
-    own = World("psm", calibration=overlay("psm", "viscous"), dynamics="identified")
+    assert World("psm", friction="paper").drives is None
+    own = World("psm", calibration=overlay("psm", "viscous"))
     assert own.drives is not None and own.drives.stored(np.zeros(13), np.zeros(0)) == 0.0
     with pytest.raises(InputError, match="dynamics: got 'urdf'; allowed: cad, identified"):
         World("psm", dynamics="urdf")  # type: ignore[arg-type]
 
 
+def test_the_descriptions_dynamics_can_be_selected_by_argument_overlay_and_rig(
+    tmp_path: Path,
+) -> None:
+    text = (DATA / "rigs" / "psm.toml").read_text(encoding="utf-8")
+    file = tmp_path / "psm.toml"
+    file.write_text(text.replace("schema = 1", 'schema = 1\ndynamics = "cad"'), encoding="utf-8")
+    selected = World("psm", dynamics="cad")
+    assert selected.drives is None
+    assert World("psm", calibration="cad").drives is None
+    assert World(load_rig("psm", ["cad"])).drives is None
+    assert World(selected.rig).drives is None
+    assert World(file).drives is None
+    assert World(file, dynamics="identified").drives is not None
+    file.write_text(text.replace("schema = 1", 'schema = 1\ndynamics = "urdf"'), encoding="utf-8")
+    with pytest.raises(DescriptionError, match="dynamics: got 'urdf'; allowed: identified, cad"):
+        World(file)
+
+
+@pytest.mark.parametrize("finger", ["finger_left", "finger_right"])
+def test_a_force_on_either_finger_leaves_both_coupled(finger: str) -> None:
+    """The rotors are on tendons to one finger only; what follows it must not give way by itself."""
+    world = World("psm")
+    model, data = world.mj_model, world.mj_data
+    dofs = [model.joint(f"PSM1/finger_{side}").dofadr[0] for side in ("left", "right")]
+    assert world.arm("PSM1").jaw is not None
+    world.arm("PSM1").jaw.servo_jp([0.5])  # type: ignore[union-attr]
+    data.qfrc_applied[model.joint(f"PSM1/{finger}").dofadr] = 0.05  # 5 N on a pad
+    world.step(500)
+    assert abs(data.qpos[dofs].sum()) < 1e-6
+
+
 def test_drives_need_identified_dynamics() -> None:
-    assert World("psm").drives is None
     assert World("psm", calibration="psm", friction="paper").drives is None
     plain = build(load_rig("psm", "psm"), ModelOptions(standalone=True))
     assert plain.mj.ntendon == 0

@@ -89,7 +89,7 @@ def test_every_other_arm_keeps_its_state_bit_for_bit() -> None:
 
 
 def test_the_moves_of_other_arms_go_on_as_if_nothing_had_happened() -> None:
-    worlds = World("three_psm"), World("three_psm")
+    worlds = [World("three_psm", dynamics="cad") for _ in range(2)]
     motions = [world.arm("PSM2").move_to("work") for world in worlds]
     for world in worlds:
         world.step(100)
@@ -191,7 +191,7 @@ def test_an_arm_that_may_not_move_stays_so(verbs: tuple[str, ...]) -> None:
 
 
 def test_gravity_is_compensated_for_the_new_weight_at_once() -> None:
-    world = World("psm")
+    world = World("psm", dynamics="cad")
     world.arm("PSM1").move_to("work").wait(5.0)
     world.exchange_tool("PSM1", PROGRASP)
     fed = world.servos.setpoint[:, 2].copy()

@@ -98,7 +98,7 @@ def test_released_arms_stay_when_compensated_and_without_dry_friction(rig):
 
 def test_compensation_follows_an_arm_that_moves():
     """At 0.5 rad/s what is fed is at most 20 ms old."""
-    world = World("psm")
+    world = World("psm", dynamics="cad")
     arm, described = world.arm("PSM1"), world.rig.arm("PSM1").arm
     goal = np.array([0.8, 0.5, 0.2, 0.0, 0.0, 0.0])
     arm.move_jp(goal)
@@ -125,7 +125,7 @@ def test_without_compensation_they_fall():
 
 
 def test_compensation_is_switched_at_once_and_says_so():
-    world = World("psm")
+    world = World("psm", dynamics="cad")
     arm = world.arm("PSM1")
     world.set_state("PSM1", np.array([0.5, 0.3, 0.12, 0, 0, 0, 0.0]))
     fed = world.servos.setpoint[:, 2]

@@ -93,8 +93,9 @@ def test_closing_grips_with_at_most_the_jaws_effort_and_stays_shut(world):
     np.testing.assert_allclose(effort[shut], -0.16)
 
 
-def test_a_light_command_below_zero_grips_lightly(world):
+def test_a_light_command_below_zero_grips_lightly():
     """The grip is the servo's: P times what the jaw lacks."""
+    world = World("psm", dynamics="cad")
     jaw = jaw_of(world)
     jaw.servo_jp([-0.01])
     world.step(1000)

@@ -30,7 +30,7 @@ def slide(world: World, depth: Array, speed: Array) -> Recording:
 
 @pytest.mark.parametrize("speed", [0.02, 0.1, -0.2])
 def test_the_motor_balances_friction_when_the_insertion_slides_evenly(speed: float) -> None:
-    world = World("psm")
+    world = World("psm", dynamics="cad")
     time = world.timestep * np.arange(500)
     played = slide(world, 0.12 + speed * (time - 0.25), np.full(500, speed))
     friction = world.arm("PSM1").description.friction["identified"]["insertion"]

@@ -24,7 +24,7 @@ def followed(world: World, periods: int) -> np.ndarray:
 
 
 def test_set_points_keep_velocity_and_acceleration_limits_and_arrive():
-    world = World("psm")
+    world = World("psm", dynamics="cad")
     arm = world.arm("PSM1")
     joints = arm.description.joints[:6]
     world.set_state("PSM1", np.array([-1.5, 0.0, 0.12, 0.0, 0.0, 0.0, 0.0]))

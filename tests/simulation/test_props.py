@@ -280,7 +280,7 @@ def test_mjcf_keeps_joints_bands_and_softness_and_other_files_say_what_they_lack
     text, meshes = mjcf_document(rig, POSITION)
     assets = {f"{name}.obj": obj(mesh) for name, mesh in meshes.items()}
     model = mujoco.MjModel.from_xml_string(text.decode(), assets)
-    ours = World(EXAMPLE).mj_model
+    ours = World(EXAMPLE, dynamics="cad").mj_model
     for field in ("ntendon", "nexclude", "njnt"):
         assert getattr(model, field) == getattr(ours, field), field
     soft = [ours.pair(k).name.startswith("soft") for k in range(ours.npair)]

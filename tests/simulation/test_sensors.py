@@ -246,7 +246,7 @@ def test_only_what_lies_beyond_is_counted(tmp_path: Path) -> None:
 def test_the_table_pushes_up_within_its_friction_and_as_hard_as_the_tool_presses(
     tmp_path: Path,
 ) -> None:
-    world = World(rig_with(tmp_path, TIP + TOUCH))
+    world = World(rig_with(tmp_path, TIP + TOUCH), dynamics="cad")
     assert touching(world).contacts == ()
     arm = world.arm("PSM1")
     arm.move_jp([0.0, 0.0, 0.24, 0.0, 0.0, 0.0]).wait(5.0)

@@ -20,7 +20,7 @@ def test_a_tool_moves_for_a_second_without_a_warning(
     tool: str, rig: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING):
-        world = World(rig_with_tool(load_rig(rig), "PSM1", tool))
+        world = World(rig_with_tool(load_rig(rig), "PSM1", tool), dynamics="cad")
         arm = world.arm("PSM1")
         goal = np.array([0.1, -0.1, 0.14, 0.5, 0.4, -0.4])
         assert arm.move_jp(goal).wait(timeout_s=2.0)

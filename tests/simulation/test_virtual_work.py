@@ -58,7 +58,7 @@ def places(world: World, name: str, count: int = 5) -> np.ndarray:
 
 @pytest.mark.parametrize(("kind", "name"), ARMS)
 def test_gravity_of_broken_loops_is_the_work_of_the_weights_along_the_constraints(kind, name):
-    world = World(kind, calibration=broken_loops(kind))
+    world = World(kind, calibration=broken_loops(kind), dynamics="cad")
     for q in places(world, name):
         world.set_state(name, q)
         data = mujoco.MjData(world.mj_model)

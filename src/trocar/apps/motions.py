@@ -151,6 +151,7 @@ class Hand:
             InputError: no part of it fits between the pads
         """
         self._check_fits(name)
+        before = self.task.object_pose(name)[:3, 3]
         for tried in range(TRIES):
             yield from self.pick(*grip(), height, opening)
             T = self.task.object_pose(name)
@@ -159,6 +160,10 @@ class Hand:
                     return
                 yield from self.shift(-height * UP)
                 yield from self.open(opening)
+        moved = float(np.linalg.norm(self.task.object_pose(name)[:3, 3] - before))
+        self.task.remarks.append(
+            f"{self.arm} missed {name} {TRIES} times, which rolled or slid by {1e3 * moved:.1f} mm"
+        )
 
     def _check_fits(self, name: str) -> None:
         """Reject an object that is too large for the jaw."""

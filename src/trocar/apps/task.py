@@ -72,6 +72,7 @@ class Episode:
         grip_n: {arm: largest force of the weaker finger on an object} [N]
         stalled_s: {arm: how long it stayed where it was though an action moves it} [s]
         grasp: what holds objects, as the rig has it: "friction+stick"
+        dynamics: of the arms, as the rig has them: "cad"
         digest: of the physics state in the end
         figures: what else the scene measures, by name with its unit
     """
@@ -90,6 +91,7 @@ class Episode:
     grip_n: Mapping[str, float]
     stalled_s: Mapping[str, float]
     grasp: str
+    dynamics: str
     digest: str
     figures: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
@@ -112,6 +114,7 @@ class Task:
         drops: objects dropped so far
         done: whether the episode is over
         reason: why: "done", "time", or what went wrong; "" before
+        remarks: of the policy, about what it could not do; they stand in the reason
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -191,6 +194,7 @@ class Task:
         self.grip = dict.fromkeys(self.arms, 0.0)
         self.stalled = dict.fromkeys(self.arms, 0.0)
         self._reasons: dict[str, str] = {}
+        self.remarks: list[str] = []
         self._tips = {name: world.arms[name].tip_in_world().T[:3, 3] for name in self.arms}
         self.look()
         self._reward = 0.0
@@ -329,6 +333,7 @@ class Task:
             force_n=dict(self.force),
             grip_n=dict(self.grip),
             grasp=self.world.rig.grasp,
+            dynamics=self.world.rig.dynamics,
             stalled_s=dict(self.stalled),
             digest=hashlib.sha256(self.world.save().row.tobytes()).hexdigest()[:16],
             figures=self.figures(),
@@ -458,7 +463,7 @@ class Task:
             self.done, self.reason = True, f"{', '.join(lost)}: out of play"
         elif self.time >= self.scene.time_limit - 1e-9:
             stalls = [f"{name} stands still, {why}" for name, why in self._reasons.items() if why]
-            self.done, self.reason = True, "; ".join(["time", *stalls])
+            self.done, self.reason = True, "; ".join(["time", *self.remarks, *stalls])
 
     # ------------------------------------------------------------------ inside
 

@@ -132,7 +132,7 @@ def add_calibration(parser: _ActionsContainer) -> None:
             calibration overlay, replaces nominal geometry (trocar calibrate)
         --dynamics OVERLAY ... as calibration
             dynamics overlay, replaces masses and friction (trocar identify), or built-in: psm,
-            mtmr (default: the description's)
+            mtmr, cad (default: identified in a simulation, else the description's, cad)
     """)  # fmt: skip
 
 
@@ -143,7 +143,8 @@ def add_calibrations(parser: _ActionsContainer) -> None:
             calibration overlay of ARM, or of every arm of its type (repeatable)
         --dynamics [ARM=]OVERLAY ... as calibration
             dynamics overlay of ARM, or of every arm of its type (trocar identify), or built-in:
-            psm, mtmr (repeatable; default: the descriptions')
+            psm, mtmr, cad (repeatable; default: identified in a simulation, else the
+            descriptions', cad)
     """)  # fmt: skip
 
 

@@ -13,7 +13,14 @@ from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_origin, add_port, add_rig, options
+from trocar.cli.arguments import (
+    add_calibrations,
+    add_json,
+    add_origin,
+    add_port,
+    add_rig,
+    options,
+)
 from trocar.cli.output import print_json, table
 from trocar.cli.worlds import add_cameras, add_record, open_pictures, recording
 from trocar.errors import InputError
@@ -40,6 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         --bag FILE       recording: rosbag 1, rosbag 2 or MCAP file
     """)  # fmt: skip
     add_rig(parser)
+    add_calibrations(parser)
     options(parser, """
         --arms ARM,...        arms to mirror (default: all with topics in the source)
         --by set|servo = set  set joint positions, or command them as servo set-points
@@ -77,7 +85,7 @@ def run(args: Namespace) -> int:
 
     access = PageAccess(args.origin)
     source = _source(args)
-    world = World(args.rig)
+    world = World(args.rig, calibration=args.calibration)
     speed = args.speed or ("max" if args.bag and args.no_page else "realtime")
     loop = Loop(world, speed=speed, tick_s=SERVER_TICK_S)
     loop.while_running = recording(world, args)

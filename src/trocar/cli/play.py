@@ -98,6 +98,7 @@ def run(args: Namespace) -> int:
         "scene": found[0].scene,
         "policy": "scripted",
         "grasp": found[0].grasp,
+        "dynamics": found[0].dynamics,
         "successes": sum(one.success for one in found),
         "episodes": [asdict(one) for one in found],
     }
@@ -221,7 +222,8 @@ def _report(found: list[Episode]) -> str:
     successes = sum(one.success for one in found)
     measured = [[str(o.seed), *(fixed(v, 2) for v in o.figures.values())] for o in found]
     return (
-        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp}\n\n"
+        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp},"
+        f" dynamics: {found[0].dynamics}\n\n"
         + table([*head, "force [N]"], rows)
         + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")
     )

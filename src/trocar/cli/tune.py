@@ -37,8 +37,10 @@ def run(args: Namespace) -> int:
     """Tune and print."""
     from trocar.apps.tuning import TuneSettings, tune
     from trocar.descriptions import load_arm
+    from trocar.descriptions.calibrated import selects_cad
 
-    settings = TuneSettings(tuple(args.joint), args.tool, args.control, args.friction)
+    dynamics = "cad" if selects_cad(args.calibration) else None
+    settings = TuneSettings(tuple(args.joint), args.tool, args.control, args.friction, dynamics)
     arm = load_arm(args.arm, args.tool, args.calibration)
     report = tune(arm, settings, _watch)
     if args.json:

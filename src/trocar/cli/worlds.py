@@ -69,10 +69,8 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
     Raises:
         InputError: an option is not usable
     """
-    from trocar.descriptions.calibrated import CAD
     from trocar.simulation import World
 
-    described = CAD in (args.calibration or ())
     world = World(
         args.rig,
         timestep_s=args.timestep,
@@ -81,7 +79,6 @@ def make_world(args: Namespace, tip_load_n: float = 0.0) -> World:
         setup_joints=args.setup_joints,
         tip_load_n=tip_load_n,
         calibration=args.calibration,
-        dynamics="cad" if described else "identified",
         errors=args.errors,
         seed=args.seed,
     )

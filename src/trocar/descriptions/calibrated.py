@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
+from functools import cache, reduce
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +84,12 @@ def _parts(overlay: Overlay) -> tuple[bool, bool, bool]:
     )
 
 
+def selects_cad(calibration: Calibration | None) -> bool:
+    """Return whether "cad" is among the overlays: the descriptions' dynamics."""
+    alone = isinstance(calibration, Overlay | str | Path)
+    return CAD in ((calibration,) if alone else calibration or ())
+
+
 def calibrated(arm: ArmDescription, calibration: One | Sequence[One] | None) -> ArmDescription:
     """Return an arm with a calibration, its dynamics or both laid over it; itself without one.
 
@@ -109,13 +115,16 @@ def calibrated_rig(
         rig: the nominal rig
         calibration: overlays; None: none
         identified: whether arms without dynamics of their own get the built-in identified ones,
-            where there are any for their kind
+            where there are any for their kind and the rig's `dynamics` are "identified"
 
     Raises:
         UnknownNameError: an arm that the rig does not have
         InputError: no arm of the rig is of an overlay's kind, or two are for the same arm
         DescriptionError: an overlay is broken
     """
+    if selects_cad(calibration):
+        rig = replace(rig, dynamics="cad")
+    identified = identified and rig.dynamics == "identified"
     named, general = _sorted([] if calibration is None else calibration)
     known = [arm.name for arm in rig.arms]
     for name in named:
@@ -129,7 +138,6 @@ def calibrated_rig(
                 f" {rig.name} are of {', '.join(sorted(kinds))}"
             )
     done: dict[tuple[ArmDescription, int], ArmDescription] = {}
-    shipped: dict[str, Overlay] = {}
 
     def one(arm: RigArm) -> RigArm:
         own, common = named.get(arm.name), general.get(arm.arm.name)
@@ -138,9 +146,9 @@ def calibrated_rig(
             overlay = combined(own, common)
         built_in = DYNAMICS / f"{arm.arm.name}.toml"
         if identified and (overlay or arm.arm.overlay) is None and built_in.is_file():
-            overlay = shipped.setdefault(arm.arm.name, read_overlay(built_in))
+            overlay = _built_in(built_in)
         elif identified and overlay is not None and not overlay.dynamics and built_in.is_file():
-            overlay = combined(overlay, read_overlay(built_in))
+            overlay = combined(overlay, _built_in(built_in))
         if overlay is None or _carries(arm.arm, overlay):
             return arm
         key = (arm.arm, id(overlay))
@@ -157,6 +165,12 @@ def calibrated_rig(
             for name, patch in arm.arm.overlay.bases.items():
                 rig = _with_base(rig, arm.name, name, patch)
     return rig
+
+
+@cache
+def _built_in(path: Path) -> Overlay:
+    """Return a built-in overlay, read once: reading one takes as long as compiling a PSM."""
+    return read_overlay(path)
 
 
 def _with_camera(rig: RigDescription, arm: RigArm, patch: CameraPatch) -> RigDescription:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.frames import pin_name
 from trocar.descriptions.overlay_records import (
     POSITIVE,
     TERMS,
@@ -67,8 +68,9 @@ def apply_dynamics(arm: ArmDescription, dynamics: Dynamics, where: str) -> ArmDe
             )
         )
     kept = _kept_by_tool(arm)
+    pins = {pin_name(closure.name) for closure in arm.mechanism.closures}
     friction = {k: v for k, v in arm.friction.get("identified", {}).items() if k in kept}
-    rotor = {k: v for k, v in arm.rotor.items() if k in kept}
+    rotor = {k: v for k, v in arm.rotor.items() if k in kept | pins}
     for name, train in dynamics.drivetrains.items():
         if name in kept or not _moves(arm, name, train):
             continue

@@ -29,6 +29,7 @@ Touches = Literal["nothing", "pieces", "box", "capsule"]
 ShapeKind = Literal["box", "capsule", "cylinder", "sphere", "mesh"]
 PropJointKind = Literal["hinge", "slide", "ball"]
 GraspKind = Literal["friction+stick", "friction", "attach"]
+DynamicsKind = Literal["identified", "cad"]
 
 #: Name of the stereo display's frame, of the poses of masters. Source: the dVRK's
 #: console files.
@@ -439,6 +440,8 @@ class RigDescription:
             which does not creep and lets go where friction would; or "attach", which lets go when
             the jaw opens
         errors: by which readings of the robots differ from the truth, None for none
+        dynamics: of arms whose overlays have none: "identified", from recordings of real arms
+            where there are any for the kind of arm, or "cad", masses and friction as described
     """
 
     name: str
@@ -458,6 +461,7 @@ class RigDescription:
     extension: str = ""
     grasp: GraspKind = "friction+stick"
     errors: RobotErrors | None = None
+    dynamics: DynamicsKind = "identified"
 
     @property
     def setup_joints(self) -> tuple[str, ...]:

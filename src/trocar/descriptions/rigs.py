@@ -17,6 +17,7 @@ from trocar.descriptions.records import (
     REFERENCE_ARM,
     ArmDescription,
     BaseFrame,
+    DynamicsKind,
     GraspKind,
     RigArm,
     RigDescription,
@@ -32,6 +33,7 @@ Array = NDArray[np.float64]
 
 KINDS: tuple[str, ...] = get_args(TeleopKind)
 GRASPS: tuple[str, ...] = get_args(GraspKind)
+DYNAMICS: tuple[str, ...] = get_args(DynamicsKind)
 #: Of a record's angles and rates: what it is called in a file, and its dimension.
 ANGLES = {
     "orientation_tolerance": "angle",
@@ -132,13 +134,14 @@ def read_rig(path: Path, load_arm: ArmLoader) -> RigDescription:
     reference = table.text("reference_arm", REFERENCE_ARM)
     extension = read_script(table, "extend_spec")
     grasp = cast(GraspKind, table.text("grasp", GRASPS[0], allowed=GRASPS))
+    dynamics = cast(DynamicsKind, table.text("dynamics", DYNAMICS[0], allowed=DYNAMICS))
     joints = {arm.name: (arm.arm.type, arm.arm.mechanism.joint_names) for arm in arms}
     errors = read_robot_errors(table, joints)
     table.done()
     if share < 1.0 and "test" not in poses:
         raise table.fail("pose", 'a test_sine.share below 1 needs the pose "test"')
     parts = (tuple(arms), props, poses, share, display, sensors, teleops, cameras)
-    more = (reference, bands, extension, grasp, errors)
+    more = (reference, bands, extension, grasp, errors, dynamics)
     rig = RigDescription(name, title, source, str(path), *parts, *more)
     if "reference_arm" in table and reference not in rig.setup_joints:
         known = ", ".join(rig.setup_joints) or "none, for the rig has no setup joints"

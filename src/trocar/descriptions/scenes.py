@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.descriptions.props import read_bands, read_props
-from trocar.descriptions.records import GraspKind, RigDescription
-from trocar.descriptions.rigs import GRASPS
+from trocar.descriptions.records import DynamicsKind, GraspKind, RigDescription
+from trocar.descriptions.rigs import DYNAMICS, GRASPS
 from trocar.descriptions.sensors import read_sensors
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
@@ -229,6 +229,7 @@ def _rig(table: Table, rig: RigDescription) -> RigDescription:
         row = table.table("start_q_rad_m")
         start |= _read_start(row, rig, start)
     grasp = cast(GraspKind, table.text("grasp", rig.grasp, allowed=GRASPS))
+    dynamics = cast(DynamicsKind, table.text("dynamics", rig.dynamics, allowed=DYNAMICS))
     cameras, preset = rig.cameras, table.text("camera", "")
     if preset:
         sees = load_stereo_camera(preset)
@@ -240,7 +241,7 @@ def _rig(table: Table, rig: RigDescription) -> RigDescription:
         )
     poses = {**rig.poses, "start": start}
     parts = {"props": props, "bands": bands, "sensors": sensors, "cameras": cameras}
-    return replace(rig, grasp=grasp, poses=poses, **parts)
+    return replace(rig, grasp=grasp, dynamics=dynamics, poses=poses, **parts)
 
 
 def _read_start(row: Table, rig: RigDescription, start: Mapping[str, Array]) -> dict[str, Array]:

@@ -137,9 +137,9 @@ def build(rig: RigDescription | str | Path, options: ModelOptions | None = None)
     chosen = options or ModelOptions()
     if not isinstance(rig, RigDescription):
         rig = load_rig(rig)
-    spec = Draft(rig, chosen).spec
+    draft = Draft(rig, chosen)
     try:
-        return RigModel(rig, chosen, spec, spec.compile())
+        return RigModel(rig, chosen, draft.spec, draft.compile())
     except ValueError as problem:
         raise DescriptionError(rig.file, "", f"MuJoCo rejects it: {problem}") from problem
 
@@ -220,7 +220,7 @@ class Draft:
 
     def __init__(self, rig: RigDescription, options: ModelOptions) -> None:
         log_mujoco_warnings()
-        self.spec, self._options = mujoco.MjSpec(), options
+        self.spec, self._options, self._rig = mujoco.MjSpec(), options, rig
         self._geoms = Geoms(self.spec, options)
         self.meshes = self._geoms.meshes
         self.spec.modelname = rig.name
@@ -256,7 +256,7 @@ class Draft:
                     add_tissue(self.spec, prop.name, prop.tissue, bit=bit, timestep=step)
         if rig.extension:
             extend(self.spec, rig.extension)
-        soften(self.spec, self._geoms, options.timestep)
+        soften(self.spec, self._geoms, options.timestep, self.compile)
         if options.servo == "pid" and options.collisions and not options.standalone:
             for arm in rig.arms:
                 self._add_grasp(arm, [p for p in rig.objects if p.thread or not p.joint])
@@ -328,6 +328,25 @@ class Draft:
                 self._add_servo(place, joint, group)
             add_tendons(self.spec, place.name, self._drives(place), self._options.timestep)
         return anchors
+
+    def compile(self) -> mujoco.MjModel:
+        """Compile the model.
+
+        MuJoCo scales the softness of constraints by each side's own inverse weight. Identified
+        rotors of a jaw are on tendons to one finger: the other one, which follows by a constraint,
+        would yield to it by 0.2 rad/(N m), so it counts as heavy as the one it follows.
+        """
+        model = self.spec.compile()
+        for place in self._rig.arms:
+            driven = place.name not in self._options.locked and self._drives(place)
+            for frame, leader, _ in followers(place.arm) if driven else ():
+                one, other = (model.joint(naming.scoped(place.name, f)) for f in (frame, leader))
+                for field, k, m in (
+                    (model.dof_invweight0, one.dofadr, other.dofadr),
+                    (model.body_invweight0, model.jnt_bodyid[one.id], model.jnt_bodyid[other.id]),
+                ):
+                    field[k] = np.minimum(field[k], field[m])
+        return model
 
     def _drives(self, place: RigArm) -> tuple[Drive, ...]:
         """Return an arm's drives in simulations; files for others have friction of hinges."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import mujoco
 
+from trocar.descriptions.frames import pin_name
 from trocar.descriptions.overlay_records import Drivetrain
 from trocar.descriptions.records import ArmDescription
 from trocar.modeling import naming
@@ -75,12 +76,15 @@ def arm_drives(arm: ArmDescription, friction: str) -> tuple[Drive, ...]:
 
 
 def frames_of_drives(arm: ArmDescription, drives: tuple[Drive, ...]) -> set[str]:
-    """Return the frames whose friction and rotors are the drivetrains' alone."""
+    """Return the frames whose friction and rotors are the drivetrains' alone, not pins."""
     covered = {joint for drive in drives for _, train in drive.trains for joint in train.along}
+    pins = {pin_name(closure.name) for closure in arm.mechanism.closures}
     return {
         frame.name
         for frame in arm.mechanism.frames
-        if frame.couplings and {joint for joint, _ in frame.couplings} <= covered
+        if frame.couplings
+        and {joint for joint, _ in frame.couplings} <= covered
+        and frame.name not in pins
     }
 
 

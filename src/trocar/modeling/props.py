@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations, product
 from typing import Any, cast
 
@@ -86,7 +86,12 @@ def add_band(spec: mujoco.MjSpec, band: Band) -> None:
         tendon.wrap_site(site)
 
 
-def soften(spec: mujoco.MjSpec, geoms: Geoms, timestep: float) -> None:
+def soften(
+    spec: mujoco.MjSpec,
+    geoms: Geoms,
+    timestep: float,
+    compiled: Callable[[], mujoco.MjModel],
+) -> None:
     """Add a pair for each soft shape and each shape that may touch it, with the stated stiffness.
 
     A contact of MuJoCo yields by an acceleration and not by a force: its force per depth is
@@ -99,11 +104,12 @@ def soften(spec: mujoco.MjSpec, geoms: Geoms, timestep: float) -> None:
         spec: complete but for these pairs
         geoms: what was added to it
         timestep: of the physics [s]
+        compiled: compiles it as it is
     """
     touching = [(one, two) for one, two in combinations(geoms.surfaces, 2) if _meet(one, two)]
     if not touching:
         return
-    model = spec.compile()
+    model = compiled()
     yields = {model.body(k).name: float(model.body_invweight0[k, 0]) for k in range(model.nbody)}
     for number, (one, two) in enumerate(touching):
         names = [_named(side, geoms.surfaces) for side in (one, two)]

@@ -30,8 +30,7 @@ PLACES = (*CHANNEL, *WALLS)
 #: Plates of a stitch: on the entry, and on the second wall, whichever side it is on.
 PLATES = ("entry", "wall_plus", "wall_minus")
 #: Inertia of places, beads and thread. Source: measured: the explicit forces of the mesh and the
-#: limits of tendons are steady with these at steps of 1 ms; the weight of a place displaces it by
-#: less than 1 um. [kg, kg, kg m^2, kg]
+#: limits of tendons are steady with these at steps of 1 ms. [kg, kg, kg m^2, kg]
 EYE_KG, EYE_ARMATURE, BEAD_ARMATURE, FEED_KG = 5e-5, 2e-3, 1e-6, 4e-3
 #: Damping of a place's slides. Source: our own choice, 1/50 of what the mesh has. [N s/m]
 EYE_DAMPING = 1e-3

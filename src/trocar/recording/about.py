@@ -31,6 +31,8 @@ YOUNGER |= {"errors"}
 SCRIPTS = {"script", "extension"}
 #: Fields that motion does not depend on: origins, titles, cameras.
 REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras"}
+#: Dynamics are in the bodies, and in overlays, which are kept whole.
+REMARKS |= {"dynamics"}
 
 
 def world_metadata(world: World) -> dict[str, str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import RigDescription, load_rig, rig_with_tool
 from trocar.descriptions.calibrated import Calibration, calibrated_rig
+from trocar.descriptions.records import DynamicsKind
 from trocar.descriptions.robot_errors import robot_errors
 from trocar.descriptions.sensor_records import SensorReading
 from trocar.descriptions.sensors import ALL_CONTACTS, ContactsReading
@@ -82,7 +83,7 @@ CHOICES = {
     "control": ("dvrk", "paper"),
     "friction": ("identified", "paper"),
     "setup_joints": ("braked", "locked"),
-    "dynamics": ("cad", "identified"),
+    "dynamics": (None, "cad", "identified"),
 }
 #: MuJoCo's warnings of a state that is no longer finite.
 BAD_QPOS = int(mujoco.mjtWarning.mjWARN_BADQPOS)
@@ -148,9 +149,9 @@ class World:
         tip_load_n: force that turns about each instrument's tip [N]
         homed: whether arms begin ENABLED and homed; else DISABLED, as the hardware at power-on
         calibration: overlays of calibrated robots, as for `load_rig`; arms without one are nominal
-        dynamics: of arms whose overlays have none: "cad", masses and friction of the descriptions,
-            or "identified", from recordings of real arms where there are any for the kind of arm
-            (with the friction "identified" only)
+        dynamics: of arms whose overlays have none: "identified", from recordings of real arms where
+            there are any for the kind of arm (with the friction "identified" only), or "cad",
+            masses and friction of the descriptions; the rig's own when omitted
         errors: of the robots' sensors and cables, "perfect", "lab" or "wide"; the rig's own when
             omitted. Everything that arms report has them; `true_state` has not
 
@@ -174,7 +175,7 @@ class World:
         tip_load_n: float = 0.0,
         homed: bool = True,
         calibration: Calibration | None = None,
-        dynamics: Literal["cad", "identified"] = "cad",
+        dynamics: DynamicsKind | None = None,
         errors: str | None = None,
     ) -> None:
         choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
@@ -188,7 +189,9 @@ class World:
             choices |= _choices(model)
         else:
             nominal = rig if isinstance(rig, RigDescription) else load_rig(rig)
-            measured = dynamics == friction == "identified"
+            if dynamics is not None:
+                nominal = replace(nominal, dynamics=dynamics)
+            measured = friction == "identified"
             described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
         #: What the world was built with, the rig apart; a recording takes these along.
@@ -681,6 +684,8 @@ class World:
     def grasps(self) -> dict[str, Grasp]:
         """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
 
+        Small loads are as of the last 10 ms.
+
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """
         return self._grasps.read()
@@ -878,6 +883,7 @@ class World:
         left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
+        every = min((tissue.every for tissue in tissues), default=1)
         computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         looks, renewal = self._looks, self._renewal
@@ -905,12 +911,16 @@ class World:
                     count = 1
                 if scripts.running:
                     scripts.call(self)
-                for tissue in tissues:
-                    tissue.apply()
+                if scripts.running:
+                    count = 1
+                if tissues:
+                    count = min(count, every - journal.period % every)
                 if tissues or scripts.running:
                     mujoco.mj_getState(model, data, self._before, STEPPED)
-                    count = 1
-                mujoco.mj_step(model, data, count)
+                if tissues:
+                    self._step_tissues(count)
+                else:
+                    mujoco.mj_step(model, data, count)
                 journal.period += count
                 journal.time = data.time
                 run -= count
@@ -927,6 +937,14 @@ class World:
                         tissue.look()
                 for observer, _ in self._observers:
                     observer()
+
+    def _step_tissues(self, count: int) -> None:
+        """Step the physics with the forces of soft tissue."""
+        tissues = tuple(self.tissues.values())
+        for _ in range(count):
+            for tissue in tissues:
+                tissue.apply()
+            mujoco.mj_step(self._model, self._data)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.
@@ -981,7 +999,7 @@ class World:
         mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
         self._bad[:] = 0
         for _ in range(self._renewal):
-            mujoco.mj_step(self._model, self._data)
+            self._step_tissues(1)
             if self._bad[list(BAD)].any():
                 break
         self.journal.time = self._data.time
@@ -1023,7 +1041,8 @@ def _options(rig: RigDescription, choices: Mapping[str, Any]) -> ModelOptions:
     """
     for name, allowed in CHOICES.items():
         if choices[name] not in allowed:
-            raise InputError(f"{name}: got {choices[name]!r}; allowed: {', '.join(allowed)}")
+            known = ", ".join(filter(None, allowed))
+            raise InputError(f"{name}: got {choices[name]!r}; allowed: {known}")
     names = [arm.name for arm in rig.arms]
     for name in choices["welded"]:
         if name not in names:
@@ -1058,6 +1077,7 @@ def _choices(model: RigModel) -> dict[str, Any]:
         "collisions": options.collisions,
         "setup_joints": "locked" if setups & {*options.locked} else "braked",
         "welded": tuple(name for name in options.locked if name not in setups),
+        "dynamics": "cad",  # nothing but what the model's overlays have
     }
 
 

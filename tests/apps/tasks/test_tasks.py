@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trocar.apps.motions import Hand
+from trocar.apps.motions import Hand, together
 from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.apps.vision.scenes import VisualServoing
 from trocar.descriptions import load_rig, names
@@ -176,6 +176,21 @@ def test_an_object_that_no_jaw_can_hold_is_one_error(touch: Path) -> None:
     task = make_task(replace(scene, task="retrieve", goals=scene.goals[:1]))
     with pytest.raises(InputError, match=r"cube is 14.0 mm wide .* allowed: up to .* of PSM1"):
         run_episode(task, 0)
+
+
+def test_what_the_jaw_missed_stands_in_the_result() -> None:
+    task = make_task("gauze-retrieve")
+    task.scene = replace(task.scene, time_limit=7.0)
+    task.reset(0)
+    beside = task.object_pose("gauze")[:3, 3] + [0.0, 0.03, 0.0]
+    for action in together(
+        task, PSM1=Hand(task, "PSM1").take("gauze", lambda: (beside, 0.0), 0.02)
+    ):
+        task.command(action)
+    while not task.done:
+        task.command(task.stay())
+    missed = "PSM1 missed gauze 3 times, which rolled or slid by 0.0 mm"
+    assert task.result(0).reason == f"time; {missed}"
 
 
 def test_a_policy_that_takes_too_long_is_one_error(

@@ -56,7 +56,10 @@ def test_the_scale_is_exact(bench: Bench, scale: float) -> None:
     np.testing.assert_allclose(told, one._slave.T[:3, 3], atol=1e-5)  # the endoscope breathes
 
 
-def test_the_tip_does_not_jump_when_the_clutch_closes_or_opens(bench: Bench) -> None:
+def test_the_tip_does_not_jump_when_the_clutch_closes_or_opens() -> None:
+    """With friction of hinges: stop elements give back up to 0.1 mm of the tip in this time."""
+    bench = Bench(dynamics="cad")
+    bench.enable()
     one, world = bench.engine.components["MTMR_PSM1"], bench.world
     bench.carry("MTMR", shifted(world.arm("MTMR").measured_cp().T))
     bench.run(0.5)

@@ -9,7 +9,7 @@ import statistics
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import cast
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -75,11 +75,16 @@ def core(watch: Callable[[str], None] | None = None) -> list[Figure]:
     return [*found, _batch()]
 
 
+def _plain(rig: str, **options: Any) -> World:
+    """Return a world without identified drives, which cost by themselves (`benchmarks drives`)."""
+    return World(rig, dynamics="cad", **options)
+
+
 def _verbs(name: str, limits: Sequence[float | None]) -> list[Figure]:
     calibrated = name == "calibrated psm"
     world, unit = (
-        World("psm", calibration=skewed_psm()) if calibrated else World(name),
-        _moving(World("psm"), SWING_RAD),
+        _plain("psm", calibration=skewed_psm()) if calibrated else _plain(name),
+        _moving(_plain("psm"), SWING_RAD),
     )
     world.step(100)
     arm = world.arm("PSM1")
@@ -122,7 +127,7 @@ def skewed_psm() -> Overlay:
 
 
 def _worlds(rig: str, reset_ms: float, second: float) -> list[Figure]:
-    world, rounds, calls = World(rig), 5, 3
+    world, rounds, calls = _plain(rig), 5, 3
     # Parts of a compiled description stay in caches, so each is compiled once, as in a first world.
     fresh = iter([load_rig(rig) for _ in range(rounds * (calls + 1))])
     cost = _in_turn(
@@ -143,7 +148,7 @@ def _worlds(rig: str, reset_ms: float, second: float) -> list[Figure]:
 
 def _environment(rig: str, most: float) -> Figure:
     """Set every joint, step 20 ms, read joints and tips; how much of it is not `mj_step`."""
-    world = World(rig)
+    world = _plain(rig)
     arms = [arm for arm in world.arms.values() if arm.type != "SUJ"]
     model, data = world.mj_model, mujoco.MjData(world.mj_model)
     goals = {arm.name: arm.setpoint_js().position for arm in arms}
@@ -167,8 +172,8 @@ def _environment(rig: str, most: float) -> Figure:
 
 def _solver() -> list[Figure]:
     """Compare steps that start from the solver's last solution with steps that do not."""
-    carts = {welded: World("full_cart", setup_joints=welded) for welded in ("braked", "locked")}
-    asleep = World("pegs")
+    carts = {welded: _plain("full_cart", setup_joints=welded) for welded in ("braked", "locked")}
+    asleep = _plain("pegs")
     asleep.step(1000)
     cases = {
         "full_cart": (carts["braked"], 1.0 / 1.04),
@@ -208,7 +213,7 @@ def _moving(world: World, size: float = 0.02, model: mujoco.MjModel | None = Non
 
 def holding_a_block() -> World:
     """Return the rig `pegs` with a block in the jaws of PSM1, off the board."""
-    world = World("pegs")
+    world = _plain("pegs")
     arm, at = world.arm("PSM1"), world.object("block2").measured_cp().T[:3, 3]
     cart = world.reference_pose("PSM1")
     down = (cart @ arm.local_measured_cp().T)[:3, :3]
@@ -229,7 +234,7 @@ def holding_a_block() -> World:
 
 def _batch() -> Figure:
     """Compare a batch of PSMs with bare steps of as many worlds on as many threads."""
-    world = World("psm")
+    world = _plain("psm")
     world.step(50)
     batch = Batch(world, BATCH, threads=THREADS)
     first = batch.setpoints.copy()

@@ -189,7 +189,7 @@ def static_gravity() -> Iterator[Figure]:
 def loops_under_load() -> Iterator[Figure]:
     """Turn 10 N about the tip while the pitch sweeps its whole range at 1 ms."""
     for rig in ("psm", "ecm"):
-        world = World(rig, tip_load_n=10.0)
+        world = World(rig, tip_load_n=10.0, dynamics="cad")
         sweep = whole_pitch(paper_sine(world.rig, 10.0, TICK_S), world)
         gap, rcm, branch = loop_health(world, sweep, round(TICK_S / world.timestep))
         yield Figure(f"{rig}: loop gap under 10 N", 1e6 * gap, "um", 0.1)
@@ -204,7 +204,9 @@ def tracking() -> Iterator[Figure]:
     identified friction it is reported.
     """
     for friction in ("paper", "identified"):
-        world = World("psm", control="paper", friction=friction, gravity_compensation=True)
+        world = World(
+            "psm", control="paper", friction=friction, gravity_compensation=True, dynamics="cad"
+        )
         sine = paper_sine(world.rig, 10.0, TICK_S)
         begin_trajectory(world, sine)
         every = round(TICK_S / world.timestep)
@@ -255,7 +257,7 @@ def drifts(
     rig: str, friction: FrictionModel, poses: int = POSES, seconds: float = FLOAT_S
 ) -> list[float]:
     """Return how far the tip of each arm drifts hands-off from random poses [m]."""
-    world = World(rig, friction=friction, collisions=False)
+    world = World(rig, friction=friction, collisions=False, dynamics="cad")
     rng = np.random.default_rng(SEED)
     found: list[float] = []
     for _ in range(poses):
@@ -287,7 +289,7 @@ def at_set_points() -> Iterator[Figure]:
 
 def rest_errors(rig: str, goals: int = POSES) -> dict[tuple[str, str], float]:
     """Return the largest error at rest of each joint, {(arm/joint, kind): rad or m}."""
-    world = World(rig, collisions=False)
+    world = World(rig, collisions=False, dynamics="cad")
     rng = np.random.default_rng(SEED)
     found: dict[tuple[str, str], float] = {}
     for _ in range(goals):
@@ -312,7 +314,7 @@ def _goal(arm: Arm, rng: np.random.Generator) -> np.ndarray:
 
 def masters_loops() -> Iterator[Figure]:
     """Drive both masters along the whole test sine: how far do their parallelograms gape?"""
-    world = World("mtm")
+    world = World("mtm", dynamics="cad")
     sine = paper_sine(world.rig, 10.0, TICK_S)
     gap, _, branch = loop_health(world, sine, round(TICK_S / world.timestep))
     yield Figure("mtm: loop gap along the test sine", 1e6 * gap, "um", 0.1)

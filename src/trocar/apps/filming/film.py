@@ -146,7 +146,12 @@ def film(
 
 @contextmanager
 def video(
-    path: Path, size: tuple[int, int], rate_hz: float, *, overwrite: bool = False
+    path: Path,
+    size: tuple[int, int],
+    rate_hz: float,
+    *,
+    overwrite: bool = False,
+    quality: float = QUALITY,
 ) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
     """Yield a function that appends a picture (h, w, 3) to a video, until the block ends.
 
@@ -155,6 +160,7 @@ def video(
         size: width, height [px]; an odd one loses a column or a row
         rate_hz: pictures a second
         overwrite: replace a file that exists
+        quality: from 1 to 10
 
     Raises:
         MissingExtraError: the extra `video` is not installed
@@ -173,7 +179,7 @@ def video(
             str(part),
             (width, height),
             fps=rate_hz,
-            quality=QUALITY,
+            quality=quality,
             macro_block_size=2,
             ffmpeg_log_level="error",
         )

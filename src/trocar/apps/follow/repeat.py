@@ -139,6 +139,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
     arguments: dict[str, Any] = {
         name: restored(value) for name, value in json.loads(about["arguments"]).items()
     }
+    arguments.setdefault("dynamics", "cad")  # the only ones before they were an argument
     strange = set(arguments) - set(inspect.signature(World.__init__).parameters)
     if strange:
         raise LogError(
@@ -150,6 +151,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
     overlays = {
         arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
         for arm, (name, text) in texts.items()
+        if not isinstance(source, RigDescription) or source.arm(arm).arm.overlay is None
     }
     world = World(source, calibration=overlays or None, **arguments)
     found = rig_fingerprint(world.rig)

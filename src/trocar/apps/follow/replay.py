@@ -21,7 +21,7 @@ from trocar.apps.logs import (
     recorded_joints,
 )
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.descriptions.calibrated import One
+from trocar.descriptions.calibrated import One, selects_cad
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, LogError
 from trocar.simulation import World
@@ -49,7 +49,8 @@ class ReplaySettings:
         wrist: as for `read_log`; a bag holds public joints
         topic: of a bag's joint states; its only one that fits when omitted
         tool: the mounted tool, the arm's default when omitted
-        calibration: overlays of the arm, or their paths; None: the nominal arm
+        calibration: overlays of the arm, or their paths, or "cad" for the description's masses;
+            None: the nominal arm with identified dynamics
     """
 
     mode: ReplayMode = "position"
@@ -125,7 +126,8 @@ def replay(
             f"{described.name}: got arm type {described.type}; allowed: PSM, ECM or MTM"
         )
     rig = lone_arm_rig(described)
-    world = World(rig, control=how.control, friction=how.friction)
+    dynamics = "cad" if selects_cad(how.calibration) else None
+    world = World(rig, control=how.control, friction=how.friction, dynamics=dynamics)
     periods, restart = _periods(how, world.timestep), _restart(how)
     piece_rows = max(1, PIECE_PERIODS // periods)
     if is_bag(log):

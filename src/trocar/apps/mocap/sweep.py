@@ -208,7 +208,7 @@ def simulated_positions(
         InputError: the sweep is faster than a joint may move, or leaves its limits
         DivergedError: the simulation left the finite numbers
     """
-    world = World(lone_arm_rig(arm))
+    world = World(lone_arm_rig(arm), dynamics="cad")
     (name,) = world.arms
     period = world.timestep
     count = round(float(times[-1]) / period) + 1

@@ -63,7 +63,7 @@ def _move() -> Recording:
 
     Set-points are new in each step: of efforts that follow steps of 5 ms, samples show one phase.
     """
-    world = World("psm", dynamics="identified")
+    world = World("psm")
     every = round(1.0 / RATE_HZ / world.timestep)
     omega = 2.0 * np.pi * FREQUENCY_HZ * np.array(SWINGS)
     angle = np.outer(np.arange(round(DURATION_S / world.timestep)) * world.timestep, omega)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from trocar.apps.motions import Hand, Motion, together
 from trocar.apps.task import PERIOD_S, Task
 from trocar.descriptions.scenes import Goal
-from trocar.geometry.se3 import inverse, transform
+from trocar.geometry.se3 import transform
+from trocar.kinematics.chain_pose import chain_pose
 
 Array = NDArray[np.float64]
 
@@ -52,13 +53,11 @@ class Reach(Task):
             value: function of the tip's pose in the world, (4, 4), whose error it is
             error: (k,)
         """
-        scope, world = self.world.arms[arm], self.world
-        base = world.reference_pose(arm)
-        own = inverse(world.base_pose(arm)[0])
-        q = scope.positions()
+        scope, base = self.world.arms[arm], self.world.reference_pose(arm)
+        q, tip = scope.positions(), chain_pose(scope.description.mechanism)
 
         def at(joints: Array) -> Array:
-            return value(base @ own @ scope.forward_kinematics(joints).T)
+            return value(base @ tip(joints))
 
         here = at(q)
         J = np.array([(at(q + STEP * row) - here) / STEP for row in np.eye(len(q))]).T

@@ -133,7 +133,7 @@ class Slave:
             )
         here = self._world.frames.measured(self._arm.name)[:3, 3]
         lag, way = here - self._tip(self._commanded)[:3, 3], here - goal[:3, 3]
-        return "something is in its way" if lag @ lag > LEASH_M**2 < way @ way else ""
+        return "something is in its way" if LEASH_M**2 < lag @ lag < way @ way else ""
 
     def _tip(self, q: Array) -> Array:
         return self._world.frames.local_at(self._arm.name, np.concatenate([q, self._rest]))

@@ -10,7 +10,7 @@ from typing import Literal
 
 from trocar.apps.tuning.steps import StepBench, StepResponse
 from trocar.descriptions import ArmDescription, load_arm
-from trocar.descriptions.records import Gains
+from trocar.descriptions.records import DynamicsKind, Gains
 from trocar.errors import DivergedError
 
 #: Bounds of a tuned response. Source: our own choice: a little overshoot, a fifth of the motor's
@@ -124,13 +124,14 @@ class TuneSettings:
     Attributes:
         joints: names, all joints when empty
         tool: the mounted tool, the arm's default when omitted
-        control, friction: as for `World`
+        control, friction, dynamics: as for `World`
     """
 
     joints: tuple[str, ...] = ()
     tool: str | None = None
     control: Literal["dvrk", "paper"] = "dvrk"
     friction: Literal["identified", "paper"] = "identified"
+    dynamics: DynamicsKind | None = None
 
 
 @dataclass(frozen=True)
@@ -200,7 +201,7 @@ def tune(
     how = settings or TuneSettings()
     described = arm if isinstance(arm, ArmDescription) else load_arm(arm, how.tool)
     wanted = {described.joint(name).name for name in how.joints}
-    bench = StepBench(described, how.control, how.friction)
+    bench = StepBench(described, how.control, how.friction, how.dynamics)
     for name in wanted:
         bench.step_size(name)  # what cannot be stepped is refused before anything is
     names = [name for name in bench.joints if not wanted or name in wanted]

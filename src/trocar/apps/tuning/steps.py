@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription
 from trocar.descriptions.lone_arm import lone_arm_rig
-from trocar.descriptions.records import Gains
+from trocar.descriptions.records import DynamicsKind, Gains
 from trocar.errors import InputError
 from trocar.simulation import World
 
@@ -146,9 +146,12 @@ class StepBench:
         arm: ArmDescription,
         control: Literal["dvrk", "paper"] = "dvrk",
         friction: Literal["identified", "paper"] = "identified",
+        dynamics: DynamicsKind | None = None,
     ) -> None:
         self.arm = arm
-        self._world = World(lone_arm_rig(arm), control=control, friction=friction)
+        self._world = World(
+            lone_arm_rig(arm), control=control, friction=friction, dynamics=dynamics
+        )
         (self._name,) = self._world.arms
         #: Joints with a motor, in the arm's order; a gripper has only a spring.
         self.joints = tuple(joint.name for joint in arm.joints if joint.spring is None)

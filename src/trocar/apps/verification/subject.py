@@ -56,7 +56,7 @@ class Subject:
         return lone_arm_rig(self.arm).arms[0].name
 
     def world(self, model: Model = "dvrk", tip_load_n: float = 0.0) -> World:
-        """Return a world of this arm alone.
+        """Return a world of this arm alone, with the masses that the paper's figures are of.
 
         Args:
             model: "dvrk": the dVRK's gains and the identified friction; "paper": Table 8's gains
@@ -69,6 +69,7 @@ class Subject:
             friction="paper" if model == "paper" else "identified",
             gravity_compensation=True,
             tip_load_n=tip_load_n,
+            dynamics="cad",
         )
 
     def command(self, part: str) -> str:

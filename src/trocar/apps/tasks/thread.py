@@ -83,9 +83,12 @@ class ThreadKnot(ThreadTask):
     a knot that still takes `KNOT_M` of it.
     """
 
-    #: How far from its ends the thread is held, how high it is lifted, how far the arms pull.
-    #: Source: our own choice. [N, m, m, m, m, m/s]
-    PULL_N, KNOT_M, END_M, LIFT_M, FAR_M, SPEED_M_S = 1.0, 0.01, 0.006, 0.012, 0.05, 0.02
+    #: How far from its ends the thread is held, and how high it is lifted. Source: our own choice.
+    #: [N, m, m, m]
+    PULL_N, KNOT_M, END_M, LIFT_M = 0.5, 0.01, 0.006, 0.012
+    #: How far each arm pulls and how fast, until the knot has only so much of the thread. Source:
+    #: our own choice; jaws that jerk lose thread. [m, m/s, m]
+    PULLS = ((0.05, 0.03, 0.038), (0.02, 0.006, 0.0))
 
     def reset(self, seed: int) -> dict[str, Array]:
         """Begin an episode, with a loose knot laid about the place of the thread."""
@@ -133,13 +136,14 @@ class ThreadKnot(ThreadTask):
             }
             yield from together(self, **takes)
             way = self.middle(name, ends[right])[0] - self.middle(name, ends[left])[0]
-            way *= self.FAR_M / np.linalg.norm(way)
-            pulls = {left.arm: left.shift(-way, self.SPEED_M_S)}
-            pulls[right.arm] = right.shift(way, self.SPEED_M_S)
-            for action in together(self, **pulls):
-                yield action
-                if self.tension >= self.PULL_N:
-                    break
+            way /= np.linalg.norm(way)
+            for far, speed, least in self.PULLS:
+                pulls = {left.arm: left.shift(-far * way, speed)}
+                pulls[right.arm] = right.shift(far * way, speed)
+                for action in together(self, **pulls):
+                    yield action
+                    if self.tension >= self.PULL_N or self.knotted() < least:
+                        break
             yield from together(self, **{left.arm: left.wait(2.0 * SETTLED_S)})
 
 

@@ -76,8 +76,18 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--only",
-        choices=("hand-eye", "servoing", "needle", "tips"),
-        help="of vision: this part (default: all)",
+        choices=("hand-eye", "servoing", "needle", "held", "tips"),
+        help="of vision: this part (default: all; held: of needle, the second in jaws alone)",
+    )
+    parser.add_argument(
+        "--style",
+        choices=("plain", "surgical", "light"),
+        help="of vision, needle and held: on this ground (default: all)",
+    )
+    parser.add_argument(
+        "--preset",
+        choices=("hd_1280x720", "dvrk_sd_640x480"),
+        help="of vision, needle and held: images of this camera (default: both)",
     )
     parser.add_argument(
         "--workers", type=int, default=1, metavar="N", help="of vision, needle: processes (1)"
@@ -217,10 +227,16 @@ def main(words: Sequence[str] | None = None) -> int:
                 from benchmarks.servoing import servoing
 
                 found += servoing(args.seeds or 20, watch)
-            if args.only in (None, "needle"):
-                from benchmarks.needle_tracking import needle_tracking
+            if args.only in (None, "needle", "held"):
+                from benchmarks.needle_tracking import GOALS, STYLES, held, needle_tracking
 
-                found += needle_tracking(args.seeds or 20, args.workers, watch)
+                count = args.seeds or 20
+                styles = [args.style] if args.style else list(STYLES)
+                presets = [args.preset] if args.preset else list(GOALS)
+                if args.only == "held":
+                    found += held(count, styles, presets, watch)
+                else:
+                    found += needle_tracking(count, args.workers, styles, presets, watch)
             if args.only in (None, "tips"):
                 from benchmarks.tips import tips
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import pairwise
 from typing import Literal
 
@@ -91,15 +92,7 @@ class Stage:
         known = load_stereo_camera(preset)
         self.calibration = _bent(known, np.zeros((2, 2)))
         self._true = _bent(known, common_px * self.rng.standard_normal((2, 2)))
-        prop = Prop(
-            "needle",
-            transform(np.eye(3), [0.0, 0.0, 0.5]),
-            needle_shapes(needle, "steel"),
-            Movable(1e-4, np.zeros(3), 1e-9 * np.eye(3), "source"),
-            needle=needle,
-        )
-        rig = load_rig("training")
-        self.world = World(replace(rig, props=(*rig.props, prop)), dynamics="cad")
+        self.world = _world(needle)
         shapes = [s for s in self.world.shapes() if s.arm is not None or s.name[:6] == "needle"]
         self._needle = next(s.body for s in shapes if s.arm is None)
         self._bodies = len(self.world.snapshot(arms=False).positions)
@@ -188,6 +181,20 @@ class Stage:
             T_tip = hand_eye @ T_tip
         truth = inverse(T_left) @ T_needle
         return Shot(time, (eyes[0], eyes[1]), truth, T_tip, min(seen))
+
+
+@cache
+def _world(needle: Needle) -> World:
+    """Return the training rig with a needle."""
+    prop = Prop(
+        "needle",
+        transform(np.eye(3), [0.0, 0.0, 0.5]),
+        needle_shapes(needle, "steel"),
+        Movable(1e-4, np.zeros(3), 1e-9 * np.eye(3), "source"),
+        needle=needle,
+    )
+    rig = load_rig("training")
+    return World(replace(rig, props=(*rig.props, prop)), dynamics="cad")
 
 
 def held_pose(needle: Needle, rng: np.random.Generator) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
@@ -101,13 +101,8 @@ class Outcome:
 
 def measure(setting: Setting) -> Outcome:
     """Track a needle that a tool carries, hidden, half covered, and from nothing."""
-    import cv2
-
-    cv2.setNumThreads(1)
     seed = setting.seed
-    needle = Needle(0.01, ARCS[seed % 2], 0.0008, 0.003)
-    stage = Stage(setting.preset, needle, seed, style=setting.style)
-    distance = DISTANCES[seed % 3]
+    stage, distance = _stage(setting)
     one = Track(run(stage, seed, distance), stage, seed, held=True)
     after = one.between(HIDDEN_S[1], np.inf)
     good = (after[:, 6] > 0.0) & (after[:, 1] < 1e-3) & (after[:, 2] < np.radians(5.0))
@@ -124,9 +119,45 @@ def measure(setting: Setting) -> Outcome:
     )
 
 
-def needle_tracking(seeds: int, workers: int, watch: Callable[[str], None]) -> list[Figure]:
-    """Track needles on all grounds and in both sizes, with so many runs at a time."""
-    kinds: list[tuple[str, Style]] = [(preset, style) for style in STYLES for preset in GOALS]
+def held(
+    seeds: int, styles: Collection[Style], presets: Collection[str], watch: Callable[[str], None]
+) -> list[Figure]:
+    """Track needles in jaws for a second: errors and their covariance, as in the whole run."""
+    found: list[Figure] = []
+    for style in styles:
+        for preset in presets:
+            runs: list[tuple[Array, list[float]]] = []
+            for seed in range(seeds):
+                watch(f"needle in jaws, {preset}, {style}, {seed + 1} of {seeds}")
+                stage, distance = _stage(Setting(preset, style, seed))
+                shots = run(stage, seed, distance, length=HIDDEN_S[0])
+                track = Track(shots, stage, seed, held=True)
+                stage.renderer.close()
+                runs.append((track.between(SETTLED_S, HIDDEN_S[0]), track.costs))
+            seen = np.concatenate([rows for rows, _ in runs])
+            found += _held(preset, style, seen, [cost for _, costs in runs for cost in costs])
+    return found
+
+
+def _stage(setting: Setting) -> tuple[Stage, float]:
+    """Return what a run renders, and how far away the needle is [m]."""
+    import cv2
+
+    cv2.setNumThreads(1)
+    seed = setting.seed
+    needle = Needle(0.01, ARCS[seed % 2], 0.0008, 0.003)
+    return Stage(setting.preset, needle, seed, style=setting.style), DISTANCES[seed % 3]
+
+
+def needle_tracking(
+    seeds: int,
+    workers: int,
+    styles: Collection[Style],
+    presets: Collection[str],
+    watch: Callable[[str], None],
+) -> list[Figure]:
+    """Track needles on these grounds and in these sizes, with so many runs at a time."""
+    kinds: list[tuple[str, Style]] = [(preset, style) for style in styles for preset in presets]
     settings = [Setting(*kind, seed) for kind in kinds for seed in range(seeds)]
     found: list[Outcome] = []
     with get_context("spawn").Pool(workers) if workers > 1 else nullcontext() as pool:
@@ -140,17 +171,12 @@ def needle_tracking(seeds: int, workers: int, watch: Callable[[str], None]) -> l
     ]
 
 
-def _figures(preset: str, style: Style, runs: list[Outcome]) -> list[Figure]:
+def _held(preset: str, style: Style, seen: Array, costs: list[float]) -> list[Figure]:
+    """Return figures of rows of `Track` while the needle is seen in jaws."""
     shift, tilt, turn, rate = GOALS[preset]
-    name = f"needle, {preset.rpartition('_')[2]}, {style}"
     more, most = STYLES[style]
     goals = more < np.inf
-    whole = 1.0 if goals else np.inf
-    seen = np.concatenate([one.whole for one in runs])
-    part = np.concatenate([one.half for one in runs])
-    hidden = np.array([one.hidden for one in runs])
     medians, worst = np.median(seen[:, 1:4], axis=0), np.percentile(seen[:, 1:3], 90, axis=0)
-    half = np.median(part[:, 1:3], axis=0)
     nees = seen[seen[:, 5] >= 0.5, 4]
     rows: list[tuple[str, float, str, float]] = [
         ("position, median", medians[0], "m", more * shift),
@@ -158,30 +184,54 @@ def _figures(preset: str, style: Style, runs: list[Outcome]) -> list[Figure]:
         ("roll, median", np.degrees(medians[2]), "deg", more * turn),
         ("position, 90 %", worst[0], "m", most * 1e-3),
         ("normal, 90 %", np.degrees(worst[1]), "deg", most * 5.0),
+    ]
+    name = _name(preset, style)
+    below = float((nees < NEES_95).mean())
+    return [
+        *_listed(name, rows),
+        Figure(f"{name}: NEES, mean", float(nees.mean()), "", 9.0 if goals else None,
+               2.0 if goals else None, source=SOURCE),
+        Figure(f"{name}: NEES under {NEES_95:g}", below, "", lower=0.9 if goals else None,
+               source=SOURCE),
+        Figure(f"{name}: images a second of one core, median, by CPU time",
+               1.0 / float(np.median(costs)), "Hz", lower=rate, source=SOURCE),
+    ]  # fmt: skip
+
+
+def _figures(preset: str, style: Style, runs: list[Outcome]) -> list[Figure]:
+    more, _ = STYLES[style]
+    goals = more < np.inf
+    whole = 1.0 if goals else np.inf
+    hidden = np.array([one.hidden for one in runs])
+    half = np.median(np.concatenate([one.half for one in runs])[:, 1:3], axis=0)
+    rows: list[tuple[str, float, str, float]] = [
         ("half covered, position, median", half[0], "m", more * 8e-4),
         ("half covered, normal, median", np.degrees(half[1]), "deg", more * 4.0),
         ("hidden for 1 s, drift, worst", hidden[:, 1].max(), "m", whole * 2e-3),
         ("hidden for 1 s, turn, worst", np.degrees(hidden[:, 2].max()), "deg", whole * 6.0),
         ("hidden for 1 s, back after, worst", max(one.back for one in runs), "s", whole * 0.3),
     ]
-    found = [
-        Figure(f"{name}: {what}", float(value), unit, goal if goal < np.inf else None,
-               shown="mm" if unit == "m" else "", source=SOURCE)
-        for what, value, unit, goal in rows
-    ]  # fmt: skip
-    below = float((nees < NEES_95).mean())
-    cost = float(np.median(np.concatenate([one.costs for one in runs])))
+    name = _name(preset, style)
+    seen = np.concatenate([one.whole for one in runs])
     return [
-        *found,
+        *_held(preset, style, seen, [cost for one in runs for cost in one.costs]),
+        *_listed(name, rows),
         Figure(f"{name}: found from nothing within 1 s, at most 80 mm away",
                float(np.mean([one.cold for one in runs])), "", lower=0.95 if goals else None,
                source=SOURCE),
-        Figure(f"{name}: NEES, mean", float(nees.mean()), "", 9.0 if goals else None,
-               2.0 if goals else None, source=SOURCE),
-        Figure(f"{name}: NEES under {NEES_95:g}", below, "", lower=0.9 if goals else None,
-               source=SOURCE),
-        Figure(f"{name}: images a second of one core, median, by CPU time", 1.0 / cost, "Hz",
-               lower=rate, source=SOURCE),
+    ]  # fmt: skip
+
+
+def _name(preset: str, style: Style) -> str:
+    return f"needle, {preset.rpartition('_')[2]}, {style}"
+
+
+def _listed(name: str, rows: list[tuple[str, float, str, float]]) -> list[Figure]:
+    """Return figures with their upper goals."""
+    return [
+        Figure(f"{name}: {what}", float(value), unit, goal if goal < np.inf else None,
+               shown="mm" if unit == "m" else "", source=SOURCE)
+        for what, value, unit, goal in rows
     ]  # fmt: skip
 
 

@@ -1,12 +1,14 @@
-"""Track a needle in images that trocar did not make: those of MuJoCo's renderer, with noise.
+"""Track a needle in images that trocar did not make: those of MuJoCo's renderer.
 
-One sees: the tracker's estimate beside the truth, while the needle moves by a centimetre.
+They have light of another colour from the side, noise, and the blocks of a JPEG stream. One sees:
+the tracker's estimate beside the truth, while the needle moves by a centimetre.
 """
 
 import os
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 
+import cv2
 import mujoco
 import numpy as np
 
@@ -36,7 +38,8 @@ def model() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(
         '<mujoco><visual><map znear=".01" zfar="10"/>'
         f'<global offwidth="{SIZE[0]}" offheight="{SIZE[1]}"/></visual><statistic extent="1"/>'
-        f'<worldbody><light pos="0 .02 .2"/>{eyes}'
+        '<worldbody><light pos="0 .02 .2" diffuse=".6 .6 .6"/>'
+        f'<light pos=".15 -.1 .12" dir="-.8 .5 -.6" diffuse=".35 .3 .2"/>{eyes}'
         '<geom type="box" size=".1 .1 .01" pos="0 0 -.02" rgba=".7 .33 .3 1"/>'
         f'<body name="needle" mocap="true">{wire}</body></worldbody></mujoco>'
     )
@@ -61,7 +64,9 @@ def main() -> None:
         for name in ("left", "right"):
             renderer.update_scene(data, camera=name)
             noisy = renderer.render() + rng.normal(0.0, 7.0, (SIZE[1], SIZE[0], 3))
-            images.append(np.clip(noisy, 0, 255).astype(np.uint8))
+            sent = np.clip(noisy, 0, 255).astype(np.uint8)[..., ::-1]  # blue, green, red
+            _, stream = cv2.imencode(".jpg", sent, [cv2.IMWRITE_JPEG_QUALITY, 70])
+            images.append(cv2.imdecode(stream, cv2.IMREAD_COLOR)[..., ::-1])
         found = tracker.update(k / 30.0, *images)
         if found.T_left_needle is None:
             print(f"{k:2d} {found.status}")

@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -194,6 +195,32 @@ def test_what_is_not_drawn_would_not_be_seen(
     monkeypatch.setattr(staging, "inside", all_of_it)
     whole, _ = pictures()
     assert (culled == whole).mean() > 0.9999  # order decides which of two touching surfaces wins
+
+
+@pytest.mark.usefixtures("opengl")
+def test_moments_drawn_while_others_are_on_their_way_are_the_same_to_the_last_bit(
+    cart: World,
+) -> None:
+    poses = "work", "start", "work", "start", "work"
+    moments = []
+    for pose in poses:
+        cart.reset(pose=pose)
+        moments.append((cart.snapshot(), cart.cameras()))
+    cart.reset(pose="work")
+    channels = Channels(True, True, True, ("PSM1/wrist_yaw",))
+    with closing(Renderer(lambda: (moments[0][0].build, cart.shapes()), channels)) as renderer:
+        found = list(renderer.render_each(iter(moments), "endoscope"))
+        for frame, moment in zip(found, moments, strict=True):
+            alone = renderer.render(*moment, "endoscope")
+            for name in ("left", "right", "depth", "ids", "normals"):
+                assert (getattr(frame, name) == getattr(alone, name)).all()
+            assert frame.visible["PSM1/wrist_yaw"] == pytest.approx(
+                alone.visible["PSM1/wrist_yaw"], nan_ok=True
+            )
+            assert (frame.time, frame.exposure) == (alone.time, alone.exposure)
+        assert (found[0].left == found[2].left).all() and (found[0].left != found[1].left).any()
+        with pytest.raises(UnknownNameError, match="unknown camera 'nose'"):
+            next(renderer.render_each(moments, "nose"))
 
 
 @pytest.mark.usefixtures("opengl")

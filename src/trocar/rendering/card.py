@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -80,7 +80,8 @@ class Card:
         self._set: dict[tuple[int, str], object] = {}
         self._arrays: dict[tuple[str, int], moderngl.VertexArray] = {}
         self._targets: dict[tuple[object, ...], moderngl.Framebuffer] = {}
-        self._maps: dict[int, tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
+        self._maps: dict[tuple[int, bool], tuple[moderngl.Texture, moderngl.Framebuffer]] = {}
+        self._ways: dict[int, list[moderngl.Buffer]] = {}
         self._things: Scenery | None = None
         names = "point", "normal", "place", "index", "colour", "finish", "row", SHADING, SEEN
         self._buffers = {name: self.context.buffer(reserve=LEAST, dynamic=True) for name in names}
@@ -179,15 +180,21 @@ class Card:
         found.repeat_x = found.repeat_y = repeats
         return found
 
-    def shadow_map(self, size: int) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
-        """Return a shadow map of this size, and what draws into it."""
-        if size not in self._maps:
+    def shadow_map(self, size: int, *, hard: bool) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
+        """Return a shadow map of this size, and what draws into it.
+
+        Args:
+            size: pixels along its edge
+            hard: a single pixel is looked up, which costs half, instead of a blend of four
+        """
+        if (size, hard) not in self._maps:
             shade = self.context.depth_texture((size, size))
             shade.compare_func = "<="
-            shade.filter = (self.gl.LINEAR, self.gl.LINEAR)
+            between = self.gl.NEAREST if hard else self.gl.LINEAR
+            shade.filter = (between, between)
             shade.repeat_x = shade.repeat_y = False
-            self._maps[size] = shade, self.context.framebuffer([], shade)
-        return self._maps[size]
+            self._maps[size, hard] = shade, self.context.framebuffer([], shade)
+        return self._maps[size, hard]
 
     def target(
         self, size: tuple[int, int], outputs: Sequence[str], samples: int = 0, name: str = ""
@@ -205,6 +212,33 @@ class Card:
             depth = self.context.depth_renderbuffer(size, samples=samples)
             self._targets[key] = self.context.framebuffer(textures, depth)
         return self._targets[key]
+
+    def request(
+        self, target: moderngl.Framebuffer, number: int, into: NDArray[Any]
+    ) -> Callable[[], NDArray[Any]]:
+        """Have a texture of a framebuffer sent, and return what waits for it.
+
+        Args:
+            target: where it was drawn
+            number: which of its textures
+            into: takes all rows, (eyes, height, width[, 3]), and is returned read-only
+        """
+        free = self._ways.setdefault(into.nbytes, [])
+        buffer = free.pop() if free else self.context.buffer(reserve=into.nbytes)
+        target.read_into(
+            buffer,
+            components=3 if into.ndim == 4 else 1,
+            attachment=number,
+            dtype={"uint8": "f1", "float32": "f4", "int32": "i4"}[into.dtype.name],
+        )
+
+        def take() -> NDArray[Any]:
+            buffer.read_into(into.reshape(-1).view(np.uint8))
+            free.append(buffer)
+            into.setflags(write=False)
+            return into
+
+        return take
 
     def release(self) -> None:
         """Let go of everything; not inside `with card.context`."""

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from math import ceil
 from typing import Literal
 
 from trocar.errors import InputError
 
-#: Shadow maps of pictures up to this wide, and of wider ones. Source: our own choice; about a
-#: pixel of the map for each of the picture.
+#: Soft shadows: maps of pictures up to this wide, and of wider ones. Source: our own choice; a
+#: pixel of the map for one or two of the picture.
 NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
+#: Hard ones, of which a single pixel of the map is looked up: pixels of the map for each of the
+#: picture's width, in steps of so many, at most. Source: our own choice; edges of shadows have no
+#: larger stairs than other edges.
+FINE, STEP, MOST = 1.0, 256, 4096
 #: Exposure as a scope's video processor chooses it.
 AUTO: Literal["auto"] = "auto"
 STYLES = "plain", "surgical"
@@ -23,7 +28,7 @@ class Look:
         style: "plain", or "surgical": an endoscope's pictures have tissue with structure, moisture
             and light from below its surface, metal that mirrors it, and soft shadows; slower
         shadows: whether the light throws them
-        shadow_size: pixels along the edge of their map; 0: 512, or 1024 of pictures over 800 wide
+        shadow_size: pixels along the edge of their map; 0: by the picture's width
         exposure: brighter by so many stops, or "auto": an endoscope's pictures are made as bright
             as those of a video processor, views are left as they are
         wet: how much more surfaces glitter, 0 to 1
@@ -58,7 +63,7 @@ class Look:
         if self.style not in STYLES:
             raise InputError(f"style: got {self.style!r}; allowed: {', '.join(STYLES)}")
         for name, low, high in (
-            ("shadow_size", 0, 4096),
+            ("shadow_size", 0, MOST),
             ("exposure", -20.0, 20.0),
             ("wet", 0.0, 1.0),
             ("vignette", 0.0, 1.0),
@@ -80,6 +85,8 @@ class Look:
             if not low <= value <= high:
                 raise InputError(f"{name}: got {value!r}; allowed: {low:g} to {high:g}")
 
-    def shadow_map(self, width: int) -> int:
+    def shadow_map(self, width: int, *, hard: bool) -> int:
         """Return the pixels along the edge of the shadow map of pictures that are this wide."""
-        return self.shadow_size or (SMALL_MAP if width <= NARROW else LARGE_MAP)
+        fine = min(STEP * ceil(FINE * width / STEP), MOST)
+        own = fine if hard else SMALL_MAP if width <= NARROW else LARGE_MAP
+        return self.shadow_size or own

@@ -115,13 +115,18 @@ class Painter:
         card = self._card
         program = card.program(shaders.SHADOW_VERTEX, shaders.SHADOW_FRAGMENT)
         card.uniforms(program, {"shadow": _columns(stage.light.clip)})
-        shade, target = card.shadow_map(self._look.shadow_map(lenses.size[0]))
+        shade, target = self._map(stage, lenses)
         target.use()
         target.clear(depth=1.0)
         card.context.polygon_offset = SHADOW_OFFSET
         card.render(program, SHADING, 0, len(stage.shading))
         card.context.polygon_offset = 0.0, 0.0
         shade.use(0)
+
+    def _map(self, stage: Stage, lenses: Optics) -> tuple[moderngl.Texture, moderngl.Framebuffer]:
+        """Return the shadow map of a camera, and what draws into it."""
+        hard = stage.light.scope and self._look.style == "plain"
+        return self._card.shadow_map(self._look.shadow_map(lenses.size[0], hard=hard), hard=hard)
 
     def _eyes(self, stage: Stage, lenses: Optics, outputs: Sequence[str], exposure: float) -> None:
         card, light, look = self._card, stage.light, self._look
@@ -137,8 +142,9 @@ class Painter:
         defines = [f"{name} {k}" for k, name in enumerate(outputs)]
         defines += [name for name, on in switches.items() if on]
         defines.append(f"AROUND {light.around:.6f}")
+        shade, _ = self._map(stage, lenses)
         if surgical:
-            self._bind(look, card.shadow_map(look.shadow_map(lenses.size[0]))[0])
+            self._bind(look, shade)
         wide, tall = (
             light.frustum.right - light.frustum.left,
             light.frustum.bottom - light.frustum.top,
@@ -146,7 +152,7 @@ class Painter:
         common = {
             "shadow": _columns(light.clip),
             "power": (light.power * exposure, look.smoke * SMOKE, look.vignette, exposure),
-            "blur": SOFT / look.shadow_map(lenses.size[0]),
+            "blur": SOFT / shade.width,
             "reach": (CONTACT / wide, CONTACT / tall, light.frustum.near / CONTACT),
             "places": tuple((PLACES / TILE_M).ravel()),
             "bump": BUMP * TILE_M,

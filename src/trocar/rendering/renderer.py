@@ -5,8 +5,11 @@ from __future__ import annotations
 import io
 import logging
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,12 +31,16 @@ from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import ShapeRecord, Snapshot
 
 Array = NDArray[np.float64]
+#: Returns what was drawn: {output: (eyes, height, width[, components])}.
+Pictures = Callable[[], dict[str, np.ndarray]]
 Shapes = Sequence[ShapeRecord]
 
 _log = logging.getLogger("trocar")
 
 #: How many cameras' lenses are kept at hand. Source: our own choice.
 KEPT = 16
+#: Moments that are drawn while pictures of the one before are on their way. Source: our own choice.
+AHEAD = 2
 #: What is read of each output: components, and the type of each.
 READ = {
     "COLOUR": (3, np.uint8),
@@ -134,15 +141,52 @@ class Renderer:
         channels, poses = channels or self.channels, poses or {}
         with self._lock:
             record = cameras[camera].at(snapshot)
+            order = _Order(snapshot, record, stops, channels, poses, only)
             try:
-                return self._drawn(snapshot, record, stops, channels, poses, only)
+                return self._drawn(order)
             except lost as problem:
                 _log.warning("the graphics context was lost (%s); it is made anew", problem)
                 self._open()
                 try:
-                    return self._drawn(snapshot, record, stops, channels, poses, only)
+                    return self._drawn(order)
                 except lost as again:
                     raise TrocarError(f"the graphics context was lost twice: {again}") from again
+
+    def render_each(
+        self,
+        moments: Iterable[tuple[Snapshot, Mapping[str, CameraRecord]]],
+        camera: str,
+        *,
+        stops: float | None = None,
+        channels: Channels | None = None,
+    ) -> Iterator[StereoFrame]:
+        """Draw many moments, as `render` draws each, and yield their frames in order.
+
+        A graphics card draws the next ones while pictures are on their way from it, which takes
+        exposures that are given; processors gain nothing.
+
+        Args:
+            moments: snapshots of the world, and its cameras
+            camera, stops, channels: as of `render`
+
+        Raises:
+            UnknownNameError, InputError, OvertakenError: as `render`
+            TrocarError: the graphics library was lost
+        """
+        waiting: deque[Callable[[], StereoFrame]] = deque()
+        for snapshot, cameras in moments:
+            if camera not in cameras:
+                raise UnknownNameError("camera", camera, cameras)
+            with self._lock:
+                card = self._card or self._open()
+                with card.context:
+                    record = cameras[camera].at(snapshot)
+                    order = _Order(snapshot, record, stops, channels or self.channels)
+                    waiting.append(self._begun(card, partial(_requested, card), order))
+            if len(waiting) > AHEAD:
+                yield self._taken(waiting.popleft())
+        while waiting:
+            yield self._taken(waiting.popleft())
 
     def close(self) -> None:
         """Let go of the graphics library; `render` opens it again."""
@@ -153,6 +197,13 @@ class Renderer:
 
     # ------------------------------------------------------------------ inside
 
+    def _taken(self, waiting: Callable[[], StereoFrame]) -> StereoFrame:
+        try:
+            with self._lock:
+                return waiting()
+        except load().Error as problem:
+            raise TrocarError(f"the graphics context was lost: {problem}") from problem
+
     def _open(self) -> Card:
         card = Card()
         with card.context:
@@ -162,59 +213,69 @@ class Renderer:
         self.contexts += 1
         return card
 
-    def _drawn(
-        self,
-        snapshot: Snapshot,
-        record: CameraRecord,
-        stops: float | None,
-        channels: Channels,
-        poses: Mapping[str, ArrayLike],
-        only: Collection[str] | None,
-    ) -> StereoFrame:
+    def _drawn(self, order: _Order) -> StereoFrame:
         card = self._card or self._open()
         with card.context:
-            self._follow(card, snapshot)
-            things = self._shown
-            there = None if only is None else np.isin(things.ids, things.numbers(only))
-            snapshot = _posed(snapshot, things, poses)
-            if stops is None:
-                stops = self._exposed(card, snapshot, record)
-            lenses = self._lenses(record, card.most)
-            seen = self._staged(snapshot, record, lenses, self.look.shadows, there)
-            self.triangles = int(seen.seen[:, 0].sum()) // 3
-            drawn = self._painter.paint(seen, lenses, channels.outputs, snapshot.time, stops)
-            pictures = _read(drawn, lenses)
-            if self.look.jpeg:
-                pictures["COLOUR"] = _compressed(pictures["COLOUR"], self.look.jpeg)
-            visible: dict[str, Array] = {}
-            numbers = things.numbers(channels.visible)
-            for name, number in zip(channels.visible, numbers, strict=True):
-                alone = self._staged(snapshot, record, lenses, False, things.ids == number)
-                drawn = self._painter.paint(alone, lenses, ("IDS",), 0.0, 0.0)
-                most, now = (
-                    np.count_nonzero(ids == number, axis=(1, 2))
-                    for ids in (_read(drawn, lenses)["IDS"], pictures["IDS"])
-                )
-                visible[name] = np.where(most > 0, now / np.maximum(most, 1), np.nan)
+            finish = self._begun(card, _read, order)
             error = card.context.error
         if error != "GL_NO_ERROR":
             raise _LostError(error)
-        return StereoFrame(
-            camera=record.name,
-            left=pictures["COLOUR"][0],
-            right=pictures["COLOUR"][1] if len(lenses.eyes) > 1 else None,
-            depth=pictures.get("DEPTH"),
-            ids=pictures["IDS"] if channels.ids else None,
-            normals=pictures.get("NORMALS"),
-            names=self._shown.names,
-            time=snapshot.time,
-            build=snapshot.build,
-            calibration=lenses.shown,
-            T_world_camera=np.stack(record.T_world_eyes),
-            exposure=stops,
-            arms=snapshot.arms,
-            visible=visible,
-        )
+        return finish()
+
+    def _begun(
+        self,
+        card: Card,
+        read: Callable[[Mapping[str, Drawn], Optics], Pictures],
+        order: _Order,
+    ) -> Callable[[], StereoFrame]:
+        """Draw, read with a function, and return what makes a frame of it."""
+        snapshot, record, stops, channels, poses, only = order
+        self._follow(card, snapshot)
+        things = self._shown
+        there = None if only is None else np.isin(things.ids, things.numbers(only))
+        snapshot = _posed(snapshot, things, poses)
+        exposure = self._exposed(card, snapshot, record) if stops is None else stops
+        lenses = self._lenses(record, card.most)
+        seen = self._staged(snapshot, record, lenses, self.look.shadows, there)
+        self.triangles = int(seen.seen[:, 0].sum()) // 3
+        paint = self._painter.paint
+        pictures = read(paint(seen, lenses, channels.outputs, snapshot.time, exposure), lenses)
+        numbers = things.numbers(channels.visible)
+        alone: list[Pictures] = []
+        for number in numbers:
+            one = self._staged(snapshot, record, lenses, False, things.ids == number)
+            alone.append(read(paint(one, lenses, ("IDS",), 0.0, 0.0), lenses))
+
+        def frame() -> StereoFrame:
+            images = pictures()
+            colour = images["COLOUR"]
+            if self.look.jpeg:
+                colour = _compressed(colour, self.look.jpeg)
+            visible: dict[str, Array] = {}
+            for name, number, ids in zip(channels.visible, numbers, alone, strict=True):
+                most, now = (
+                    np.count_nonzero(each == number, axis=(1, 2))
+                    for each in (ids()["IDS"], images["IDS"])
+                )
+                visible[name] = np.where(most > 0, now / np.maximum(most, 1), np.nan)
+            return StereoFrame(
+                camera=record.name,
+                left=colour[0],
+                right=colour[1] if len(lenses.eyes) > 1 else None,
+                depth=images.get("DEPTH"),
+                ids=images["IDS"] if channels.ids else None,
+                normals=images.get("NORMALS"),
+                names=things.names,
+                time=snapshot.time,
+                build=snapshot.build,
+                calibration=lenses.shown,
+                T_world_camera=np.stack(record.T_world_eyes),
+                exposure=exposure,
+                arms=snapshot.arms,
+                visible=visible,
+            )
+
+        return frame
 
     def _staged(
         self,
@@ -246,7 +307,7 @@ class Renderer:
         seen = self._staged(snapshot, small, lenses, shadows=False)
         paint = self._painter.paint
         drawn = (paint(seen, lenses, ("COLOUR",), 0.0, each) for each in stops)
-        return [_read(one, lenses)["COLOUR"][0] for one in drawn]
+        return [_read(one, lenses)()["COLOUR"][0] for one in drawn]
 
     def _aim(self, endless: Picture) -> float:
         return TARGET if self.look.style == "plain" else aim_at(endless)
@@ -289,6 +350,17 @@ class Renderer:
         return self._optics[key][1]
 
 
+class _Order(NamedTuple):
+    """What to draw: arguments of `Renderer.render`."""
+
+    snapshot: Snapshot
+    record: CameraRecord
+    stops: float | None
+    channels: Channels
+    poses: Mapping[str, ArrayLike] = {}
+    only: Collection[str] | None = None
+
+
 class _LostError(Exception):
     """The graphics context is gone."""
 
@@ -315,14 +387,32 @@ def _compressed(eyes: Picture, quality: int) -> Picture:
     return found
 
 
-def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> dict[str, np.ndarray]:
-    """Return what was drawn: {output: (eyes, height, width[, components])}, read-only."""
-    width, height = lenses.size
+def _read(drawn: Mapping[str, Drawn], lenses: Optics) -> Pictures:
+    """Wait for what was drawn: {output: (eyes, height, width[, components])}, read-only."""
     found: dict[str, np.ndarray] = {}
     for name, place in drawn.items():
-        components, kind = READ[name]
-        shape = (len(lenses.eyes), height, width, *((components,) if components > 1 else ()))
-        array = found[name] = np.empty(shape, dtype=kind)
-        read(place.target, place.number, array.reshape(-1, *shape[2:]))
+        array = found[name] = _room(name, lenses)
+        read(place.target, place.number, array.reshape(-1, *array.shape[2:]))
         array.setflags(write=False)
-    return found
+    return lambda: found
+
+
+def _requested(card: Card, drawn: Mapping[str, Drawn], lenses: Optics) -> Pictures:
+    """Have the card send what was drawn, and return what waits for it."""
+    sent = {
+        name: card.request(place.target, place.number, _room(name, lenses))
+        for name, place in drawn.items()
+    }
+
+    def arrived() -> dict[str, np.ndarray]:
+        with card.context:
+            return {name: take() for name, take in sent.items()}
+
+    return arrived
+
+
+def _room(name: str, lenses: Optics) -> np.ndarray:
+    """Return an array for an output of all eyes."""
+    components, kind = READ[name]
+    more = (components,) if components > 1 else ()
+    return np.empty((len(lenses.eyes), *lenses.size[::-1], *more), dtype=kind)

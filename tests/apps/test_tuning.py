@@ -184,7 +184,7 @@ def test_the_other_joints_are_held_by_more_than_their_servos() -> None:
 
 def test_a_step_moves_its_joint_to_the_target_within_the_effort_limit() -> None:
     arm = load_arm("psm")
-    bench = StepBench(arm)
+    bench = StepBench(arm, dynamics="cad")
     for joint in arm.joints:
         trace = bench.step(joint.name)
         size = bench.step_size(joint.name)
@@ -260,7 +260,7 @@ def test_an_unknown_joint_is_answered_with_those_that_are_known() -> None:
 
 
 def test_a_gripper_has_no_motor_and_the_rest_of_its_arm_is_tuned_around_it() -> None:
-    bench = StepBench(load_arm("mtmr"))
+    bench = StepBench(load_arm("mtmr"), dynamics="cad")
     assert bench.joints == load_arm("mtmr").mechanism.joint_names[:-1]
     trace = bench.step("wrist_roll")
     assert trace.position[-1] == pytest.approx(

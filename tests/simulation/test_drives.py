@@ -16,7 +16,7 @@ from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.overlay import Overlay
 from trocar.errors import DescriptionError, InputError
 from trocar.modeling.options import ModelOptions
-from trocar.simulation.drives import Drives, spring_fields
+from trocar.simulation.drives import Drives, Springs, spring_fields
 
 Array = NDArray[np.float64]
 
@@ -48,18 +48,19 @@ def drives(world: World) -> Drives:
 def test_friction_never_gives_energy(rig: str, name: str, rng: np.random.Generator) -> None:
     world = World(rig, calibration=overlay(name, "stops"))
     bank = drives(world)
-    anchor, fields = bank.rest(), spring_fields(world.mj_model)
+    fields = spring_fields(world.mj_model)
+    springs = Springs(fields, np.zeros(bank.elements))
     qpos = world.mj_data.qpos.copy()
-    bank.begin(qpos, anchor, fields)
+    bank.begin(qpos, springs)
     arm = next(iter(world.arms.values()))
     couple, rows = world.joints.couple, bank.coordinates
     work = 0.0
     for _ in range(2000):
         step = couple @ (0.02 * rng.standard_normal(len(world.joints)))
         qpos = qpos + step
-        bank.renew(qpos, anchor, fields)
-        springs = bank.read(fields)
-        force = springs[0] * (rows @ qpos - springs[1])
+        bank.renew(qpos, springs)
+        stiffness, rest = bank.read(fields)
+        force = stiffness * (rows @ qpos - rest)
         work += float(force @ (rows @ step))
         assert work > -1e-9, arm.name
     assert work > 0.1
@@ -86,8 +87,9 @@ def test_a_released_arm_in_motion_only_loses_energy_by_friction() -> None:
         world.step()
         there.qpos[:], there.qvel[:] = data.qpos, data.qvel
         mujoco.mj_forward(model, there)
-        anchor, _ = world.save().drives or (np.zeros(0), None)
-        found.append(there.energy[1] + bank.stored(data.qpos, anchor))
+        saved = world.save().drives
+        assert saved is not None
+        found.append(there.energy[1] + bank.stored(data.qpos, saved[0]))
     energy = np.array(found)
     assert (np.diff(energy) < 1e-7).all()
     assert there.energy[1] < 1e-6 * energy[0]  # it stands still
@@ -97,16 +99,17 @@ def test_stop_elements_close_a_loop_of_their_own_width() -> None:
     world = World("psm", calibration=overlay("psm", "stops"))
     bank = drives(world)
     train = as_overlay("psm").dynamics.drivetrains["yaw"]  # type: ignore[union-attr]
-    anchor, fields = bank.rest(), spring_fields(world.mj_model)
+    fields = spring_fields(world.mj_model)
+    springs = Springs(fields, np.zeros(bank.elements))
     qpos = np.zeros(world.mj_model.nq)
-    bank.begin(qpos, anchor, fields)
+    bank.begin(qpos, springs)
     yaw = world.joints.names.index("PSM1/yaw")
     forces = []
     for angle in [*np.linspace(0.0, 0.5, 300), *np.linspace(0.5, 0.0, 300)]:
         qpos = world.joints.couple[:, yaw] * angle
-        bank.renew(qpos, anchor, fields)
-        springs = bank.read(fields)
-        own = springs[0] * (bank.coordinates @ qpos - springs[1])
+        bank.renew(qpos, springs)
+        stiffness, rest = bank.read(fields)
+        own = stiffness * (bank.coordinates @ qpos - rest)
         forces.append(float(own @ bank.coordinates @ world.joints.couple[:, yaw]))
     slipping = sum(
         k * limit for k, limit in zip(train.terms["stops"], train.stop_limits, strict=True)

@@ -338,7 +338,8 @@ class Draft:
         """
         model = self.spec.compile()
         for place in self._rig.arms:
-            for frame, leader, _ in followers(place.arm) if self._drives(place) else ():
+            driven = place.name not in self._options.locked and self._drives(place)
+            for frame, leader, _ in followers(place.arm) if driven else ():
                 one, other = (model.joint(naming.scoped(place.name, f)) for f in (frame, leader))
                 for field, k, m in (
                     (model.dof_invweight0, one.dofadr, other.dofadr),

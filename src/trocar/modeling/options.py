@@ -78,8 +78,8 @@ STOP_STEPS = 2.0
 #: Stiffness and damping of what a jaw holds a prop by, as MuJoCo's negative solref, in squared
 #: steps and steps. Source: measured on a needle that is carried about: it stays within nanometres.
 HOLD = (-16.0, -8.0)
-#: The same of contacts of a thread, whose links are too light for `CONTACT_STEPS`: contacts yield
-#: by accelerations. Source: measured: jaws press 0.2 mm of thread in by 10 um with 20 N; it slips
+#: The same of contacts of a thread, whose links are too light for `CONTACT_STEPS`: they yield by
+#: accelerations. Source: measured: jaws press 0.2 mm of thread in by 10 um with 20 N; it slips
 #: through with CONTACT_STEPS.
 THREAD = (-4.0, -4.0)
 #: Time constant of contacts in physics steps, and the cone's ratio: friction yields less than

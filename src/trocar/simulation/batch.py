@@ -30,7 +30,7 @@ from trocar.kinematics.inverse import nearest_solution
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.computed_torque import ComputedTorque
-from trocar.simulation.drives import SPRING_FIELDS, SpringFields, spring_fields
+from trocar.simulation.drives import SPRING_FIELDS, SpringFields, Springs, spring_fields
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
@@ -141,8 +141,11 @@ class Batch:
         self._drives, self._trains = world.drives, first.drives
         if self._drives is not None and self._trains is not None:
             own = [self._expanded(name) for name in SPRING_FIELDS]
-            self._fields = [SpringFields(*rows) for rows in zip(*own, strict=True)]
-            self._anchor = np.stack([self._trains[0]] * self.n)
+            anchor, _, slips = self._trains
+            self._springs = [
+                Springs(SpringFields(*rows), anchor.copy(), slips)
+                for rows in zip(*own, strict=True)
+            ]
         self._computed = self._servos["computed"].astype(np.bool_) & self._on
         self._computed_torque = ComputedTorque(self._table, self._model)
         self._nominal = spring_fields(self._model)
@@ -209,9 +212,8 @@ class Batch:
             for world in which.tolist() if self._errors else ():
                 self._errors[world].load(self._error_state)
             if self._drives is not None and self._trains is not None:
-                self._anchor[which] = self._trains[0]
                 for world in which.tolist():
-                    self._drives.write(self._fields[world], self._trains[1])
+                    self._drives.load(self._springs[world], self._trains)
         return self.read()
 
     def step(
@@ -259,8 +261,7 @@ class Batch:
             left -= run
             if self._drives is not None:
                 for world in np.flatnonzero(self._periods % self._drives.every == 0).tolist():
-                    here = self._qpos[world], self._anchor[world]
-                    self._drives.renew(*here, self._fields[world])
+                    self._drives.renew(self._qpos[world], self._springs[world])
             for world, errors in enumerate(self._errors):
                 if self._periods[world] % errors.every == 0:
                     errors.step(self._found(self._numbers())[2][world], int(self._periods[world]))
@@ -466,7 +467,7 @@ class Batch:
         ctrl = self._ctrl.reshape(inputs.shape)
         for world in range(self.n):
             if self._drives is not None:
-                self._drives.write(self._nominal, self._drives.read(self._fields[world]))
+                self._drives.write(self._nominal, self._drives.read(self._springs[world].fields))
             acceleration = (inputs[world, :, 1] - self._before[world]) / self.timestep
             efforts = self._computed_torque.efforts(
                 (self._qpos[world], qvel[world]), ctrl[world], self._gains[world], acceleration

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from math import cos, sin
 from typing import NamedTuple
 
@@ -22,8 +23,8 @@ Array = NDArray[np.float64]
 #: of its first stop elements in this time, and twice as often costs 10 % of its speed. [s]
 PERIOD_S = 0.01
 #: A spring's stiffness where nothing yields [N m/rad or N/m]. Source: our own choice; a constant
-#: force is then a spring that begins far away, and changes by 1e-8 N m in 10 ms at 1 rad/s.
-LEAST = 1e-6
+#: force is then a spring that begins far away, and changes by 1e-12 N m in a radian.
+LEAST = 1e-12
 
 
 class SpringFields(NamedTuple):
@@ -37,6 +38,22 @@ class SpringFields(NamedTuple):
 
 #: Their names.
 SPRING_FIELDS = SpringFields._fields
+
+
+@dataclass
+class Springs:
+    """The springs of one world's model, and the stop elements that they stand for.
+
+    Attributes:
+        fields: of the model
+        anchor: coordinates at which the elements are unloaded, (S,)
+        slips: which slipped forwards, then which backwards, when the springs were written; None
+            where they were not
+    """
+
+    fields: SpringFields
+    anchor: Array
+    slips: bytes | None = None
 
 
 class Drives:
@@ -105,6 +122,7 @@ class Drives:
             for d, scale, train in trains
             if "cable" in train.terms
         ]
+        self._curved = bool(self._waves or self._cables)
         # One product for all: where elements and drives are; slopes and forces by what yields.
         most, count = len(stops), len(found)
         scales = np.array([scale for _, scale, *_ in stops])
@@ -123,6 +141,9 @@ class Drives:
         # What `renew` computes with, and views of its parts: each call of numpy costs 1 us.
         self._by, self._found = np.ones(3 * most + count + 1), np.zeros(2 * count)
         self._z, self._sticks = self._by[:most], self._by[most : 2 * most]
+        self._slips = np.zeros((2, most), np.bool_)
+        self._ahead, self._behind = self._slips
+        self._none = self._slips.tobytes()
         self._at = self._by[2 * most : -1]
         self._elements, self._x, self._moved = self._at[:most], self._at[most:], np.zeros(most)
         self._slope, self._force = self._found[:count], self._found[count:]
@@ -130,39 +151,57 @@ class Drives:
         self._of_hinges = self._slope[:alone], self._force[:alone]
         self._of_tendons = self._slope[alone:], self._force[alone:, None]
 
-    def rest(self) -> Array:
-        """Return anchors to begin with, (S,): coordinates at which stop elements are unloaded."""
-        return np.zeros(len(self._owner))
+    @property
+    def elements(self) -> int:
+        """Number of stop elements."""
+        return len(self._owner)
 
-    def begin(self, qpos: Array, anchor: Array, fields: SpringFields, arm: str = "") -> None:
+    def begin(self, qpos: Array, springs: Springs, arm: str = "") -> None:
         """Unload the stop elements of an arm, of all without a name, where the joints are."""
         which = np.array([arm in ("", naming.owner(name)) for name in self._names], np.bool_)
-        at, of_arm = self._where.dot(qpos)[: len(anchor)], which[self._owner]
-        anchor[of_arm] = at[of_arm]
-        self.renew(qpos, anchor, fields)
+        at, of_arm = self._where.dot(qpos)[: len(self._owner)], which[self._owner]
+        springs.anchor[of_arm], springs.slips = at[of_arm], None
+        self.renew(qpos, springs)
 
-    def renew(self, qpos: Array, anchor: Array, fields: SpringFields) -> None:
+    def renew(self, qpos: Array, springs: Springs) -> None:
         """Move the stop elements along to where the joints are, and renew the springs there.
 
         Args:
             qpos: coordinates of the model, (nq,)
-            anchor: coordinates at which the elements are unloaded, (S,); overwritten
-            fields: of the model, overwritten
+            springs: of the world, overwritten
         """
-        z, moved, slope, force = self._z, self._moved, self._slope, self._force
+        anchor, z, moved = springs.anchor, self._z, self._moved
         self._where.dot(qpos, out=self._at)
         np.subtract(self._elements, anchor, out=moved)
+        np.greater(moved, self._limit, out=self._ahead)
+        np.less(moved, self._opposite, out=self._behind)
+        slips = self._slips.tobytes()
+        same = slips == springs.slips and not self._curved
+        if same and slips == self._none:
+            return  # all yield as springs do
         np.minimum(moved, self._limit, out=z)
         np.maximum(z, self._opposite, out=z)
-        np.equal(moved, z, out=self._sticks)
         np.subtract(self._elements, z, out=anchor)
+        if same:
+            return  # what slips goes on with the same force
+        springs.slips, slope, force = slips, self._slope, self._force
+        np.equal(moved, z, out=self._sticks)
         self._gain.dot(self._by, out=self._found)
-        if self._waves or self._cables:
+        if self._curved:
             self._add_curves(self._x, slope, force)
             np.maximum(slope, LEAST, out=slope)
         np.divide(force, slope, out=force)
         np.subtract(self._x, force, out=force)
-        self._write(fields)
+        self._write(springs.fields)
+
+    def save(self, springs: Springs) -> tuple[Array, Array, bytes | None]:
+        """Return anchors, springs as `read` returns them, and which elements slipped."""
+        return springs.anchor.copy(), self.read(springs.fields), springs.slips
+
+    def load(self, springs: Springs, saved: tuple[Array, Array, bytes | None]) -> None:
+        """Restore what `save` returned."""
+        springs.anchor[:], found, springs.slips = saved
+        self.write(springs.fields, found)
 
     def read(self, fields: SpringFields) -> Array:
         """Return stiffness and rest position of every drive's spring in a model, (2, D)."""
@@ -188,20 +227,20 @@ class Drives:
         """Return the efforts that hold what is no friction: springs, cables and biases, (J,)."""
         held = self._elastic.dot(qpos)
         held += self._constant
-        if self._waves or self._cables:
+        if self._curved:
             force = np.zeros(len(self._along))
             self._add_curves(self.coordinates.dot(qpos), force.copy(), force)
             held += force.dot(self._along)
         return held
 
     def stored(self, qpos: Array, anchor: Array) -> float:
-        """Return the energy that the stop elements store [J]."""
+        """Return the energy that stop elements with anchors, (S,), store [J]."""
         z = self._where[: len(anchor)] @ qpos - anchor
         return float(0.5 * self._stops @ np.clip(z, self._opposite, self._limit) ** 2)
 
     def carried_over(self, old: Drives, anchor: Array) -> Array:
         """Return anchors from those of another model, by the drives' names, (S,)."""
-        found = self.rest()
+        found = np.zeros(len(self._owner))
         for d, name in enumerate(self._names):
             if name in old._names:
                 own, others = self._owner == d, old._owner == old._names.index(name)

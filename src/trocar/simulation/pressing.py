@@ -30,6 +30,9 @@ Index = NDArray[np.int64]
 #: A finger that comes this near to the surface until the next look is looked at in each step.
 #: Source: our own choice. [m]
 NEAR_M = 1e-4
+#: A finger is not looked at closely that this speed would not bring to the surface until the next
+#: look. Source: our own choice, the largest at which jaws do not pass through tissue. [m/s]
+FASTEST_M_S = 0.1
 #: Changes of the set of nodes that touch, until it is searched for with certainty. Source: our own
 #: choice; 1 to 5 are usual.
 CHANGES = 20
@@ -133,6 +136,8 @@ class Surface:
         held = self.rise @ back @ np.swapaxes(self.rise, 1, 2)
         #: With the places held where they are.
         self.compliance = compliance - held
+        #: No node rises by more than this times the largest displacement of a place.
+        self.most = float(np.abs(self.rise).sum(axis=2).max())
 
     def under(self, half: int, box: Array, reach: Array) -> Index:
         """Return the nodes of a half within half the edges of a box of its middle, (k,)."""
@@ -240,9 +245,11 @@ class Tools:
     ) -> None:
         """Note which of some fingers may touch the surface, as it is now, within a time [s]."""
         self.near = []
-        moving = np.zeros(6)
+        moving, highest = np.zeros(6), surface.most * float(np.abs(displaced).max())
         for row in rows:
             box, axes = self._box(pose, geom := self._geoms[row])
+            if box[2] - np.abs(axes[2]) @ self._half[row] > highest + FASTEST_M_S * time:
+                continue
             mujoco.mj_objectVelocity(self._model, self._data, GEOM, geom, moving, 0)
             near = NEAR_M + float(np.abs(moving[3:]).sum()) * time
             half = self._half[row] + near

@@ -353,9 +353,10 @@ class SoftTissue:
         x, y, z = (data.xpos[self._needle] - self.pose[:3, 3]).tolist()
         if not passed[0] and x * x + y * y + z * z > self._far:
             return  # the needle is nowhere near
-        tip = self._local(self._needle, self._tip)
         now = self._q.reshape(len(self.plan), -1, 3)[stitch]
-        if not passed[0]:
+        done = passed.tolist()
+        tip = np.zeros(3) if done[3] else self._local(self._needle, self._tip)
+        if not done[0]:
             if self._pressed(self._plates[stitch, 0]) > self.tissue.puncture:
                 self._puncture(0)
                 self._pass(0)
@@ -363,17 +364,19 @@ class SoftTissue:
             if beside and tip[2] < -ASTRAY_M and not self._astray and self._inside(tip):
                 self._astray = True
                 self._event("astray", offset=tip - now[0])
-        elif not passed[1]:
+        elif not done[1]:
             if side * (tip[1] - now[1, 1]) < 0.0:
                 self._pass(1)
-        elif not passed[2]:
+        elif not done[2]:
             wall = self._plates[stitch, 2 if side > 0.0 else 1]
             if self._pressed(wall) > self.tissue.puncture:
                 self._puncture(2 if side > 0.0 else 1)
             if side * (tip[1] - now[2, 1]) < 0.0:
                 self._pass(2)
-        elif not passed[3] and tip[2] > now[3, 2]:
+        elif not done[3] and tip[2] > now[3, 2]:
             self._pass(3)
+        if not done[0]:
+            return
         ends = data.qpos[self._beads[:, 0]] <= END_RAD - self.tissue.wire.arc
         for point in np.flatnonzero(passed & ~self.left[stitch] & ends):
             self._leave(int(point))
@@ -638,8 +641,10 @@ class SoftTissue:
         opened = list(self._opened)
         grips = list(self._grips)
         for row, jaw in enumerate(tools.jaws):
-            middle, apart = tools.between(row)
             mine = next((grip for grip in grips if grip.jaw == row), None)
+            if mine is None and not {2 * row, 2 * row + 1} & {*tools.near}:
+                continue
+            middle, apart = tools.between(row)
             pull = 0.0
             if mine is not None:
                 pull = float(np.linalg.norm(self._pulls[self._grips.index(mine)]))

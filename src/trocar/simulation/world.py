@@ -26,7 +26,7 @@ from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
-from trocar.simulation.drives import drives_of, spring_fields
+from trocar.simulation.drives import Springs, drives_of, spring_fields
 from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
 from trocar.simulation.grasps import Grasp, Grasps, GraspState
@@ -109,7 +109,7 @@ class State:
         scripts: objects whose scripts run
         grasps: of each jaw that may hold something
         errors: of the robots' readings, None for none
-        drives: of identified drivetrains, anchors of their stop elements and springs
+        drives: of identified drivetrains, as `Drives.save` returns it
         tissues: of each soft tissue
     """
 
@@ -128,7 +128,7 @@ class State:
     scripts: tuple[str, ...] = ()
     grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
     errors: Mapping[str, Any] | None = None
-    drives: tuple[Array, Array] | None = None
+    drives: tuple[Array, Array, bytes | None] | None = None
     tissues: Mapping[str, TissueState] = field(default_factory=dict[str, TissueState])
 
 
@@ -452,7 +452,7 @@ class World:
         if self.servos.errors is not None:
             self.servos.errors.begin()
         if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._anchor, self._fields)
+            self.drives.begin(self._data.qpos, self._springs)
         mujoco.mj_forward(self._model, self._data)
         self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
         if self.drives is not None:
@@ -485,7 +485,7 @@ class World:
             scripts=self._scripts.running,
             grasps=self._grasps.save(),
             errors=None if self.servos.errors is None else self.servos.errors.save(),
-            drives=self.drives and (self._anchor.copy(), self.drives.read(self._fields)),
+            drives=self.drives and self.drives.save(self._springs),
             tissues={name: tissue.save() for name, tissue in self.tissues.items()},
         )
 
@@ -519,8 +519,7 @@ class World:
             self.servos.errors.load(state.errors)
             self.frames.register(self.servos.errors.registration)
         if self.drives is not None and state.drives is not None:
-            self._anchor[:], springs = state.drives
-            self.drives.write(self._fields, springs)
+            self.drives.load(self._springs, state.drives)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
         self._sensors.load(state.sensors, self.rng)
@@ -572,7 +571,7 @@ class World:
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
         if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._anchor, self._fields, name)
+            self.drives.begin(self._data.qpos, self._springs, name)
         self._balance()
 
     @command
@@ -607,7 +606,7 @@ class World:
         self._grasps.let_go(arm=name)
         grasps = self._grasps.save()
         before, motors = (self._model, self._data, self.servos), arm.motors
-        trains = self.drives, self._anchor
+        trains = self.drives, self._springs
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
         for other in self.arms.values():
@@ -633,8 +632,8 @@ class World:
         if errors is not None:
             errors.begin()
         if self.drives is not None and trains[0] is not None:
-            self._anchor[:] = self.drives.carried_over(trains[0], trains[1])
-            self.drives.begin(self._data.qpos, self._anchor, self._fields, name)
+            self._springs.anchor[:] = self.drives.carried_over(trains[0], trains[1].anchor)
+            self.drives.begin(self._data.qpos, self._springs, name)
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -841,8 +840,8 @@ class World:
         self._true = self.frames if errors is None else Frames(self.rig, *physics)
         #: Drivetrains of identified dynamics, None without; where they are, their stop elements.
         self.drives = drives_of(self.rig, self.joints, self._model, self.options.friction)
-        self._anchor = self.drives.rest() if self.drives else np.zeros(0)
-        self._fields = spring_fields(self._model)
+        elements = 0 if self.drives is None else self.drives.elements
+        self._springs = Springs(spring_fields(self._model), np.zeros(elements))
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         #: Coordinates of each pose that a reset has put the arms at; closing loops takes time.
         self._placed: dict[str, Array] = {}
@@ -883,6 +882,7 @@ class World:
         left, bad, stride = count, self._alarms, self._stride
         errors, drives = self.servos.errors, self.drives
         tissues = tuple(self.tissues.values())
+        every = min((tissue.every for tissue in tissues), default=1)
         computed = np.count_nonzero(self.servos.computed) > 0
         fine = errors.every if errors is not None else drives.every if drives is not None else 0
         looks, renewal = self._looks, self._renewal
@@ -910,17 +910,21 @@ class World:
                     count = 1
                 if scripts.running:
                     scripts.call(self)
-                for tissue in tissues:
-                    tissue.apply()
+                if scripts.running:
+                    count = 1
+                if tissues:
+                    count = min(count, every - journal.period % every)
                 if tissues or scripts.running:
                     mujoco.mj_getState(model, data, self._before, STEPPED)
-                    count = 1
-                mujoco.mj_step(model, data, count)
+                if tissues:
+                    self._step_tissues(count)
+                else:
+                    mujoco.mj_step(model, data, count)
                 journal.period += count
                 journal.time = data.time
                 run -= count
                 if drives is not None and journal.period % drives.every == 0:
-                    drives.renew(data.qpos, self._anchor, self._fields)
+                    drives.renew(data.qpos, self._springs)
                 if errors is not None and journal.period % errors.every == 0:
                     errors.step(self.servos.true()[2], journal.period)
                 if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
@@ -932,6 +936,14 @@ class World:
                         tissue.look()
                 for observer, _ in self._observers:
                     observer()
+
+    def _step_tissues(self, count: int) -> None:
+        """Step the physics with the forces of soft tissue."""
+        tissues = tuple(self.tissues.values())
+        for _ in range(count):
+            for tissue in tissues:
+                tissue.apply()
+            mujoco.mj_step(self._model, self._data)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.
@@ -986,7 +998,7 @@ class World:
         mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
         self._bad[:] = 0
         for _ in range(self._renewal):
-            mujoco.mj_step(self._model, self._data)
+            self._step_tissues(1)
             if self._bad[list(BAD)].any():
                 break
         self.journal.time = self._data.time

@@ -35,16 +35,19 @@ def smooth(count: int, period_s: float) -> tuple[Array, Array]:
     return MIDDLES + AMPLITUDES * np.sin(phase), AMPLITUDES * turn * np.cos(phase)
 
 
-@pytest.fixture(scope="module")
-def recorded() -> tuple[Array, Array, Array]:
+def swung(world: World) -> tuple[Array, Array, Array]:
     """What a simulated arm did in two seconds, at 200 Hz: positions, velocities, efforts."""
-    world = World("psm")
     q, v = smooth(2001, world.timestep)
     world.set_state("PSM1", q[0], v[0])
     played = world.play({"PSM1": q[1:]}, {"PSM1": v[1:]}, every=1)
     tables = (played.positions["PSM1"], played.velocities["PSM1"], played.efforts["PSM1"])
     rows = [table[PERIODS - 1 :: PERIODS] for table in tables]
     return rows[0], rows[1], rows[2]
+
+
+@pytest.fixture(scope="module")
+def recorded() -> tuple[Array, Array, Array]:
+    return swung(World("psm"))
 
 
 @pytest.fixture
@@ -65,8 +68,13 @@ def test_an_arm_that_follows_its_own_recording_does_the_same(log: Path) -> None:
         assert (report.effort_relative_rms[joint] or 0.0) < 0.2
 
 
-def test_recorded_efforts_open_loop_repeat_the_recorded_motion(log: Path) -> None:
-    report = replay(log, settings=ReplaySettings(mode="effort", window_s=0.1))
+def test_recorded_efforts_open_loop_repeat_the_recorded_motion(
+    write_psm_log: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Without stop elements, which each window begins with unloaded."""
+    log = write_psm_log(tmp_path / "log.csv.gz", *swung(World("psm", dynamics="cad")))
+    settings = ReplaySettings(mode="effort", window_s=0.1, calibration="cad")
+    report = replay(log, settings=settings)
     for joint in JOINTS:  # 200 Hz samples of the effort leave this much out
         assert report.tracking_rms[joint] < (0.1e-3 if joint == "insertion" else 2e-3)
     assert max(report.effort_rms.values()) < 1e-12

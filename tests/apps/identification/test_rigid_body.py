@@ -15,7 +15,7 @@ from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import apparent_inertias, holding_efforts
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import ArmDescription
-from trocar.simulation.drives import drives_of, spring_fields
+from trocar.simulation.drives import Springs, drives_of, spring_fields
 
 
 def motion_of(arm: ArmDescription, rng: np.random.Generator, count: int = 20) -> JointMotion:
@@ -94,14 +94,14 @@ def test_the_simulation_has_every_force_of_the_identified_model(
     mj, data, joints = model.mj, mujoco.MjData(model.mj), model.joints
     drives = drives_of(model.rig, joints, mj, "identified")
     assert drives is not None
-    anchor, fields = drives.rest(), spring_fields(mj)
-    drives.begin(joints.couple @ motion.q[0], anchor, fields)
+    springs = Springs(spring_fields(mj), np.zeros(drives.elements))
+    drives.begin(joints.couple @ motion.q[0], springs)
     tendons = drives.coordinates[len(drives.coordinates) - mj.ntendon :]
     for k in range(len(motion.q)):
         data.qpos[:] = joints.couple @ motion.q[k]
         data.qvel[:] = joints.couple @ motion.qd[k]
         data.qacc[:] = joints.couple @ motion.qdd[k]
-        drives.renew(data.qpos, anchor, fields)
+        drives.renew(data.qpos, springs)
         mujoco.mj_fwdPosition(mj, data)
         mujoco.mj_fwdVelocity(mj, data)
         force = np.zeros(mj.nv)

@@ -109,14 +109,14 @@ class HandOver(Task):
 
     Attributes of a class:
         GIVE, TAKE: directions in which the left and the right arm hold it [rad]
-        TURNS: whether these turn with the object
-        RADIUS_M: of the circle that it is held at; 0: the circle of its rods
+        RADIUS_M: of the circle that it is held at, with directions in its own axes; 0: the circle
+            of its rods, with directions in the world
         RAISED_M: as `GRASP_M` of `Carry`, when it is lifted
         WAY_M, RELEASE_M, OPENING, LEVEL: as of `Carry`
         MEETING_M: where it is handed over [m]
     """
 
-    GIVE, TAKE, TURNS, RADIUS_M, RAISED_M = np.pi, 0.0, False, 0.0, 0.0
+    GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.0
     WAY_M, RELEASE_M, OPENING, LEVEL = 0.025, 0.002, 0.6, False
     MEETING_M = np.array([0.0, 0.0, 0.035])
     #: How far the one that gave goes aside. Source: our own choice. [m]
@@ -180,11 +180,13 @@ class HandOver(Task):
     def grasp(self, name: str, left: bool) -> tuple[Array, float]:
         """Return where an arm holds an object, and the direction along which its fingers close."""
         angle = self.GIVE if left else self.TAKE
-        if not self.RADIUS_M:
-            return rim(self, name, angle)
+        return self._arc(name, angle) if self.RADIUS_M else rim(self, name, angle)
+
+    def _arc(self, name: str, angle: float) -> tuple[Array, float]:
+        """Return a place on an object's circle, at an angle about its z axis, and the way there."""
         T = self.object_pose(name)
-        angle += float(np.arctan2(T[1, 0], T[0, 0])) if self.TURNS else 0.0
-        return T[:3, 3] + self.RADIUS_M * np.array([np.cos(angle), np.sin(angle), 0.0]), angle
+        way = T[:3, :3] @ [np.cos(angle), np.sin(angle), 0.0]  # of a needle that fell over, too
+        return T[:3, 3] + self.RADIUS_M * way, float(np.arctan2(way[1], way[0]))
 
     def _end(self, hand: Hand, goal: Goal, at: Array) -> Motion:
         """Bring the object to its goal in the end."""
@@ -247,7 +249,7 @@ class WallTransfer(HandOver):
 class NeedleHandOver(HandOver):
     """A needle goes from the left arm to the right one."""
 
-    GIVE, TAKE, TURNS = np.radians(150.0), np.radians(30.0), True
+    GIVE, TAKE = np.radians(150.0), np.radians(30.0)
     RADIUS_M, RAISED_M = NeedlePick.RADIUS_M, NeedlePick.GRASP_M
     OPENING, LEVEL = NeedlePick.OPENING, True
 
@@ -261,10 +263,7 @@ class NeedleRegrasp(NeedleHandOver):
     def hand_over(self, giver: Hand, taker: Hand, name: str, left: bool) -> Iterator[Array]:
         """Hand it over, and back."""
         yield from super().hand_over(giver, taker, name, left)
-        T = self.object_pose(name)
-        angle = self.AGAIN + float(np.arctan2(T[1, 0], T[0, 0]))
-        point = T[:3, 3] + self.RADIUS_M * np.array([np.cos(angle), np.sin(angle), 0.0])
-        yield from self._pass(taker, giver, point, angle)
+        yield from self._pass(taker, giver, *self._arc(name, self.AGAIN))
         yield from together(self, **{giver.arm: self._end(giver, *self.goals[0])})
 
 

@@ -45,7 +45,7 @@ def test_perfect_moves_bit_for_bit_as_no_errors_do() -> None:
     assert np.array_equal(row(plain), row(perfect))
     assert perfect.signature == plain.signature
     arm, true = perfect.arm("PSM1"), perfect.true_state("PSM1")
-    np.testing.assert_allclose(arm.readings(), [true.q, true.qd, true.effort], rtol=1e-15)
+    np.testing.assert_allclose(arm.readings(), [true.q, true.qd, true.effort], atol=1e-15)
     np.testing.assert_allclose(arm.measured_cp().T, true.cp.T, atol=1e-15)
 
 

@@ -74,7 +74,7 @@ def classic() -> dict[str, Any]:
 
 @pytest.fixture(params=["full_cart", "imported Classic", "imported Si"])
 def cart(request: pytest.FixtureRequest, tmp_path: Path) -> Cart:
-    world = {"collisions": False}
+    world = {"collisions": False, "dynamics": "cad"}
     if request.param == "full_cart":
         served = Served("full_cart", world=world, rate_hz=1000.0)
         return Cart(served, classic(), [*lab.PSM, *lab.TOOL["Classic"]], lab.ECM)

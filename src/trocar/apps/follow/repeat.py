@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from trocar import __version__
-from trocar.descriptions import RigDescription
+from trocar.descriptions import RigDescription, load_rig
 from trocar.descriptions.overlay import parse_overlay
 from trocar.errors import DivergedError, LogError, TrocarError
 from trocar.recording import Recorded, open_recording
@@ -148,12 +148,16 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f" trocar {__version__} lacks",
         )
     texts: dict[str, list[str]] = json.loads(about.get("calibration", "{}"))
+    given = isinstance(source, RigDescription)
+    described = source if given else load_rig(source)
+    # another rig may lack an arm, or carry its own overlay: the comparison below says so
+    open_to = {p.name for p in described.arms if not given or p.arm.overlay is None}
     overlays = {
         arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
         for arm, (name, text) in texts.items()
-        if not isinstance(source, RigDescription) or source.arm(arm).arm.overlay is None
+        if arm in open_to
     }
-    world = World(source, calibration=overlays or None, **arguments)
+    world = World(described, calibration=overlays or None, **arguments)
     found = rig_fingerprint(world.rig)
     if found != about["rig_fingerprint"]:
         raise LogError(

@@ -167,7 +167,10 @@ def test_a_held_thread_goes_on_from_a_saved_state_to_the_last_bit() -> None:
     world.step(100)
     row = world.save().row
     other = held_in_a_jaw()
-    other.step(100)
+    for _ in range(10):  # whoever looks does not change it
+        other.step(10)
+        other.snapshot()
+        assert other.threads["thread"].tension().shape == (14,)
     assert np.array_equal(other.save().row, row)
     other.reset()
     other.load(saved)

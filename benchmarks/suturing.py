@@ -135,9 +135,9 @@ def _sewn(task: Suturing, seed: int) -> Row:
     """Return what came of an episode, and the processor time of it and of its physics [s]."""
     step, spent = task.world.step, [0.0]
 
-    def timed(count: int) -> None:
+    def timed(n: int = 1) -> None:
         begin = time.process_time()
-        step(count)
+        step(n)
         spent[0] += time.process_time() - begin
 
     begin = time.process_time()

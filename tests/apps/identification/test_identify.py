@@ -24,6 +24,7 @@ from trocar.apps.identification import (
     read_motion,
 )
 from trocar.apps.identification.drivetrains import (
+    basis,
     described_trains,
     stop_elements,
     structure,
@@ -182,6 +183,22 @@ def test_hysteresis_is_that_of_positions_before_the_filters() -> None:
     )
     found = log.smooth(train_efforts({"yaw": train}, arm, log.motion))
     np.testing.assert_allclose(found, log.cut(log.effort), atol=1e-12)
+
+
+def test_coulomb_friction_of_a_simulated_log_has_the_signs_of_its_own_velocities() -> None:
+    """Filtered velocities change their signs at other times."""
+    arm, time = load_arm("ecm"), np.arange(1000)[:, None] / RATE_HZ
+    q = 0.1 * np.sin(time * [1.0, 2.0, 3.0, 4.0]) + [0.0, 0.2, 0.1, 0.0]
+    qd = np.cos(time) + 2.0 * np.cos(190.0 * time) + 0.0 * q  # 30 Hz, above the filter's 20
+    log = Log("made", RATE_HZ, q, qd, 0.0 * q, arm.mechanism.joint_names, np.eye(4))
+    train = Drivetrain({"yaw": 1.0}, {"coulomb": (0.0,)})
+    weight = np.eye(len(arm.joints))[0]
+    signs = [
+        basis(train, weight, filtered(replace(log, simulated=simulated), arm, SETTINGS).motion)
+        for simulated in (True, False)
+    ]
+    np.testing.assert_array_equal(signs[0][:, 0], np.sign(qd[:, 0]))
+    assert (signs[0] != signs[1]).any()
 
 
 def test_an_excitation_stays_in_limits_and_is_better_than_the_first() -> None:

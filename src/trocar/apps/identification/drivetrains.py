@@ -53,7 +53,8 @@ def basis(train: Drivetrain, weight: Array, motion: JointMotion) -> Array:
         if term == "rotor":
             columns.append(cdd)
         elif term == "coulomb":
-            columns.append(np.sign(cd))
+            rates = motion.unfiltered_rates
+            columns.append(np.sign(cd if rates is None else rates @ weight))
         elif term == "viscous":
             columns.append(cd)
         elif term == "offset":

@@ -55,6 +55,7 @@ class Log:
         q, qd, effort: (k, n) [rad or m, per s, N m or N]; n joints of `recorded_joints`
         columns: names of the efforts as they are compared: joints, or motors where the log has them
         joint_from_column: q = joint_from_column @ column positions, (n, n)
+        simulated: whether velocities have no noise, so that their signs are those of the motion
     """
 
     file: str
@@ -64,6 +65,7 @@ class Log:
     effort: Array
     columns: tuple[str, ...]
     joint_from_column: Array
+    simulated: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ def read_motion(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
         )
     q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
-    log = Log(file, rate_hz, q, qd, effort, columns, matrix)
+    log = Log(file, rate_hz, q, qd, effort, columns, matrix, is_recording(path))
     _check_columns(log, arm)
     return log
 
@@ -196,6 +198,7 @@ def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> Filtere
         np.hstack([qd, still]),
         np.hstack([qdd, still]),
         np.hstack([log.q, rest]),
+        np.hstack([log.qd, still]) if log.simulated else None,
     )
     return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
 

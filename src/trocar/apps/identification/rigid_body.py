@@ -38,13 +38,15 @@ class JointMotion:
     """Joint positions, velocities and accelerations, (k, n) each [rad or m, per s, per s^2].
 
     Stop elements deflect along `unfiltered` positions where there are some: hysteresis of filtered
-    positions is not the filtered hysteresis.
+    positions is not the filtered hysteresis. Coulomb friction has the signs of `unfiltered_rates`
+    where there are some.
     """
 
     q: Array
     qd: Array
     qdd: Array
     unfiltered: Array | None = None
+    unfiltered_rates: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)

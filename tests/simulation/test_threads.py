@@ -224,6 +224,7 @@ def test_it_lies_along_a_curve_and_a_knot_holds_what_a_thread_that_passes_itself
         for point in thread.points():  # on chords of 0.4 mm of the curve
             assert np.linalg.norm(curve - point, axis=1).min() < 4e-4
         ends = [world.mj_model.body(name) for name in ("thread", "thread/59")]
+        points = thread.points()
         for k in range(60):
             points = thread.points()
             way = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])

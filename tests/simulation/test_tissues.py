@@ -15,6 +15,7 @@ from trocar.descriptions.table import parse_table
 from trocar.descriptions.tissues import Tissue, read_tissue
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.rotations import quaternion_from_matrix, rotation_z
+from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
 from trocar.simulation.batch import Batch
 from trocar.simulation.elastic import ElasticPad
@@ -236,24 +237,28 @@ def inside(world: World, points: NDArray[np.float64]) -> list[str]:
     return found
 
 
+def drawn_thread(world: World) -> NDArray[np.float64]:
+    """Return the points of the thread as it is drawn now."""
+    curve = {one.name: one for one in world.snapshot(arms=False).drawings}["pad_thread"]
+    assert isinstance(curve, DrawnCurve)
+    return curve.points
+
+
 def test_the_drawn_thread_stays_outside_of_jaws_and_needle(world: World) -> None:
     """Two points are left out: the thread begins in the needle. The jaw shuts on the thread."""
 
     def run() -> tuple[NDArray[np.float64], float]:
         pad_of(world)
         arm, moved = world.arms["PSM1"], 0.0
-        curve = {one.name: one for one in world.snapshot(arms=False).drawings}["pad_thread"]
-        middle, last = curve.points[30], curve.points
-        down = np.diag([1.0, -1.0, -1.0, 1.0])
-        down[:3, 3] = middle + np.array([0.0, 0.0, 0.0095])
-        local = np.linalg.inv(world.reference_pose("PSM1")) @ down
+        last = drawn_thread(world)
+        down = transform(np.diag([1.0, -1.0, -1.0]), last[30] + np.array([0.0, 0.0, 0.0095]))
+        local = inverse(world.reference_pose("PSM1")) @ down
         at = arm.local_inverse_kinematics(local, arm.motors.position[:-1])
         for opening in (0.6, 0.4, 0.2, 0.0):
-            world.set_state("PSM1", [*at, opening])
+            world.set_state("PSM1", np.append(at, opening))
             for _ in range(5):
                 world.step(4)
-                drawn = {one.name: one for one in world.snapshot(arms=False).drawings}
-                points = drawn["pad_thread"].points
+                points = drawn_thread(world)
                 assert inside(world, points[2:]) == []
                 moved = max(moved, float(np.abs(points - last).max()))
                 last = points
@@ -267,15 +272,15 @@ def test_the_drawn_thread_stays_outside_of_jaws_and_needle(world: World) -> None
 def test_the_drawn_thread_lies_on_the_tissue_as_it_bulges(world: World) -> None:
     tissue = pad_of(world)
     push(world, np.array([0.0, 0.0, 0.5]))
-    world.objects["needle"].set_cp([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.016], [0, 0, 0, 1]])
+    above, points = transform(np.eye(3), np.array([0.0, 0.0, 0.016])), np.zeros((0, 3))
     for _ in range(40):
+        world.objects["needle"].set_cp(above)
         world.step(20)
-        world.objects["needle"].set_cp([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.016], [0, 0, 0, 1]])
-        drawn = {one.name: one for one in world.snapshot(arms=False).drawings}
+        points = drawn_thread(world)
     push(world, np.zeros(3))
-    points, radius = drawn["pad_thread"].points, tissue.tissue.thread.radius
-    skin = drawn["pad_skin"].vertices
-    top = skin[np.isclose(tissue.pad.nodes[:, 2], 0.0)[: len(skin)].nonzero()[0]]
+    upper = np.isclose(tissue.pad.nodes[:, 2], 0.0)
+    top = (tissue.pad.nodes + tissue.displacements())[upper] + tissue.pose[:3, 3]
+    radius = tissue.tissue.thread.radius
     over = points[2:][(np.abs(points[2:, :2]) < [0.014, 0.016]).all(axis=1)]
     assert len(over) > 10 and top[:, 2].max() > 0.0105
     nearest = np.linalg.norm(over[:, None, :2] - top[:, :2], axis=2).argmin(axis=1)

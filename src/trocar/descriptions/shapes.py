@@ -133,8 +133,7 @@ def link_shape(thread: ChainThread) -> Shape:
     """Return the capsule of a thread's link, which is not drawn: a curve is."""
     x, radius, half = np.array([1.0, 0.0, 0.0]), 0.5 * thread.diameter, 0.5 * thread.link
     size, pose = np.array([radius, half, 0.0]), transform(_rotation_to(x), half * x)
-    look = {"visible": False, "friction": thread.friction}
-    return Shape("capsule", pose, size, thread.material, **look)
+    return Shape("capsule", pose, size, thread.material, visible=False, friction=thread.friction)
 
 
 def _read_material(table: Table) -> str:

@@ -97,7 +97,7 @@ def laid(name: str, thread: ChainThread, points: ArrayLike) -> tuple[Array, Arra
         InputError: other points, a curve shorter than the thread, or bent more than its joints
     """
     try:
-        curve = np.asarray(points, dtype=np.float64)
+        curve: Array = np.asarray(points, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         curve = np.zeros(0)
     if curve.ndim != 2 or curve.shape[1] != 3 or len(curve) < 2 or not np.isfinite(curve).all():

@@ -210,8 +210,8 @@ def test_moments_drawn_while_others_are_on_their_way_are_the_same_to_the_last_bi
     channels = Channels(True, True, True, ("PSM1/wrist_yaw",))
     with closing(Renderer(lambda: (moments[0][0].build, cart.shapes()), channels)) as renderer:
         found = list(renderer.render_each(iter(moments), "endoscope"))
-        for frame, moment in zip(found, moments, strict=True):
-            alone = renderer.render(*moment, "endoscope")
+        for frame, (now, cameras) in zip(found, moments, strict=True):
+            alone = renderer.render(now, cameras, "endoscope")
             for name in ("left", "right", "depth", "ids", "normals"):
                 assert (getattr(frame, name) == getattr(alone, name)).all()
             assert frame.visible["PSM1/wrist_yaw"] == pytest.approx(

@@ -106,7 +106,7 @@ class Scene:
     drop_height: float
     hidden: tuple[str, ...] = ()
     welded: tuple[str, ...] = ()
-    look: Mapping[str, Any] = field(default_factory=dict)
+    look: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
     def placed(self, rng: np.random.Generator) -> dict[str, Array]:
         """Draw where its objects begin, {object: T_world_object (4, 4)}.

@@ -90,6 +90,9 @@ def main(words: Sequence[str] | None = None) -> int:
         help="of vision, needle and held: images of this camera (default: both)",
     )
     parser.add_argument(
+        "--first", type=int, default=0, metavar="SEED", help="of vision, held: the first robot (0)"
+    )
+    parser.add_argument(
         "--workers", type=int, default=1, metavar="N", help="of vision, needle: processes (1)"
     )
     parser.add_argument(
@@ -234,7 +237,8 @@ def main(words: Sequence[str] | None = None) -> int:
                 styles = [args.style] if args.style else list(STYLES)
                 presets = [args.preset] if args.preset else list(GOALS)
                 if args.only == "held":
-                    found += held(count, styles, presets, watch)
+                    seeds = range(args.first, args.first + count)
+                    found += held(seeds, styles, presets, watch)
                 else:
                     found += needle_tracking(count, args.workers, styles, presets, watch)
             if args.only in (None, "tips"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import islice
@@ -120,15 +120,18 @@ def measure(setting: Setting) -> Outcome:
 
 
 def held(
-    seeds: int, styles: Collection[Style], presets: Collection[str], watch: Callable[[str], None]
+    seeds: Sequence[int],
+    styles: Collection[Style],
+    presets: Collection[str],
+    watch: Callable[[str], None],
 ) -> list[Figure]:
     """Track needles in jaws for a second: errors and their covariance, as in the whole run."""
     found: list[Figure] = []
     for style in styles:
         for preset in presets:
             runs: list[tuple[Array, list[float]]] = []
-            for seed in range(seeds):
-                watch(f"needle in jaws, {preset}, {style}, {seed + 1} of {seeds}")
+            for seed in seeds:
+                watch(f"needle in jaws, {preset}, {style}, seed {seed} of {seeds[-1]}")
                 stage, distance = _stage(Setting(preset, style, seed))
                 shots = run(stage, seed, distance, length=HIDDEN_S[0])
                 track = Track(shots, stage, seed, held=True)

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.served import served
 from trocar.cli import main
-from trocar.descriptions import load_arm, load_rig, load_tool, names, table
+from trocar.descriptions import catalogue, load_arm, load_rig, load_tool, names, table
 from trocar.descriptions.cameras import load_camera
 from trocar.descriptions.paper import errata, load_printed, printed_tables
 from trocar.descriptions.sensors import KINDS
@@ -223,6 +223,7 @@ def asked_for(monkeypatch: pytest.MonkeyPatch, folder: Path) -> dict[tuple[str, 
         note(self, key)
         return contains(self, key)
 
+    catalogue._shipped_arm.cache_clear()  # another test may have read them
     monkeypatch.setattr(table.Table, "raw", noted_raw)
     monkeypatch.setattr(table.Table, "__contains__", noted_contains)
     monkeypatch.setattr(table.Table, "_keys", noted_keys)

@@ -167,7 +167,10 @@ def test_a_held_thread_goes_on_from_a_saved_state_to_the_last_bit() -> None:
     world.step(100)
     row = world.save().row
     other = held_in_a_jaw()
-    other.step(100)
+    for _ in range(10):  # whoever looks does not change it
+        other.step(10)
+        other.snapshot()
+        assert other.threads["thread"].tension().shape == (14,)
     assert np.array_equal(other.save().row, row)
     other.reset()
     other.load(saved)
@@ -183,6 +186,24 @@ def test_where_it_is_put_it_lies_straight() -> None:
     assert points[-1] - points[0] == pytest.approx([0.06, 0.0, 0.0], abs=1e-9)
     world.step()
     assert world.grasps()["PSM1"].object == ""
+
+
+def test_it_falls_onto_a_bar_and_hangs_over_it() -> None:
+    bar = """
+[[prop]]
+name = "bar"
+shape = [{ kind = "capsule", from_mm = [-20, 300, 200], to_mm = [20, 300, 200], radius_mm = 3 }]
+"""
+    text = HELD.replace("0.05", "0.5") + "xyz_mm = [0, 270, 204]\nrpy_deg = [0, 0, 90]\n"
+    world = World(rig(bar + text))
+    deepest = 0.0
+    for _ in range(100):
+        world.step(10)
+        deepest = min(deepest, float(world.mj_data.contact.dist.min(initial=0.0)))
+    points = world.threads["thread"].points()
+    assert deepest > -5e-5
+    assert (np.hypot(points[:, 1] - 0.3, points[:, 2] - 0.2) > 0.003).all()
+    assert points[:, 2].max() > 0.203 and points[[0, -1], 2].max() < 0.19
 
 
 def overhand_knot() -> np.ndarray:

@@ -62,6 +62,7 @@ LONG = (
     "peg-board",
     "pick-place",
     "suturing",
+    "thread-knot",
     "visual-servoing",
 )
 

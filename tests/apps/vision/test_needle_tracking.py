@@ -12,7 +12,7 @@ from trocar.apps.vision.needle_fit import NeedleFit, change, moved
 from trocar.apps.vision.needle_search import flipped
 from trocar.cameras import StereoCalibration
 from trocar.errors import InputError
-from trocar.geometry import inverse, matrix_from_rotation_vector
+from trocar.geometry import inverse, matrix_from_rotation_vector, transform_points
 from trocar.geometry.se3 import transform
 
 pytest.importorskip("cv2", reason="needs the extra vision")
@@ -117,6 +117,29 @@ def test_half_an_arc_is_enough_to_follow(eyes: StereoCalibration) -> None:
     shift, turn = errors(found.T_left_needle, truth)
     # Source of the bounds: the project's goals.
     assert found.status == "tracking" and shift < 0.8 and turn < 4.0
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_shadow_beside_the_point_does_not_turn_the_needle(
+    eyes: StereoCalibration, side: float
+) -> None:
+    rng, truth, both = np.random.default_rng(6), before_the_eyes(0.05), Eyes(eyes)
+    images = drawn(eyes, truth, rng)
+    angles = NEEDLE.arc * np.linspace(0.82, 1.0, 80)
+    points = transform_points(truth, NEEDLE.points(angles))
+    half = NEEDLE.half_width(angles) * both.focal / truth[2, 3]
+    for eye, image in enumerate(images):
+        pixels = both.project(points, eye)
+        ahead = np.gradient(pixels, axis=0)
+        across = np.stack([-ahead[:, 1], ahead[:, 0]], 1) / np.linalg.norm(ahead, axis=1)[:, None]
+        for off in np.arange(0.7, 9.0, 0.3):
+            u, v = np.round(pixels + side * (half + off)[:, None] * across).astype(int).T
+            image[v, u] = (60, 35, 30)
+    tracker = NeedleTracker(eyes, NEEDLE)
+    tracker.start(-1.0, truth, np.diag([1e-6] * 3 + [0.01] * 3))
+    T = [tracker.update(0.1 * k, *images).T_left_needle for k in range(8)][-1]
+    assert T is not None
+    assert np.degrees(np.arccos(T[:3, 2] @ truth[:3, 2])) < 0.4  # 0.7 and 0.5 if the point counts
 
 
 def test_a_needle_that_is_never_seen_is_searched_on(eyes: StereoCalibration) -> None:

@@ -60,7 +60,8 @@ AROUND, BESIDE, ALMOST, GRIP = 0.6, 0.4, 0.16, -0.349
 GENTLE_RAD_S = 0.5
 #: Height above the surface before a stitch. Source: our own choice. [m]
 CLEAR_M = 0.006
-#: Looks at a needle in the jaws whose mean is taken. Source: our own choice.
+#: Looks at a needle in the jaws whose mean is taken, and at one that was missed. Source: our own
+#: choice.
 LOOKS = 3
 #: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice.
 #: [rad]
@@ -219,7 +220,11 @@ class Sewing:
         """Pick the needle up, again where that fails; return how it is held."""
         for attempt in range(TRIES):
             self.op.announce("pick" if attempt == 0 else f"pick again ({attempt + 1})")
-            seen = self._see()
+            sights = [self._see()]
+            for _ in range(LOOKS - 1 if attempt else 0):
+                yield from self.rest(PERIOD_S)
+                sights.append(self._see())
+            seen = _mean(sights)
             if seen[2, 2] * self.op.plan.stitches[0].grips[0].along > 0.0:
                 self.op.announce("the needle lies on its other side: plan again")
                 self.op.make_plan()
@@ -468,8 +473,7 @@ class Sewing:
         for _ in range(LOOKS - 1):
             yield from self._one(hand, hand.wait(PERIOD_S))
             looks.append(self._held(hand))
-        apart = np.array([log_transform(inverse(held) @ one) for one in looks])
-        return held @ exp_twist(apart.mean(axis=0))
+        return _mean(looks)
 
     def _held(self, hand: NeedleHand) -> Array:
         """Return the pose of a hand's tip in the needle's frame as it is measured, (4, 4)."""
@@ -478,6 +482,12 @@ class Sewing:
         held = inverse(needle) @ self.task.world.arms[hand.arm].tip_in_world().T
         turn = matrix_from_rotation_vector(noise.held_turn * rng.normal(size=3))
         return transform(turn, noise.held * rng.normal(size=3)) @ held
+
+
+def _mean(poses: list[Array]) -> Array:
+    """Return the mean of poses that are near to each other, (4, 4)."""
+    apart = np.array([log_transform(inverse(poses[0]) @ one) for one in poses])
+    return poses[0] @ exp_twist(apart.mean(axis=0))
 
 
 def _raised(T: Array, height: float) -> Array:

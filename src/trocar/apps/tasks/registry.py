@@ -9,6 +9,7 @@ from typing import Any
 from trocar.apps.task import Task
 from trocar.apps.tasks.dynamic import BandPull, BarCarry, Pendulum, Push, Stack, TrayCarry
 from trocar.apps.tasks.reach import ActiveTrack, Reach, Track
+from trocar.apps.tasks.thread import ThreadHandOver, ThreadKnot
 from trocar.apps.tasks.transfer import (
     HandOver,
     NeedleHandOver,
@@ -17,7 +18,6 @@ from trocar.apps.tasks.transfer import (
     PegBoard,
     PickPlace,
     Retrieve,
-    ThreadHandOver,
     WallTransfer,
 )
 from trocar.descriptions.catalogue import load_scene
@@ -37,6 +37,7 @@ TASKS: dict[str, type[Task] | str] = {
     "needle-handover": NeedleHandOver,
     "needle-regrasp": NeedleRegrasp,
     "thread-handover": ThreadHandOver,
+    "thread-knot": ThreadKnot,
     "retrieve": Retrieve,
     "push": Push,
     "stack": Stack,

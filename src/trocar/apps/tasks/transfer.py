@@ -267,58 +267,6 @@ class NeedleRegrasp(NeedleHandOver):
         yield from together(self, **{giver.arm: self._end(giver, *self.goals[0])})
 
 
-class ThreadHandOver(Task):
-    """One arm lifts a thread by its beginning, the other takes it farther along and carries it."""
-
-    #: Where along the thread the left and the right arm hold it, and how far above its middle.
-    #: Source: our own choice. [m]
-    GIVE_M, TAKE_M, RAISED_M = 0.006, 0.03, 0.001
-    #: Height of the way, where the left arm holds it out, opening of the jaws. Source: our own
-    #: choice. [m, m, rad]
-    WAY_M, MEETING_M, OPENING = 0.02, np.array([-0.018, 0.0, 0.034]), 0.6
-
-    def policy(self) -> Iterator[Array]:
-        """Yield the actions of the scripted policy."""
-        taker, giver = (Hand(self, arm) for arm in self.arms)
-        goal, at = self.goals[0]
-        for _ in range(TRIES):
-            if self.met(goal, at):
-                break
-            if self.held(taker.arm) != goal.object:
-                yield from together(self, **{giver.arm: self._give(giver, goal.object)})
-                take = taker.take(
-                    goal.object, lambda: self.middle(goal.object, self.TAKE_M), 0.004, self.OPENING
-                )
-                yield from together(self, **{taker.arm: take})
-                yield from together(self, **{giver.arm: self._leave(giver)})
-            carry = taker.shift(self.place(goal, at) - self.object_pose(goal.object)[:3, 3])
-            yield from together(self, **{taker.arm: carry})
-            yield from together(self, **{taker.arm: taker.wait(2.0 * SETTLED_S)})
-
-    def _give(self, hand: Hand, name: str) -> Motion:
-        """Lift a thread by its beginning and hold it out."""
-        grip = lambda: self.middle(name, self.GIVE_M)  # noqa: E731
-        yield from hand.take(name, grip, self.WAY_M, self.OPENING)
-        yield from hand.shift(self.MEETING_M - self.middle(name, self.GIVE_M)[0])
-        yield from hand.wait(SETTLED_S)
-
-    def _leave(self, hand: Hand) -> Motion:
-        """Let go of the thread, go up and aside."""
-        yield from hand.open(self.OPENING)
-        yield from hand.shift(self.WAY_M * UP)
-        yield from hand.shift(np.array([-HandOver.ASIDE_M, 0.0, 0.0]))
-
-    def middle(self, name: str, along: float) -> tuple[Array, float]:
-        """Return the place of a thread so far from its beginning, and the direction across it."""
-        thread = self.world.threads[name]
-        points = thread.points()
-        number = along / thread.thread.link
-        first = min(int(number), len(points) - 2)
-        way = points[first + 1] - points[first]
-        point = points[first] + (number - first) * way + self.RAISED_M * UP
-        return point, float(np.arctan2(way[1], way[0])) + 0.5 * np.pi
-
-
 def across(T: Array) -> float:
     """Return the angle of an object's y axis about the world's z [rad]: along it jaws close."""
     return float(np.arctan2(T[1, 1], T[0, 1]))

@@ -45,8 +45,9 @@ REACH_M, ALONG_M = 0.0024, 0.00006
 #: no more be seen [px]. Source: measured on rendered needles.
 END_RAD, POINT_PX = np.deg2rad(1.5), 1.2
 #: Profiles of the point, where the wire is thinner than what it is matched with, slide towards a
-#: shadow beside it: they weigh nothing from this share of the wire's width on. Source: 20 rendered
-#: needles, one of which was 3 degrees off by two profiles.
+#: shadow beside it: in the filter they weigh nothing from this share of the wire's width on. A
+#: search needs them: they tell poses apart. Source: 20 rendered needles, one of which was 3 degrees
+#: off by two profiles.
 THIN = 0.5
 #: Evidence is cut off here: glints and shadows. Source: our own choice.
 DARK, BRIGHT = -0.6, 1.6
@@ -147,6 +148,9 @@ class NeedleFit:
     Args:
         eyes: the cameras
         needle: its dimensions
+
+    Attributes:
+        thick: weight of each profile, both eyes', by how thick the wire is there
     """
 
     def __init__(self, eyes: Eyes, needle: Needle) -> None:
@@ -154,7 +158,8 @@ class NeedleFit:
         self.angles = np.linspace(0.0, needle.arc, PROFILES + 2)[1:-1]
         self._halves = needle.half_width(self.angles)
         self._half = float(np.median(self._halves))
-        self._thick = np.clip((self._halves / self._half - THIN) / (1.0 - THIN), 0.0, 1.0)
+        thick = np.clip((self._halves / self._half - THIN) / (1.0 - THIN), 0.0, 1.0)
+        self.thick = np.tile(thick, 2)
         self._around = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
         self._rim = _box(-0.5 * RIM, 0.5 * RIM)
         self._limit = np.array(eyes.size) - 1.0
@@ -270,7 +275,6 @@ class NeedleFit:
             np.clip((b - 0.3) / 0.3, 0.0, 1.0)
             * np.clip((0.75 - beside) / 0.25, 0.0, 1.0)
             * ((best > 0) & (best < 2 * most))
-            * self._thick
             * self._known(line.pixels, length + 2.0, covers)
         )
         by_point = (line.normals[:, :, None] @ line.jacobian)[:, :, 0]

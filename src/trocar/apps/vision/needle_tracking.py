@@ -269,7 +269,8 @@ class NeedleTracker:
             by_bias[:count, 0:2], by_bias[count:, 2:4] = rows.normal[:count], rows.normal[count:]
             rest = rows.offset - by_bias @ bias
             limit = max(1.5, 0.25 * length if k == 0 else 0.0)
-            weight = rows.weight * np.minimum(1.0, limit / np.maximum(np.abs(rest), 1e-6))
+            pull = np.minimum(1.0, limit / np.maximum(np.abs(rest), 1e-6))
+            weight = rows.weight * fit.thick * pull
             H = np.concatenate([rows.jacobian, by_bias], axis=1)
             scaled = (H * weight[:, None]).T * (WORTH / SIGMA_PX**2)
             A, b = scaled @ H, scaled @ rest

@@ -14,7 +14,7 @@ from trocar.simulation import World
 
 @pytest.fixture
 def loop() -> Loop:
-    return Loop(World("psm"), speed="max")
+    return Loop(World("psm", dynamics="cad"), speed="max")
 
 
 def after(loop: Loop, duration_s: float, *commands: Command):

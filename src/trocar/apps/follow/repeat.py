@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from trocar import __version__
-from trocar.descriptions import RigDescription
+from trocar.descriptions import RigDescription, load_rig
 from trocar.descriptions.overlay import parse_overlay
 from trocar.errors import DivergedError, LogError, TrocarError
 from trocar.recording import Recorded, open_recording
@@ -147,11 +147,13 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f"trocar {about['trocar']} recorded world options {', '.join(sorted(strange))} that"
             f" trocar {__version__} lacks",
         )
+    described = source if isinstance(source, RigDescription) else load_rig(source)
+    bare = {place.name for place in described.arms if place.arm.overlay is None}
     texts: dict[str, list[str]] = json.loads(about.get("calibration", "{}"))
     overlays = {
         arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
         for arm, (name, text) in texts.items()
-        if not isinstance(source, RigDescription) or source.arm(arm).arm.overlay is None
+        if arm in bare
     }
     world = World(source, calibration=overlays or None, **arguments)
     found = rig_fingerprint(world.rig)

@@ -21,6 +21,7 @@ from trocar.apps.identification.rigid_body import parameters
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.overlay_records import Dynamics, Overlay
+from trocar.descriptions.records import DynamicsKind
 from trocar.simulation import World
 from trocar.simulation.jaw import Jaw
 
@@ -128,12 +129,15 @@ def _open_loop(file: Path) -> list[Figure]:
     effort = log.effort @ np.linalg.inv(log.joint_from_column)
     span = np.ptp(log.q, axis=0)[: len(OPEN)]
     found: list[Figure] = []
-    for label, dynamics, most in (("identified", None, FOLLOWS), ("CAD", "cad", None)):
+    sets: tuple[tuple[DynamicsKind, float | None], ...] = (("identified", FOLLOWS), ("cad", None))
+    for dynamics, most in sets:
         world = World("psm", dynamics=dynamics, collisions=False, gravity_compensation=False)
         starts = range(AHEAD, len(log.q) - WINDOW, WINDOW)
         errors = [_followed(world, start, (log.q, log.qd, effort)) / span for start in starts]
         found += [
-            Figure(f"drives: efforts played open loop, {joint}, {label}", 100.0 * value, "%", most)
+            Figure(
+                f"drives: efforts played open loop, {joint}, {dynamics}", 100.0 * value, "%", most
+            )
             for joint, value in zip(OPEN, np.median(errors, axis=0).tolist(), strict=True)
         ]
     return found

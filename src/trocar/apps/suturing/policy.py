@@ -42,8 +42,9 @@ PULLS = ((0.9, 0.45, 0.0), (0.4, 0.7, 0.6), (0.0, 0.8, 0.6))
 #: An instrument stays so far away from the endoscope's shaft. Source: our own choice: both are 9 mm
 #: thick. [m]
 APART_M = 0.03
-#: The pull ends here though the thread is not tight. Source: our own choice. [m]
-PULL_M = 0.1
+#: The pull ends so far beyond the thread's free length though it is not tight: edges of the wound
+#: come along. Source: our own choice. [m]
+GIVES_M = 0.02
 #: A needle that a jaw holds farther out of its plane is put down and picked again, and one with
 #: which the arm would not reach the whole arc. Source: our own choice. [deg]
 TILT_DEG = 35.0
@@ -362,7 +363,8 @@ class Sewing:
 
     def _pull(self, hand: NeedleHand, way: Array) -> Iterator[Array]:
         goal, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
-        while tension < TIGHT_N and pulled < PULL_M:
+        most = self.op.tissue.tissue.thread.free + GIVES_M
+        while tension < TIGHT_N and pulled < most:
             speed = max(SLOWEST_M_S, min(TIGHT_M_S, GAIN * (TIGHT_N - tension)))
             step = (PULL_M_S if tension < SLOW_N else speed) * PERIOD_S
             goal[:3, 3] += step * way

@@ -59,8 +59,9 @@ class Carry(Task):
 class PickPlace(Carry):
     """Cylinders that stand on the table go into cups."""
 
-    #: Source: the scene's cylinders and cups are 14 and 10 mm high.
-    GRASP_M, WAY_M = 0.003, 0.03
+    #: Source: the scene's cylinders and cups are 14 and 10 mm high. Lower down, the fingers wedge a
+    #: cylinder's upper end between them and do not let go of it.
+    GRASP_M, WAY_M = 0.0045, 0.03
 
 
 class Retrieve(Carry):

@@ -1,9 +1,9 @@
 """Random commands with extreme arguments, called from Python.
 
-Every verb of a world, its arms, their jaws and grippers, and its objects is called, found by the
-mark that `trocar.simulation.journal.command` leaves. A case is one call and the steps after it. It
-fails when the call raises something else than a TrocarError, when a step raises, when the state is
-not finite, when MuJoCo warns, or when an arm without power moves.
+Every verb of a world, its arms, their jaws and grippers, its objects and tissues is called, found
+by the mark that `trocar.simulation.journal.command` leaves. A case is one call and the steps after
+it. It fails when the call raises something else than a TrocarError, when a step raises, when the
+state is not finite, when MuJoCo warns, or when an arm without power moves.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from trocar.simulation import World
 from trocar.simulation.arm import Arm
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 
-#: Rigs with every kind of arm, tool and object, one with a scene's; the last two are slow.
-RIGS = ("psm", "mtm", "ecm", "pegs", SCENE, "full_cart")
+#: Rigs with every kind of arm, tool and object; the last two and the scenes are slow.
+RIGS = ("psm", "mtm", "ecm", "pegs", SCENE, "suturing", "full_cart")
+SCENES = (SCENE, "suturing")
 #: Calls until another rig's turn. Source: our own choice.
 CALLS = 200
 #: An arm without power moves less than this. Source: its loops relax by 4e-11 (measured) from
@@ -72,7 +73,11 @@ def episode(
 ) -> Iterator[str]:
     """Call verbs of a world; yield what failed, at most one, since the world is then broken."""
     homed = bool(rng.random() < 0.8)
-    world = World(load_scene(rig).rig if rig == SCENE else rig, homed=homed)
+    if rig in SCENES:
+        scene = load_scene(rig)
+        world = World(scene.rig, homed=homed, welded=scene.welded)
+    else:
+        world = World(rig, homed=homed)
     for _ in range(calls):
         if over():
             return
@@ -124,7 +129,7 @@ def verbs(world: World) -> list[Verb]:
     for arm in world.arms.values():
         owners.append((arm.name, arm))
         owners += [(f"{arm.name}.{n}", part) for n in PARTS if (part := getattr(arm, n))]
-    owners += world.objects.items()
+    owners += [*world.objects.items(), *world.tissues.items()]
     return [
         (f"{name}.{verb}", owner, getattr(owner, verb))
         for name, owner in owners
@@ -243,6 +248,27 @@ def pose(rng: Rng, _: World, owner: Any, count: int) -> Any:  # noqa: ARG001
     return T if rng.random() < 0.9 else T[:3]
 
 
+def points(rng: Rng, *_: Any) -> Any:
+    """Return points of a curve, sometimes too few, or extreme ones."""
+    kind = rng.random()
+    if kind < 0.2:
+        return numbers(rng, 3)
+    curve = np.cumsum(0.02 * rng.standard_normal((rng.integers(1, 20), 3)), axis=0)
+    if kind < 0.5:
+        curve[rng.integers(len(curve))] = number(rng)
+    return curve if kind < 0.8 else np.linspace([0.0, 0.0, 0.1], [0.3, 0.0, 0.1], 5)
+
+
+def plan(rng: Rng, world: World, owner: Any, count: int) -> Any:  # noqa: ARG001
+    """Return channel points of stitches in a tissue, moved a little or to extremes."""
+    if rng.random() < 0.2:
+        return numbers(rng, 3)
+    moved = owner.plan + 1e-4 * rng.standard_normal(owner.plan.shape)
+    if rng.random() < 0.4:
+        moved[rng.integers(len(moved)), rng.integers(4)] = number(rng)
+    return moved
+
+
 def impedance(rng: Rng) -> CartesianImpedance:
     """Return springs and dampers, some of them extreme."""
 
@@ -330,6 +356,10 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "squeeze.effort": one,
     "angle": one,
     "T": pose,
+    "points": points,
+    "set_plan.points": plan,
+    "stiffness": one,
+    "stitch": chosen(0, 1, -1, 2**70, 0.5, "", None),
     "R": lambda rng, *_: rotation(rng),
     "wrench": lambda rng, *_: numbers(rng, 6),
     "impedance": lambda rng, *_: impedance(rng),

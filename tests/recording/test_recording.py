@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -522,3 +523,24 @@ def test_a_recording_has_what_robots_with_errors_report(tmp_path: Path) -> None:
     np.testing.assert_allclose(states.position[-1], world.arm("PSM1").readings()[0], atol=1e-7)
     np.testing.assert_allclose(states.setpoint[-1][:6], goal, atol=1e-7)
     assert np.abs(states.position[-1] - world.true_state("PSM1").q).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        ("calibration", '{"PSM1": ["a.toml", "\x01"'),
+        ("calibration", "[]"),
+        ("calibration", '{"PSM1": 1}'),
+        ("calibration", '{"PSM1": ["a.toml", "schema = "]}'),
+        ("arguments", "\x01"),
+        ("arguments", "[1]"),
+    ],
+)
+def test_damaged_metadata_are_said(tmp_path: Path, key: str, text: str) -> None:
+    file = tmp_path / "a.mcap"
+    with record(World("psm"), file):
+        pass
+    recorded = open_recording(file)
+    damaged = replace(recorded, about={**recorded.about, key: text})
+    with pytest.raises(LogError, match=rf"a\.mcap: cannot be understood: {key}: "):
+        damaged.overlays() if key == "calibration" else damaged.arguments()

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.attack import Tally
-from benchmarks.attack.commands import EXTREME, arguments, attack, outcome, quiet, verbs
+from benchmarks.attack.commands import EXTREME, SCENES, arguments, attack, outcome, quiet, verbs
+from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 from trocar.interfaces import Command, Loop
 from trocar.simulation import World
@@ -66,7 +67,24 @@ def test_the_attack_on_commands_counts_its_cases():
     assert tally.clean == tally.tried > 0
 
 
+@pytest.mark.parametrize("name", SCENES)
+def test_the_attack_makes_arguments_of_every_command(name):
+    scene = load_scene(name)
+    world = World(scene.rig, welded=scene.welded)
+    for _, owner, verb in verbs(world):
+        for seed in range(8):  # each leaves out some
+            arguments(np.random.default_rng(seed), world, owner, verb)
+
+
 # ---------------------------------------------------------------------- found by the attack
+
+
+def test_an_arm_that_is_welded_refuses_what_its_motors_would_do():
+    arm = World("psm", welded=["PSM1"]).arm("PSM1")
+    with pytest.raises(InputError, match=r"PSM1: is welded into the model; .* gravity"):
+        arm.use_gravity_compensation(True)
+    with pytest.raises(InputError, match=r"PSM1: is welded into the model; .* torque"):
+        arm.use_computed_torque(True)
 
 
 @pytest.fixture

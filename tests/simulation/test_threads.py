@@ -242,6 +242,8 @@ def test_it_lies_along_a_curve_and_a_knot_holds_what_a_thread_that_passes_itself
     ("points", "words"),
     [
         ([[0, 0, 0]], "allowed: \\(n, 3\\), n > 1"),
+        ([[0, 0, 0], [1e300, 0, 0]], "up to 1000 m away"),
+        ([[0, 0, 0], [float("nan"), 0, 0]], "up to 1000 m away"),
         ([[0, 0, 0], [0.05, 0, 0]], "48.0 mm of thread; needed: 60.0 mm"),
         ([[0, 0, 0], [0.01, 0, 0], [-0.1, 0, 0]], "allowed: up to 1.3 rad"),
     ],

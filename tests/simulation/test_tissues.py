@@ -300,6 +300,12 @@ def test_a_plan_outside_of_the_tissue_is_refused(world: World) -> None:
             tissue.set_plan(good + change)
     with pytest.raises(InputError, match="shape"):
         tissue.set_plan(np.zeros((2, 4, 3)))
+    for wild in (np.nan, 1.7e308):
+        with pytest.raises(InputError, match="up to 1000 m away"):
+            tissue.set_plan(good + wild)
+    for stitch in (0, -1, 0.5, "", None):
+        with pytest.raises(InputError, match="allowed: one that the needle has left"):
+            tissue.lock(stitch)  # type: ignore[arg-type]
     assert np.array_equal(tissue.plan, good)
 
 

@@ -5,7 +5,6 @@ All take arrays over time; `score_recording` reads them from a recording, arm by
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +17,6 @@ from scipy.signal import butter, sosfiltfilt
 
 from trocar.descriptions import ArmDescription, RigDescription, load_rig
 from trocar.descriptions.mounting import rig_with_tool
-from trocar.descriptions.overlay import parse_overlay
 from trocar.errors import InputError, LogError, UnknownNameError
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.recording import Recorded, open_recording
@@ -333,12 +331,9 @@ def _tools(
         raise LogError(
             file, f"its rig {about['rig']!r} was built in Python, not read from a file; pass it"
         )
-    texts: dict[str, list[str]] = json.loads(about.get("calibration", "{}"))
-    overlays = {
-        arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
-        for arm, (name, text) in texts.items()
-    }
-    now = source if isinstance(source, RigDescription) else load_rig(source, overlays or None)
+    now = source
+    if not isinstance(now, RigDescription):
+        now = load_rig(now, recorded.overlays() or None)
     found = {a.name: [(-math.inf, a.arm)] for a in now.arms}
     for entry in (*recorded.past, *recorded.entries):
         if entry.kind == "command" and entry.name == "exchange_tool":

@@ -23,6 +23,10 @@ from trocar.simulation import World
 #: Version of the trocar channels and metadata; the reader rejects every other one.
 FORMAT = 3
 
+#: What every recording says of itself.
+ABOUT = {"trocar", "mujoco", "numpy", "machine", "rig", "rig_source", "rig_fingerprint"}
+ABOUT |= {"arguments", "timestep_s", "start_s", "start_period", "repeatable"}
+
 #: Fields that were added to the records later: left out of the fingerprint where they are empty or
 #: as they are by default.
 YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "prop", "grasp"}

@@ -12,9 +12,10 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from trocar.descriptions.overlay import Overlay, parse_overlay
 from trocar.errors import InputError, LogError
-from trocar.recording.about import FORMAT
-from trocar.recording.entries import entry_from_json
+from trocar.recording.about import ABOUT, FORMAT
+from trocar.recording.entries import entry_from_json, restored
 from trocar.recording.layout import QUANTITIES, ArmColumns
 from trocar.recording.mcap_file import (
     COMMANDS,
@@ -33,6 +34,9 @@ Array = NDArray[np.float64]
 
 #: What Python raises for damaged lengths and texts, memory for a length of terabytes among it.
 UNREADABLE = ValueError, struct.error, MemoryError, OverflowError
+
+#: What Python raises for damaged JSON.
+DAMAGED = KeyError, TypeError, ValueError, AttributeError, RecursionError
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +68,33 @@ class Recorded:
     def timestep(self) -> float:
         """Physics time step [s]."""
         return float(self.about["timestep_s"])
+
+    def arguments(self) -> dict[str, Any]:
+        """Return the world's arguments.
+
+        Raises:
+            LogError: they are damaged
+        """
+        try:
+            texts: dict[str, Any] = json.loads(self.about["arguments"])
+            return {name: restored(value) for name, value in texts.items()}
+        except DAMAGED as error:
+            raise LogError(self.file, f"cannot be understood: arguments: {error}") from error
+
+    def overlays(self) -> dict[str, Overlay]:
+        """Return the overlays of calibrated arms, by arm.
+
+        Raises:
+            LogError: they are damaged
+        """
+        try:
+            texts: dict[str, list[str]] = json.loads(self.about.get("calibration", "{}"))
+            return {
+                arm: parse_overlay(text, name or f"{self.file}: calibration of {arm}")
+                for arm, (name, text) in texts.items()
+            }
+        except (InputError, *DAMAGED) as error:
+            raise LogError(self.file, f"cannot be understood: calibration: {error}") from error
 
     @property
     def arms(self) -> tuple[str, ...]:
@@ -183,10 +214,12 @@ def open_recording(path: str | Path) -> Recorded:
     about, problem = messages.about, messages.problem
     if not rows:
         raise LogError(file, f"holds no states{f' ({problem})' if problem else ''}")
+    if lost := sorted(ABOUT - set(about)):
+        raise LogError(file, f"cannot be understood: it says nothing of {', '.join(lost)}")
     try:
         start = float(about["start_s"])
         end = start + (rows - 1) * float(about["timestep_s"])
-    except (KeyError, ValueError) as error:
+    except ValueError as error:
         raise LogError(file, f"cannot be understood: start or time step: {error}") from error
     return Recorded(file, about, tuple(past), tuple(entries), layouts, rows, start, end, problem)
 

@@ -569,7 +569,12 @@ class Arm:
 
     @command
     def use_gravity_compensation(self, on: bool) -> None:
-        """Switch gravity compensation; setup joints are counterbalanced and always have it."""
+        """Switch gravity compensation; setup joints are counterbalanced and always have it.
+
+        Raises:
+            InputError: the arm is welded into the model
+        """
+        self._check_movable("switch its gravity compensation")
         self.motors.compensate_gravity(bool(on))
 
     @property
@@ -587,8 +592,7 @@ class Arm:
         Raises:
             InputError: the arm is welded into the model
         """
-        if self.motors.welded:
-            raise InputError(f"{self.name}: is welded into the model")
+        self._check_movable("switch its computed torque")
         self.motors.compute_torque(bool(on))
 
     # ------------------------------------------------------------------ moves

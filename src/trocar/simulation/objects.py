@@ -157,7 +157,7 @@ class SceneObject:
         self._check_kind("set_curve", "free")
         if self.description.thread is None:
             raise InputError(f"{self.name}: set_curve: the object is no thread; allowed: set_cp")
-        at, bends = laid(self.name, self.description.thread, points)
+        at, bends = laid(self.name, self.description.thread, checked_points(self.name, points))
         self._put(np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])]))
         self._bends[0][:] = bends
 
@@ -276,6 +276,23 @@ def checked_pose(name: str, T: ArrayLike) -> Array:
             f"{name}: got a pose at {at[:3, 3].tolist()} m; allowed: up to {FARTHEST_M:g} m away"
         )
     return at
+
+
+def checked_points(name: str, points: ArrayLike) -> Array:
+    """Return two or more points that are given to an object, (n, 3) [m].
+
+    Raises:
+        InputError: no points, one point, or some too far away
+    """
+    try:
+        curve: Array = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        curve = np.zeros(0)
+    if curve.ndim != 2 or curve.shape[1] != 3 or len(curve) < 2:
+        raise InputError(f"{name}: got points of shape {curve.shape}; allowed: (n, 3), n > 1")
+    if not (np.abs(curve) <= FARTHEST_M).all():  # NaN is not either
+        raise InputError(f"{name}: got {points!r}; allowed: points up to {FARTHEST_M:g} m away")
+    return curve
 
 
 def _checked_numbers(what: str, values: ArrayLike, size: int) -> Array:

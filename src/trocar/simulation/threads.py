@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.records import Prop
@@ -82,26 +82,20 @@ class Thread:
         return DrawnCurve(self.name, points, 0.5 * self.thread.diameter, look.rgba, look.gloss)
 
 
-def laid(name: str, thread: ChainThread, points: ArrayLike) -> tuple[Array, Array]:
+def laid(name: str, thread: ChainThread, curve: Array) -> tuple[Array, Array]:
     """Return the pose of a thread's beginning and its bends, along a curve through points.
 
     Args:
         name: of the thread
         thread: its record
-        points: on a polyline in the world, (n, 3) [m]
+        curve: points on a polyline in the world, (n, 3) [m]
 
     Returns:
         (4, 4); angles of its hinges, (2 (links - 1),) [rad]
 
     Raises:
-        InputError: other points, a curve shorter than the thread, or bent more than its joints
+        InputError: a curve shorter than the thread, or bent more than its joints
     """
-    try:
-        curve: Array = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        curve = np.zeros(0)
-    if curve.ndim != 2 or curve.shape[1] != 3 or len(curve) < 2 or not np.isfinite(curve).all():
-        raise InputError(f"{name}: got points of shape {curve.shape}; allowed: (n, 3), n > 1")
     ends, row = [curve[0]], 0
     while len(ends) <= thread.links:
         here = ends[-1]

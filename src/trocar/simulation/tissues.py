@@ -30,7 +30,7 @@ from trocar.modeling.tissues import (
 )
 from trocar.simulation.elastic import Condensed, ElasticPad, pad_of
 from trocar.simulation.journal import Journal, command
-from trocar.simulation.objects import checked_pose
+from trocar.simulation.objects import FARTHEST_M, checked_pose
 from trocar.simulation.pressing import CLOSED_M, OPENED_M, Held, Jaw, Surface, Tools
 
 Array = NDArray[np.float64]
@@ -279,10 +279,18 @@ class SoftTissue:
 
     @command
     def lock(self, stitch: int) -> None:
-        """Let the thread no longer slip back through the stitches up to this one, as by a knot."""
-        if not 0 <= stitch < len(self.plan) or not self.left[stitch].all():
+        """Let the thread no longer slip back through the stitches up to this one, as by a knot.
+
+        Args:
+            stitch: its number, from 0
+
+        Raises:
+            InputError: no stitch, or one that the needle has not left; nothing changes
+        """
+        known = isinstance(stitch, int) and 0 <= stitch < len(self.plan)
+        if not known or not self.left[stitch].all():
             raise InputError(
-                f"{self.name}: lock: got stitch {stitch}; allowed: one that the needle has left"
+                f"{self.name}: lock: got stitch {stitch!r}; allowed: one that the needle has left"
             )
         self._loosen(self._locks)
         self._model.tendon_range[self._locks[stitch], 1] = self._measure(self._locks[stitch])
@@ -795,12 +803,14 @@ def _checked_plan(name: str, tissue: Tissue, points: ArrayLike) -> Array:
             f"{name}: got a plan of shape {plan.shape}; allowed: (n, 4, 3) with n = 1 to"
             f" {tissue.stitches}"
         )
+    if not (np.abs(plan) <= FARTHEST_M).all():  # NaN is not either
+        raise InputError(f"{name}: got {points!r}; allowed: points up to {FARTHEST_M:g} m away")
     edge = 0.5 * tissue.gap
     most = np.array([0.5 * tissue.length, edge + tissue.width, np.inf]) - MARGIN_M
     for number, row in enumerate(plan):
         side = np.sign(row[0, 1]) * row[:, 1]
         inside = (np.abs(row) <= most).all() and (row[:, 2] >= MARGIN_M - tissue.depth).all()
-        if not inside or not np.isfinite(row).all():
+        if not inside:
             raise InputError(
                 f"{name}: stitch {number} leaves the tissue: got {(1e3 * row).round(2).tolist()}"
                 f" mm; allowed: within {(1e3 * most[:2]).round(2).tolist()} mm along and across,"

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-import json
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from trocar import __version__
 from trocar.descriptions import RigDescription, load_rig
-from trocar.descriptions.overlay import parse_overlay
 from trocar.errors import DivergedError, LogError, TrocarError
 from trocar.recording import Recorded, open_recording
 from trocar.recording.about import rig_fingerprint, versions
-from trocar.recording.entries import Unknown, restored
+from trocar.recording.entries import Unknown
 from trocar.recording.layout import QUANTITIES, Rows, joint_values
 from trocar.recording.mcap_file import digest, single
 from trocar.recording.recorder import Entries, Sampler
@@ -136,9 +133,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f"its rig {about['rig']!r} was built in Python, not read from a file; pass it:"
             " repeat(file, rig=...)",
         )
-    arguments: dict[str, Any] = {
-        name: restored(value) for name, value in json.loads(about["arguments"]).items()
-    }
+    arguments = recorded.arguments()
     arguments.setdefault("dynamics", "cad")  # the only ones before they were an argument
     strange = set(arguments) - set(inspect.signature(World.__init__).parameters)
     if strange:
@@ -147,16 +142,11 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
             f"trocar {about['trocar']} recorded world options {', '.join(sorted(strange))} that"
             f" trocar {__version__} lacks",
         )
-    texts: dict[str, list[str]] = json.loads(about.get("calibration", "{}"))
     given = isinstance(source, RigDescription)
     described = source if given else load_rig(source)
     # another rig may lack an arm, or carry its own overlay: the comparison below says so
     open_to = {p.name for p in described.arms if not given or p.arm.overlay is None}
-    overlays = {
-        arm: parse_overlay(text, name or f"{file}: calibration of {arm}")
-        for arm, (name, text) in texts.items()
-        if arm in open_to
-    }
+    overlays = {arm: known for arm, known in recorded.overlays().items() if arm in open_to}
     world = World(described, calibration=overlays or None, **arguments)
     found = rig_fingerprint(world.rig)
     if found != about["rig_fingerprint"]:

@@ -148,10 +148,10 @@ def _serve(args: Namespace) -> int:
     scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
     if args.policy == "none":  # a person or a client may drive every arm
         scene = replace(scene, welded=())
+    print(f"trocar: {scene.name}: starting ...", file=sys.stderr, flush=True)
     task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
-    print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)
     serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
     print(_report([task.result(args.seed)]))
     return 0

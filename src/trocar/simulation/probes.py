@@ -153,6 +153,8 @@ class Probes:
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
         total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
+        if not data.ncon:
+            return dict(zip(self._arms, np.array(total), strict=True))
         found, on, pushes = data.contact, self._arm_of_geom, data.efc_force.tolist()
         rows = found.geom.tolist(), found.efc_address.tolist(), found.dim.tolist()
         # plain numbers: few contacts are on arms

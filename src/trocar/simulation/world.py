@@ -681,9 +681,7 @@ class World:
         return self._objects.states()
 
     def grasps(self) -> dict[str, Grasp]:
-        """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
-
-        Small loads are as of the last 10 ms.
+        """Return what each jaw has between its pads, {arm: grasp}, as of the last 10 ms.
 
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """

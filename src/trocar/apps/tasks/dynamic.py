@@ -79,7 +79,7 @@ class Pendulum(Task):
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether it hangs at rest, and alone."""
-        states = self.world.object_states()
+        states = self._states
         row = states.names.index(goal.object)
         T = self.object_pose(goal.object)
         tip = self.world.arms[self.arms[0]].tip_in_world().T[:3, 3]

@@ -696,7 +696,10 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        """Return the net force of contacts, held objects and tissue on each arm, {arm: (3,)} [N].
+
+        As of the last step.
+        """
         found = self._probes.contact_forces()
         for tissue in self.tissues.values():
             for arm, force in tissue.forces_on_jaws().items():

@@ -1,6 +1,6 @@
-"""Draw docs/images/cart.png: the web viewer with the full cart, as Chromium shows it.
+"""Draw the pictures of the web viewer in docs/images, as Chromium shows it.
 
-python tools/docs/viewer_picture.py [FILE]
+python tools/docs/viewer_picture.py [FOLDER [NAME ...]]
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -21,7 +21,13 @@ from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.wait import WebDriverWait
 
-FILE = Path(__file__).parents[2] / "docs" / "images" / "cart.png"
+FOLDER = Path(__file__).parents[2] / "docs" / "images"
+SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
+PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()"
+FOCUS = "document.querySelector('[data-trocar=keys]').focus()"
+CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
+#: {picture: command that serves, and what is done on the page}
+PICTURES = {"cart": ("sim", PRESS), "teleoperation": ("teleop", FOCUS)}
 #: The window [px], so wide that its panels leave the cart free, and its scale in the picture.
 WINDOW, SCALE = "1900,1280", 0.7
 FLAGS = (
@@ -36,13 +42,10 @@ FLAGS = (
 )
 #: Until all meshes are drawn in software, and until the arms have moved [s].
 DRAWN_S, MOVED_S = 30.0, 12.0
-SERVE = ("sim", "--port", "0", "--no-websocket", "--camera-rate", "4")
-PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()"
-CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
 
 
-def screenshot(url: str) -> Image.Image:
-    """Return what a browser shows at an address, with the arms at work."""
+def screenshot(url: str, act: str) -> Image.Image:
+    """Return what a browser shows at an address after a script."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for flag in FLAGS:
@@ -56,7 +59,7 @@ def screenshot(url: str) -> Image.Image:
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
         wait.until(lambda _: tab.execute_script(shown))
         time.sleep(DRAWN_S)
-        tab.execute_script(PRESS)
+        tab.execute_script(act)
         time.sleep(MOVED_S)
         tab.execute_script(CLOSE)
         time.sleep(2.0)
@@ -65,19 +68,21 @@ def screenshot(url: str) -> Image.Image:
         tab.quit()
 
 
-def main(file: Path) -> None:
-    """Serve the full cart and save its page."""
-    command = [sys.executable, "-m", "trocar", *SERVE]
+def draw(name: str, folder: Path) -> None:
+    """Serve what a picture shows, and save the picture."""
+    serves, act = PICTURES[name]
+    command = [sys.executable, "-m", "trocar", serves, *SERVE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
-        os.nice(10)  # the simulation keeps real time while the browser draws
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url)
+            picture = screenshot(url, act)
         finally:
             served.terminate()
-    picture.quantize(256, dither=Image.Dither.NONE).save(file, optimize=True)
+    small = picture.quantize(256, dither=Image.Dither.NONE)
+    small.save(folder / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FILE)
+    for picture in sys.argv[2:] or PICTURES:
+        draw(picture, Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

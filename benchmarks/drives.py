@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -16,10 +18,11 @@ from trocar.apps.figures import Figure
 from trocar.apps.identification import default_filters, excite, filtered, identify, read_motion
 from trocar.apps.identification.drivetrains import labels
 from trocar.apps.identification.logs import Log
-from trocar.apps.identification.regression import Model
-from trocar.apps.identification.rigid_body import parameters
+from trocar.apps.identification.regression import Model, predicted_efforts
+from trocar.apps.identification.rigid_body import JointMotion, parameters
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import as_overlay
+from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.descriptions.overlay_records import Dynamics, Overlay
 from trocar.descriptions.records import DynamicsKind
 from trocar.simulation import World
@@ -39,6 +42,29 @@ RECORDING = "psm_one_results.csv.gz"
 STEPS_READ = np.array([7.72e-6, 7.72e-6, 1.30e-6, *4 * [1.34e-4]])
 RETURNED, SURE = 2.0, 0.01
 FINE_S, EXCITED_S = 0.00025, 20.0
+#: Gravity compensation of other masters of this kind, by serial number: efforts that hold the wrist
+#: pitch by moments of its body and the next one [kg m], and by powers of its position from 0 on,
+#: moving up and down [N m]. Source: jhu-dvrk/sawIntuitiveResearchKit@2538493,
+#: core/share/*/gc-MTMR-*.json, parameters 7 to 9 and 31 to 35; equations:
+#: jhu-dvrk/dvrk-gravity-compensation@7c4c30a, regressor.py.
+MASTERS = {
+    "31519": (
+        (-0.010223, -0.000535, 0.004903),
+        (0.042258, -0.103828, -0.018198, 0.023735, -0.002899),
+        (0.025396, -0.098940, -0.014840, 0.020750, -0.002517),
+    ),
+    "33569": (
+        (-0.010471, -0.000771, 0.004625),
+        (0.054242, -0.099293, -0.023411, 0.021280, -0.001928),
+        (0.035153, -0.096819, -0.020651, 0.019480, -0.001696),
+    ),
+}
+#: Random places, and positions that those were measured in: elbow and wrist pitch [rad]. Source:
+#: as above, config/data_collection.json.
+PLACES = 4000
+ELBOW, WRIST = np.radians([-10.0, 20.0]), np.radians([-85.0, 175.0])
+#: Goal of the difference [N m]. Source: our own choice; those arms differ by 0.008 N m.
+ALIKE = 0.01
 #: Windows of the recording, the motion ahead of each that loads the stop elements, and joints whose
 #: efforts are played [samples].
 WINDOW, AHEAD, OPEN = 400, 400, ("yaw", "pitch", "insertion")
@@ -52,7 +78,7 @@ def drives(recordings: Path | None = None) -> list[Figure]:
     Args:
         recordings: folder of recordings of a real PSM; None: without the latter
     """
-    found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift(), *round_trip()]
+    found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift(), *round_trip(), *masters()]
     return found if recordings is None else [*found, *_open_loop(recordings / RECORDING)]
 
 
@@ -99,6 +125,50 @@ def round_trip() -> list[Figure]:
         Figure(f"{what}, within 2 %", share, "%", lower=100.0),
         Figure(f"{what}, farthest off: {base.names[worst]}", farthest, "%", RETURNED),
     ]
+
+
+def masters() -> list[Figure]:
+    """Return what the identified master needs to stay, against limits and other masters.
+
+    At random places inside the ranges of joints and of the crank; of the wrist pitch, against the
+    gravity compensation that was identified of two other masters.
+    """
+    arm, rng = load_arm("mtmr", calibration="mtmr"), np.random.default_rng(0)
+    trains = cast(Dynamics, cast(Overlay, arm.overlay).dynamics).drivetrains
+    mechanism, names = arm.mechanism, arm.mechanism.joint_names
+
+    def still(q: Array) -> Array:
+        return predicted_efforts(arm, trains, JointMotion(q, *np.zeros((2, *q.shape))))
+
+    q = rng.uniform(mechanism.lower, mechanism.upper, (PLACES, len(names)))
+    inside = mechanism.within(q)
+    friction = sum(
+        np.array([abs(t.along.get(name, 0.0)) for name in names]) * t.dry_friction
+        for t in trains.values()
+    )
+    limits = np.array([joint.effort_max for joint in arm.joints])
+    share, stuck = np.abs(still(q)) / limits, np.abs(still(q)) + friction > limits
+    found = [
+        Figure(f"drives: mtmr {name} anywhere: most / limit", 100.0 * float(most), "%", 100.0)
+        for name, most in zip(names[:7], share[inside].max(axis=0), strict=False)
+    ]
+    lost, beyond = 100.0 * float(stuck[inside].any(axis=1).mean()), float(share[~inside, 4].max())
+    found += [
+        Figure("drives: mtmr, places where friction and load exceed a limit", lost, "%"),
+        Figure("drives: mtmr wrist_pitch, crank beyond its range: most / limit", 100 * beyond, "%"),
+    ]
+    q = np.zeros((PLACES, len(names)))
+    q[:, 2], q[:, 4] = rng.uniform(*ELBOW, PLACES), rng.uniform(*WRIST, PLACES)
+    tilt, efforts = q[:, 2] + q[:, 4], {"identified": still(q)[:, 4]}
+    for serial, (moments, up, down) in MASTERS.items():
+        pull = (moments[1] - moments[2]) * np.cos(tilt) - moments[0] * np.sin(tilt)
+        spring = polyval(q[:, 4], 0.5 * (np.array(up) + np.array(down)))
+        efforts[serial] = STANDARD_GRAVITY * pull + spring
+    for one, other in itertools.combinations(efforts, 2):
+        apart = float(np.sqrt(np.mean((efforts[one] - efforts[other]) ** 2)))
+        title = f"drives: effort that holds the wrist pitch of mtmr, {one} and {other} apart"
+        found.append(Figure(title, apart, "N m", ALIKE, shown="mN m"))
+    return found
 
 
 def _parameters(model: Model, overlay: Overlay) -> Array:

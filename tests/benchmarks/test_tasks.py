@@ -26,11 +26,12 @@ def test_intervals_of_ratios_are_wilsons() -> None:
 
 def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
     results = [episode(True, 4.0), episode(True, 6.0), episode(False, 10.0)]
-    found = {figure.name: figure.value for figure in figures(results, 2.0)}
+    found = {figure.name: figure.value for figure in figures(results, 2.0, 1e-5)}
     assert found["s: success"] == pytest.approx(2.0 / 3.0)
     assert found["s: time"] == 5.0
     assert found["s: drops"] == 6
     assert found["s: speed"] == 10.0
+    assert found["s: a millisecond"] == pytest.approx(10.0)  # 0.1 ms, in steps of 10 us
 
 
 def test_episodes_that_a_file_has_are_not_run_again(tmp_path: Path) -> None:

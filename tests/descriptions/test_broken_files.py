@@ -57,6 +57,12 @@ ARM_FAULTS = [
     ('dh = "modified"', 'dh = "craig"', "frame[2].dh", "allowed: modified, standard"),
     ("q = { yaw = 1.0 }", "", "frame[2].q", "a moving frame needs q"),
     ("q = { yaw = 1.0 }", "q = { yow = 1.0 }", "frame", "unknown joint 'yow'"),
+    (
+        "q = { yaw = 1.0 }",
+        "q = { yaw = 1.0 }\nlower_deg = 1.0\nupper_deg = 1.0",
+        "frame[2].lower",
+        "less than the upper limit",
+    ),
     ('motion = "revolute"', 'motion = "sliding"', "frame[2].motion", "fixed, revolute, prismatic"),
     ("xyz_mm = [0.0, 486.4, 0.0]", "xyz_mm = [0.0, 486.4]", "frame[1].xyz_mm", "list of 3 numbers"),
     (

@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, changed_look, eyes_of, look_of, recording
+from trocar.cli.worlds import (
+    add_record,
+    changed_look,
+    eyes_of,
+    images_of_headless,
+    look_of,
+    recording,
+)
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
@@ -82,16 +89,17 @@ def run(args: Namespace) -> int:
         return _serve(args)
     if args.policy == "none":
         raise InputError("--policy none: got --headless, where nobody drives; allowed: without it")
-    if (args.record or args.video) and args.episodes > 1:
+    kept = bool(args.record or args.video or args.record_images)
+    if kept and args.episodes > 1:
         raise InputError("--record, --video: allowed with one episode only")
-    seen = args.record or args.video or args.register == "image"
-    if seen and (args.workers > 1 or args.cluster):
+    watched = kept or args.register == "image"
+    if watched and (args.workers > 1 or args.cluster):
         raise InputError("--record, --video, --register image: allowed with one worker only")
     from trocar.apps.tasks import play
 
     found: list[Episode] = []
     with progress_bar("episodes", not args.json) as watch:
-        if args.record or args.video or args.register == "image":
+        if watched:
             episodes = _watched(args)
         else:
             seeds = range(args.seed, args.seed + args.episodes)
@@ -159,10 +167,10 @@ def _serve(args: Namespace) -> int:
     scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
     if args.policy == "none":  # a person or a client may drive every arm
         scene = replace(scene, welded=())
+    print(f"trocar: {scene.name}: starting ...", file=sys.stderr, flush=True)
     task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
-    print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)
     serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
     print(_report([task.result(args.seed)]))
     return 0
@@ -174,6 +182,7 @@ def _watched(args: Namespace) -> Iterator[Episode]:
 
     task = make_task(args.scene)
     with ExitStack() as stack:
+        stack.enter_context(images_of_headless(task.world, args))
         stack.enter_context(recording(task.world, args)())
         if args.register == "image":
             _register(task, args, stack)

@@ -81,7 +81,12 @@ def read_frame(row: Table) -> Frame:
     couplings = tuple((joint, coupling.number(joint)) for joint in coupling.entries())
     if (motion == "fixed") != (not couplings):
         raise row.fail("q", "a moving frame needs q = { joint = ratio }, a fixed one has none")
-    return Frame(name, parent, motion, before, after, couplings)
+    measure = "length" if motion == "prismatic" else "angle"
+    lower = row.quantity("lower", measure, default=-np.inf)
+    upper = row.quantity("upper", measure, default=np.inf)
+    if not lower < upper:
+        raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
+    return Frame(name, parent, motion, before, after, couplings, lower, upper)
 
 
 def _read_placement(row: Table) -> tuple[Array, Array]:

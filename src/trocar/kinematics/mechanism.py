@@ -47,6 +47,8 @@ class Frame:
         before: pose of the moving axis in the parent, (4, 4)
         after: pose of the frame on the moving side, (4, 4)
         couplings: ((joint, ratio), ...): coordinate = sum(ratio * q[joint])
+        lower, upper: range of the coordinate of an actuator that several joints move; motions are
+            planned in it, no stop holds the simulation there [rad or m]
     """
 
     name: str
@@ -55,6 +57,8 @@ class Frame:
     before: Array
     after: Array
     couplings: tuple[tuple[str, float], ...] = ()
+    lower: float = -np.inf
+    upper: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +135,14 @@ class Mechanism:
     def upper(self) -> Array:
         """Upper limits, (n,) [rad or m]."""
         return _read_only([joint.upper for joint in self.joints])
+
+    def within(self, q: Array) -> NDArray[np.bool_]:
+        """Return whether positions are in the ranges of joints and actuators, (..., n) -> (...)."""
+        inside = ((self.lower <= q) & (q <= self.upper)).all(axis=-1)
+        for frame, ratio in zip(self.frames, self.ratios, strict=True):
+            if np.isfinite([frame.lower, frame.upper]).any():
+                inside &= (frame.lower <= q @ ratio) & (q @ ratio <= frame.upper)
+        return inside
 
     @cached_property
     def ratios(self) -> Array:

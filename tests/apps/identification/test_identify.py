@@ -26,6 +26,7 @@ from trocar.apps.identification import (
 from trocar.apps.identification.drivetrains import (
     basis,
     described_trains,
+    labels,
     stop_elements,
     structure,
     train_efforts,
@@ -211,6 +212,27 @@ def test_an_excitation_stays_in_limits_and_is_better_than_the_first() -> None:
     assert not found.qd[[0, -1]].any()
     slopes = np.gradient(found.q, 0.01, axis=0)
     np.testing.assert_allclose(slopes[2:-2], found.qd[2:-2], atol=0.02)
+
+
+def test_an_excitation_keeps_the_crank_of_a_master_in_its_range() -> None:
+    arm = load_arm("mtmr")
+    q = excite(arm, 8.0, 1, 100.0, candidates=2).q
+    assert arm.mechanism.within(np.hstack([q, np.zeros((len(q), 1))])).all()
+    assert q[:, 1:3].max() > 0.3  # the joints alone could go on
+    bar = arm.mechanism.frame("elbow_bar")
+    assert bar.lower < 0.0 < bar.upper < arm.mechanism.upper[1]
+
+
+def test_a_cable_says_nothing_new_beyond_the_positions_of_the_logs() -> None:
+    arm, moved = load_arm("mtmr"), motion("mtmr", 5.0)
+    train = structure(arm, [moved.q, moved.q[:50]])["wrist_pitch"]
+    lower, upper = moved.q[:, 4].min(), moved.q[:, 4].max()
+    assert train.cable_range == (lower, upper)
+    q = np.zeros((3, len(arm.joints)))
+    q[:, 4] = upper, upper + 0.1, upper + 0.3
+    cable = [k for k, (term, _) in enumerate(labels(train)) if term == "cable"]
+    found = basis(train, np.eye(len(arm.joints))[4], JointMotion(q, 0.0 * q, 0.0 * q))[:, cable]
+    np.testing.assert_array_equal(found, found[:1].repeat(3, axis=0))
 
 
 def write_tidy(path: Path, rows: Array, time: Array) -> Path:

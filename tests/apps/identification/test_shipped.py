@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.drives import masters
 from trocar import World
 from trocar.apps.identification import Weight, predict
 from trocar.apps.identification.bounds import body_bounds
@@ -60,6 +61,12 @@ def test_the_motors_hold_an_identified_arm_at_home(name: str) -> None:
     arm = load_arm(name, calibration=name)
     limits = np.array([joint.effort_max for joint in arm.joints])
     assert (np.abs(holding_efforts(arm, arm.pose("home"))) < limits).all()
+
+
+def test_motors_hold_the_identified_master_anywhere_and_other_masters_weigh_the_same() -> None:
+    found = masters()
+    assert [figure.name for figure in found if figure.met is False] == []
+    assert sum(figure.met is True for figure in found) == 7 + 3
 
 
 def test_dynamics_and_geometry_are_combined_and_two_dynamics_are_refused() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -150,14 +150,19 @@ def described_trains(arm: ArmDescription) -> dict[str, Drivetrain]:
     return found
 
 
-def structure(arm: ArmDescription) -> dict[str, Drivetrain]:
+def structure(arm: ArmDescription, positions: Sequence[Array] = ()) -> dict[str, Drivetrain]:
     """Return the drivetrains to identify, with coefficients of 0.
 
     A PSM: its first three joints, the roll, and of the instrument's wrist the motors, the pitch and
     both fingers with the jaw between them. An MTM: its joints, the crank of the elbow, the motor of
     the wrist platform, cables of the platform and the wrist's pitch, and the wrist's spring.
-    Another arm: its joints.
+    Another arm: its joints. A cable's curve is constant outside of the range of the positions: logs
+    say nothing of it there.
     Source: what explains the recordings (docs/dynamics.md).
+
+    Args:
+        arm: the arm
+        positions: of all joints along the logs, (k, n) each [rad or m]; none: the limits
     """
     if (
         arm.type == "PSM"
@@ -166,7 +171,12 @@ def structure(arm: ArmDescription) -> dict[str, Drivetrain]:
     ):
         return _psm(arm)
     if arm.type == "MTM":
-        return _mtm(arm)
+        ends = positions or (np.stack([arm.mechanism.lower, arm.mechanism.upper]),)
+        return _mtm(
+            arm,
+            np.min([q.min(axis=0) for q in ends], axis=0),
+            np.max([q.max(axis=0) for q in ends], axis=0),
+        )
     joints = [j for j in arm.joints if j.spring is None]
     return {
         j.name: _train(
@@ -199,7 +209,7 @@ def _psm(arm: ArmDescription) -> dict[str, Drivetrain]:
     return found
 
 
-def _mtm(arm: ArmDescription) -> dict[str, Drivetrain]:
+def _mtm(arm: ArmDescription, lower: Array, upper: Array) -> dict[str, Drivetrain]:
     names = arm.mechanism.joint_names
     found = {
         name: _train({name: 1.0}, LARGE_STOPS if k < 3 else SMALL_STOPS, rotor=k >= 4)
@@ -208,10 +218,10 @@ def _mtm(arm: ArmDescription) -> dict[str, Drivetrain]:
     spring = found[names[4]].terms
     without = {term: value for term, value in spring.items() if term != "offset"}
     found[names[4]] = replace(found[names[4]], terms={**without, "harmonic": (0.0, 0.0)})
-    for joint in arm.joints[3:5]:
-        cable = {**found[joint.name].terms, "cable": (0.0,) * CABLE_TERMS}
-        span = joint.lower, joint.upper
-        found[joint.name] = replace(found[joint.name], terms=cable, cable_range=span)
+    for k in (3, 4):
+        cable = {**found[names[k]].terms, "cable": (0.0,) * CABLE_TERMS}
+        span = float(lower[k]), float(upper[k])
+        found[names[k]] = replace(found[names[k]], terms=cable, cable_range=span)
     which, coupling = actuators_of_recording(arm)
     inverse = np.linalg.inv(coupling.actuator_to_joint)
     for k, name in ((1, "elbow_bar"), (2, "motor_4")):

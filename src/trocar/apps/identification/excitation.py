@@ -64,7 +64,8 @@ def excite(
 
     Fourier series per joint (Source: Swevers et al. 1997); random series, the best of which is then
     varied by ever smaller steps. Positions and velocities stay within 80 % of the limits, masters'
-    grippers and jaws included; the first and last second of the whole are faded to rest.
+    grippers, jaws and actuators that several joints move included; the first and last second of the
+    whole are faded to rest.
 
     Args:
         arm: the arm with its tool
@@ -149,8 +150,14 @@ def _series(
             growth / np.abs(shapes[2]).max(axis=0),
         ]
     )
+    middle = 0.5 * (lower + upper)
+    mechanism = arm.mechanism
+    for frame, ratios in zip(mechanism.frames, mechanism.ratios[:, :count], strict=True):
+        at, far = float(ratios @ middle), float(np.abs(shapes[0] @ (scale * ratios)).max())
+        room = USED * min(frame.upper - at, at - frame.lower)
+        scale = np.where(ratios * far != 0.0, min(1.0, room / max(far, 1e-12)) * scale, scale)
     q, qd, qdd = (scale * _derivative(series, time, period_s, order) for order in range(3))
-    return q + 0.5 * (lower + upper), qd, qdd
+    return q + middle, qd, qdd
 
 
 def _derivative(series: Array, time: Array, period_s: float, order: int) -> Array:

@@ -35,9 +35,9 @@ from trocar.errors import InputError, LogError, MissingExtraError, TrocarError
 
 Array = NDArray[np.float64]
 
-#: Weight of the description's bodies against the relative squared errors of all columns. Source:
-#: our own choice; the fit of the recordings loses less than 1 % by it, and links that efforts
-#: cannot distinguish stay like their CAD models instead of at a bound.
+#: Weight of the description's bodies against the relative squared errors of all columns, at most
+#: the variance of a row. Source: our own choice; the fit of the recordings loses less than 1 % by
+#: it, and links that efforts cannot distinguish stay like their CAD models instead of at a bound.
 PRIOR = 1e-6
 #: One standard deviation of that prior: ratio of the mass, and of the mass times the hull's size.
 #: Source: our own choice.
@@ -229,7 +229,7 @@ def identify(
                 f"efforts of {', '.join(idle)} are zero throughout; allowed: recorded efforts",
             )
     names = arm.mechanism.joint_names[: logs[0].log.q.shape[1]]
-    model = Model(arm, moving_bodies(arm, names), structure(arm))
+    model = Model(arm, moving_bodies(arm, names), structure(arm, [log.motion.q for log in logs]))
     bounds = all_bounds(arm, model.frames, mass_ratios)
     parts: list[tuple[Array, Array]] = []
     for log, weights in zip(logs, strapped, strict=True):
@@ -349,10 +349,15 @@ def solved(
     start = model.values
     spread = _prior_sigma(model, bounds, rows)
     prior = np.where(np.arange(len(start)) < 10 * len(model.frames), PRIOR, RIDGE) / spread**2
-    values = _solve(model, bounds, rows, start, prior, spread)
-    error = rows.triangle @ values - rows.target
-    variance = (float(error @ error) + rows.rest) / max(rows.independent, 1.0)
-    variance *= rows.independent / rows.rows
+
+    def fit(share: float) -> tuple[Array, float]:
+        values = _solve(model, bounds, rows, start, share * prior, spread)
+        error = rows.triangle @ values - rows.target
+        return values, (float(error @ error) + rows.rest) / rows.rows
+
+    values, variance = fit(1.0)
+    if variance < PRIOR:  # the weight of one standard deviation, so that priors give way to logs
+        values, variance = fit(variance / PRIOR)
     information = rows.triangle.T @ rows.triangle * (rows.independent / rows.rows) / variance
     scaled = spread[:, None] * information * spread + np.eye(len(spread))
     covariance = np.linalg.inv(scaled) * np.outer(spread, spread)

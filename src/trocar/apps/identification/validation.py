@@ -82,7 +82,7 @@ def cross_validate(
     All repeats of a block are held out together, with a gap on both sides.
     """
     names = arm.mechanism.joint_names[: log.log.q.shape[1]]
-    model = Model(arm, moving_bodies(arm, names), structure(arm))
+    model = Model(arm, moving_bodies(arm, names), structure(arm, [log.motion.q]))
     bounds = all_bounds(arm, model.frames, mass_ratios)
     matrix, rest = filtered_regressor(model, log)
     effort = log.cut(log.effort)

@@ -198,10 +198,10 @@ def _register(task: Task, args: Namespace, stack: ExitStack) -> None:
     from trocar.apps.vision import find_wound
     from trocar.cameras import StereoCalibration
 
-    scope = _scope(task, args, "--register image")
-    stack.callback(scope.close)
     if not isinstance(task, Suturing):
         raise InputError(f"--register: got the scene {task.scene.name}; allowed: suturing")
+    scope = _scope(task, args, "--register image")
+    stack.callback(scope.close)
 
     def seen(guess: NDArray[np.float64]) -> NDArray[np.float64]:
         frame = scope.capture()

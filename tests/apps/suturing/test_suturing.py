@@ -212,6 +212,8 @@ def test_options_of_suturing_are_refused_for_other_scenes(
     assert "allowed: a file that ends in .toml or .png" in capsys.readouterr().err
     assert main(["play", "suturing", "--register", "image"]) == 2
     assert "--register image: allowed with --headless only" in capsys.readouterr().err
+    assert main(["play", "peg-transfer", "--headless", "--register", "image"]) == 2
+    assert "got the scene peg-transfer; allowed: suturing" in capsys.readouterr().err
 
 
 def test_the_challenges_score_of_a_pose_sums_base_middle_and_tip() -> None:

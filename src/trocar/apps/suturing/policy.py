@@ -316,7 +316,7 @@ class Sewing:
         for _ in range(TRIES):
             yield from self._one(take, take.open(BESIDE))
             yield from self._approach(take, [goal, *then])
-            yield from self._one(take, take.line(goal, 0.03))
+            yield from self._one(take, take.line(goal, 0.03 if row else 0.05))  # in the air
             if row:  # tissue holds the needle, too: pads that close on it alone do not twist it
                 yield from self._near(take)
                 yield from self._one(give, give.open(BESIDE))
@@ -408,7 +408,7 @@ class Sewing:
         goal[2, 3] += 0.018
         angle = stitch.angle_of(self.needle, begin)
         turn = (start - angle) % (2.0 * np.pi)
-        x, count = float(stitch.points[0, 0]), 120
+        x, count = float(stitch.points[0, 0]), 105
         swage = angle - self.needle.arc
         flat = needle_on_circle(stitch.wound, x, stitch.height, stitch.side, swage)
         beside = rotation_vector_from_matrix(flat[:3, :3].T @ begin[:3, :3])

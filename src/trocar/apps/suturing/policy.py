@@ -37,7 +37,7 @@ PULL_M_S, TIGHT_M_S = 0.04, 0.006
 #: N while surgeons pulled; 2 N closes the wound. [N, m/s/N, m/s]
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
 #: The needle turns in line with the pull within so much of it; shares of this turn that are tried,
-#: and steps in which reach is looked at then. Source: our own choice. [m, , m]
+#: and steps in which reach is looked at then. Source: our own choice. [m, m]
 TURN_M, SHARES, STEP_M = 0.02, (1.0, 0.75, 0.5, 0.25), 0.004
 #: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
 #: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
@@ -383,7 +383,8 @@ class Sewing:
         grip = held[:3, 3] + REACH_M * held[:3, 2]
         chord = (start @ inverse(held))[:3, :3] @ (grip - self.needle.swage[:3, 3])
         axis = np.cross(chord, way)
-        turn = np.arctan2(np.linalg.norm(axis), chord @ way) * axis / np.linalg.norm(axis)
+        sine = float(np.linalg.norm(axis))
+        turn = np.arctan2(sine, chord @ way) / max(sine, 1e-12) * axis
 
         def pose(pulled: float, share: float) -> Array:
             part = share * min(1.0, pulled / TURN_M)

@@ -940,11 +940,16 @@ class World:
 
     def _step_tissues(self, count: int) -> None:
         """Step the physics with the forces of soft tissue."""
-        tissues = tuple(self.tissues.values())
+        tissues, step, model, data = (
+            (*self.tissues.values(),),
+            mujoco.mj_step,
+            self._model,
+            self._data,
+        )
         for _ in range(count):
             for tissue in tissues:
                 tissue.apply()
-            mujoco.mj_step(self._model, self._data)
+            step(model, data)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.

@@ -57,3 +57,9 @@ def test_an_episode_of_random_efforts_ends_when_something_has_left_the_table() -
     assert values["fastest object"].value > 2.0
     assert values["deepest object"].value < 2.0  # mm; on the floor, 0.75 m below, 2.1
     assert "of 0.7" in values["deepest object"].source
+
+
+def test_what_lies_on_the_table_is_pressed_in_by_nanometres_for_longer_than_it_hits() -> None:
+    found = random_actions(["dynamic-bar"], 1, 0.12, lambda _: None)
+    values = {figure.name.split(": ")[1]: figure.value for figure in found}
+    assert 0.0 < values["deepest object for 20 ms"] < values["deepest object"] < 2.0

@@ -26,10 +26,19 @@ SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
 PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()"
 FOCUS = "document.querySelector('[data-trocar=keys]').focus()"
 CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
-#: {picture: command that serves, and what is done on the page}
-PICTURES = {"cart": ("sim", PRESS), "teleoperation": ("teleop", FOCUS)}
+#: Where the panel of measurements ends, in pixels of the picture.
+PANEL = """
+let right = 0;
+for (let e = document.querySelector('[data-trocar=time]'); e; e = e.parentElement) {
+  const box = e.getBoundingClientRect();
+  if (box.width < innerWidth / 2) right = Math.max(right, box.right);
+}
+return Math.ceil(right * devicePixelRatio);
+"""
+#: {picture: command that serves, what is done on the page, what is left out}
+PICTURES = {"cart": ("sim", PRESS, PANEL), "teleoperation": ("teleop", FOCUS, "return 0")}
 #: The window [px], so wide that its panels leave the cart free, and its scale in the picture.
-WINDOW, SCALE = "1900,1280", 0.7
+WINDOW, SCALE = "2060,1280", 0.62
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -44,8 +53,8 @@ FLAGS = (
 DRAWN_S, MOVED_S = 30.0, 12.0
 
 
-def screenshot(url: str, act: str) -> Image.Image:
-    """Return what a browser shows at an address after a script."""
+def screenshot(url: str, act: str, begin: str) -> Image.Image:
+    """Return what a browser shows at an address after a script, right of another's result."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for flag in FLAGS:
@@ -55,7 +64,7 @@ def screenshot(url: str, act: str) -> Image.Image:
     tab = webdriver.Chrome(options, webdriver.ChromeService(driver, env=environment))
     try:
         tab.get(url)
-        shown = "return document.querySelector('[data-trocar=time]') !== null"
+        shown = "return document.querySelector('[data-trocar]') !== null"
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
         wait.until(lambda _: tab.execute_script(shown))
         time.sleep(DRAWN_S)
@@ -63,24 +72,24 @@ def screenshot(url: str, act: str) -> Image.Image:
         time.sleep(MOVED_S)
         tab.execute_script(CLOSE)
         time.sleep(2.0)
-        return Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
+        seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
+        return seen.crop((tab.execute_script(begin), 0, *seen.size))
     finally:
         tab.quit()
 
 
 def draw(name: str, folder: Path) -> None:
     """Serve what a picture shows, and save the picture."""
-    serves, act = PICTURES[name]
+    serves, *scripts = PICTURES[name]
     command = [sys.executable, "-m", "trocar", serves, *SERVE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url, act)
+            picture = screenshot(url, *scripts)
         finally:
             served.terminate()
-    small = picture.quantize(256, dither=Image.Dither.NONE)
-    small.save(folder / f"{name}.png", optimize=True)
+    picture.save(folder / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -202,6 +202,35 @@ def test_coulomb_friction_of_a_simulated_log_has_the_signs_of_its_own_velocities
     assert (signs[0] != signs[1]).any()
 
 
+def test_friction_of_a_joint_that_sticks_in_a_simulated_log_does_not_count() -> None:
+    """There it is what other forces leave; here a third of the yaw's, at random."""
+    pytest.importorskip("clarabel", reason="clarabel is not installed: trocar[identify]")
+    arm, moved, rng = load_arm("ecm"), motion("ecm"), np.random.default_rng(2)
+    cycle, number = np.modf(np.arange(len(moved.q)) / RATE_HZ)
+    x, up = np.minimum(cycle / 0.6, 1.0), np.where(number % 2.0, -1.0, 1.0)  # then 0.4 s at rest
+    steps = (
+        x**3 * (10.0 - 15.0 * x + 6.0 * x**2),
+        x**2 * (1.0 - x) ** 2,
+        x - 3.0 * x**2 + 2.0 * x**3,
+    )
+    for column, one, scale in zip(
+        (moved.q, moved.qd, moved.qdd), steps, (0.3, 9.0 / 0.6, 18.0 / 0.36), strict=True
+    ):
+        column[:, 0] = scale * up * one
+    moved.q[:, 0] += np.where(up < 0.0, 0.3, 0.0)
+    effort = predicted_efforts(arm, trains("ecm"), moved)
+    effort[:, 0] += np.where(x == 1.0, rng.uniform(-0.02, 0.08, len(x)), 0.0)
+    log = Log("made", RATE_HZ, moved.q, moved.qd, effort, arm.mechanism.joint_names, np.eye(4))
+    truth = trains("ecm")["yaw"].terms
+
+    def off(simulated: bool) -> float:
+        one = filtered(replace(log, simulated=simulated), arm, SETTINGS)
+        found = identify([one], arm).dynamics.drivetrains["yaw"].terms
+        return abs(found["viscous"][0] / truth["viscous"][0] - 1.0)
+
+    assert off(simulated=True) < 0.01 < 0.05 < off(simulated=False), (off(True), off(False))
+
+
 def test_an_excitation_stays_in_limits_and_is_better_than_the_first() -> None:
     arm = load_arm("psm")
     found = excite(arm, 8.0, 2, 100.0, candidates=20)

@@ -38,10 +38,11 @@ SETTLE_S, WATCH_S = 2.0, 10.0
 COST, DRIFT, FOLLOWS = 1.15, 1e-3, 10.0
 RECORDING = "psm_one_results.csv.gz"
 #: Of the round trip: steps of the encoders, as in the preset `lab` [rad or m]; goal [%]. Source:
-#: data/errors.toml; the roadmap's acceptance criteria. Physics step [s], length of the motion [s].
+#: data/errors.toml; the roadmap's acceptance criteria. Physics step [s], periods of the motion [s]
+#: and how often they repeat.
 STEPS_READ = np.array([7.72e-6, 7.72e-6, 1.30e-6, *4 * [1.34e-4]])
 RETURNED, SURE = 2.0, 0.01
-FINE_S, EXCITED_S = 0.00025, 20.0
+FINE_S, EXCITED = 0.0001, ((10.0, 2), (10.0, 4), (20.0, 2))
 #: Gravity compensation of other masters of this kind, by serial number: efforts that hold the wrist
 #: pitch by moments of its body and the next one [kg m], and by powers of its position from 0 on,
 #: moving up and down [N m]. Source: jhu-dvrk/sawIntuitiveResearchKit@2538493,
@@ -78,11 +79,12 @@ def drives(recordings: Path | None = None) -> list[Figure]:
     Args:
         recordings: folder of recordings of a real PSM; None: without the latter
     """
-    found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift(), *round_trip(), *masters()]
+    found = [*(_cost(rig) for rig in ("psm", "two_psm_ecm")), _drift(), *masters()]
+    found += [figure for period_s, repeats in EXCITED for figure in round_trip(period_s, repeats)]
     return found if recordings is None else [*found, *_open_loop(recordings / RECORDING)]
 
 
-def round_trip() -> list[Figure]:
+def round_trip(period_s: float, repeats: int) -> list[Figure]:
     """Return how well identifying from the simulation's own log returns what it was made with.
 
     The motion is one of `trocar excite`; readings have the encoders' steps. A physics step has one
@@ -92,7 +94,7 @@ def round_trip() -> list[Figure]:
     below half of the goal.
     """
     arm = load_arm("psm")
-    plan = excite(arm, period_s=EXCITED_S / 2.0, repeats=2, candidates=4)
+    plan = excite(arm, period_s=period_s, repeats=repeats, candidates=4)
     curve = CubicSpline(np.arange(len(plan.q)) / plan.rate_hz, plan.q)
     world = World("psm", collisions=False, timestep_s=FINE_S)
     if world.drives is not None:
@@ -119,7 +121,8 @@ def round_trip() -> list[Figure]:
     median = 100.0 * float(np.median(change[sure]))
     worst = int(np.argmax(change * sure))
     farthest = 100.0 * float(change[worst])
-    what = f"drives: round trip, {int(sure.sum())} base parameters known to 1 %"
+    motion = f"{repeats} times {period_s:g} s"
+    what = f"drives: round trip, {motion}, {int(sure.sum())} base parameters known to 1 %"
     return [
         Figure(f"{what}, median", median, "%", RETURNED),
         Figure(f"{what}, within 2 %", share, "%", lower=100.0),

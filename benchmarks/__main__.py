@@ -118,7 +118,8 @@ def main(words: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--keep",
         metavar="FILE",
-        help="of tasks and suturing: keep episodes in FILE, and do not run again those that it has",
+        help="of tasks, suturing and needle of vision: keep episodes or runs in FILE, and do not"
+        " run again those that it has",
     )
     parser.add_argument(
         "--transport",
@@ -240,7 +241,8 @@ def main(words: Sequence[str] | None = None) -> int:
                     seeds = range(args.first, args.first + count)
                     found += held(seeds, styles, presets, watch)
                 else:
-                    found += needle_tracking(count, args.workers, styles, presets, watch)
+                    kept = args.keep and Path(args.keep)
+                    found += needle_tracking(count, args.workers, styles, presets, watch, kept)
             if args.only in (None, "tips"):
                 from benchmarks.tips import tips
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import islice
 from multiprocessing import get_context
+from pathlib import Path
 from time import process_time
 
 import numpy as np
@@ -98,6 +100,23 @@ class Outcome:
     cold: bool
     costs: list[float]
 
+    def line(self, setting: Setting) -> str:
+        """Return it as a line of JSON."""
+        rows = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return json.dumps({**asdict(setting), **rows}) + "\n"
+
+
+def kept(file: Path | None) -> dict[Setting, Outcome]:
+    """Return the runs of a file of such lines, none if it is not there."""
+    found: dict[Setting, Outcome] = {}
+    if file is not None and file.exists():
+        for line in file.read_text(encoding="utf-8").splitlines():
+            row = json.loads(line)
+            setting = Setting(*(row.pop(key) for key in ("preset", "style", "seed")))
+            arrays = {key: np.array(row[key]) for key in ("whole", "half", "hidden")}
+            found[setting] = Outcome(**{**row, **arrays})
+    return found
+
 
 def measure(setting: Setting) -> Outcome:
     """Track a needle that a tool carries, hidden, half covered, and from nothing."""
@@ -158,19 +177,30 @@ def needle_tracking(
     styles: Collection[Style],
     presets: Collection[str],
     watch: Callable[[str], None],
+    file: Path | None = None,
 ) -> list[Figure]:
-    """Track needles on these grounds and in these sizes, with so many runs at a time."""
+    """Track needles on these grounds and in these sizes, with so many runs at a time.
+
+    Args:
+        seeds, workers, styles, presets, watch: how many, ..., and what reports progress
+        file: keeps each run as a line of JSON; those that it has are not run again
+    """
     kinds: list[tuple[str, Style]] = [(preset, style) for style in styles for preset in presets]
-    settings = [Setting(*kind, seed) for kind in kinds for seed in range(seeds)]
-    found: list[Outcome] = []
+    settings = [Setting(*kind, seed) for seed in range(seeds) for kind in kinds]
+    found = kept(file)
+    rest = [setting for setting in settings if setting not in found]
     with get_context("spawn").Pool(workers) if workers > 1 else nullcontext() as pool:
-        for one in map(measure, settings) if pool is None else pool.imap(measure, settings):
-            found.append(one)
-            watch(f"needle, {len(found)} of {len(settings)} runs")
+        runs = map(measure, rest) if pool is None else pool.imap(measure, rest)
+        for setting, one in zip(rest, runs, strict=True):
+            found[setting] = one
+            if file is not None:
+                with file.open("a", encoding="utf-8") as out:
+                    out.write(one.line(setting))
+            watch(f"needle, {len(found)} runs, {len(settings)} needed")
     return [
         figure
-        for k, (preset, style) in enumerate(kinds)
-        for figure in _figures(preset, style, found[k * seeds : (k + 1) * seeds])
+        for kind in kinds
+        for figure in _figures(*kind, [found[Setting(*kind, seed)] for seed in range(seeds)])
     ]
 
 

@@ -22,13 +22,21 @@ FASTEST_M_S, DEEPEST_M = 5.0, 0.002
 
 @dataclass
 class Extremes:
-    """What came of all episodes of a scene; `time` is how long they lasted [s]."""
+    """What came of all episodes of a scene.
+
+    Attributes:
+        time: how long they lasted [s]
+        diverged, warnings: how many
+        speed: of the fastest object [m/s]
+        depth, sunk: of the deepest contact of an object, and of the deepest for a period on end [m]
+    """
 
     time: float = 0.0
     diverged: int = 0
     warnings: int = 0
     speed: float = 0.0
     depth: float = 0.0
+    sunk: float = 0.0
 
 
 def random_actions(
@@ -51,6 +59,13 @@ def random_actions(
                 worst.depth * 1e3,
                 "mm",
                 upper=DEEPEST_M * 1e3,
+                source=f"{note}; up to its speed times the step of 1 ms where it hits something",
+            ),
+            Figure(
+                f"{name}: deepest object for {1e3 * PERIOD_S:g} ms",
+                worst.sunk * 1e3,
+                "mm",
+                upper=DEEPEST_M * 1e3,
                 source=note,
             ),
         ]
@@ -63,6 +78,7 @@ def _episode(task: Task, seed: int, duration_s: float, worst: Extremes) -> None:
     world, left = task.world, 0
     soft = {p.name for p in world.rig.props if any(s.stiffness is not None for s in p.shapes)}
     objects, steps = set(world.objects), round(PERIOD_S / world.timestep)
+    deep: dict[frozenset[str], float] = {}  # of each pair of bodies a period ago
     before = sum(world.engine_warnings().values())
     try:
         for _ in range(round(duration_s / PERIOD_S)):
@@ -83,10 +99,15 @@ def _episode(task: Task, seed: int, duration_s: float, worst: Extremes) -> None:
             states, table = world.object_states(), world.contact_table()
             speeds = np.linalg.norm(states.linear, axis=1)
             worst.speed = max(worst.speed, float(speeds.max(initial=0.0)))
-            for (one, two), depth in zip(table.bodies.tolist(), table.depths, strict=True):
-                pair = {table.names[one], table.names[two]}
+            before_that, deep = deep, {}
+            for (one, two), depth in zip(table.bodies.tolist(), table.depths.tolist(), strict=True):
+                pair = frozenset((table.names[one], table.names[two]))
                 if pair & objects and not pair & soft:  # soft pads yield by what is in their file
-                    worst.depth = max(worst.depth, float(depth))
+                    deep[pair] = max(deep.get(pair, 0.0), depth)
+            worst.depth = max(worst.depth, *deep.values(), 0.0)
+            worst.sunk = max(
+                worst.sunk, *(min(deep[pair], before_that.get(pair, 0.0)) for pair in deep), 0.0
+            )
     except DivergedError:
         worst.diverged += 1
     worst.time += task.time

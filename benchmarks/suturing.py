@@ -10,9 +10,11 @@ import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.tasks import wilson
@@ -24,10 +26,13 @@ from trocar.apps.tasks import run_episode
 from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
+from trocar.simulation import World
 
 #: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]
 MOVES, RANDOM_M_S = 5, 0.1
+#: Steps of MuJoCo alone that are timed after each episode. Source: our own choice.
+BARE = 1000
 
 Row = dict[str, Any]
 
@@ -152,8 +157,28 @@ def _sewn(task: Suturing, seed: int) -> Row:
         "time_s": episode.time_s,
         "cpu_s": time.process_time() - begin,
         "physics_s": spent[0],
+        "mujoco_us": _bare_us(task.world),
+        "psm_us": _bare_us(_psm()),
         "stitches": [asdict(score) for score in task.watch.scores],
     }
+
+
+def _bare_us(world: World) -> float:
+    """Return what a step of MuJoCo alone takes from where a world is [us]."""
+    model, data = world.mj_model, mujoco.MjData(world.mj_model)
+    state = mujoco.mjtState.mjSTATE_INTEGRATION
+    row = np.zeros(mujoco.mj_stateSize(model, state))
+    mujoco.mj_getState(model, world.mj_data, row, state)
+    mujoco.mj_setState(model, data, row, state)
+    begin = time.process_time()
+    mujoco.mj_step(model, data, BARE)
+    return 1e6 * (time.process_time() - begin) / BARE
+
+
+@cache
+def _psm() -> World:
+    """Return a PSM alone, by which machines are compared."""
+    return World("psm")
 
 
 def figures(name: str, case: Case, rows: Sequence[Row]) -> list[Figure]:
@@ -200,6 +225,10 @@ def figures(name: str, case: Case, rows: Sequence[Row]) -> list[Figure]:
         note = "simulated time over processor time of whole episodes, one core"
         goal = goals[case.stitches > 1]
         found.append(Figure(f"{name}: {what}", speed, "", lower=goal, source=note))
+    for key, what in (("mujoco_us", "the scene's"), ("psm_us", "a PSM's")):
+        bare = float(np.median([row[key] for row in rows]))
+        note = "MuJoCo alone, after each episode; median"
+        found.append(Figure(f"{name}: {what} mj_step", bare, "us", source=note))
     return found
 
 

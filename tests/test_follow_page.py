@@ -58,12 +58,13 @@ def test_the_run_without_the_page_prints_what_the_page_shows(
     assert shown in capsys.readouterr().out
 
 
-def test_a_bag_without_the_arm_is_refused_as_the_page_says(
+def test_a_bag_without_the_arm_is_refused_with_its_joint_states(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     session(tmp_path / "session.bag", {"PSM2": 6, "ECM": 4})
-    assert main(command("--arms PSM1")) == BAD_INPUT
+    words = ["mirror", "--bag", "session.bag", "--rig", "psm", "--arms", "PSM1"]
+    assert main(words) == BAD_INPUT
     said = capsys.readouterr().err
     assert "has no /PSM1/measured_js; its joint states: /ECM/measured_js, /PSM2/measured_js" in said
 

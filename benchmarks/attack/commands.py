@@ -26,9 +26,9 @@ from trocar.simulation import World
 from trocar.simulation.arm import Arm
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 
-#: Rigs with every kind of arm, tool and object; the last two and the scenes are slow.
-RIGS = ("psm", "mtm", "ecm", "pegs", SCENE, "suturing", "full_cart")
-SCENES = (SCENE, "suturing")
+#: Rigs with every kind of arm, tool and object; the last three and the scenes are slow.
+RIGS = ("psm", "mtm", "ecm", "pegs", SCENE, "thread-handover", "suturing", "full_cart")
+SCENES = (SCENE, "thread-handover", "suturing")
 #: Calls until another rig's turn. Source: our own choice.
 CALLS = 200
 #: An arm without power moves less than this. Source: its loops relax by 4e-11 (measured) from

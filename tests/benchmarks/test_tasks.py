@@ -26,11 +26,12 @@ def test_intervals_of_ratios_are_wilsons() -> None:
 
 def test_times_are_those_of_successes_and_drops_those_of_all() -> None:
     results = [episode(True, 4.0), episode(True, 6.0), episode(False, 10.0)]
-    found = {figure.name: figure.value for figure in figures(results, 2.0)}
+    found = {figure.name: figure.value for figure in figures(results, 2.0, 1e-5)}
     assert found["s: success"] == pytest.approx(2.0 / 3.0)
     assert found["s: time"] == 5.0
     assert found["s: drops"] == 6
     assert found["s: speed"] == 10.0
+    assert found["s: a millisecond"] == pytest.approx(10.0)  # 0.1 ms, in steps of 10 us
 
 
 def test_episodes_that_a_file_has_are_not_run_again(tmp_path: Path) -> None:
@@ -56,3 +57,9 @@ def test_an_episode_of_random_efforts_ends_when_something_has_left_the_table() -
     assert values["fastest object"].value > 2.0
     assert values["deepest object"].value < 2.0  # mm; on the floor, 0.75 m below, 2.1
     assert "of 0.7" in values["deepest object"].source
+
+
+def test_what_lies_on_the_table_is_pressed_in_by_nanometres_for_longer_than_it_hits() -> None:
+    found = random_actions(["dynamic-bar"], 1, 0.12, lambda _: None)
+    values = {figure.name.split(": ")[1]: figure.value for figure in found}
+    assert 0.0 < values["deepest object for 20 ms"] < values["deepest object"] < 2.0

@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.grip import Grip, rig_text
 from trocar.descriptions import load_rig
+from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.descriptions.sensors import WrenchReading
 from trocar.errors import DescriptionError
 from trocar.simulation import World
@@ -215,6 +216,18 @@ def test_a_wrench_sensor_feels_what_pulls_at_what_the_jaw_holds(tmp_path: Path) 
     held.world.mj_data.xfrc_applied[held.world.mj_model.body("needle").id, 2] = -3.0
     held.world.step(100)
     assert np.linalg.norm(felt() - before) == pytest.approx(3.0, rel=0.02)
+
+
+def test_an_arm_carries_the_weight_of_what_its_jaw_holds_and_what_pulls_at_it(held: Grip) -> None:
+    world = held.world
+    needle = world.mj_model.body("needle")
+    weight = STANDARD_GRAVITY * float(needle.mass[0])
+    for pull in (0.0, 3.0):
+        world.mj_data.xfrc_applied[needle.id, 0] = pull
+        world.step(200)
+        assert world.grasps()["PSM1"].object == "needle"
+        found = world.contact_forces()["PSM1"]
+        assert found == pytest.approx([pull, 0.0, -weight], abs=2e-4)
 
 
 def test_contacts_of_what_is_held_are_the_pads_presses(held: Grip) -> None:

@@ -71,11 +71,16 @@ def test_unlocked_the_hand_turns_with_the_arm(world, arm):
     assert push_about(world, arm) > 2.0 * HELD_RAD
 
 
-@pytest.mark.parametrize("given", ["matrix", "quaternion"])
-def test_a_wanted_orientation_is_approached_and_held(world, arm, given):
+def test_a_quaternion_means_the_orientation_of_its_matrix(arm):
+    R = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
+    np.testing.assert_allclose(check_orientation(quaternion_from_matrix(R)), R, atol=1e-12)
+    assert arm.lock_orientation(quaternion_from_matrix(R))
+
+
+def test_a_wanted_orientation_is_approached_and_held(world, arm):
     expected = orientation(arm) @ matrix_from_rotation_vector(np.array([0.3, -0.2, 0.4]))
     arm.servo_cf(HANDS_OFF)
-    assert arm.lock_orientation(expected if given == "matrix" else quaternion_from_matrix(expected))
+    assert arm.lock_orientation(expected)
     before = arm.measured_cp().T[:3, 3]
     world.step(3000)
     assert angle_between(orientation(arm), expected) < HELD_RAD

@@ -133,7 +133,7 @@ def test_the_tool_of_the_lone_psm_reaches_its_table() -> None:
         assert arm.tip_in_world().T[:3, 3] == pytest.approx([x, 0.0, top], abs=1e-6)
 
 
-def test_worlds_arms_and_jaws_have_readable_representations() -> None:
+def test_worlds_arms_jaws_and_moves_have_readable_representations() -> None:
     world = World("psm")
     arm = world.arm("PSM1")
     assert repr(world) == "<World 'psm' at 0.000 s: PSM1>"
@@ -142,5 +142,10 @@ def test_worlds_arms_and_jaws_have_readable_representations() -> None:
     )
     assert "insertion 0.12" in repr(arm)
     assert repr(arm.jaw) == "<Jaw of 'PSM1': 0.0000 rad, set-point 0.0000 rad>"
+    motion = arm.move_jp([0.1, 0.0, 0.12, 0.0, 0.0, 0.0])
+    assert repr(motion) == "<Motion to (0.1, 0, 0.12, 0, 0, 0): under way>"
+    motion.wait()
+    assert repr(motion).endswith("goal reached>") and "not" not in repr(motion)
+    assert repr(arm.move_jp([0.1])).endswith(": goal not reached>")
     world.exchange_tool("PSM1", "none")
     assert "with" not in repr(arm) and arm.jaw is None

@@ -17,13 +17,16 @@ from trocar.simulation import World
 from trocar.simulation.journal import Entry
 
 GRAVITY = 9.81
-#: A block on a shelf that juts out, and a thread that hangs from its edge.
-HANGING = """
+SHELF = """
 [[prop]]
 name = "shelf"
 xyz_mm = [0, 300, 200]
 shape = [{ kind = "box", center_mm = [0, 0, -5], size_mm = [60, 60, 10] }]
-
+"""
+#: A block on the shelf that juts out, and a thread that hangs from its edge.
+HANGING = (
+    SHELF
+    + """
 [[prop]]
 name = "block"
 movable = true
@@ -40,6 +43,7 @@ xyz_mm = [44, 300, 199]
 rpy_deg = [0, 90, 0]
 joint = { kind = "ball", on = "block" }
 """
+)
 #: In the air, where the jaw of PSM1 is.
 HELD = """
 [[prop]]
@@ -251,6 +255,23 @@ def test_it_lies_along_a_curve_and_a_knot_holds_what_a_thread_that_passes_itself
 def test_a_curve_that_it_cannot_follow_is_refused(points: list[list[float]], words: str) -> None:
     with pytest.raises(InputError, match=words):
         World(rig(HELD)).objects["thread"].set_curve(points)
+
+
+def test_it_is_laid_two_millimetres_deep_in_others_at_most_and_pushed_out_gently() -> None:
+    world = World(rig(SHELF + HELD))
+    line, thread = np.linspace(-0.035, 0.035, 30), world.objects["thread"]
+    curve = np.column_stack([line, np.full(30, 0.3), np.full(30, 0.197)])
+    before = world.save().row
+    with pytest.raises(InputError, match=r"thread: would lie 3\.1 mm deep in shelf; allowed: up"):
+        thread.set_curve(curve)
+    with pytest.raises(InputError, match="deep in shelf"):
+        thread.set_cp(transform(np.eye(3), curve[0]))
+    assert np.array_equal(world.save().row, before)
+    thread.set_curve(curve + np.array([0.0, 0.0, 0.0015]))
+    for _ in range(50):
+        world.step()
+        assert np.linalg.norm(world.object_states().linear) < 1.0
+    assert world.threads["thread"].points()[:, 2].min() > 0.2
 
 
 def test_it_begins_at_the_end_of_a_needle_that_it_is_tied_to_and_follows_it() -> None:

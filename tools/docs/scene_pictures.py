@@ -40,6 +40,8 @@ WHEN_S = {
     "match-board": 9.0,
     "needle-handover": 3.6,
     "needle-regrasp": 3.6,
+    "thread-handover": 2.6,
+    "thread-knot": 3.5,
 }
 DEFAULT_S = 2.2
 #: Where the room's camera is, and what it looks at [m].

@@ -115,19 +115,23 @@ class Hand:
         both = (one, one * [-1.0, -1.0, 1.0])
         return min(both, key=lambda R: self.task.farthest(self.arm, transform(R, at)))
 
-    def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
-        """Grasp what is at a point from above and lift it.
+    def grasp(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
+        """Grasp what is at a point from above.
 
         Args:
             point: between the fingers, in the world, (3,) [m]
             angle: of the direction along which the fingers close, about the world's z [rad]
-            height: above the point, on the way there and back [m]
+            height: above the point, on the way there [m]
             opening: of the jaw on the way down [rad]
         """
         self.jaw = opening
         yield from self.over(point, height, angle)
         yield from self.over(point, 0.0)
         yield from self.close()
+
+    def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
+        """Grasp what is at a point from above, as `grasp` does, and lift it by the height."""
+        yield from self.grasp(point, angle, height, opening)
         yield from self.shift(height * UP)
 
     def take(

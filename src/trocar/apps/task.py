@@ -6,6 +6,7 @@ The base of every app that has scenes; `apps/tasks/registry.py` names its classe
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, cast
@@ -32,7 +33,7 @@ Row = dict[str, tuple[Array, Array]]
 PERIOD_S = 0.02
 #: Physics steps between the set-points of a command: straight lines between its ends.
 #: Source: our own choice.
-EVERY = 5
+EVERY = 10
 #: Largest speeds of a tip, of its rotation and of the jaw. Source: our own choice; instruments move
 #: at up to 0.1 m/s in peg transfers (`trocar score`). [m/s, rad/s, rad/s]
 SPEED_M_S, SPIN_RAD_S, JAW_RAD_S = 0.2, 4.0, 5.0
@@ -424,7 +425,8 @@ class Task:
             if goal.held != (goal.arm in holders if goal.arm else bool(holders)):
                 return False
             off = self.position(goal.object) - at
-        return bool(np.hypot(off[0], off[1]) <= goal.radius and abs(off[2]) <= goal.height)
+        x, y, z = off.tolist()
+        return math.hypot(x, y) <= goal.radius and abs(z) <= goal.height
 
     def look(self) -> None:
         """Note grasps, drops, forces, paths and goals; call it every period, whoever drives."""
@@ -437,7 +439,7 @@ class Task:
         self._touch()
         for name in self.arms:
             tip = world.arms[name].tip_in_world().T[:3, 3]
-            self.distance[name] += float(np.linalg.norm(tip - self._tips[name]))
+            self.distance[name] += math.dist(tip.tolist(), self._tips[name].tolist())
             self._tips[name] = tip
         earlier = sum(goal.stage < self.stage for goal, _ in self.goals)
         now = [(goal, at) for goal, at in self.goals if goal.stage == self.stage]
@@ -453,7 +455,7 @@ class Task:
                 self.done, self.success, self.reason = True, True, "done"
                 return
             self.stage, self._since = min(later), None
-        heights = self._states.positions[:, 2]
+        heights = self._states.positions[:, 2].tolist()
         lost = [n for n, z in zip(self._names, heights, strict=True) if z < self._floor]
         faults = [n for n in self.arms if world.arms[n].operating_state().state == "FAULT"]
         if faults:
@@ -476,7 +478,7 @@ class Task:
                 self.grip[arm] = max(self.grip[arm], grasp.force)
         for arm, force in self.world.contact_forces().items():
             if arm in self.force:
-                self.force[arm] = max(self.force[arm], float(np.sqrt(force @ force)))
+                self.force[arm] = max(self.force[arm], math.hypot(*force.tolist()))
         now = set(self._held.values())
         for name in set(before.values()) - now:
             self._fell_from[name] = float(self.position(name)[2])
@@ -533,9 +535,10 @@ class Task:
         else:
             return reason
         ahead = np.abs(after - measured[:-1])
-        pushed = (ahead > LAG * tolerances) & (ahead > np.abs(q[:-1] - measured[:-1]))
-        if pushed.any():
-            return f"{joints[int(pushed.argmax())].name} is held back"
+        if (beyond := ahead > LAG * tolerances).any():
+            pushed = beyond & (ahead > np.abs(q[:-1] - measured[:-1]))
+            if pushed.any():
+                return f"{joints[int(pushed.argmax())].name} is held back"
         self._targets[name], q[:-1] = goal, after
         return ""
 

@@ -17,7 +17,14 @@ from typing import TYPE_CHECKING
 from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, changed_look, look_of, recording
+from trocar.cli.worlds import (
+    add_record,
+    changed_look,
+    eyes_of,
+    images_of_headless,
+    look_of,
+    recording,
+)
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
@@ -29,6 +36,7 @@ if TYPE_CHECKING:
 
     from trocar.apps.tasks import Episode, Task
     from trocar.descriptions.scenes import Scene
+    from trocar.rendering import Endoscope
 
 SUMMARY = "play a training scene, scripted or by hand"
 ORDER = 15
@@ -57,6 +65,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --tissue NAME           of suturing: phantom (default), skin or soft
         --plan FILE             of suturing: write the plan of the first episode's stitches, as TOML
                                 or as a picture (.png, extra plot), before it is played
+        --register points|image  of suturing: find the wound by noisy points of it (default), or in
+                                the endoscope's stereo image (extras scope, vision)
     """)  # fmt: skip
     add_json(parser)
     add_record(parser)
@@ -79,14 +89,18 @@ def run(args: Namespace) -> int:
         return _serve(args)
     if args.policy == "none":
         raise InputError("--policy none: got --headless, where nobody drives; allowed: without it")
-    if (args.record or args.video) and (args.episodes > 1 or args.workers > 1 or args.cluster):
-        raise InputError("--record, --video: allowed with one episode and one worker only")
+    kept = bool(args.record or args.video or args.record_images)
+    if kept and args.episodes > 1:
+        raise InputError("--record, --video: allowed with one episode only")
+    watched = kept or args.register == "image"
+    if watched and (args.workers > 1 or args.cluster):
+        raise InputError("--record, --video, --register image: allowed with one worker only")
     from trocar.apps.tasks import play
 
     found: list[Episode] = []
     with progress_bar("episodes", not args.json) as watch:
-        if args.record or args.video:
-            episodes = _filmed(args)
+        if watched:
+            episodes = _watched(args)
         else:
             seeds = range(args.seed, args.seed + args.episodes)
             episodes = play(args.scene, seeds, args.workers, args.cluster or "")
@@ -131,15 +145,20 @@ def _write_plan(args: Namespace) -> None:
     task = make_task(args.scene)
     if not isinstance(task, Suturing):
         raise InputError(f"--plan: got the scene {task.scene.name}; allowed: suturing")
-    task.reset(args.seed)
-    task.make_plan().save(path, overwrite=args.overwrite)
+    with ExitStack() as stack:
+        if args.register == "image":
+            _register(task, args, stack)
+        task.reset(args.seed)
+        task.make_plan().save(path, overwrite=args.overwrite)
 
 
 def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
-    if args.json or args.video or args.episodes > 1 or args.workers > 1 or args.cluster:
+    alone = args.json or args.video or args.register == "image"
+    if alone or args.episodes > 1 or args.workers > 1 or args.cluster:
         raise InputError(
-            "--json, --video, --episodes, --workers, --cluster: allowed with --headless only"
+            "--json, --video, --episodes, --workers, --cluster, --register image: allowed with"
+            " --headless only"
         )
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
@@ -148,25 +167,66 @@ def _serve(args: Namespace) -> int:
     scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
     if args.policy == "none":  # a person or a client may drive every arm
         scene = replace(scene, welded=())
+    print(f"trocar: {scene.name}: starting ...", file=sys.stderr, flush=True)
     task = make_task(scene)
     has_policy = type(task).policy is not Task.policy
     scripted = has_policy if args.policy is None else args.policy == "scripted"
-    print(f"trocar: {task.scene.name}: starting ...", file=sys.stderr, flush=True)
     serve(task.world, args, task=ServedTask(task, args.seed, scripted=scripted))
     print(_report([task.result(args.seed)]))
     return 0
 
 
-def _filmed(args: Namespace) -> Iterator[Episode]:
-    """Yield one episode that is recorded or filmed."""
+def _watched(args: Namespace) -> Iterator[Episode]:
+    """Yield episodes that are recorded or filmed, or whose policy sees the wound in images."""
     from trocar.apps.tasks import make_task, run_episode
 
     task = make_task(args.scene)
     with ExitStack() as stack:
+        stack.enter_context(images_of_headless(task.world, args))
         stack.enter_context(recording(task.world, args)())
+        if args.register == "image":
+            _register(task, args, stack)
         if args.video:
             _film(task, args, stack)
-        yield run_episode(task, args.seed)
+        for seed in range(args.seed, args.seed + args.episodes):
+            yield run_episode(task, seed)
+
+
+def _register(task: Task, args: Namespace, stack: ExitStack) -> None:
+    """Let a task of suturing find its wound in images of the endoscope, its height in points."""
+    from trocar.apps.suturing.task import Suturing
+    from trocar.apps.vision import find_wound
+    from trocar.cameras import StereoCalibration
+
+    if not isinstance(task, Suturing):
+        raise InputError(f"--register: got the scene {task.scene.name}; allowed: suturing")
+    scope = _scope(task, args, "--register image")
+    stack.callback(scope.close)
+
+    def seen(guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        frame = scope.capture()
+        if frame.right is None or not isinstance(frame.calibration, StereoCalibration):
+            raise InputError("--register image: got a camera with one eye; allowed: with two")
+        pose, images = frame.T_world_camera[0], (frame.left, frame.right)
+        wound = find_wound(frame.calibration, *images, guess, T_world_left=pose)
+        # depth from a wet surface with little texture is off by up to 1 mm: only lines of sight
+        rays = wound.middle.points - pose[:3, 3]
+        below = guess[:, 2].mean() - pose[2, 3]
+        return pose[:3, 3] + rays * (below / rays[:, 2:])
+
+    task.find_wound = seen
+
+
+def _scope(task: Task, args: Namespace, option: str) -> Endoscope:
+    """Return the endoscope of a task's world."""
+    from trocar.descriptions.cameras import load_camera
+    from trocar.rendering import Endoscope
+
+    scopes = [camera.name for camera in task.world.rig.cameras if camera.kind == "endoscope"]
+    if not scopes:
+        raise InputError(f"{option}: the rig of {task.scene.name} has no endoscope")
+    eyes = None if args.preset is None else load_camera(eyes_of(args.preset))
+    return Endoscope(task.world, scopes[0], calibration=eyes, look=look_of(args))
 
 
 def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
@@ -174,16 +234,12 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     from trocar.apps.filming.film import video
     from trocar.apps.filming.layers import picture
     from trocar.outputs import check_file
-    from trocar.rendering import Endoscope
 
     path, world = Path(args.video).expanduser(), task.world
     if path.suffix != ".mp4":
         raise InputError(f"--video: got {args.video}; allowed: a file that ends in .mp4")
     check_file(path, args.overwrite)
-    scopes = [camera.name for camera in world.rig.cameras if camera.kind == "endoscope"]
-    if not scopes:
-        raise InputError(f"--video: the rig of {task.scene.name} has no endoscope")
-    scope = Endoscope(world, scopes[0], look=look_of(args))
+    scope = _scope(task, args, "--video")
     stack.callback(scope.close)
     task.reset(args.seed)
 

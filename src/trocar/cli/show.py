@@ -176,7 +176,7 @@ def _sections(arm: Document) -> Iterator[str]:
         "type": f"{arm['type']}, {arm['generation'] or 'no generation'}",
         "tool": arm["tool"] or "none",
         "root": f"{arm['root']} (mounting frame)",
-        "poses": f"of the tip {arm['tip']} in {arm['relative_to']}",
+        "poses": f"of {arm['tip']} in {arm['relative_to']}",
         "inverse": arm["inverse_kinematics"] or "no closed form",
         "file": arm["file"],
     }

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.plugins import load_registered
 from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
-from trocar.geometry.se3 import adjoint, inverse, transform
+from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
@@ -1330,16 +1330,13 @@ class Arm:
     def _tip_state(self) -> TipState:
         """Return where the arm is, for controllers."""
         q, qd, _ = self.readings()
-        mechanism = self.description.mechanism
-        base, tip = self.base_frame()[0], chain_pose(mechanism)(q)
-        spatial = jacobian_spatial(mechanism, q)[:, self._own]
         return TipState(
             q[self._own],
             qd[self._own],
-            base @ tip,
-            base,
-            adjoint(inverse(tip)) @ spatial,
-            spatial,
+            self.measured_cp().T,
+            self.base_frame()[0],
+            self.jacobian("body"),
+            self.jacobian("spatial"),
             self._clock.time,
         )
 

@@ -97,8 +97,10 @@ class ElasticPad:
         fixed = np.isclose(self.nodes[:, 2], -tissue.depth)
         fixed |= np.isclose(np.abs(self.nodes[:, 1]), outer)
         self.free: Index = np.flatnonzero(np.repeat(~fixed, 3))
+        #: Those of the half at +y; the other half is its mirror image.
+        self._half = self.free[self.free < size // 2]
         self._factor = splu(
-            self.matrix[self.free][:, self.free].tocsc(),
+            self.matrix[self._half][:, self._half].tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
@@ -139,9 +141,15 @@ class ElasticPad:
 
     def solve(self, forces: Array) -> Array:
         """Return the displacements of the nodes by forces on them, (3n, ...) [m, N]."""
-        moved = np.zeros_like(forces)
-        moved[self.free] = self._factor.solve(forces[self.free])
-        return moved
+        columns = forces.reshape(len(forces), -1)
+        moved, size = np.zeros_like(columns), len(columns) // 2
+        flipped = np.where(self._half % 3 == 1, -1.0, 1.0)[:, None]
+        for rows, mirror in ((self._half, 1.0), (self._half + size, flipped)):
+            some = np.flatnonzero(columns[rows].any(axis=0))
+            if len(some):
+                part = np.ix_(rows, some)
+                moved[part] = mirror * self._factor.solve(mirror * columns[part])
+        return moved.reshape(forces.shape)
 
     def volumes(self, moved: Array) -> Array:
         """Return the factors by which displacements (n, 3) change the cells' volumes, (m,).
@@ -149,8 +157,13 @@ class ElasticPad:
         They are those in the middle of each; one that is not above 0 is turned inside out.
         """
         slopes = CORNERS / 8.0 * (2.0 / self.sizes)
-        gradient = np.einsum("mci,cj->mij", moved[self.cells], slopes)
-        return np.linalg.det(np.eye(3) + gradient)
+        along = np.ascontiguousarray(moved.T)[:, self.cells] @ slopes + np.eye(3)[:, None]
+        x, y, z = np.moveaxis(along, 2, 0)  # of each cell's edges along each axis
+        return (  # in a third of the time of np.linalg.det
+            x[0] * (y[1] * z[2] - y[2] * z[1])
+            + x[1] * (y[2] * z[0] - y[0] * z[2])
+            + x[2] * (y[0] * z[1] - y[1] * z[0])
+        )
 
     def surface(self) -> tuple[Index, Index]:
         """Return the nodes of the visible surface, (k,), and its triangles among them, (m, 3)."""

@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 #: Grips are looked at this often, counted from a reset. Source: our own choice, as often as a
-#: controller at 200 Hz commands. [s]
-PERIOD_S = 0.005
+#: controller at 100 Hz commands. [s]
+PERIOD_S = 0.01
 #: A jaw holds what both pads press harder than this for so long, and no longer holds what a pad
 #: presses less than the other. Source: measured on needles and rings, of which 18.7 N is the most
 #: that the jaw of a large needle driver exerts. [N, s, N]
@@ -30,9 +30,6 @@ PRESS_N, PRESSED_S, LOOSE_N = 3.0, 0.05, 1.0
 #: below so much of it. Source: measured in twenty directions of forces and torques, in which a
 #: needle slips at 0.85 of the ellipsoid or later.
 LOADED, RESTUCK = 0.6, 0.8
-#: Up to this share the load is worked out at every second look. Source: our own choice; carried
-#: needles and rings load their grip by less than 0.1.
-SLACK = 0.3
 #: It slipped where it moved so far between the pads since. Source: our own choice, half a needle's
 #: wire. [m, rad]
 SLIPPED_M, SLIPPED_RAD = 2e-4, 0.04
@@ -125,7 +122,7 @@ class Grasps:
     """
 
     def __init__(self, rig: RigDescription, timestep: float, journal: Journal) -> None:
-        self._kind, self._journal, self._timestep = rig.grasp, journal, timestep
+        self._kind, self._journal = rig.grasp, journal
         self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
         self.objects = tuple(prop.name for prop in self._props)
         self.every = max(1, round(PERIOD_S / timestep))
@@ -229,9 +226,7 @@ class Grasps:
 
     def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
-        load = self._read[row].load
-        if load > SLACK or not hold.stuck or self._even():
-            load = self._load(row, hold, contacts, pressed)
+        load = self._load(row, hold, contacts, pressed)
         self._read[row] = self._grasp(hold.object, pressed, load)
         self._most[row] = max(self._most[row], pressed)
         if hold.stuck and pressed < LOOSE_N:
@@ -377,10 +372,6 @@ class Grasps:
             # where its own friction prevails there are pairs: it keeps it towards all else
             model.geom_condim[mine | (its & (model.geom_priority == 0))] = 1
             model.pair_dim[(self._pairs[0] // 2 == row) & (self._pairs[1] == hold.object)] = 1
-
-    def _even(self) -> bool:
-        """Return whether this look is one of every second ones since the reset."""
-        return round(float(self._data.time) / (self.every * self._timestep)) % 2 == 0
 
     def _load(self, row: int, hold: Hold, contacts: list[int], right: float) -> float:
         """Return the share of what friction carries that the grip's load takes."""

@@ -48,7 +48,8 @@ def platform_advance(q: Array) -> float:
     Args:
         q: joint positions, (7,) [rad]
     """
-    return float(np.clip(q[YAW] * np.cos(q[PITCH]), -PLATFORM_STEP, PLATFORM_STEP))
+    ahead = float(q[YAW]) * math.cos(q[PITCH])
+    return min(max(ahead, -PLATFORM_STEP), PLATFORM_STEP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +71,10 @@ class PlatformEffort:
 
     def effort(self, q: Array, qd: Array) -> float:
         """Return P (goal - q4) - D v4, within the largest effort [N m]."""
-        goal = np.clip(q[PLATFORM] + platform_advance(q), self.lower, self.upper)
-        effort = PLATFORM_P * (goal - q[PLATFORM]) - PLATFORM_D * qd[PLATFORM]
-        return float(np.clip(effort, -PLATFORM_EFFORT_MAX, PLATFORM_EFFORT_MAX))
+        platform = float(q[PLATFORM])
+        goal = min(max(platform + platform_advance(q), self.lower), self.upper)
+        effort = PLATFORM_P * (goal - platform) - PLATFORM_D * float(qd[PLATFORM])
+        return min(max(effort, -PLATFORM_EFFORT_MAX), PLATFORM_EFFORT_MAX)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +123,7 @@ class OrientationLock:
         """Return the joints that have the orientation, nearest to the last set-points, (7,)."""
         last, limits = self._told, self._limits
         on = last[PLATFORM] + platform_advance(last) * min(elapsed / PLATFORM_TIME_S, 1.0)
-        platform = np.clip(on, limits.lower[PLATFORM], limits.upper[PLATFORM])
+        platform = min(max(on, limits.lower[PLATFORM]), limits.upper[PLATFORM])
         found, _ = gimbal_branches(self._wanted, arm[None], np.array([[platform]]))
         found -= 2.0 * np.pi * np.round((found - last) / (2.0 * np.pi))
         found[:, :3] = arm

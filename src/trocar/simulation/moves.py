@@ -35,6 +35,11 @@ class Motion:
         self._left = parts
         self._arrived = parts > 0
 
+    def __repr__(self) -> str:
+        ended = "goal reached" if self.goal_reached else "goal not reached"
+        goal = ", ".join(f"{value:.4g}" for value in self.goal)
+        return f"<Motion to ({goal}): {ended if self.done else 'under way'}>"
+
     @property
     def done(self) -> bool:
         """Whether no set-point follows this move any longer."""

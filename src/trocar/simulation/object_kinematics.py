@@ -95,24 +95,18 @@ class ObjectKinematics:
         free = qpos[..., self._places]
         if len(self._free) == len(self.joints):
             return free
-        found = np.empty((*qpos.shape[:-1], len(self.joints), 7))
-        found[..., self._free, :] = free
-        for k, at in enumerate(self._matrices(qpos)):
-            if self.joints[k].kind != "free":
-                found[..., k, :3] = at[..., :3, 3]
-                found[..., k, 3:] = quaternion_from_matrix(at[..., :3, :3])
-        return found
+        return self._poses(free, self._matrices(qpos))
 
-    def velocities(self, qpos: Array, qvel: Array) -> Array:
-        """Return velocity of each object's origin, and its spin in its own axes, (n, 6).
+    def motion(self, qpos: Array, qvel: Array) -> tuple[Array, Array]:
+        """Return the same poses, and velocity of each origin and spin in its own axes, (n, 6).
 
         Args:
             qpos: MuJoCo's coordinates, (nq,)
             qvel: their rates, (nv,)
         """
-        free = qvel[self._rates]
+        places, free = qpos[self._places], qvel[self._rates]
         if len(self._free) == len(self.joints):
-            return free
+            return places, free
         found = np.empty((len(self.joints), 6))
         found[self._free] = free
         at = self._matrices(qpos)
@@ -134,13 +128,23 @@ class ObjectKinematics:
         for k, (here, twist) in enumerate(zip(at, twists, strict=True)):
             if self.joints[k].kind != "free":
                 found[k, :3], found[k, 3:] = twist[:3], here[:3, :3].T @ twist[3:]
-        return found
+        return self._poses(places, at), found
 
     def coordinates(self, qpos: Array, qvel: Array) -> Array:
         """Return coordinate and rate of each hinge or slide, NaN of other joints, (n, 2)."""
         found = np.full((len(self.joints), 2), np.nan)
         for k, at, rate in self._scalars:
             found[k] = qpos[at], qvel[rate]
+        return found
+
+    def _poses(self, free: Array, matrices: list[Array]) -> Array:
+        """Return the poses of all objects from those of free ones and all matrices."""
+        found = np.empty((*free.shape[:-2], len(self.joints), 7))
+        found[..., self._free, :] = free
+        for k, at in enumerate(matrices):
+            if self.joints[k].kind != "free":
+                found[..., k, :3] = at[..., :3, 3]
+                found[..., k, 3:] = quaternion_from_matrix(at[..., :3, :3])
         return found
 
     def _matrices(self, qpos: Array) -> list[Array]:

@@ -31,6 +31,10 @@ MOST_N, MOST_NM = 100.0, 10.0
 #: Most that they accelerate it by. Source: our own choice, a hundred times gravity; with 0.25 N m
 #: a ring of grams turns at 1e6 rad/s after 0.1 s, and the simulation diverges. [m/s^2, rad/s^2]
 MOST_M_S2, MOST_RAD_S2 = 1e3, 1e4
+#: A thread is not laid deeper than this into anything. Source: measured: contacts push its light
+#: links out by 0.45 m/s for each millimetre, and from 15 mm so fast that the simulation diverges.
+#: [m]
+OVERLAP_M = 0.002
 #: Norms of quaternions differ from 1 by less than this. Source: our own choice.
 UNIT = 1e-6
 
@@ -84,7 +88,7 @@ class SceneObject:
         self, model: mujoco.MjModel, data: mujoco.MjData, kinematics: ObjectKinematics
     ) -> None:
         """Take the physics that the object is in."""
-        self._data, self._kinematics = data, kinematics
+        self._model, self._data, self._kinematics = model, data, kinematics
         self._index = kinematics.names.index(self.name)
         self._row = kinematics.joints[self._index]
         self._qpos, self._qvel = data.qpos[self._row.qpos], data.qvel[self._row.qvel]
@@ -92,11 +96,11 @@ class SceneObject:
         self._applied = data.xfrc_applied[body]
         self._tree = int(model.body_treeid[body])
         #: The bends of a thread, in `qpos` and `qvel`.
-        self._bends = data.qpos[:0], data.qvel[:0]
+        self._bends = slice(0, 0), slice(0, 0)
         if self.description.thread is not None:
             first, bends = model.joint(f"{self.name}/1/y"), 2 * self.description.thread.links - 2
             at, rate = int(first.qposadr[0]), int(first.dofadr[0])
-            self._bends = data.qpos[at : at + bends], data.qvel[rate : rate + bends]
+            self._bends = slice(at, at + bends), slice(rate, rate + bends)
         self._most_n = min(MOST_N, MOST_M_S2 * float(model.body_mass[body]))
         self._most_nm = min(MOST_NM, MOST_RAD_S2 * float(model.body_inertia[body].min()))
 
@@ -108,13 +112,15 @@ class SceneObject:
 
     def measured_cp(self) -> Pose:
         """Return where its frame is in the world."""
-        found = self._kinematics.poses(self._data.qpos)[self._index]
+        free = self._row.kind == "free"
+        found = self._qpos if free else self._kinematics.poses(self._data.qpos)[self._index]
         at = transform(matrix_from_quaternion(found[3:]), found[:3])
         return Pose(at, FRAME, float(self._data.time))
 
     def measured_cv(self) -> Twist:
         """Return the velocity of its frame's origin and its rotation, in axes of the world."""
-        twist = self._kinematics.velocities(self._data.qpos, self._data.qvel)[self._index]
+        _, twists = self._kinematics.motion(self._data.qpos, self._data.qvel)
+        twist = twists[self._index]
         turn = self.measured_cp().T[:3, :3]
         return Twist(twist[:3].copy(), turn @ twist[3:], FRAME, float(self._data.time))
 
@@ -137,11 +143,11 @@ class SceneObject:
             T: pose of its frame in the world, (4, 4)
 
         Raises:
-            InputError: no pose, one too far away, or the object is on a joint; nothing changes
+            InputError: no pose, one too far away, the object is on a joint, or a thread would lie
+                deeper than 2 mm in something; nothing changes
         """
         self._check_kind("set_cp", "free")
-        at = checked_pose(self.name, T)
-        self._put(np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])]))
+        self._lay(checked_pose(self.name, T), 0.0)
 
     @command
     def set_curve(self, points: ArrayLike) -> None:
@@ -151,15 +157,13 @@ class SceneObject:
             points: on a polyline in the world from the thread's beginning on, (n, 3) [m]
 
         Raises:
-            InputError: the object is no free thread, other points, or a curve that is too short or
-                too sharp; nothing changes
+            InputError: the object is no free thread, other points, a curve that is too short or
+                too sharp, or one that lies deeper than 2 mm in something; nothing changes
         """
         self._check_kind("set_curve", "free")
         if self.description.thread is None:
             raise InputError(f"{self.name}: set_curve: the object is no thread; allowed: set_cp")
-        at, bends = laid(self.name, self.description.thread, checked_points(self.name, points))
-        self._put(np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])]))
-        self._bends[0][:] = bends
+        self._lay(*laid(self.name, self.description.thread, checked_points(self.name, points)))
 
     @command
     def set_jp(self, q: ArrayLike) -> None:
@@ -214,13 +218,41 @@ class SceneObject:
             hint = f"; allowed: {other}" if verb.startswith("set") else ""
             raise InputError(f"{self.name}: {verb}: the object {is_on}{hint}")
 
+    def _lay(self, at: Array, bends: Array | float) -> None:
+        """Put a free object somewhere, with the bends of a thread.
+
+        Raises:
+            InputError: a thread would lie deeper than 2 mm in something; nothing changes
+        """
+        coordinates = np.concatenate([at[:3, 3], quaternion_from_matrix(at[:3, :3])])
+        if self.description.thread is not None:
+            self._check_apart(coordinates, bends)
+        self._put(coordinates)
+        self._data.qpos[self._bends[0]] = bends
+
+    def _check_apart(self, coordinates: Array, bends: Array | float) -> None:
+        """Reject a place of a thread that is deep in other bodies."""
+        model, there = self._model, mujoco.MjData(self._model)
+        there.qpos[:] = self._data.qpos
+        there.qpos[self._row.qpos], there.qpos[self._bends[0]] = coordinates, bends
+        mujoco.mj_fwdPosition(model, there)
+        deep = (there.contact.dist < -OVERLAP_M) & (there.contact.geom.min(axis=1) >= 0)
+        met = model.geom_bodyid[there.contact.geom[deep]]
+        its = model.body_treeid[met] == self._tree
+        others = np.unique(met[its.any(axis=1, keepdims=True) & ~its])
+        if len(others):
+            depth = -float(there.contact.dist[deep][its.any(axis=1)].min())
+            raise InputError(
+                f"{self.name}: would lie {1e3 * depth:.1f} mm deep in"
+                f" {', '.join(model.body(k).name for k in others)}; allowed: up to"
+                f" {1e3 * OVERLAP_M:g} mm"
+            )
+
     def _put(self, coordinates: Array) -> None:
         self._grasps.let_go(prop=self.name)
         rates = self._row.qvel
         self._qpos[:] = coordinates
-        self._qvel[:] = 0.0
-        for bends in self._bends:
-            bends[:] = 0.0
+        self._qvel[:] = self._data.qvel[self._bends[1]] = 0.0
         if self._data.tree_asleep[self._tree] < 0:  # it was still, held by what it touched: no more
             self._data.tree_asleep[self._tree] = -(1 + mujoco.mjMINAWAKE)
         self._data.qacc_warmstart[rates] = 0.0
@@ -252,8 +284,7 @@ class Objects:
 
     def states(self) -> ObjectStates:
         """Return where all of them are."""
-        at = self.kinematics.poses(self._data.qpos)
-        v = self.kinematics.velocities(self._data.qpos, self._data.qvel)
+        at, v = self.kinematics.motion(self._data.qpos, self._data.qvel)
         joint = self.kinematics.coordinates(self._data.qpos, self._data.qvel)
         parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], joint
         return ObjectStates(tuple(self.by_name), float(self._data.time), *parts)

@@ -136,8 +136,6 @@ class Surface:
         held = self.rise @ back @ np.swapaxes(self.rise, 1, 2)
         #: With the places held where they are.
         self.compliance = compliance - held
-        #: No node rises by more than this times the largest displacement of a place.
-        self.most = float(np.abs(self.rise).sum(axis=2).max())
 
     def under(self, half: int, box: Array, reach: Array) -> Index:
         """Return the nodes of a half within half the edges of a box of its middle, (k,)."""
@@ -229,8 +227,8 @@ class Tools:
         (x, y, z), found = pose[:3, 3].tolist(), list[int]()
         (a, b, c), (d, e, f), (g, h, i) = pose[:3, :3].tolist()
         along, across = 0.5 * tissue.length, 0.5 * tissue.gap + tissue.width
-        for row, (geom, reach) in enumerate(zip(self._geoms, self._reach, strict=True)):
-            u, v, w = self._data.geom_xpos[geom].tolist()
+        boxes = self._data.geom_xpos[self._geoms].tolist()
+        for row, ((u, v, w), reach) in enumerate(zip(boxes, self._reach, strict=True)):
             u, v, w = u - x, v - y, w - z
             if (
                 c * u + f * v + i * w < highest + reach
@@ -245,7 +243,10 @@ class Tools:
     ) -> None:
         """Note which of some fingers may touch the surface, as it is now, within a time [s]."""
         self.near = []
-        moving, highest = np.zeros(6), surface.most * float(np.abs(displaced).max())
+        if not rows:
+            return
+        moving, risen = np.zeros(6), surface.rise @ displaced
+        highest = float(risen.max())
         for row in rows:
             box, axes = self._box(pose, geom := self._geoms[row])
             if box[2] - np.abs(axes[2]) @ self._half[row] > highest + FASTEST_M_S * time:
@@ -254,11 +255,11 @@ class Tools:
             near = NEAR_M + float(np.abs(moving[3:]).sum()) * time
             half = self._half[row] + near
             reach = np.abs(axes) @ half
-            for at, rise, side in zip(surface.at, surface.rise, (0, 1), strict=True):
+            for side, (at, above) in enumerate(zip(surface.at, risen, strict=True)):
                 under = surface.under(side, box, reach)
                 if not len(under):
                     continue
-                heights = rise[under] @ displaced
+                heights = above[under]
                 if heights.max() < box[2] - reach[2]:
                     continue
                 if (underside(at[under], box, axes, half) < heights).any():

@@ -151,8 +151,16 @@ class Probes:
         )
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of the contacts on each arm, {arm: (3,)} [N]."""
+        """Return the net force of contacts and of what a jaw holds on each arm, {arm: (3,)} [N]."""
         total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
+        if not data.ncon:
+            return dict(zip(self._arms, np.array(total), strict=True))
+        equalities = data.efc_id[: data.ne].tolist()  # of the last step, whatever is active now
+        for weld, (finger, _) in self._welds:
+            if weld in equalities:
+                first = equalities.index(weld)
+                force, arm = data.efc_force[first : first + 3].tolist(), self._arm_of_body[finger]
+                total[arm] = [t + f for t, f in zip(total[arm], force, strict=True)]
         found, on, pushes = data.contact, self._arm_of_geom, data.efc_force.tolist()
         rows = found.geom.tolist(), found.efc_address.tolist(), found.dim.tolist()
         # plain numbers: few contacts are on arms
@@ -169,12 +177,17 @@ class Probes:
         return dict(zip(self._arms, np.array(total), strict=True))
 
     @cached_property
+    def _arm_of_body(self) -> Index:
+        """The arm that each body is of, -1 for none."""
+        found = np.full(self._model.nbody, -1)
+        for k, name in enumerate(self._arms):
+            found[list(self._table.arms[name].bodies.values())] = k
+        return found
+
+    @cached_property
     def _arm_of_geom(self) -> list[int]:
         """The arm that each geom is on, -1 for none and, in the end, for flexes."""
-        of_body = np.full(self._model.nbody, -1)
-        for k, name in enumerate(self._arms):
-            of_body[list(self._table.arms[name].bodies.values())] = k
-        return [*of_body[self._model.geom_bodyid].tolist(), -1]
+        return [*self._arm_of_body[self._model.geom_bodyid].tolist(), -1]
 
     def _contact_forces(self, data: mujoco.MjData, here: Index) -> Array:
         """Return what the first shapes of some contacts do to the second, in the world, (n, 3) [N].

@@ -235,7 +235,7 @@ class SoftTissue:
             (model.body_quat, self._body),
         )
         self._fresh = tuple(field[row].copy() for field, row in self._fields)
-        self._u, self._w = np.zeros(size), np.zeros(size)
+        self._moved = np.zeros(size)
         #: The square of how far a needle may be that touches it [m^2].
         sizes = [0.5 * tissue.length, 0.5 * tissue.gap + tissue.width, tissue.depth]
         self._far = (float(np.linalg.norm(sizes)) + tissue.wire.radius + CLOSE_M) ** 2
@@ -302,12 +302,11 @@ class SoftTissue:
 
     def apply(self) -> None:
         """Apply the mesh's forces where its places are now; to be called before each step."""
-        u, w = self._u, self._w
-        np.subtract(self._q, self._rest, out=u)
-        np.multiply(self._v, DAMPING_S, out=w)
-        w += u
-        np.dot(self._pull, w, out=self._applied)
-        self._applied += self._lift
+        moved, applied = self._moved, self._applied
+        np.multiply(self._v, DAMPING_S, moved)
+        np.add(moved, self._q, moved)
+        np.dot(self._pull, moved, applied)
+        np.add(applied, self._still, applied)
         if self._tools.near or self._grips:
             self._touch()
 
@@ -603,9 +602,9 @@ class SoftTissue:
         self._pull, count = np.zeros((len(self._rest),) * 2), len(self._held)
         stiff = self._condensed().stiffness[:count, :count]
         self._pull[np.ix_(self._held, self._held)] = -self.stiffness * stiff
-        #: What holds the weight of the places' bodies.
+        #: Forces without displacement less those of places at 0; they hold the bodies' weight.
         up = -EYE_KG * self._model.opt.gravity @ self.pose[:3, :3]
-        self._lift = np.tile(up, len(places))
+        self._still = np.tile(up, len(places)) - self._pull @ self._rest
 
     def _kinematics(self) -> None:
         """Bring bodies and tendons to where the last step ended: MuJoCo has where it began."""
@@ -640,7 +639,8 @@ class SoftTissue:
         tools, tissue = self._tools, self.tissue
         if not tools.jaws:
             return
-        over = tools.over(self.pose, tissue, CLOSE_M + max(0.0, float(self._u[2::3].max())))
+        risen = float((self._q[2::3] - self._rest[2::3]).max())
+        over = tools.over(self.pose, tissue, CLOSE_M + max(0.0, risen))
         if not (over or tools.near or self._grips):
             return
         tools.look(self.pose, self._surface(), self._displaced(), over, 2.0 * PERIOD_S)
@@ -762,7 +762,7 @@ class SoftTissue:
     def _tear(self) -> None:
         """Let places tear out whose force is above the limit; the mesh no longer holds them."""
         forces = self._applied  # of the last step
-        if max(forces.max(), -forces.min()) < 0.5 * self.tissue.tear:
+        if forces.dot(forces) < self.tissue.tear**2:
             return
         strong = np.linalg.norm(forces.reshape(-1, 3), axis=1).reshape(self.torn.shape)
         found = strong > self.tissue.tear

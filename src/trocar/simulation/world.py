@@ -681,9 +681,7 @@ class World:
         return self._objects.states()
 
     def grasps(self) -> dict[str, Grasp]:
-        """Return what each jaw has between its pads, {arm: grasp}, as of the last 5 ms.
-
-        Small loads are as of the last 10 ms.
+        """Return what each jaw has between its pads, {arm: grasp}, as of the last 10 ms.
 
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """
@@ -698,7 +696,10 @@ class World:
         return self._probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of contacts and of soft tissue on each arm, {arm: (3,)} [N]."""
+        """Return the net force of contacts, held objects and tissue on each arm, {arm: (3,)} [N].
+
+        As of the last step.
+        """
         found = self._probes.contact_forces()
         for tissue in self.tissues.values():
             for arm, force in tissue.forces_on_jaws().items():
@@ -939,11 +940,16 @@ class World:
 
     def _step_tissues(self, count: int) -> None:
         """Step the physics with the forces of soft tissue."""
-        tissues = tuple(self.tissues.values())
+        tissues, step, model, data = (
+            (*self.tissues.values(),),
+            mujoco.mj_step,
+            self._model,
+            self._data,
+        )
         for _ in range(count):
             for tissue in tissues:
                 tissue.apply()
-            mujoco.mj_step(self._model, self._data)
+            step(model, data)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.

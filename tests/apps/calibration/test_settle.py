@@ -26,7 +26,11 @@ from trocar.descriptions.axis_lines import home_lines, line_distance
 WHITE = Noise(1e-4, float(np.deg2rad(0.05)))
 #: As good as none, so that rounds end where nothing that the tracks show moves any more.
 FAINT = Noise(1e-9, 1e-8)
-WORN = [("psm", 0), pytest.param("psm", 7, marks=pytest.mark.slow), ("ecm", 0)]
+WORN = [
+    ("psm", 0),
+    pytest.param("psm", 7, marks=pytest.mark.slow),
+    pytest.param("ecm", 0, marks=pytest.mark.slow),
+]
 
 
 @functools.cache

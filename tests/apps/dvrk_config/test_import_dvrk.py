@@ -285,7 +285,7 @@ def test_the_published_system_needs_none_of_the_dvrk_s_files(tmp_path: Path) -> 
         found = import_dvrk(path, tmp_path / generation / "rig.toml")
         assert len(found.rig.arms) == 10
         assert found.agreement["bases"].metres < EXACT
-        (said,) = (text for text in found.notes if text.startswith("not here"))
+        (said,) = (text for text in found.notes if text.startswith("not found"))
         assert f"arm/{file}.json" in said and "kinematic/" in said
         for setup in lab.CLASSIC if generation == "Classic" else lab.SI:
             q = found.rig.poses["start"][f"SUJ_{setup['name']}"]

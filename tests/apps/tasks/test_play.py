@@ -54,6 +54,19 @@ def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> Non
     assert (report.identical, report.rig) == (True, "touch")
 
 
+@pytest.mark.slow
+def test_an_episode_is_recorded_with_its_images(touch: Path, tmp_path: Path, opengl: str) -> None:  # noqa: ARG001
+    reader = pytest.importorskip("mcap.reader", reason="mcap is not installed (extra record)")
+    file = tmp_path / "a.mcap"
+    images = ("--record-images", "--camera-rate", "1", "--preset", "dvrk_sd_640x480")
+    done = trocar("play", str(touch), "--headless", "--record", str(file), *images)
+    assert done.returncode == 0, done.stderr
+    with file.open("rb") as stream:
+        channels = reader.make_reader(stream).get_summary().channels.values()
+    for eye in ("left", "right"):
+        assert f"/endoscope/{eye}/image_raw/compressed" in {channel.topic for channel in channels}
+
+
 #: Kills the first process that comes to its policy.
 DEADLY = """
 import os, signal
@@ -98,6 +111,7 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
         (["peg-board", "--json"], "allowed with --headless only"),
         (["peg-board", "--cluster", "local"], "allowed with --headless only"),
         (["peg-board", "--headless", "--workers", "2", "--record", "a.mcap"], "with one episode"),
+        (["peg-board", "--headless", "--record-images"], "requires --record FILE"),
     ],
 )
 def test_bad_options_are_one_line_and_status_2(words: list[str], message: str) -> None:

@@ -14,6 +14,7 @@ from trocar.apps.tasks import Task, make_task, run_episode
 from trocar.apps.vision.scenes import VisualServoing
 from trocar.descriptions import load_rig, names
 from trocar.descriptions.catalogue import load_scene
+from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.errors import DescriptionError, InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform
 from trocar.simulation import World
@@ -95,6 +96,30 @@ def test_a_needle_changes_hands_and_does_not_fall() -> None:
             break
     assert holders[holders.index(("PSM1", "PSM2")) - 1] == ("PSM2",)
     assert holders[-1] == ("PSM1",)
+
+
+def test_both_arms_hold_a_bar_before_it_is_lifted_and_do_not_press_on_each_other() -> None:
+    task = make_task("dynamic-bar")
+    task.reset(23)  # one arm arrives long before the other
+    rest = task.position("bar")[2]
+    for action in task.policy():
+        task.command(action)
+        if task.position("bar")[2] > rest + 0.015:
+            break
+    assert task.held("PSM1") == task.held("PSM2") == "bar"
+    for _ in range(20):
+        task.command(task.stay())
+    forces = task.world.contact_forces()
+    weight = STANDARD_GRAVITY * float(task.world.mj_model.body("bar").mass[0])
+    assert forces["PSM1"][2] + forces["PSM2"][2] == pytest.approx(-weight, rel=1e-2)
+    assert max(np.linalg.norm(force) for force in forces.values()) < 5.0
+
+
+def test_rings_are_grasped_without_pressing_on_the_board() -> None:
+    task = make_task("peg-transfer")
+    run_episode(task, 1)
+    weight = STANDARD_GRAVITY * float(task.world.mj_model.body("ring").mass[0])
+    assert task.force["PSM1"] < 10.0 * weight < 1.0
 
 
 def test_goals_of_a_stage_count_once_those_before_were_met_and_then_stay(touch: Path) -> None:

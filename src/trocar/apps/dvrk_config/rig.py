@@ -106,7 +106,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
     _check_target(file, chosen.overwrite)
     if not is_file(path):
-        raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json")
+        raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json or console-*.json")
     lab = read_system(path, chosen.share, chosen.literal, [name for name, _ in chosen.tools])
     psms = [arm.name for arm in lab.arms if arm.type == "PSM"]
     for name, _ in chosen.tools:

@@ -296,7 +296,7 @@ class _Reader:
         teleops = self._teleops(kinds)
         if self._sources.absent:
             absent = ", ".join(dict.fromkeys(self._sources.absent))
-            self._notes.append(f"not here, so taken as the dVRK has published them: {absent}")
+            self._notes.append(f"not found, replaced by the dVRK's published files: {absent}")
         idle, unknown = self._sources.leftovers()
         notes = tuple(dict.fromkeys(self._notes))
         slips = tuple(dict.fromkeys(self._sources.warnings))

@@ -42,8 +42,8 @@ def _warnings(model: LinkModel, version: str) -> tuple[str, ...]:
     ]
     return (
         (
-            f"SDF {version} has no words for what these follow, and Gazebo lets them go:"
-            f" {', '.join(loose)} (README.md; --sdf-version 1.11 has)",
+            f"SDF {version} cannot couple these joints, which move freely in Gazebo:"
+            f" {', '.join(loose)} (see README.md; --sdf-version 1.11 couples them)",
         )
         if loose
         else ()

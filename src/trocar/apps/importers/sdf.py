@@ -131,7 +131,7 @@ class _Model:
         tree: list[ModelJoint] = []
         loops: list[Loop] = []
         warnings = [
-            f"{self._file}: <{tag}> is passed over"
+            f"{self._file}: <{tag}> is ignored"
             for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
         ]
         taken: set[str] = set()

@@ -52,7 +52,7 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     tree, order = as_tree(str(path), links, joints)
     _check_mimics(str(path), order)
     passed = sorted({n.tag for n in root.children() if n.tag in PASSED_OVER})
-    warnings = tuple(f"{path}: <{tag}> is passed over" for tag in passed)
+    warnings = tuple(f"{path}: <{tag}> is ignored" for tag in passed)
     return Model(root.attribute("name"), str(path), tree, order, (), warnings)
 
 

@@ -13,6 +13,7 @@ from trocar.apps.motions import UP, Hand, Motion, together
 from trocar.apps.suturing.planning import (
     ABOVE_M,
     LEAST,
+    REACH_M,
     Plan,
     Reach,
     Stitch,
@@ -28,13 +29,16 @@ Array = NDArray[np.float64]
 
 #: Speeds of the needle about its circle: in, and out. Source: our own choice; Frick 2001 found no
 #: effect of 1 to 10 mm/s on forces. [rad/s]
-DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(30.0)
+DRIVE_RAD_S, OUT_RAD_S = np.radians(25.0), np.radians(45.0)
 #: Speeds of the pull: slack, and under tension. Source: our own choice. [m/s]
-PULL_M_S, TIGHT_M_S = 0.03, 0.006
+PULL_M_S, TIGHT_M_S = 0.04, 0.006
 #: Tension at which a stitch is tight, that at which the pull slows down, and speed of its last part
 #: by the tension that is missing, so that it ends below 2 N. Source: Horeman 2013 measured 3 +- 1.2
 #: N while surgeons pulled; 2 N closes the wound. [N, m/s/N, m/s]
 TIGHT_N, SLOW_N, GAIN, SLOWEST_M_S = 1.96, 0.5, 6e-3, 6e-4
+#: The needle turns in line with the pull within so much of it; shares of this turn that are tried,
+#: and steps in which reach is looked at then. Source: our own choice. [m, m]
+TURN_M, SHARES, STEP_M = 0.02, (1.0, 0.75, 0.5, 0.25), 0.004
 #: Directions of the pull, the first that stays clear of the endoscope: back across the wound, up,
 #: and towards the arm's own side along it. Source: our own choice; the first closes a wound with
 #: the least force.
@@ -64,6 +68,9 @@ CLEAR_M = 0.006
 #: Looks at a needle in the jaws whose mean is taken, and at one that was missed. Source: our own
 #: choice.
 LOOKS = 3
+#: A needle that is beside its circle is brought onto it within so much of the way. Source: our own
+#: choice. [rad]
+ONTO_RAD = np.radians(20.0)
 #: A tip that has gone so far past its angle without a puncture has missed. Source: our own choice.
 #: [rad]
 MISSED_RAD = np.radians(25.0)
@@ -309,17 +316,25 @@ class Sewing:
         for _ in range(TRIES):
             yield from self._one(take, take.open(BESIDE))
             yield from self._approach(take, [goal, *then])
-            yield from self._one(take, take.line(goal, 0.03))
-            yield from self._close(take)
+            yield from self._one(take, take.line(goal, 0.03 if row else 0.05))  # in the air
+            if row:  # tissue holds the needle, too: pads that close on it alone do not twist it
+                yield from self._near(take)
+                yield from self._one(give, give.open(BESIDE))
+                yield from self._close(take)
+                seen = self._pose(take, self._held(take))
+            else:
+                yield from self._close(take, give)
+                seen = self._pose(give, given)
             if take.holds:
                 break
             self.op.announce(f"{taker} missed the needle")
             yield from self._one(take, take.open(BESIDE))
             yield from self._one(take, take.back(ABOVE_M))
-            goal = self._pose(give, given) @ grip
+            goal = seen @ grip
         else:
             raise StitchError(f"{taker} did not take the needle in {TRIES} tries")
-        yield from self._one(give, give.open(BESIDE))
+        if not row:
+            yield from self._one(give, give.open(BESIDE))
         held = self._held(take)
         yield from self._one(give, give.back(0.015))
         yield from self._one(give, give.shift(0.02 * UP))
@@ -334,7 +349,7 @@ class Sewing:
         if not tissue.left[number].all():
             raise StitchError(f"stitch {number + 1}: the needle is not out")
         self.op.announce(f"stitch {number + 1}: pull the thread")
-        yield from self._one(hand, hand.follow(self._pull(hand, self._pull_way(stitch))))
+        yield from self._one(hand, hand.follow(self._pull(hand, held, self._pull_way(stitch))))
         if tissue.tension() < 0.8 * TIGHT_N:
             raise StitchError(f"stitch {number + 1}: the thread is not tight")
         yield from self._one(hand, hand.wait(0.3))
@@ -361,15 +376,28 @@ class Sewing:
                 return way
         return ways[-1]
 
-    def _pull(self, hand: NeedleHand, way: Array) -> Iterator[Array]:
-        goal, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
+    def _pull(self, hand: NeedleHand, held: Array, way: Array) -> Iterator[Array]:
+        """Pull along a way, (3,), the needle's end behind the jaw: thread does not turn it then."""
+        start, tension, pulled = self.task.target(hand.arm), 0.0, 0.0
         most = self.op.tissue.tissue.thread.free + GIVES_M
+        grip = held[:3, 3] + REACH_M * held[:3, 2]
+        chord = (start @ inverse(held))[:3, :3] @ (grip - self.needle.swage[:3, 3])
+        axis = np.cross(chord, way)
+        sine = float(np.linalg.norm(axis))
+        turn = np.arctan2(sine, chord @ way) / max(sine, 1e-12) * axis
+
+        def pose(pulled: float, share: float) -> Array:
+            part = share * min(1.0, pulled / TURN_M)
+            facing = matrix_from_rotation_vector(part * turn) @ start[:3, :3]
+            return transform(facing, start[:3, 3] + pulled * way)
+
+        depths = np.arange(0.0, most, STEP_M)
+        shares = (k for k in SHARES if self._reaches(hand, [pose(d, k) for d in depths]))
+        share = next(shares, 0.0)
         while tension < TIGHT_N and pulled < most:
             speed = max(SLOWEST_M_S, min(TIGHT_M_S, GAIN * (TIGHT_N - tension)))
-            step = (PULL_M_S if tension < SLOW_N else speed) * PERIOD_S
-            goal[:3, 3] += step * way
-            pulled += step
-            yield goal
+            pulled += (PULL_M_S if tension < SLOW_N else speed) * PERIOD_S
+            yield pose(pulled, share)
             tension = self.op.tissue.tension()
 
     def _hand_back(self, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
@@ -381,7 +409,10 @@ class Sewing:
         goal[2, 3] += 0.018
         angle = stitch.angle_of(self.needle, begin)
         turn = (start - angle) % (2.0 * np.pi)
-        x, count = float(stitch.points[0, 0]), 120
+        x, count = float(stitch.points[0, 0]), 105
+        swage = angle - self.needle.arc
+        flat = needle_on_circle(stitch.wound, x, stitch.height, stitch.side, swage)
+        beside = rotation_vector_from_matrix(flat[:3, :3].T @ begin[:3, :3])
 
         def way() -> Iterator[Array]:
             for k in range(1, count + 1):
@@ -389,6 +420,7 @@ class Sewing:
                 s = s * s * (3.0 - 2.0 * s)
                 swage = angle + s * turn - self.needle.arc
                 T = needle_on_circle(stitch.wound, x, stitch.height, stitch.side, swage)
+                T[:3, :3] = T[:3, :3] @ matrix_from_rotation_vector((1.0 - s) * beside)
                 T[:3, 3] = begin[:3, 3] + s * (goal[:3, 3] - begin[:3, 3])
                 T[2, 3] += 0.01 * np.sin(np.pi * s)
                 yield T @ held
@@ -405,13 +437,20 @@ class Sewing:
     def _one(self, hand: Hand, motion: Motion) -> Iterator[Array]:
         return together(self.task, **{hand.arm: motion})
 
-    def _close(self, hand: NeedleHand) -> Iterator[Array]:
-        """Close a jaw until it holds the needle, the arm giving way to what pushes it."""
+    def _near(self, hand: NeedleHand) -> Iterator[Array]:
+        """Bring the pads of a jaw near to the needle between them."""
         hand.jaw = ALMOST
         yield from self._one(hand, hand.wait(NEAR_S))
+
+    def _close(self, hand: NeedleHand, *others: NeedleHand) -> Iterator[Array]:
+        """Close a jaw until it holds the needle.
+
+        Its arm, and others that hold the needle, give way to what pushes them.
+        """
+        yield from self._near(hand)
         gently = np.arange(ALMOST, 0.0, -GENTLE_RAD_S * PERIOD_S).tolist()
         for hand.jaw in [*gently, *[GRIP] * round(CLOSE_S / PERIOD_S)]:
-            yield from self._one(hand, hand.give_way())
+            yield from together(self.task, **{one.arm: one.give_way() for one in (hand, *others)})
             if hand.holds and hand.jaw < 0.0:
                 return
 
@@ -424,17 +463,30 @@ class Sewing:
         rate: float,
         stop: Callable[[float], bool],
     ) -> Iterator[Array]:
-        """Turn the needle about the stitch's circle."""
+        """Turn the needle about the stitch's circle, onto which it is brought on the way."""
 
         def way() -> Iterator[Array]:
             angle, last = angles
+            first = stitch.needle_pose(self.needle, angle) @ held
+            beside = log_transform(inverse(first) @ self.task.target(hand.arm))
             while angle < last:
                 angle = min(last, angle + rate * PERIOD_S)
-                yield stitch.needle_pose(self.needle, angle) @ held
+                left = max(0.0, 1.0 - (angle - angles[0]) / ONTO_RAD)
+                yield stitch.needle_pose(self.needle, angle) @ held @ exp_twist(left * beside)
                 if stop(angle):
                     raise StitchError("the tip did not puncture where it was expected")
 
         yield from self._one(hand, hand.follow(way()))
+
+    @staticmethod
+    def _reaches(hand: NeedleHand, poses: list[Array]) -> bool:
+        """Return whether a hand gets through poses from where it is, away from its limits."""
+        q: Array | None = hand.task.world.arms[hand.arm].setpoints()[:-1]
+        for T in poses:
+            q = hand.reach.near(T, q)
+            if q is None or hand.reach.margin(q)[0] < LEAST:
+                return False
+        return True
 
     def _approach(self, hand: NeedleHand, poses: list[Array]) -> Iterator[Array]:
         """Go in front of the first of poses, along the jaw, with most room for all of them.

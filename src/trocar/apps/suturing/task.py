@@ -27,8 +27,9 @@ Array = NDArray[np.float64]
 #: Half the range of the wound's place and rotation, and the largest factor on its stiffness, each
 #: way. Source: our own choice. [m, rad]
 PLACE_M, TURN_RAD, STIFFER = 0.015, np.radians(20.0), 2.0
-#: Points that are seen of a wound. Source: our own choice.
-SEEN = 15
+#: Points that are seen of a wound, and the share of its length that they are seen of. Source: our
+#: own choice.
+SEEN, SEEN_SHARE = 15, 0.9
 #: Stitches are scored every so many periods. Source: our own choice, 10 Hz: forces change slowly.
 LOOK_PERIODS = 5
 #: Units at the end of the scores' names.
@@ -49,9 +50,12 @@ class Suturing(Task):
         tissue: that is stitched
         noise, noise_rng: errors of what the policy sees, and their generator
         banner: what the policy does
+        find_wound: returns points of the wound's middle from noisy ones, both in the world (n, 3)
+            [m]; None: these are taken as they are
     """
 
     noise = Noise()
+    find_wound: Callable[[Array], Array] | None = None
     spread = (PLACE_M, TURN_RAD, STIFFER)
 
     def __init__(self, scene: Scene) -> None:
@@ -160,18 +164,19 @@ class Suturing(Task):
         return self._plan or self.make_plan()
 
     def make_plan(self) -> Plan:
-        """Plan the stitches from noisy points of the wound and set the tissue's plan."""
+        """Plan the stitches from points that are seen of the wound and set the tissue's plan."""
         tissue, rng = self.tissue, self.noise_rng
         line = np.zeros((SEEN, 3))
-        line[:, 0] = np.linspace(-0.45, 0.45, SEEN) * tissue.tissue.length
-        seen = line @ tissue.pose[:3, :3].T + tissue.pose[:3, 3]
-        wound, _ = wound_frame(seen + self.noise.wound * rng.normal(size=seen.shape))
+        line[:, 0] = np.linspace(-0.5, 0.5, SEEN) * SEEN_SHARE * tissue.tissue.length
+        line = line @ tissue.pose[:3, :3].T + tissue.pose[:3, 3]
+        seen = line + self.noise.wound * rng.normal(size=line.shape)
+        wound, _ = wound_frame(seen if self.find_wound is None else self.find_wound(seen))
         places = [float(row[0, 0]) for row in tissue.plan]
         needle = self.object_pose(tissue.tissue.needle)
         plan = make_plan(self.world, tissue.tissue, wound, places, needle)
         to_tissue = inverse(tissue.pose) @ wound
         points = [s.points @ to_tissue[:3, :3].T + to_tissue[:3, 3] for s in plan.stitches]
-        tissue.set_plan(np.array(points) * [1.0, 1.0, 1.0])
+        tissue.set_plan(np.array(points))
         self._plan = plan
         return plan
 

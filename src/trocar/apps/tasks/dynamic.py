@@ -79,7 +79,7 @@ class Pendulum(Task):
 
     def met(self, goal: Goal, at: Array) -> bool:
         """Return whether it hangs at rest, and alone."""
-        states = self.world.object_states()
+        states = self._states
         row = states.names.index(goal.object)
         T = self.object_pose(goal.object)
         tip = self.world.arms[self.arms[0]].tip_in_world().T[:3, 3]
@@ -195,18 +195,16 @@ class BarCarry(Task):
             angle = across(T)
             yield from both(
                 *(
-                    hand.pick(end, angle, self.WAY_M, self.OPENING)
+                    hand.grasp(end, angle, self.WAY_M, self.OPENING)
                     for hand, end in zip((right, left), ends, strict=True)
                 )
             )
-            place = at + self.RELEASE_M * UP
-            for way in (
-                (place + self.WAY_M * UP - self.object_pose(goal.object)[:3, 3]),
-                -self.WAY_M * UP,
-            ):
+            place = at + self.RELEASE_M * UP - self.object_pose(goal.object)[:3, 3]
+            up = self.WAY_M * UP
+            for way in (up, place * [1.0, 1.0, 0.0], place * [0.0, 0.0, 1.0] - up):
                 yield from both(*(hand.shift(way, 0.06) for hand in (right, left)))
             yield from both(right.open(self.OPENING), left.open(self.OPENING))
-            yield from both(*(hand.shift(self.WAY_M * UP) for hand in (right, left)))
+            yield from both(*(hand.shift(up) for hand in (right, left)))
             yield from both(right.wait(2.0 * SETTLED_S), left.wait(2.0 * SETTLED_S))
             if self.done:
                 return

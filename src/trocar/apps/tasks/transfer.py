@@ -22,13 +22,14 @@ class Carry(Task):
     """One arm brings objects to places, one after the other, and again what is not there then.
 
     Attributes of a class:
-        GRASP_M: how much above the object's middle it is held [m]
+        GRASP_M: how much above the object's middle it is held, so that the fingers' ends do not
+            press on what it lies on [m]
         WAY_M, RELEASE_M: height of the way, and of the release above the goal [m]
         OPENING: of the jaw that takes and releases it [rad]
         LEVEL: as `Hand.take` has it
     """
 
-    GRASP_M, WAY_M, RELEASE_M, OPENING, LEVEL = 0.0, 0.025, 0.002, 0.9, False
+    GRASP_M, WAY_M, RELEASE_M, OPENING, LEVEL = 0.001, 0.025, 0.002, 0.9, False
 
     def policy(self) -> Iterator[Array]:
         """Yield the actions of the scripted policy."""
@@ -93,7 +94,8 @@ class PegBoard(Carry):
         T = self.object_pose(name)
         pegs = np.array([at[:2] for at in self.pegs()])
         off = T[:2, 3] - pegs[np.linalg.norm(pegs - T[:2, 3], axis=1).argmin()]
-        return rim(self, name, float(np.arctan2(off[1], off[0])))
+        point, angle = rim(self, name, float(np.arctan2(off[1], off[0])))
+        return point + self.GRASP_M * UP, angle
 
     def pegs(self) -> list[Array]:
         """Return where the pegs are: the goals, and where the objects begin."""
@@ -117,7 +119,7 @@ class HandOver(Task):
         MEETING_M: where it is handed over [m]
     """
 
-    GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.0
+    GIVE, TAKE, RADIUS_M, RAISED_M = np.pi, 0.0, 0.0, 0.001
     WAY_M, RELEASE_M, OPENING, LEVEL = 0.025, 0.002, 0.6, False
     MEETING_M = np.array([0.0, 0.0, 0.035])
     #: How far the one that gave goes aside. Source: our own choice. [m]

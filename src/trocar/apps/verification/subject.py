@@ -94,8 +94,9 @@ SECOND_SWINGS = 5
 SHARE_OF_SPEED = 0.9
 #: Every so many ticks of 5 ms a sample is kept. Source: our own choice; 20 Hz.
 KEPT = 10
-#: The swings grow in over this time. Source: our own choice. [s]
-RAMP_S = 2.0
+#: The swings grow in over this time. Source: our own choice; after 2 s an ECM would exceed its
+#: velocity limits while they grow. [s]
+RAMP_S = 4.0
 #: Where a cluster of markers is stuck on each link, T_link_markers: off its axes, as on a robot.
 #: Source: our own choice; no distance and no axis depends on it.
 MARKERS = transform(matrix_from_rpy(0.4, -0.3, 0.7), np.array([0.05, 0.03, 0.04]))

@@ -46,8 +46,6 @@ FLAGS = (
     f"--window-size={WINDOW}",
     f"--force-device-scale-factor={SCALE}",
 )
-#: Largest width and height of the picture, so that it has less than 300 kB [px].
-MOST = (940, 940)
 #: Until all meshes are drawn in software, and until the arms have moved [s].
 DRAWN_S, MOVED_S = 30.0, 12.0
 
@@ -87,8 +85,7 @@ def main(file: Path) -> None:
             picture = screenshot(url)
         finally:
             served.terminate()
-    picture.thumbnail(MOST, Image.Resampling.LANCZOS)
-    picture.save(file, optimize=True)
+    picture.quantize(256, kmeans=3).save(file, optimize=True)
 
 
 if __name__ == "__main__":

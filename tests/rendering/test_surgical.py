@@ -93,6 +93,16 @@ def test_shadows_have_soft_edges() -> None:
 
 
 @pytest.mark.usefixtures("opengl")
+def test_smooth_cloth_is_dithered_and_shows_no_bands() -> None:
+    plain, surgical = (
+        seen(look, sheet(material="")).left[100:300, 150:450]
+        for look in (replace(DULL, style="plain"), DULL)
+    )
+    bands, dithered = ((np.diff(i, axis=1) == 0).mean() for i in (plain, surgical))
+    assert bands > 0.8 and 0.4 < dithered < 0.6
+
+
+@pytest.mark.usefixtures("opengl")
 def test_tissue_close_below_something_is_darker_beside_its_shadow() -> None:
     lid = mesh("lid", disc(np.array([0.0, 0.0, 0.0985]), 0.012)[0])
     bare, below = (grey(seen(replace(DULL, shadows=True), sheet(), shapes=s)) for s in ((), (lid,)))

@@ -141,7 +141,7 @@ def masters() -> list[Figure]:
     mechanism, names = arm.mechanism, arm.mechanism.joint_names
 
     def still(q: Array) -> Array:
-        return predicted_efforts(arm, trains, JointMotion(q, *np.zeros((2, *q.shape))))
+        return predicted_efforts(arm, trains, JointMotion(q, 0.0 * q, 0.0 * q))
 
     q = rng.uniform(mechanism.lower, mechanism.upper, (PLACES, len(names)))
     inside = mechanism.within(q)

@@ -181,6 +181,24 @@ def test_images_that_cannot_be_used_are_rejected(eyes: StereoCalibration) -> Non
         tracker.update(0.05, left, right)
 
 
+def test_poses_times_and_covariances_that_are_none_are_rejected(eyes: StereoCalibration) -> None:
+    tracker, image = NeedleTracker(eyes, NEEDLE), np.full((300, 400, 3), 90, np.uint8)
+    with pytest.raises(
+        InputError, match=r"time of the images \[s\]: got 'soon'; allowed: a finite"
+    ):
+        tracker.update("soon", image, image)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match="left image: got object"):
+        tracker.update(0.0, [[1], [2, 3]], image)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(InputError, match=r"T_left_holder of PSM1: got .*nan.*4 x 4 finite numbers"):
+        Holder("PSM1", np.full((4, 4), np.nan), 0.0085)
+    with pytest.raises(InputError, match=r"reach of PSM1 \[m\]: got nan"):
+        Holder("PSM1", np.eye(4), np.nan)
+    with pytest.raises(InputError, match=r"covariance: got .*; allowed: 6 x 6 finite numbers"):
+        tracker.start(0.0, np.eye(4), np.eye(3))
+    with pytest.raises(InputError, match=r"covariance: .*symmetric with positive eigenvalues"):
+        tracker.start(0.0, np.eye(4), -np.eye(6))
+
+
 def test_exchanged_eyes_are_named(eyes: StereoCalibration) -> None:
     rng, tracker = np.random.default_rng(7), NeedleTracker(eyes, NEEDLE)
     left, right = drawn(eyes, before_the_eyes(), rng)

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes, Picture
+from trocar.apps.vision.eyes import Eyes, Picture, numbers
 from trocar.apps.vision.needle_fit import (
     END_RAD,
     SIGMA_PX,
@@ -125,6 +125,13 @@ class Holder:
     reach: float | None = None
     rods: tuple[Rod, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Reject what is no pose or no length."""
+        pose = f"T_left_holder of {self.name}"
+        check_transform(numbers(self.T_left_holder, (4, 4), pose), pose)
+        if self.reach is not None:
+            numbers(self.reach, (), f"reach of {self.name} [m]")
+
 
 #: The jaws of a large needle driver about its tip. Source: its solids, with room. [m]
 JAWS: tuple[Rod, ...] = (
@@ -169,12 +176,20 @@ class NeedleTracker:
             time: of the next images, or before [s]
             T_left_needle: (4, 4)
             covariance: (6, 6) [m, rad]
+
+        Raises:
+            InputError: no time, no pose, or no covariance: not symmetric and positive
         """
+        given = numbers(time, (), "time [s]"), numbers(covariance, (6, 6), "covariance")
+        T = check_transform(numbers(T_left_needle, (4, 4), "T_left_needle"), "T_left_needle")
+        if not np.allclose(given[1], given[1].T) or np.linalg.eigvalsh(given[1])[0] <= 0.0:
+            raise InputError(
+                f"covariance: got {given[1].tolist()}; allowed: symmetric with positive eigenvalues"
+            )
         self._forget()
-        self._T = check_transform(T_left_needle, "T_left_needle").copy()
-        self._P[:6, :6] = np.asarray(covariance, np.float64)
+        self._T, self._P[:6, :6] = T.copy(), given[1]
         self._P[6:, 6:] = np.diag([BIAS_PX**2] * 4 + [BIAS_RAD**2])
-        self._seen = time
+        self._seen = float(given[0])
 
     def update(
         self, time: float, left: ArrayLike, right: ArrayLike, holder: Holder = RESTING
@@ -190,6 +205,7 @@ class NeedleTracker:
             InputError: images out of order, or of another size or type than the calibration's
         """
         before = self.estimate.time
+        time = float(numbers(time, (), "time of the images [s]"))
         if not time > before:
             raise InputError(f"images: got {time:g} s after {before:g} s; allowed: in order")
         images = self._fit.eyes.check(left, right)

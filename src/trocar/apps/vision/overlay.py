@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trocar.apps.vision.eyes import numbers
 from trocar.apps.vision.images import opencv
 from trocar.cameras import Intrinsics
 from trocar.cameras.lens import project
 from trocar.descriptions.needles import Needle
 from trocar.errors import InputError
-from trocar.geometry import inverse, transform_points
+from trocar.geometry import check_transform, inverse, transform_points
 from trocar.rendering import StereoFrame
 
 Array = NDArray[np.float64]
@@ -42,6 +43,10 @@ class View:
 
     lens: Intrinsics
     T_world_eye: Array
+
+    def __post_init__(self) -> None:
+        """Reject what is no pose."""
+        check_transform(numbers(self.T_world_eye, (4, 4), "T_world_eye"), "T_world_eye")
 
     @staticmethod
     def of(frame: StereoFrame, eye: int = 0) -> View:

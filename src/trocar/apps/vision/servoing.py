@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes
+from trocar.apps.vision.eyes import Eyes, numbers
 from trocar.cameras import StereoCalibration
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
@@ -59,7 +59,7 @@ class ServoSettings:
             ("lost_after", 0.0, 60.0),
         ):
             value = getattr(self, name)
-            if not low <= value <= high:
+            if not low <= float(numbers(value, (), name)) <= high:
                 raise InputError(f"{name}: got {value:g}; allowed: {low:g} to {high:g}")
 
 
@@ -110,7 +110,9 @@ class VisualServo:
             InputError: pictures out of order, pixels outside the picture, or a point that is not
                 ahead of both eyes (eyes exchanged?)
         """
-        p = self._triangulated(np.asarray(left, np.float64), np.asarray(right, np.float64))
+        time = float(numbers(time, (), "time of the pictures [s]"))
+        p = self._triangulated(*(numbers(pixel, (2,), "pixel") for pixel in (left, right)))
+        q = numbers(q, (len(self._velocity),), "joint positions")
         at = (pose(self._arm.mechanism, q) @ self._mount @ np.append(p, 1.0))[:3]
         if self._seen is None or time - self._seen[0] > self.settings.lost_after:
             self._seen = time, at, np.zeros(3)
@@ -132,7 +134,8 @@ class VisualServo:
             time: now [s]; called every few milliseconds
             q: joint positions now, (4,) [rad or m]
         """
-        q = np.asarray(q, dtype=np.float64)
+        time = float(numbers(time, (), "time [s]"))
+        q = numbers(q, (len(self._velocity),), "joint positions")
         period = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         wanted = self._wanted(time, q)
@@ -167,8 +170,6 @@ class VisualServo:
     def _triangulated(self, left: Array, right: Array) -> Array:
         """Return the point nearest to both eyes' rays, in the camera's frame, (3,) [m]."""
         for pixel, eye in zip((left, right), self._eyes.eyes, strict=True):
-            if pixel.shape != (2,) or not np.isfinite(pixel).all():
-                raise InputError(f"pixel: got {pixel.tolist()}; allowed: two finite numbers")
             if (np.abs(pixel - 0.5 * np.array(eye.size)) > 0.5 * np.array(eye.size) + 0.5).any():
                 raise InputError(
                     f"pixel: got {pixel.tolist()}; allowed: within {eye.width}x{eye.height}. Are"

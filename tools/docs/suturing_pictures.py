@@ -23,10 +23,12 @@ from trocar.descriptions.cameras import load_camera
 from trocar.rendering import Endoscope, Look
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
-#: The episode; size and rate of the video; quality of the picture.
-SEED, SIZE, RATE_HZ, QUALITY = 3, (480, 360), 12.5, 85
-#: Beginnings of banners, and the share of the time that each is shown after which it is drawn.
-MOMENTS = (("pick", 0.6), ("drive", 0.55), ("takes", 0.5), ("needle out", 0.95), ("done", 0.0))
+#: The episode; size, rate and quality of the video; quality of the picture.
+SEED, SIZE, RATE_HZ, FILM_QUALITY, QUALITY = 3, (480, 360), 12.5, 5.0, 85
+#: Words of banners, and the share of the time that each is shown after which it is drawn.
+MOMENTS = (("approach", 0.3), ("drive", 0.35), ("takes", 0.8), ("needle out", 0.9), ("done", 0.0))
+#: Part of the video that the picture shows: rows and columns about the wound.
+PART = slice(60, 300), slice(85, 405)
 
 
 def main(words: list[str]) -> None:
@@ -40,7 +42,7 @@ def main(words: list[str]) -> None:
     shown: dict[str, list[NDArray[np.uint8]]] = {}
     with (
         closing(Endoscope(task.world, calibration=eyes, look=look)) as scope,
-        video(folder / "suturing.mp4", SIZE, RATE_HZ, overwrite=True) as add,
+        video(folder / "suturing.mp4", SIZE, RATE_HZ, overwrite=True, quality=FILM_QUALITY) as add,
     ):
         while not task.done:
             picture = task.picture(lambda: scope.capture().left)
@@ -53,7 +55,7 @@ def main(words: list[str]) -> None:
     strip: list[NDArray[np.uint8]] = []
     for word, share in MOMENTS:
         pictures = next(found for banner, found in shown.items() if word in banner)
-        strip.append(pictures[int(share * (len(pictures) - 1))])
+        strip.append(pictures[int(share * (len(pictures) - 1))][PART])
     Image.fromarray(np.concatenate(strip, axis=1)).save(folder / "suturing.jpg", quality=QUALITY)
 
 

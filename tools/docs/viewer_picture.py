@@ -1,6 +1,6 @@
-"""Draw the pictures of the web viewer in docs/images, as Chromium shows it.
+"""Draw docs/images/cart.png: the web viewer with the full cart, as Chromium shows it.
 
-python tools/docs/viewer_picture.py [FOLDER [NAME ...]]
+python tools/docs/viewer_picture.py [FILE]
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -21,10 +21,9 @@ from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.wait import WebDriverWait
 
-FOLDER = Path(__file__).parents[2] / "docs" / "images"
-SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
+FILE = Path(__file__).parents[2] / "docs" / "images" / "cart.png"
+SERVE = ("sim", "--port", "0", "--websocket-port", "0", "--camera-rate", "4")
 PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()"
-FOCUS = "document.querySelector('[data-trocar=keys]').focus()"
 CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
 #: Where the panel of measurements ends, in pixels of the picture.
 PANEL = """
@@ -35,8 +34,6 @@ for (let e = document.querySelector('[data-trocar=time]'); e; e = e.parentElemen
 }
 return Math.ceil(right * devicePixelRatio);
 """
-#: {picture: command that serves, what is done on the page, what is left out}
-PICTURES = {"cart": ("sim", PRESS, PANEL), "teleoperation": ("teleop", FOCUS, "return 0")}
 #: The window [px], so wide that its panels leave the cart free, and its scale in the picture.
 WINDOW, SCALE = "2060,1280", 0.62
 FLAGS = (
@@ -53,8 +50,8 @@ FLAGS = (
 DRAWN_S, MOVED_S = 30.0, 12.0
 
 
-def screenshot(url: str, act: str, begin: str) -> Image.Image:
-    """Return what a browser shows at an address after a script, right of another's result."""
+def screenshot(url: str) -> Image.Image:
+    """Return what a browser shows at an address, right of the measurements, with arms at work."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
     for flag in FLAGS:
@@ -64,34 +61,32 @@ def screenshot(url: str, act: str, begin: str) -> Image.Image:
     tab = webdriver.Chrome(options, webdriver.ChromeService(driver, env=environment))
     try:
         tab.get(url)
-        shown = "return document.querySelector('[data-trocar]') !== null"
+        shown = "return document.querySelector('[data-trocar=time]') !== null"
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
         wait.until(lambda _: tab.execute_script(shown))
         time.sleep(DRAWN_S)
-        tab.execute_script(act)
+        tab.execute_script(PRESS)
         time.sleep(MOVED_S)
         tab.execute_script(CLOSE)
         time.sleep(2.0)
         seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
-        return seen.crop((tab.execute_script(begin), 0, *seen.size))
+        return seen.crop((tab.execute_script(PANEL), 0, *seen.size))
     finally:
         tab.quit()
 
 
-def draw(name: str, folder: Path) -> None:
-    """Serve what a picture shows, and save the picture."""
-    serves, *scripts = PICTURES[name]
-    command = [sys.executable, "-m", "trocar", serves, *SERVE]
+def main(file: Path) -> None:
+    """Serve the full cart and save its page."""
+    command = [sys.executable, "-m", "trocar", *SERVE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url, *scripts)
+            picture = screenshot(url)
         finally:
             served.terminate()
-    picture.save(folder / f"{name}.png", optimize=True)
+    picture.quantize(256, kmeans=3).save(file, optimize=True)
 
 
 if __name__ == "__main__":
-    for picture in sys.argv[2:] or PICTURES:
-        draw(picture, Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FILE)

@@ -138,11 +138,11 @@ class Mechanism:
 
     def within(self, q: Array) -> NDArray[np.bool_]:
         """Return whether positions are in the ranges of joints and actuators, (..., n) -> (...)."""
-        inside = ((self.lower <= q) & (q <= self.upper)).all(axis=-1)
+        inside = np.all((self.lower <= q) & (q <= self.upper), axis=-1)
         for frame, ratio in zip(self.frames, self.ratios, strict=True):
             if np.isfinite([frame.lower, frame.upper]).any():
-                inside &= (frame.lower <= q @ ratio) & (q @ ratio <= frame.upper)
-        return inside
+                inside = inside & (frame.lower <= q @ ratio) & (q @ ratio <= frame.upper)
+        return np.asarray(inside)
 
     @cached_property
     def ratios(self) -> Array:

@@ -287,7 +287,7 @@ def _stuck(model: Model, log: FilteredLog) -> NDArray[np.bool_]:
             still = rate < STILL * np.sqrt(np.mean(rate**2))
             found[still] += along != 0.0
     around = 2 * round(SPREAD_S * log.log.rate_hz) + 1
-    return log.cut(maximum_filter1d(found, around, axis=0) > 0.0)
+    return log.cut(maximum_filter1d(found, around, axis=0)) > 0.0
 
 
 def _undetermined(

@@ -132,7 +132,7 @@ class Eyes:
             try:
                 image = np.asarray(given)
             except ValueError:  # rows of unequal length
-                image = np.empty(0, object)
+                image = np.asarray(None)
             if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
                 raise InputError(
                     f"{name} image: got {image.dtype} {image.shape}; allowed: uint8 (height, width,"

@@ -38,7 +38,7 @@ SMOOTH, WORTH = 5, 0.4
 STEP, RIM = 0.5, 3.0
 #: Standard deviation of a profile's offset [px]. Source: measured on rendered tissue, 0.05 to 0.3.
 #: With 0.5 the filter left the depth to the disparity, which calibration spoils: 90 % of errors
-#: were 1.07 mm at 640x480, 0.7 mm with 0.25, and no less consistent with their covariance.
+#: were 1.07 mm at 640x480; with 0.25 0.82 mm, no less consistent with their covariance.
 SIGMA_PX = 0.25
 #: How far ends are looked for, and spacing of samples along the arc [m]. Source: our own choice.
 REACH_M, ALONG_M = 0.0024, 0.00006

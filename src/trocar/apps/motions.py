@@ -116,7 +116,7 @@ class Hand:
         return min(both, key=lambda R: self.task.farthest(self.arm, transform(R, at)))
 
     def grasp(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
-        """Grasp what is at a point from above.
+        """Grasp an object at a point from above.
 
         Args:
             point: between the fingers, in the world, (3,) [m]
@@ -130,7 +130,7 @@ class Hand:
         yield from self.close()
 
     def pick(self, point: Array, angle: float, height: float, opening: float = OPEN) -> Motion:
-        """Grasp what is at a point from above, as `grasp` does, and lift it by the height."""
+        """Grasp an object at a point as `grasp` does, then lift it by the height."""
         yield from self.grasp(point, angle, height, opening)
         yield from self.shift(height * UP)
 

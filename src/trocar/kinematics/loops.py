@@ -316,25 +316,21 @@ class Flattening:
 
 def flattenings(mechanism: Mechanism) -> tuple[Flattening, ...]:
     """Find where each loop is singular, for each revolute joint that folds it."""
-    folded = {
-        (row, column)
-        for row, closure in enumerate(mechanism.closures)
-        for column, joint in enumerate(mechanism.joints)
-        if joint.kind == "revolute"
-        and mechanism.ratios[[mechanism.frame_index[n] for n in closure.passive], column].any()
-    }
-    ends = {
-        (row, column): flat
-        for column in sorted({column for _, column in folded})
-        for rows in [sorted(row for row, other in folded if other == column)]
-        for row, flat in zip(rows, _nearest_flat(mechanism, rows, column), strict=True)
-    }
-    found: list[Flattening] = []
-    for row, column in sorted(folded):
-        joint, (below, above) = mechanism.joints[column], ends[row, column].tolist()
-        margin = min(joint.lower - below, above - joint.upper)
-        found.append(Flattening(mechanism.closures[row].name, joint.name, below, above, margin))
-    return tuple(found)
+    found: list[tuple[int, Flattening]] = []
+    for column, joint in enumerate(mechanism.joints):
+        folded = [
+            row
+            for row, closure in enumerate(mechanism.closures)
+            if mechanism.ratios[[mechanism.frame_index[n] for n in closure.passive], column].any()
+        ]
+        if joint.kind != "revolute" or not folded:
+            continue
+        ends = _nearest_flat(mechanism, folded, column).tolist()
+        for row, (below, above) in zip(folded, ends, strict=True):
+            margin = min(joint.lower - below, above - joint.upper)
+            loop = mechanism.closures[row].name
+            found.append((row, Flattening(loop, joint.name, below, above, margin)))
+    return tuple(flat for _, flat in sorted(found, key=lambda pair: pair[0]))
 
 
 def _nearest_flat(mechanism: Mechanism, rows: list[int], column: int) -> Array:

@@ -163,7 +163,7 @@ class SceneObject:
         self._check_kind("set_curve", "free")
         if self.description.thread is None:
             raise InputError(f"{self.name}: set_curve: the object is no thread; allowed: set_cp")
-        self._lay(*laid(self.name, self.description.thread, checked_points(self.name, points)))
+        self._lay(*laid(self.name, self.description.thread, _checked_points(self.name, points)))
 
     @command
     def set_jp(self, q: ArrayLike) -> None:
@@ -309,7 +309,7 @@ def checked_pose(name: str, T: ArrayLike) -> Array:
     return at
 
 
-def checked_points(name: str, points: ArrayLike) -> Array:
+def _checked_points(name: str, points: ArrayLike) -> Array:
     """Return two or more points that are given to an object, (n, 3) [m].
 
     Raises:

@@ -151,7 +151,7 @@ class Probes:
         )
 
     def contact_forces(self) -> dict[str, Array]:
-        """Return the net force of contacts and of what a jaw holds on each arm, {arm: (3,)} [N]."""
+        """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
         total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
         if not data.ncon:
             return dict(zip(self._arms, np.array(total), strict=True))

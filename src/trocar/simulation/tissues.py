@@ -287,7 +287,7 @@ class SoftTissue:
         Raises:
             InputError: no stitch, or one that the needle has not left; nothing changes
         """
-        known = isinstance(stitch, int) and 0 <= stitch < len(self.plan)
+        known = isinstance(stitch, int | np.integer) and 0 <= stitch < len(self.plan)
         if not known or not self.left[stitch].all():
             raise InputError(
                 f"{self.name}: lock: got stitch {stitch!r}; allowed: one that the needle has left"

@@ -110,7 +110,10 @@ print("digests", [one.digest for one in play({str(touch)!r}, range(4))])
         (["peg-board", "--headless", "--policy", "none"], "--policy none: got --headless"),
         (["peg-board", "--json"], "allowed with --headless only"),
         (["peg-board", "--cluster", "local"], "allowed with --headless only"),
-        (["peg-board", "--headless", "--workers", "2", "--record", "a.mcap"], "with one worker only"),
+        (
+            ["peg-board", "--headless", "--workers", "2", "--record", "a.mcap"],
+            "with one worker only",
+        ),
         (["peg-board", "--headless", "--record-images"], "requires --record FILE"),
     ],
 )

@@ -72,8 +72,8 @@ EXCITED = 0.5
 #: choice; 0.03 to 0.27 with the recordings, 0.97 where two columns are swapped.
 UNEXPLAINED = 0.7
 #: A joint sticks where it is slower than this ratio of its RMS velocity, and filters spread its
-#: friction this far. Source: measured on simulated logs; what a PSM's insertion exerts differs by
-#: 1.9 % from what the model has, of the samples farther away by 0.05 %. [s]
+#: friction this far. Source: measured on simulated logs of a PSM's insertion: the model's efforts
+#: are off by 1.9 % with these samples, by 0.05 % without. [ratio, s]
 STILL, SPREAD_S = 1e-3, 0.1
 #: Random motions, and the ratio of the limits of velocities and accelerations that they use.
 #: Source: our own choice.

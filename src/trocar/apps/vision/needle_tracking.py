@@ -126,7 +126,7 @@ class Holder:
     rods: tuple[Rod, ...] = ()
 
     def __post_init__(self) -> None:
-        """Reject what is no pose or no length."""
+        """Check the pose and the length."""
         pose = f"T_left_holder of {self.name}"
         check_transform(numbers(self.T_left_holder, (4, 4), pose), pose)
         if self.reach is not None:

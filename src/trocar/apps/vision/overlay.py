@@ -45,7 +45,7 @@ class View:
     T_world_eye: Array
 
     def __post_init__(self) -> None:
-        """Reject what is no pose."""
+        """Check the pose."""
         check_transform(numbers(self.T_world_eye, (4, 4), "T_world_eye"), "T_world_eye")
 
     @staticmethod

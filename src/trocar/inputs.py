@@ -5,7 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
 from trocar.errors import InputError
+
+Array = NDArray[np.float64]
 
 #: Tables and lists inside each other. Source: our own choice; our files have 4.
 MOST_LEVELS = 64
@@ -53,3 +58,22 @@ def excess_of(document: object) -> str:
             return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
         left += [(each, level + 1) for each in inner]
     return ""
+
+
+def numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Return finite numbers of a shape as float64; one alone stands for a row of one.
+
+    Raises:
+        InputError: something else
+    """
+    try:
+        found = np.asarray(value, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        found = np.full((), np.nan)
+    if shape == (1,):
+        found = np.atleast_1d(found)
+    if found.shape != shape or not np.isfinite(found).all():
+        what = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
+        got = " ".join(repr(value).split())
+        raise InputError(f"{name}: got {got:.200}; allowed: {what}")
+    return found

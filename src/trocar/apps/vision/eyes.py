@@ -25,23 +25,6 @@ Picture = NDArray[np.uint8]
 ALIKE, SURE_PX = 0.5, 8.0
 
 
-def numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Return finite numbers of a shape as float64.
-
-    Raises:
-        InputError: something else
-    """
-    try:
-        found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        found = np.full((), np.nan)
-    if found.shape != shape or not np.isfinite(found).all():
-        what = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
-        got = " ".join(repr(value).split())
-        raise InputError(f"{name}: got {got:.200}; allowed: {what}")
-    return found
-
-
 class Eyes:
     """Points in the left eye's frame and pixels of either eye.
 

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes, Picture, numbers
+from trocar.apps.vision.eyes import Eyes, Picture
 from trocar.apps.vision.needle_fit import (
     END_RAD,
     SIGMA_PX,
@@ -32,6 +32,7 @@ from trocar.cameras import StereoCalibration
 from trocar.descriptions.needles import Needle
 from trocar.errors import InputError
 from trocar.geometry import check_transform, inverse, rotation_vector_from_matrix
+from trocar.inputs import numbers
 
 Array = NDArray[np.float64]
 Status = Literal["searching", "tracking", "predicting"]

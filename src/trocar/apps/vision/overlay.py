@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import numbers
 from trocar.apps.vision.images import opencv
 from trocar.cameras import Intrinsics
 from trocar.cameras.lens import project
 from trocar.descriptions.needles import Needle
 from trocar.errors import InputError
 from trocar.geometry import check_transform, inverse, transform_points
+from trocar.inputs import numbers
 from trocar.rendering import StereoFrame
 
 Array = NDArray[np.float64]

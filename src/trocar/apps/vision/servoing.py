@@ -18,11 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes, numbers
+from trocar.apps.vision.eyes import Eyes
 from trocar.cameras import StereoCalibration
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
 from trocar.geometry import adjoint, inverse, skew, transform_points
+from trocar.inputs import numbers
 from trocar.kinematics import jacobian_body, pose
 
 Array = NDArray[np.float64]

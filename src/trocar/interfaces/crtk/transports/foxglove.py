@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from trocar.errors import InputError, MissingExtraError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
 from trocar.interfaces.origins import PageAccess
-from trocar.interfaces.rate_limit import without_repeats
+from trocar.interfaces.repeats import without_repeats
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core

@@ -70,9 +70,9 @@ class RateLimit:
         self._last = dict(saved)
 
 
-def burst(verb: str) -> int:
-    """Return how many rejected commands of a verb are reported within a period."""
-    return 1 if verb.startswith("servo_") else BURST
+def burst(kind: str) -> int:
+    """Return how many rejected commands of a kind (its verb first) are reported within a period."""
+    return 1 if "servo_" in kind else BURST
 
 
 def suffix(left_out: int) -> str:

@@ -334,8 +334,8 @@ class Core:
         """Count and report a rejected message, those of streams once in a while."""
         with self._lock:
             self.refused += 1
-        seen, verb = ((topic.name, kind), topic.key.rpartition("/")[2]) if topic else (None, "")
-        unsaid = self._rate_limit.due(seen, self.loop.now, burst(verb))
+        seen = (topic.name, kind) if topic else None
+        unsaid = self._rate_limit.due(seen, self.loop.now, burst(topic.key if topic else ""))
         if unsaid is None:
             return
         text = f"{topic.key if topic else name[:80]}: {reason}{suffix(unsaid)}"

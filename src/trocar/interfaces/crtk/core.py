@@ -338,10 +338,10 @@ class Core:
         unsaid = self._rate_limit.due(seen, self.loop.now, burst(topic.key if topic else ""))
         if unsaid is None:
             return
-        text = f"{topic.key if topic else name[:80]}: {reason}{suffix(unsaid)}"
+        text = reason + suffix(unsaid)
         _log.warning("rejected%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
         before = self.prefixes.get(topic.arm, "system") if topic else "system"
-        self.emit(f"{before}/warning", {"data": text})
+        self.emit(f"{before}/warning", {"data": f"{topic.key if topic else name[:80]}: {text}"})
 
     def forget_refusals(self) -> None:
         """Forget which rejections were reported: the next ones are reported at once."""

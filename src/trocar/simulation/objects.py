@@ -12,7 +12,7 @@ from trocar.descriptions.records import Prop, RigDescription
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import check_transform, transform
-from trocar.inputs import numbers
+from trocar.inputs import check_numbers
 from trocar.simulation.grasps import Grasps
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.object_kinematics import ObjectKinematics
@@ -179,7 +179,8 @@ class SceneObject:
         """
         self._check_kind("set_jp", "hinge", "slide", "ball")
         size, joint = len(self._qpos), self._row.joint
-        values = numbers(q, (size,), f"{self.name}: set_jp")
+        values = [q] if isinstance(q, (int, float)) else q
+        values = check_numbers(values, (size,), f"{self.name}: set_jp")
         if size == 4 and not abs(float(np.linalg.norm(values)) - 1.0) < UNIT:
             raise InputError(
                 f"{self.name}: set_jp: got {values.tolist()}; allowed: a unit quaternion"
@@ -202,7 +203,7 @@ class SceneObject:
             InputError: no six finite numbers, more than 100 N or 10 N m, or more than accelerates
                 it by 1e3 m/s^2 or 1e4 rad/s^2; nothing changes
         """
-        values = numbers(wrench, (6,), f"{self.name}: servo_cf")
+        values = check_numbers(wrench, (6,), f"{self.name}: servo_cf")
         if np.abs(values[:3]).max() > self._most_n or np.abs(values[3:]).max() > self._most_nm:
             raise InputError(
                 f"{self.name}: servo_cf: got {values.tolist()}; allowed: up to {self._most_n:.3g} N"

@@ -35,6 +35,18 @@ ARM_FAULTS = [
     ('root = "base"', 'root = "rcm"', "root", "got 'rcm'; allowed: the first frame"),
     ('relative_to = "rcm"', 'relative_to = "rmc"', "frame", "did you mean 'rcm'"),
     ('tip = "insertion"', 'color = "red"\ntip = "insertion"', "color", "unknown key"),
+    (
+        "stall_nm = 7.31\n",
+        "",
+        "joint[0].stall",
+        "got inf with a no-load speed of 9.7; allowed: both",
+    ),
+    (
+        "stall_nm = 7.31",
+        "stall_nm = 3.0",
+        "joint[0].stall",
+        "allowed: both or none, and effort_max",
+    ),
     ("lower_rad = -1.588", "", "joint[0].lower", "allowed keys: lower_rad, lower_deg"),
     (
         "lower_rad = -1.588",

@@ -42,6 +42,7 @@ def pid_model(rig: RigDescription) -> mujoco.MjModel:
             servo = model.actuator(f"{place.name}/{joint}").id
             model.actuator_biasprm[servo, 1:3] = -gains.p, -gains.d
             model.actuator_gainprm[servo, 0] = gains.i
+    model.actuator_forcerange[model.actuator_ctrlnum == 0] = 0.0  # position servos have no supply
     return model
 
 

@@ -54,7 +54,7 @@ def physics_of(world: World, without: str) -> dict[str, list[float]]:
             state = [data.qpos[at], data.qvel[dof], data.qacc_warmstart[dof]]
             law = [model.dof_damping[dof].tolist(), model.dof_frictionloss[dof]]
             found[joint] = [*state, *law]
-    for k in range(model.nactuator):
+    for k in np.flatnonzero(model.actuator_ctrlnum).tolist():
         servo = model.actuator(k).name
         if not servo.startswith(without):
             act = data.act[model.actuator_actadr[k]]

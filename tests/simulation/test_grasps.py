@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -235,3 +236,13 @@ def test_contacts_of_what_is_held_are_the_pads_presses(held: Grip) -> None:
     force = held.world.grasps()["PSM1"].force
     pressed = np.abs(np.einsum("ij,ij->i", reading.forces, reading.normals)).sum()
     assert pressed == pytest.approx(2.0 * force, rel=0.02)
+
+
+def test_what_a_jaw_holds_pulls_at_the_arm_where_nothing_touches(held: Grip) -> None:
+    model, data = held.world.mj_model, held.world.mj_data
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    held.world.step(1)
+    assert data.ncon == 0
+    force, dof = held.world.contact_forces()["PSM1"], int(model.body("needle").dofadr[0])
+    np.testing.assert_allclose(force, -data.qfrc_constraint[dof : dof + 3], atol=1e-12)
+    assert np.linalg.norm(force) > 1e-3

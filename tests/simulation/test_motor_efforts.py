@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.simulation import World
+from trocar.simulation import Batch, World
 from trocar.simulation.records import Recording
 
 Array = NDArray[np.floating[Any]]
@@ -68,3 +68,31 @@ def test_an_effort_beyond_the_motor_reads_as_its_limit() -> None:
     played = world.play({"PSM1": q}, every=1)
     arm = world.arm("PSM1")
     assert played.efforts["PSM1"][-1, 0] == pytest.approx(arm.effort_limit[0])
+
+
+def test_a_motor_at_its_limit_is_as_fast_as_its_supply_allows() -> None:
+    """Friction is left of stall (1 - speed / no load), whichever way it turns."""
+    world = World("psm", dynamics="cad")
+    arm = world.arm("PSM1")
+    joint, friction = arm.description.joints[3], arm.description.friction["identified"]["roll"]
+    for sign in (1.0, -1.0):
+        world.reset()
+        arm.servo_jf([0.0, 0.0, 0.0, sign * joint.effort_max, 0.0, 0.0])
+        world.step(45)
+        read = arm.measured_js()
+        speed, effort = sign * read.velocity[3], sign * read.effort[3]
+        assert effort == pytest.approx(joint.stall * (1.0 - speed / joint.no_load), abs=1e-12)
+        assert effort == pytest.approx(friction.coulomb + friction.viscous * speed, abs=1e-3)
+
+
+def test_a_batch_reads_what_the_supply_leaves_of_efforts() -> None:
+    world = World("psm", dynamics="cad")
+    batch = Batch(world, 2)
+    goal = np.zeros((2, 7))
+    goal[:, 2], goal[:, 3], goal[1, 3] = 0.12, 4.0, -4.0
+    batch.step(goal, 20)
+    read, joint = batch.step(n=1), world.arm("PSM1").description.joints[3]
+    speed = np.abs(read.qd[:, 3])
+    assert (speed > 55.0).all()
+    left = joint.stall * (1.0 - speed / joint.no_load)
+    np.testing.assert_allclose(read.effort[:, 3] * np.sign(read.qd[:, 3]), left, atol=1e-12)

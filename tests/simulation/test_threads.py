@@ -71,9 +71,9 @@ def pull(world: World, force: list[float]) -> None:
     world.mj_data.xfrc_applied[body, :3] = force
 
 
-def held_in_a_jaw() -> World:
+def held_in_a_jaw(text: str = HELD) -> World:
     """Return a world in which PSM1 holds a thread by its sixth millimetre, which hangs."""
-    world = World(rig(HELD))
+    world = World(rig(text))
     arm, thread = world.arms["PSM1"], world.objects["thread"]
     tip = world.true_state("PSM1").world
     middle = tip[:3, 3] + 8.5e-3 * tip[:3, 2]
@@ -163,6 +163,24 @@ def test_a_jaw_holds_it_until_it_is_pulled_harder_than_friction_of_both_pads_and
     world.step(25)
     assert np.linalg.norm(thread.points()[0] - before) > 1e-3
     assert [entry.values["object"] for entry in heard] == ["thread"]
+
+
+def test_it_slips_out_of_a_jaw_before_it_is_pulled_harder_than_it_can_be_simulated() -> None:
+    """At twice the tension that it bears, although friction of these pads carries 37 N."""
+    world = held_in_a_jaw(HELD.replace("0.05", "1.0"))
+    thread, heard = world.threads["thread"], list[Entry]()
+    world.listen(lambda entry: heard.append(entry) if entry.name == "grasp/slipped" else None)
+    along = world.true_state("PSM1").world[:3, 0]
+    for share in (0.5, 1.0, 1.5, 1.9):
+        pull(world, (share * thread.thread.tension * along).tolist())
+        world.step(100)
+    assert not heard and world.grasps()["PSM1"].object == "thread"
+    before = thread.points()[0]
+    pull(world, (2.1 * thread.thread.tension * along).tolist())
+    world.step(40)
+    assert [entry.values["object"] for entry in heard] == ["thread"]
+    assert np.linalg.norm(thread.points()[0] - before) > 0.05
+    assert not any(world.engine_warnings().values())
 
 
 def test_a_held_thread_goes_on_from_a_saved_state_to_the_last_bit() -> None:

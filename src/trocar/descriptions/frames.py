@@ -32,6 +32,7 @@ def read_joint(row: Table) -> JointDescription:
     kind = row.text("kind", allowed=("revolute", "prismatic"))
     turns = kind == "revolute"
     measure, way = ("angle", "angular") if turns else ("length", "linear")
+    effort = "torque" if turns else "force"
     lower, upper = row.quantity("lower", measure), row.quantity("upper", measure)
     if not lower < upper:
         raise row.fail("lower", f"got {lower:g}; allowed: less than the upper limit {upper:g}")
@@ -43,18 +44,23 @@ def read_joint(row: Table) -> JointDescription:
         kind="revolute" if turns else "prismatic",
         lower=lower,
         upper=upper,
-        effort_max=row.positive("effort_max", "torque" if turns else "force", default=np.inf),
+        effort_max=row.positive("effort_max", effort, default=np.inf),
         velocity_max=row.positive("velocity_max", f"{way} velocity", default=np.inf),
         acceleration_max=row.positive("acceleration_max", f"{way} acceleration", default=np.inf),
         tracking_tolerance=row.positive("tracking_tolerance", measure, default=np.inf),
         drive=tuple((frame, drive.number(frame)) for frame in drive.entries()),
         stop_lower=row.quantity("stop_lower", measure, default=lower),
         stop_upper=row.quantity("stop_upper", measure, default=upper),
+        no_load=row.positive("no_load", f"{way} velocity", default=np.inf),
+        stall=row.positive("stall", effort, default=np.inf),
         spring=_read_spring(row) if turns else None,
         source=row.text("source", ""),
     )
     if not lower <= joint.stop_lower < joint.stop_upper <= upper:
         raise row.fail("stop_lower", "mechanical stops must lie inside the limits")
+    if np.isfinite(joint.no_load) != np.isfinite(joint.stall) or joint.stall < joint.effort_max:
+        got = f"got {joint.stall:g} with a no-load speed of {joint.no_load:g}"
+        raise row.fail("stall", f"{got}; allowed: both or none, and effort_max or more")
     return joint
 
 

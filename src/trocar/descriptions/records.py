@@ -128,6 +128,9 @@ class JointDescription:
         velocity_max, acceleration_max: of move_* [per s, per s^2]
         tracking_tolerance: measured against set-point [rad or m]
         stop_lower, stop_upper: mechanical stops, where they lie inside the limits [rad or m]
+        no_load, stall: of its motor at the supply's voltage: the speed at which it exerts nothing,
+            and its effort at rest without the limit of its current; inf where the voltage is no
+            limit [rad/s or m/s, N m or N]
         spring: of a joint that has no motor, only a sensor; None of a joint with a motor
         source: where the numbers are from
     """
@@ -143,6 +146,8 @@ class JointDescription:
     drive: tuple[tuple[str, float], ...]
     stop_lower: float
     stop_upper: float
+    no_load: float
+    stall: float
     spring: Spring | None
     source: str
 

@@ -37,7 +37,7 @@ from trocar.modeling import naming
 from trocar.modeling.drives import Drive, add_tendons, arm_drives, frames_of_drives
 from trocar.modeling.geoms import LONE_MASK, OBJECTS, ContactMask, Geoms, contact_masks
 from trocar.modeling.hinges import followers, hinge_of
-from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset
+from trocar.modeling.joints import JointTable, effort_limit, joint_table, preset, speed_line
 from trocar.modeling.mujoco_log import log_mujoco_warnings
 from trocar.modeling.options import (
     HOLD,
@@ -247,6 +247,10 @@ class Draft:
             mount = anchors[arm.on][arm.frame] if arm.on else world
             at = Anchor(mount.body, mount.pose @ arm.pose)
             anchors[arm.name] = self._add_arm(arm, at, self.masks[arm.name], group)
+        if options.servo == "pid" and not options.standalone:  # behind all servos
+            for arm in rig.arms:
+                if arm.name not in options.locked:
+                    self._add_voltage_limits(arm)
         self._set_islands(len(rig.objects))
         if options.servo == "pid" and options.collisions and not options.standalone:
             for prop in rig.props:
@@ -517,6 +521,31 @@ class Draft:
                 servo.set_to_motor()
         if self._options.servo == "pid" or np.isfinite(limit):
             servo.forcerange = [-limit, limit]
+
+    def _add_voltage_limits(self, place: RigArm) -> None:
+        """Add what the supply's voltage takes of the effort of fast motors.
+
+        One actuator without an input for each direction: it brakes beyond the speed from which on
+        less than the limit of the effort is left, and its force is clamped to 0 below.
+        """
+        control = preset(place.arm, self._options.control)
+        for joint in place.arm.joints:
+            slope, corner = speed_line(joint, control)
+            if not slope:
+                continue
+            ((hinge, weight),) = joint.drive
+            most = 2.0 * effort_limit(joint, control)
+            for sign, span in ((1.0, [-most, 0.0]), (-1.0, [0.0, most])):
+                made = self.spec.add_actuator(
+                    name=naming.voltage_limit(place.name, joint.name, sign),
+                    target=naming.scoped(place.name, hinge),
+                    trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                )
+                made.set_to_dcmotor([1.0, 1.0], 1.0, ctrlspec=mujoco.mjtCtrlInput.mjINPUT_NONE)
+                made.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+                made.biasprm[:3] = sign * slope * corner, 0.0, -slope
+                made.gear = [weight, 0, 0, 0, 0, 0]
+                made.forcerange = span
 
 
 def _set_mass(made: mujoco.MjsBody, mass: float, com: Array, inertia: Array) -> None:

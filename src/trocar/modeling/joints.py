@@ -77,6 +77,9 @@ class JointTable:
         couple: hinge coordinates = couple @ q, (nq, J), for arms whose loops are parallelograms
         lower, upper: joint limits [rad or m]
         effort_max: the motors' limits, UNLIMITED where there is none [N m or N]
+        slope, corner: beyond the speed `corner` the supply's voltage takes this much of a motor's
+            effort for each unit of speed; 0 and inf where it does not [N m s/rad or N s/m, rad/s or
+            m/s]
         gains: P, I, D that the rig starts with, (J, 3)
         compensated: whether its control feeds gravity forward, (J,) bool
         tolerance: tracking error that trips the arm, inf where none does [rad or m]
@@ -93,6 +96,8 @@ class JointTable:
     lower: Array
     upper: Array
     effort_max: Array
+    slope: Array
+    corner: Array
     gains: Array
     compensated: NDArray[np.bool_]
     tolerance: Array
@@ -123,10 +128,10 @@ def joint_table(
     joints = {model.joint(i).name: i for i in range(model.njnt)}
     arms: dict[str, ArmIndex] = {}
     names: list[str] = []
-    count = model.nactuator
+    count = np.count_nonzero(model.actuator_ctrlnum)  # limits of voltage have no inputs
     drive, couple = np.zeros((count, model.nq)), np.zeros((model.nq, count))
     rate, share = np.zeros((count, model.nv)), np.zeros((count, model.nv))
-    lower, upper, effort, tolerance = (np.zeros(count) for _ in range(4))
+    lower, upper, effort, slope, corner, tolerance = (np.zeros(count) for _ in range(6))
     gains = np.zeros((count, INPUTS))
     balanced, fingers, braked = (np.zeros(count, np.bool_) for _ in range(3))
     for rig_arm in rig.arms:
@@ -144,6 +149,7 @@ def joint_table(
             held = joint.name == "jaw" or rig_arm.arm.type == "MTM"
             pid = gains_of.pid[joint.name]
             effort[row] = min(effort_limit(joint, gains_of), UNLIMITED)
+            slope[row], corner[row] = speed_line(joint, gains_of)
             # A jaw below 0 or on an object is force, not error; a master is moved by hand. Source:
             # SAW mtsIntuitiveResearchKitMTM.h, should_use_measured_setpoint_check.
             tolerance[row] = np.inf if held else joint.tracking_tolerance
@@ -157,7 +163,8 @@ def joint_table(
         couple[index.qpos, rows] = ratios
     if [model.actuator(k).name for k in range(count)] != names:
         raise InputError(f"rig {rig.name}: its servos are not in the order of its joints")
-    for array in (drive, rate, share, couple, lower, upper, effort, gains, tolerance):
+    numbers = (drive, rate, share, couple, lower, upper, effort, slope, corner, gains, tolerance)
+    for array in numbers:
         array.setflags(write=False)
     return JointTable(
         tuple(names),
@@ -169,6 +176,8 @@ def joint_table(
         lower,
         upper,
         effort,
+        slope,
+        corner,
         gains,
         balanced,
         tolerance,
@@ -225,3 +234,20 @@ def effort_limit(joint: JointDescription, control: Control) -> float:
     """
     limited = control.effort_limits or joint.name == "jaw" or joint.spring is not None
     return joint.effort_max if limited else np.inf
+
+
+def speed_line(joint: JointDescription, control: Control) -> tuple[float, float]:
+    """Return what the supply's voltage takes of a motor's effort, and beyond which speed.
+
+    A motor at a voltage exerts at most stall - stall / no_load * speed, where its current's limit
+    is not less.
+
+    Returns:
+        the slope [N m s/rad or N s/m], the speed from which on it counts [rad/s or m/s]; 0 and inf
+        where the voltage is no limit
+    """
+    limit = effort_limit(joint, control)
+    if not np.isfinite([limit, joint.stall]).all():
+        return 0.0, np.inf
+    slope = joint.stall / joint.no_load
+    return slope, joint.no_load - limit / slope

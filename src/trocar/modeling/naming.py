@@ -43,6 +43,11 @@ def free_joint(prop: str) -> str:
     return f"{prop}/free"
 
 
+def voltage_limit(arm: str, joint: str, sign: float) -> str:
+    """Return the name of what limits a motor's effort at speeds of a sign."""
+    return f"{arm}/{joint}/voltage{'+' if sign > 0.0 else '-'}"
+
+
 def prop_joint(prop: str, kind: str) -> str:
     """Return the name of the joint between a prop and what carries it."""
     return f"{prop}/{kind}"

@@ -34,7 +34,7 @@ from trocar.simulation.drives import SPRING_FIELDS, SpringFields, Springs, sprin
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
-from trocar.simulation.servos import POSITION, pid_effort, read_matrix
+from trocar.simulation.servos import POSITION, pid_effort, read_matrix, voltage_loss
 from trocar.simulation.world import GRAVITY_PERIOD_S, World
 
 Array = NDArray[np.float64]
@@ -292,8 +292,9 @@ class Batch:
             raise InputError("set_gains: got a gain below 0 or not finite; allowed: 0 or more")
         self._gains = gains * self._on[:, None]
         bias, gain = (self._rows.expand(name) for name in GAIN_FIELDS)
-        bias[:, :, 1], bias[:, :, 2] = -self._gains[..., 0], -self._gains[..., 2]
-        gain[:, :, 0] = self._gains[..., 1]
+        own = slice(len(self.names))
+        bias[:, own, 1], bias[:, own, 2] = -self._gains[..., 0], -self._gains[..., 2]
+        gain[:, own, 0] = self._gains[..., 1]
 
     def expand(self, field: str) -> Array:
         """Return a field of MjModel with a value for each world, (n, ...), to be written.
@@ -371,7 +372,8 @@ class Batch:
             inputs = numbers[:, -nu:].reshape(self._inputs.shape)
             act = numbers[:, self._model.nq + self._model.nv : -nu]
             effort = pid_effort(self._gains, inputs, act, q, qd)
-        return q, qd, np.clip(effort, -self._limit, self._limit)
+        effort = np.clip(effort, -self._limit, self._limit)
+        return q, qd, effort - voltage_loss(self._table.slope, self._table.corner, qd)
 
     def _effective(self) -> Array:
         return self._servos["gains"] * self._on[:, None]

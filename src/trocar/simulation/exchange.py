@@ -118,7 +118,7 @@ def _joint_maps(
 
 
 def _actuator_map(old: mujoco.MjModel, new: mujoco.MjModel, without: str) -> tuple[Index, Index]:
-    names = [old.actuator(k).name for k in range(old.nactuator)]
+    names = [old.actuator(k).name for k in np.flatnonzero(old.actuator_ctrlnum)]
     here = [k for k, actuator in enumerate(names) if naming.owner(actuator) != without]
     return _pair((here, [new.actuator(names[k]).id for k in here]))
 

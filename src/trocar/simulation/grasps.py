@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import acos, sqrt
+from math import acos, hypot, inf, sqrt
 from typing import NamedTuple
 
 import mujoco
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.descriptions.records import RigDescription
+from trocar.kinematics.forward import pose
 from trocar.modeling import naming
 from trocar.modeling.threads import bodies_of
 from trocar.simulation.journal import Journal
@@ -26,10 +27,18 @@ PERIOD_S = 0.01
 #: presses less than the other. Source: measured on needles and rings, of which 18.7 N is the most
 #: that the jaw of a large needle driver exerts. [N, s, N]
 PRESS_N, PRESSED_S, LOOSE_N = 3.0, 0.05, 1.0
+#: A finger that presses with less of its forces along one normal than this is dug in by an edge,
+#: and holds by friction alone: a weld would keep it there. Source: measured on a needle that lies
+#: across an edge: 0.7, with 140 N at the finger's side; 1.0 of needles between pads.
+PARALLEL = 0.9
 #: What a jaw holds is left to friction beyond this share of what the ellipsoid has, and stuck again
 #: below so much of it. Source: measured in twenty directions of forces and torques, in which a
 #: needle slips at 0.85 of the ellipsoid or later.
 LOADED, RESTUCK = 0.6, 0.8
+#: A thread that is pulled by so many times the tension that it bears steadily slips out, whatever
+#: friction carries. Source: our own choice, below the 2.5 times at which waves on it begin to grow
+#: (`modeling.threads`).
+TORN = 2.0
 #: It slipped where it moved so far between the pads since. Source: our own choice, half a needle's
 #: wire. [m, rad]
 SLIPPED_M, SLIPPED_RAD = 2e-4, 0.04
@@ -125,6 +134,8 @@ class Grasps:
         self._kind, self._journal = rig.grasp, journal
         self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
         self.objects = tuple(prop.name for prop in self._props)
+        #: With which force of a jaw each object slips whatever friction carries: threads [N]
+        self._strength = [TORN * p.thread.tension if p.thread else inf for p in self._props]
         self.every = max(1, round(PERIOD_S / timestep))
         self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
         self._again = -round(SLIPPED_S / (timestep * self.every))
@@ -133,11 +144,17 @@ class Grasps:
         """Take the physics that the jaws are in, with nothing held."""
         self._model, self._data = model, data
         self._jaws: list[Jaws] = []
+        #: Of each finger: its body, and the normal of its face in it, either way, (3,).
+        self._faces: list[tuple[int, Array]] = []
         for arm in rig.arms if self.objects else ():
             welds = [_equality(model, naming.grasp(arm.name, name)) for name in self.objects]
             if -1 not in welds:
                 sides = [model.body(naming.scoped(arm.name, f)).id for f in arm.arm.fingers]
                 self._jaws.append(Jaws(arm.name, (sides[0], sides[1]), np.array(welds)))
+                mechanism, shut = arm.arm.mechanism, np.zeros(len(arm.arm.joints))
+                for body, finger in zip(sides, arm.arm.fingers, strict=True):
+                    normal = pose(mechanism, shut, finger, mechanism.tip)[1, :3]  # as in `Pads`
+                    self._faces.append((body, normal))
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
         #: What carries each freely: itself, or what a thread is tied to. All forces on a tree are
@@ -203,9 +220,9 @@ class Grasps:
         if not data.ncon and not self._pressing and not any(self._holds):
             return
         contacts: dict[tuple[int, int], list[int]] = {}  # (jaws, object): contacts
-        force: dict[tuple[int, int], float] = {}  # (finger, object): of its contacts [N]
+        force: dict[tuple[int, int], float] = {}  # (finger, object): across its face [N]
         if data.ncon:
-            touching, pushes = data.contact, data.efc_force
+            touching, pushes, turns = data.contact, data.efc_force, data.xmat.reshape(-1, 3, 3)
             rows = zip(touching.geom.tolist(), touching.efc_address.tolist(), strict=True)
             fingers, objects = self._finger_of, self._held_of
             for k, ((one, two), first) in enumerate(rows):
@@ -215,7 +232,9 @@ class Grasps:
                 held = objects[one] if objects[one] >= 0 else objects[two]
                 if held >= 0:
                     contacts.setdefault((finger // 2, held), []).append(k)
-                    force[finger, held] = force.get((finger, held), 0.0) + float(pushes[first])
+                    body, face = self._faces[finger]  # its edges do not press
+                    squeeze = float(pushes[first] * (touching.frame[k, :3] @ turns[body].dot(face)))
+                    force[finger, held] = force.get((finger, held), 0.0) + abs(squeeze)
         for row in range(len(self._jaws)):
             if (hold := self._holds[row]) is None:
                 self._watch(row, contacts, force)
@@ -226,11 +245,15 @@ class Grasps:
 
     def _guard(self, row: int, hold: Hold, contacts: list[int], pressed: float) -> None:
         """Let go of what slips or is no longer pressed; leave what is loaded to friction."""
-        load = self._load(row, hold, contacts, pressed)
+        load, pull = self._load(row, hold, contacts, pressed)
         self._read[row] = self._grasp(hold.object, pressed, load)
         self._most[row] = max(self._most[row], pressed)
         if hold.stuck and pressed < LOOSE_N:
             self._release(row)
+        elif pull > self._strength[hold.object]:
+            self._slip(row, hold, load)
+            self._looks[row, hold.object] = 2 * self._again
+            self._slicken()
         elif self._kind != "friction+stick":
             return
         elif hold.stuck and load > LOADED:
@@ -241,10 +264,7 @@ class Grasps:
             far = float(np.linalg.norm(anchor - hold.anchor))
             same = min(1.0, abs(float(turned @ hold.turned)))
             if pressed < LOOSE_N or far > SLIPPED_M or 2.0 * acos(same) > SLIPPED_RAD:
-                self._release(row)
-                self._looks[row, hold.object] = self._again
-                arm, name = self._jaws[row].arm, self.objects[hold.object]
-                self._journal.event(arm, "grasp/slipped", object=name, load=load)
+                self._slip(row, hold, load)
             elif load < LOADED * RESTUCK:
                 self._set(row, replace(hold, anchor=anchor, turned=turned, stuck=True))
                 self._slicken()
@@ -269,6 +289,8 @@ class Grasps:
             if weaker > least:
                 most, least = held, weaker
         looks[:] = counts
+        if (looks == self._again).any():  # friction is back
+            self._slicken()
         presses = least > PRESS_N
         self._read[row] = self._grasp(most if presses else None, least)
         if presses and looks[most] >= self._enough:
@@ -287,7 +309,7 @@ class Grasps:
         self._read = [Grasp("", 0.0, 0.0, 0.0)] * count
 
     def _take(self, row: int, found: int, contacts: Index, force: float) -> None:
-        """Take hold of an object where it is now."""
+        """Take hold of an object where it is now, unless a finger is dug into it."""
         data, finger = self._data, self._jaws[row].bodies[0]
         touching = data.contact
         meets = self._finger[touching.geom[contacts]]
@@ -295,17 +317,16 @@ class Grasps:
         # a normal points from the first geom to the second; pushes of both sides from left to right
         signs = np.where(meets[:, 0] >= 0, 1.0, -1.0) * np.where(sides, -1.0, 1.0)
         turn, origin = data.xmat[finger].reshape(3, 3), data.xpos[finger]
-        grip = _grip(
-            (touching.pos[contacts] - origin) @ turn,
-            data.efc_force[touching.efc_address[contacts]],
-            sides,
-            (touching.frame[contacts][:, :3] * signs[:, None]) @ turn,
-            touching.friction[contacts],
-        )
+        forces = data.efc_force[touching.efc_address[contacts]]
+        pushes = (touching.frame[contacts][:, :3] * signs[:, None]) @ turn
+        for side in (0, 1):
+            own = sides == side
+            if np.linalg.norm(forces[own] @ pushes[own]) < PARALLEL * forces[own].sum():
+                return
+        at = (touching.pos[contacts] - origin) @ turn
+        grip = _grip(at, forces, sides, pushes, touching.friction[contacts])
         of = touching.geom[contacts, np.where(meets[:, 0] >= 0, 1, 0)]
-        pressed = np.bincount(
-            self._model.geom_bodyid[of], data.efc_force[touching.efc_address[contacts]]
-        )
+        pressed = np.bincount(self._model.geom_bodyid[of], forces)
         body = int(pressed.argmax())
         anchor, turned = self._placed(row, body, grip[0])
         self._set(row, Hold(found, body, anchor, turned, *grip))
@@ -338,6 +359,13 @@ class Grasps:
         self._read[row] = self._grasp(None, 0.0)
         self._journal.event(self._jaws[row].arm, "grasp/object", object="", force=self._most[row])
 
+    def _slip(self, row: int, hold: Hold, load: float) -> None:
+        """Let go of what slipped out of the pads."""
+        self._release(row)
+        self._looks[row, hold.object] = self._again
+        arm, name = self._jaws[row].arm, self.objects[hold.object]
+        self._journal.event(arm, "grasp/slipped", object=name, load=load)
+
     def _watch_falls(self) -> None:
         """Report what fell since a jaw let go of it."""
         holding = {hold.object for hold in self._holds if hold is not None}
@@ -360,23 +388,25 @@ class Grasps:
             self._data.eq_active[weld] = 1
 
     def _slicken(self) -> None:
-        """Let pads only press what a weld holds: rows of friction would fight it."""
+        """Let pads only press what a weld holds, as rows of friction would fight it, and what tore.
+
+        What tore is frictionless for as long as what slipped is not held again.
+        """
         model = self._model
         model.geom_condim[:], model.pair_dim[:] = self._condim, self._pair_dim
         if self._kind == "friction":
             return
-        for row, hold in enumerate(self._holds):
-            if hold is None or not hold.stuck:
-                continue
-            mine, its = self._finger // 2 == row, self._held == hold.object
+        slick = [(row, h.object) for row, h in enumerate(self._holds) if h is not None and h.stuck]
+        for row, found in (*slick, *np.argwhere(self._looks < self._again).tolist()):
+            mine, its = self._finger // 2 == row, self._held == found
             # where its own friction prevails there are pairs: it keeps it towards all else
             model.geom_condim[mine | (its & (model.geom_priority == 0))] = 1
-            model.pair_dim[(self._pairs[0] // 2 == row) & (self._pairs[1] == hold.object)] = 1
+            model.pair_dim[(self._pairs[0] // 2 == row) & (self._pairs[1] == found)] = 1
 
-    def _load(self, row: int, hold: Hold, contacts: list[int], right: float) -> float:
-        """Return the share of what friction carries that the grip's load takes."""
+    def _load(self, row: int, hold: Hold, contacts: list[int], right: float) -> tuple[float, float]:
+        """Return the share of what friction carries that the grip's load takes, and its force."""
         if self._kind == "friction":
-            return float("nan")
+            return float("nan"), 0.0
         data, finger = self._data, self._jaws[row].bodies[0]
         found, body = data.contact, int(self._roots[hold.object])
         firsts, sizes = found.efc_address.tolist(), found.dim.tolist()
@@ -396,7 +426,7 @@ class Grasps:
         both = max(right + max(right + force[2], 0.0), 1e-9)
         sliding = (force[0] ** 2 + force[1] ** 2) / hold.friction**2
         turning = sum((t / at) ** 2 for t, at in zip(torque, hold.levers.tolist(), strict=True))
-        return sqrt(sliding + turning) / both
+        return sqrt(sliding + turning) / both, hypot(fx, fy, fz)
 
     def _grasp(self, found: int | None, force: float, load: float = 0.0) -> Grasp:
         name = "" if found is None else self.objects[found]

@@ -12,7 +12,7 @@ from trocar.descriptions.records import RigArm
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import coordinate_rates
 from trocar.simulation.records import Mode
-from trocar.simulation.servos import EFFORT, SET, Servos
+from trocar.simulation.servos import EFFORT, SET, Servos, voltage_loss
 
 Array = NDArray[np.float64]
 
@@ -58,6 +58,8 @@ class Motors:
             self.fingers = servos.table.fingers[rows]
         self._act = data.act[rows]
         self._holding = servos.holding[rows]
+        self._slope, self._corner = servos.table.slope[rows], servos.table.corner[rows]
+        self._fast = float(self._corner.min(initial=np.inf)) ** 2
         self._still = np.zeros((3, count))
         self._read = np.zeros((0, 0))
         self._limits = self._opposite = np.zeros(0)
@@ -81,6 +83,8 @@ class Motors:
         effort = found[2]
         np.minimum(effort, self._limits, out=effort)
         np.maximum(effort, self._opposite, out=effort)
+        if found[1].dot(found[1]) > self._fast:
+            effort -= voltage_loss(self._slope, self._corner, found[1])
         return found
 
     def positions(self) -> Array:

@@ -12,6 +12,7 @@ from trocar.descriptions.records import Prop, RigDescription
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
 from trocar.geometry.se3 import check_transform, transform
+from trocar.inputs import check_numbers
 from trocar.simulation.grasps import Grasps
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.object_kinematics import ObjectKinematics
@@ -178,7 +179,8 @@ class SceneObject:
         """
         self._check_kind("set_jp", "hinge", "slide", "ball")
         size, joint = len(self._qpos), self._row.joint
-        values = _checked_numbers(f"{self.name}: set_jp", q, size)
+        values = [q] if isinstance(q, (int, float)) else q
+        values = check_numbers(values, (size,), f"{self.name}: set_jp")
         if size == 4 and not abs(float(np.linalg.norm(values)) - 1.0) < UNIT:
             raise InputError(
                 f"{self.name}: set_jp: got {values.tolist()}; allowed: a unit quaternion"
@@ -201,7 +203,7 @@ class SceneObject:
             InputError: no six finite numbers, more than 100 N or 10 N m, or more than accelerates
                 it by 1e3 m/s^2 or 1e4 rad/s^2; nothing changes
         """
-        values = _checked_numbers(f"{self.name}: servo_cf", wrench, 6)
+        values = check_numbers(wrench, (6,), f"{self.name}: servo_cf")
         if np.abs(values[:3]).max() > self._most_n or np.abs(values[3:]).max() > self._most_nm:
             raise InputError(
                 f"{self.name}: servo_cf: got {values.tolist()}; allowed: up to {self._most_n:.3g} N"
@@ -324,13 +326,3 @@ def _checked_points(name: str, points: ArrayLike) -> Array:
     if not (np.abs(curve) <= FARTHEST_M).all():  # NaN is not either
         raise InputError(f"{name}: got {points!r}; allowed: points up to {FARTHEST_M:g} m away")
     return curve
-
-
-def _checked_numbers(what: str, values: ArrayLike, size: int) -> Array:
-    try:
-        array = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    except (TypeError, ValueError, OverflowError):
-        array = np.full(1, np.nan)
-    if array.shape != (size,) or not np.isfinite(array).all():
-        raise InputError(f"{what}: got {values!r}; allowed: {size} finite numbers")
-    return array

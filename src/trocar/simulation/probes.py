@@ -153,7 +153,7 @@ class Probes:
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of contacts and of held objects on each arm, {arm: (3,)} [N]."""
         total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
-        if not data.ncon:
+        if not data.ncon and not self._welds:
             return dict(zip(self._arms, np.array(total), strict=True))
         equalities = data.efc_id[: data.ne].tolist()  # of the last step, whatever is active now
         for weld, (finger, _) in self._welds:

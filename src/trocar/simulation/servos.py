@@ -70,6 +70,11 @@ def read_matrix(table: JointTable, gains: Array, sizes: tuple[int, int]) -> Arra
     return np.ascontiguousarray(np.concatenate([q, qd, effort], axis=1).T)
 
 
+def voltage_loss(slope: Array, corner: Array, qd: Array) -> Array:
+    """Return what the supply's voltage takes of efforts at speeds, (..., J); as in `JointTable`."""
+    return slope * (qd - np.clip(qd, -corner, corner))
+
+
 class Servos:
     """The servos of one MjData, in the rows of its joint table.
 
@@ -195,6 +200,7 @@ class Servos:
         read[2 * count :].dot(state, out=effort)
         np.minimum(effort, limits, out=effort)
         np.maximum(effort, -limits, out=effort)
+        effort -= voltage_loss(self.table.slope, self.table.corner, qd)
         return found
 
     def beyond(self) -> Bools | None:
@@ -237,11 +243,12 @@ class Servos:
         self.revision += 1
         model, table = self._model, self.table
         gains, still = self.gains * self.servoed[:, None], self.locked | (self.modes == SET)
-        model.actuator_biasprm[:, 1] = -gains[:, 0]
-        model.actuator_gainprm[:, 0] = gains[:, 1]
-        model.actuator_biasprm[:, 2] = -gains[:, 2]
-        model.actuator_forcerange[:, 0] = -self.limit
-        model.actuator_forcerange[:, 1] = self.limit
+        own = slice(len(table))
+        model.actuator_biasprm[own, 1] = -gains[:, 0]
+        model.actuator_gainprm[own, 0] = gains[:, 1]
+        model.actuator_biasprm[own, 2] = -gains[:, 2]
+        model.actuator_forcerange[own, 0] = -self.limit
+        model.actuator_forcerange[own, 1] = self.limit
         held = self._turned[(still | ~self.powered) & ~table.fingers].any(axis=0)
         model.dof_damping[:] = np.where(held, HOLDING_DAMPING, self._viscous)
         locked = self._turned[self.locked].any(axis=0)  # spare the physics what brakes hold

@@ -98,6 +98,13 @@ def test_a_needle_changes_hands_and_does_not_fall() -> None:
     assert holders[-1] == ("PSM1",)
 
 
+def test_no_jaw_presses_a_needle_harder_than_its_motor_can_though_an_edge_digs_into_it() -> None:
+    """0.16 N m at 4 mm from the jaw's axis, where the pads begin, are 40 N."""
+    result = run_episode(make_task("needle-handover"), 7)
+    assert result.success
+    assert 10.0 < min(result.grip_n.values()) <= max(result.grip_n.values()) < 45.0
+
+
 def test_both_arms_hold_a_bar_before_it_is_lifted_and_do_not_press_on_each_other() -> None:
     task = make_task("dynamic-bar")
     task.reset(23)  # one arm arrives long before the other

@@ -229,6 +229,11 @@ def figures(name: str, case: Case, rows: Sequence[Row]) -> list[Figure]:
         bare = float(np.median([row[key] for row in rows]))
         note = "MuJoCo alone, after each episode; median"
         found.append(Figure(f"{name}: {what} mj_step", bare, "us", source=note))
+    unit = 1e-3 * sum(row["psm_us"] * row["time_s"] for row in rows)  # [s]
+    for key, what in (("cpu_s", "with policy and scores"), ("physics_s", "of physics")):
+        cost = sum(row[key] for row in rows) / unit
+        note = "processor time over that of mj_step of a PSM, on any machine"
+        found.append(Figure(f"{name}: a millisecond {what}", cost, "", source=note))
     return found
 
 

@@ -11,9 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trocar.interfaces import Command, Loop
-from trocar.interfaces.rate_limit import KINDS, RateLimit, suffix, without_repeats
+from trocar.interfaces.repeats import without_repeats
 from trocar.interfaces.state import Elapsed
 from trocar.simulation import World
+from trocar.simulation.rate_limit import KINDS, RateLimit, suffix
 
 
 class Onlooker:
@@ -65,7 +66,7 @@ def test_a_watcher_learns_of_commands_that_raise(
     loop.tick()
     assert [c for c, _ in onlooker.refusals] == [command] * 3
     assert "dance" in onlooker.refusals[0][1]
-    assert caplog.text.count("rejected: ") == 1  # the same complaint, once
+    assert caplog.text.count("rejected: ") == 3
 
 
 def test_the_same_complaint_is_due_once_in_two_seconds_with_how_many_were_left_out() -> None:
@@ -77,6 +78,12 @@ def test_the_same_complaint_is_due_once_in_two_seconds_with_how_many_were_left_o
     assert suffix(0) == ""
     limit.forget()
     assert limit.due("a", 2.0) == 0
+
+
+def test_a_burst_of_complaints_is_due_and_the_rest_counted() -> None:
+    limit = RateLimit()
+    assert [limit.due("a", 0.01 * k, 3) for k in range(5)] == [0, 0, 0, None, None]
+    assert [limit.due("a", 2.0 + 0.01 * k, 3) for k in range(4)] == [2, 0, 0, None]
 
 
 @given(times=st.lists(st.floats(0.0, 20.0), max_size=50).map(sorted))

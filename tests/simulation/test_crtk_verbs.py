@@ -221,7 +221,18 @@ def test_jaw_verbs_add_as_the_arm_s_do():
     assert jaw.move_jp([0.5]).wait(2.0)
 
 
-def test_the_same_warning_comes_once_in_two_seconds_with_how_many_were_not_said(world, arm, caplog):
+def test_every_rejected_move_gives_its_reason(arm, caplog):
+    with caplog.at_level(logging.WARNING):
+        moves = [arm.move_jp([9.0]), arm.move_jp([9.0]), jaw_of(arm).move_jp([1.0, 2.0])]
+    assert len(caplog.messages) == 3
+    assert ["allowed: 6 numbers" in move.reason for move in moves] == [True, True, False]
+    assert repr(moves[1]) == f"<Motion rejected: {moves[1].reason}>"
+    assert arm.move_jp(GOAL).reason == ""
+
+
+def test_a_stream_is_warned_of_once_in_two_seconds_with_how_many_were_not_reported(
+    world, arm, caplog
+):
     with caplog.at_level(logging.WARNING):
         for _ in range(5):
             arm.servo_jp([np.nan] * 6)

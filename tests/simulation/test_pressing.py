@@ -18,7 +18,7 @@ from trocar.modeling.tissues import PLACES
 from trocar.simulation import World
 from trocar.simulation.elastic import pad_of
 from trocar.simulation.journal import Entry
-from trocar.simulation.pressing import Surface, press, underside
+from trocar.simulation.pressing import Surface, compliance_of, press, underside
 from trocar.simulation.tissues import SoftTissue, default_plan
 
 Array = NDArray[np.float64]
@@ -135,6 +135,15 @@ def test_a_sphere_sinks_into_a_deep_block_as_the_mesh_and_hertz_have_it() -> Non
     assert moved[forces > 0.0] == pytest.approx(bottom[forces > 0.0], abs=0.03 * deep)
     stiff = tissue.modulus / (1.0 - tissue.poisson**2)
     assert forces.sum() == pytest.approx(4.0 / 3.0 * stiff * radius**0.5 * deep**1.5, rel=0.15)
+
+
+def test_the_compliance_of_a_surface_is_that_of_a_load_on_any_of_its_nodes() -> None:
+    tissue = described(TEXT)
+    pad, (top, compliance) = pad_of(tissue), compliance_of(tissue)
+    for node in np.random.default_rng(3).choice(len(top), 8, replace=False):
+        load = np.zeros(3 * len(pad.nodes))
+        load[3 * top[node] + 2] = 1.0
+        assert pad.solve(load)[3 * top + 2] == pytest.approx(compliance[:, node], rel=1e-9)
 
 
 @pytest.mark.parametrize("speed", [0.02, 0.1])

@@ -11,7 +11,7 @@ PAGE = DOCS / "performance.md"
 PACKAGE = ROOT / "src" / "trocar"
 ROW = re.compile(r"^\| (\w+) \| ([\d,-]+) \| [\d,]+ \| ([\d,-]+) \| [\d,]+ \|$", re.MULTILINE)
 WORDS = re.compile(r"[\d,]+ words\b")
-#: Pages that programs write.
+#: Pages that programs write, beside those of reference/.
 GENERATED = (
     "command-line.md",
     "errata.md",
@@ -36,7 +36,11 @@ def words(text: str) -> int:
 
 def written() -> dict[Path, int]:
     """Return the words of each page that people write."""
-    docs = (page for page in sorted(DOCS.rglob("*.md")) if page.name not in GENERATED)
+    docs = (
+        page
+        for page in sorted(DOCS.rglob("*.md"))
+        if page.name not in GENERATED and page.parent.name != "reference"
+    )
     pages = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *docs)
     return {page: words(page.read_text(encoding="utf-8")) for page in pages}
 

@@ -1,6 +1,6 @@
-"""Draw docs/images/cart.png: the web viewer with the full cart, as Chromium shows it.
+"""Draw docs/images/cart.png and teleoperation.png: the web viewer, as Chromium shows it.
 
-python tools/docs/viewer_picture.py [FILE]
+python tools/docs/viewer_picture.py cart|teleoperation [FILE]
 
 Needs the extra `browser` and Chromium with its driver, which draw without a display.
 """
@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 
 from PIL import Image
@@ -21,21 +22,23 @@ from selenium import webdriver
 from selenium.common.exceptions import TimeoutException
 from selenium.webdriver.support.wait import WebDriverWait
 
-FILE = Path(__file__).parents[2] / "docs" / "images" / "cart.png"
-SERVE = ("sim", "--port", "0", "--websocket-port", "0", "--camera-rate", "4")
-PRESS = "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()"
+IMAGES = Path(__file__).parents[2] / "docs" / "images"
+SERVE = ("--port", "0", "--websocket-port", "0", "--camera-rate", "4")
 CLOSE = "document.querySelectorAll('[class*=Notification-closeButton]').forEach(b => b.click())"
-#: Where the panel of measurements ends, in pixels of the picture.
-PANEL = """
-let right = 0;
-for (let e = document.querySelector('[data-trocar=time]'); e; e = e.parentElement) {
-  const box = e.getBoundingClientRect();
-  if (box.width < innerWidth / 2) right = Math.max(right, box.right);
+#: Where the panels of measurements and of commands end and begin, in pixels of the picture.
+PANELS = """
+const edges = [0, innerWidth];
+for (const [k, mark] of [[0, '[data-trocar=time], [data-trocar=keys]'], [1, 'button']]) {
+  let found = [...document.querySelectorAll(mark)];
+  if (k) found = found.filter(b => b.innerText === 'Pause');
+  for (let e = found[0]; e; e = e.parentElement) {
+    const box = e.getBoundingClientRect();
+    if (box.width >= innerWidth / 2) break;
+    edges[k] = k ? Math.min(edges[k], box.left) : Math.max(edges[k], box.right);
+  }
 }
-return Math.ceil(right * devicePixelRatio);
+return edges.map(edge => Math.ceil(edge * devicePixelRatio));
 """
-#: The window [px], so wide that its panels leave the cart free, and its scale in the picture.
-WINDOW, SCALE = "2060,1280", 0.62
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -43,50 +46,97 @@ FLAGS = (
     "--ignore-gpu-blocklist",
     "--enable-unsafe-swiftshader",
     "--hide-scrollbars",
-    f"--window-size={WINDOW}",
-    f"--force-device-scale-factor={SCALE}",
 )
 #: Until all meshes are drawn in software, and until the arms have moved [s].
 DRAWN_S, MOVED_S = 30.0, 12.0
 
 
-def screenshot(url: str) -> Image.Image:
-    """Return what a browser shows at an address, right of the measurements, with arms at work."""
+@dataclass(frozen=True)
+class Shot:
+    """A picture.
+
+    Attributes:
+        command: of trocar
+        press: what is clicked once all is drawn, in JavaScript
+        window: width and height [px], so wide that the panels leave the arms free
+        scale: of the window in the picture
+        left, right: whether the panels of measurements and of commands are kept
+    """
+
+    command: tuple[str, ...]
+    press: str
+    window: str
+    scale: float
+    left: bool
+    right: bool
+
+
+SHOTS = {
+    "cart": Shot(
+        ("sim",),
+        "[...document.querySelectorAll('button')].find(b => b.innerText === 'work').click()",
+        "2060,1280",
+        0.62,
+        left=False,
+        right=True,
+    ),
+    "teleoperation": Shot(
+        ("teleop",),
+        "document.querySelector('[data-trocar=keys]').focus()",
+        "1700,900",
+        0.8,
+        left=True,
+        right=False,
+    ),
+}
+
+
+def screenshot(url: str, shot: Shot) -> Image.Image:
+    """Return what a browser shows at an address."""
     options = webdriver.ChromeOptions()
     options.binary_location = shutil.which("chromium") or ""
-    for flag in FLAGS:
+    for flag in (
+        *FLAGS,
+        f"--window-size={shot.window}",
+        f"--force-device-scale-factor={shot.scale}",
+    ):
         options.add_argument(flag)
     driver = shutil.which("chromedriver") or ""
     environment = {**os.environ, "LIBGL_ALWAYS_SOFTWARE": "1"}
     tab = webdriver.Chrome(options, webdriver.ChromeService(driver, env=environment))
     try:
         tab.get(url)
-        shown = "return document.querySelector('[data-trocar=time]') !== null"
+        shown = "return document.querySelector('[data-trocar=time], [data-trocar=keys]') !== null"
         wait = WebDriverWait(tab, 180.0, ignored_exceptions=[TimeoutException])
         wait.until(lambda _: tab.execute_script(shown))
         time.sleep(DRAWN_S)
-        tab.execute_script(PRESS)
+        tab.execute_script(shot.press)
         time.sleep(MOVED_S)
         tab.execute_script(CLOSE)
         time.sleep(2.0)
         seen = Image.open(io.BytesIO(tab.get_screenshot_as_png())).convert("RGB")
-        return seen.crop((tab.execute_script(PANEL), 0, *seen.size))
+        left, right = tab.execute_script(PANELS)
+        return seen.crop(
+            (0 if shot.left else left, 0, seen.width if shot.right else right, seen.height)
+        )
     finally:
         tab.quit()
 
 
-def main(file: Path) -> None:
-    """Serve the full cart and save its page."""
-    command = [sys.executable, "-m", "trocar", *SERVE]
+def main(name: str, file: Path) -> None:
+    """Serve a rig and save its page."""
+    shot = SHOTS[name]
+    command = [sys.executable, "-u", "-m", "trocar", *shot.command, *SERVE]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as served:
         try:
             lines = iter(served.stdout or ())
             url = next(found[0] for line in lines if (found := re.search(r"http://\S+", line)))
-            picture = screenshot(url)
+            picture = screenshot(url, shot)
         finally:
             served.terminate()
     picture.quantize(256, kmeans=3).save(file, optimize=True)
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else FILE)
+    NAME = sys.argv[1]
+    main(NAME, Path(sys.argv[2]) if len(sys.argv) > 2 else IMAGES / f"{NAME}.png")

@@ -16,9 +16,9 @@ from PIL import Image
 
 from trocar.errors import LogError, MissingExtraError
 from trocar.recording import mcap_messages, mcap_topics
+from trocar.recording.mcap_file import JOINT_STATE
 
 FORMATS = "rosbag 1 (.bag), rosbag 2, MCAP"
-JOINT_STATE = "sensor_msgs/msg/JointState"
 IMAGES = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 #: Channels of image encodings, as (red, green, blue).
 ENCODINGS = {"rgb8": (0, 1, 2), "bgr8": (2, 1, 0), "rgba8": (0, 1, 2), "bgra8": (2, 1, 0)}

@@ -29,11 +29,10 @@ from trocar.interfaces.loop import WallClock
 from trocar.interfaces.pace import Pace
 from trocar.simulation import World
 from trocar.simulation.records import Recording
+from trocar.simulation.world import INTEGRATION
 
 Array = NDArray[np.float64]
 
-#: Everything that a physics step depends on.
-INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 #: Source: closed-loop paper, Table 9 (i7-4770K, Gazebo). Its last row, with the camera, is in
 #: `trocar verify`. The least real-time factors on one core are the project's own goal.
 CONFIGURATIONS: tuple[tuple[str, str, Literal["braked", "locked"], float, float], ...] = (

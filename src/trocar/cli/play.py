@@ -276,9 +276,14 @@ def _report(found: list[Episode]) -> str:
     ]
     head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
     successes = sum(one.success for one in found)
-    measured = [[str(o.seed), *(fixed(v, 2) for v in o.figures.values())] for o in found]
+    ended = sum(one.reason != "running" for one in found)
+    stopped = "" if ended == len(found) else f" and {len(found) - ended} stopped before its end"
+    measured = [  # -1: not measured
+        [str(o.seed), *("-" if v == -1.0 else fixed(v, 2) for v in o.figures.values())]
+        for o in found
+    ]
     return (
-        f"{found[0].scene}: {successes} of {len(found)} successful, grasp: {found[0].grasp},"
+        f"{found[0].scene}: {successes} of {ended} successful{stopped}, grasp: {found[0].grasp},"
         f" dynamics: {found[0].dynamics}\n\n"
         + table([*head, "force [N]"], rows)
         + (f"\n\n{table(['seed', *found[0].figures], measured)}" if found[0].figures else "")

@@ -20,7 +20,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Response
 from websockets.protocol import State
 
-from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
+from trocar.interfaces.repeats import LOG_PERIOD_S
+from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from trocar.simulation.journal import Entry, apply_command
+from trocar.simulation.rate_limit import RateLimit
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -78,8 +79,8 @@ class Command(msgspec.Struct, frozen=True):
 class Inbox:
     """Keep commands in order of arrival; of each stream of set-points only the newest.
 
-    Other commands are bounded for each arm: beyond the capacity a new one is rejected, with a
-    warning for the first of many, so that a flood for one arm keeps nobody from another.
+    Other commands are bounded for each arm: beyond the capacity a new one is rejected, so that a
+    flood for one arm keeps nobody from another.
 
     A client that sends enable, home and move_jp in one burst means the move to follow the homing,
     which takes seconds. So commands from topics wait while their arm homes; set-points do not: they
@@ -102,7 +103,7 @@ class Inbox:
         self._posted: dict[object, Command] = {}
         self._count = 0
         self._ordered: Counter[str] = Counter()
-        self._said = False
+        self._rate_limit = RateLimit()
         self._held: dict[str, deque[Command]] = {}
         self._used_s, self._periods = 0.0, 0
         self.rejected = 0
@@ -123,9 +124,9 @@ class Inbox:
                 self._posted[self._count] = command
                 return True
             self.rejected += 1
-            say, self._said = not self._said, True
-        if say:
-            _log.warning("%d commands pending: rejected %r", self._capacity, command)
+        if not command.topic and self._rate_limit.due(arm, self._now()) is not None:
+            text = "rejected %s of %s: %d commands pending"  # whoever serves a topic reports it
+            _log.warning(text, command.verb, arm, self._capacity)
         return False
 
     def drain(self) -> list[Command]:
@@ -134,7 +135,6 @@ class Inbox:
             posted = list(self._posted.values())
             self._posted.clear()
             self._ordered.clear()
-            self._said = False
         return posted
 
     def due(self, world: World) -> Iterator[Command]:

@@ -20,9 +20,9 @@ from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameErr
 from trocar.interfaces.commanders import Commanders
 from trocar.interfaces.inbox import Command, Inbox
 from trocar.interfaces.pace import Clock, Pace, Wakeup, WallClock, nearest_tick, whole_steps
-from trocar.interfaces.rate_limit import RateLimit, suffix
 from trocar.interfaces.state import Elapsed, LoopState, Publisher, Watcher
 from trocar.simulation.journal import WORLD
+from trocar.simulation.rate_limit import RateLimit, burst, suffix
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -351,7 +351,9 @@ class Loop:
     def _refuse(self, command: Command, reason: str, defect: Exception | None = None) -> None:
         """Count and log a rejected command, with a traceback of what trocar did not expect."""
         self._refused += 1
-        unsaid = self._rate_limit.due(reason, self._clock.now())
+        unsaid = self._rate_limit.due(
+            reason, self._clock.now(), 1 if defect else burst(command.verb)
+        )
         if unsaid is not None and not command.topic:  # whoever serves the topic logs it
             _log.warning("rejected: %s%s", reason, suffix(unsaid), exc_info=defect)
         for watcher in self._watchers:

@@ -9,7 +9,8 @@ from collections import deque
 from typing import Protocol
 
 from trocar.errors import InputError
-from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
+from trocar.interfaces.repeats import LOG_PERIOD_S
+from trocar.simulation.rate_limit import RateLimit, suffix
 
 _log = logging.getLogger("trocar")
 

@@ -29,7 +29,7 @@ from PIL import Image
 
 from trocar.errors import InputError, OvertakenError, TrocarError, UnknownNameError
 from trocar.interfaces.loop import Loop
-from trocar.interfaces.state import Elapsed
+from trocar.interfaces.state import PATIENT, Elapsed
 
 if TYPE_CHECKING:
     from trocar.cameras.records import Calibration
@@ -47,8 +47,6 @@ SLACK_S = 1e-6
 MOST_REFUSED = 5
 #: That drawing is slow is said so often [s]. Source: our own choice.
 COMPLAIN_S = 30.0
-#: Ticks until a look at the clock, where somebody else says when. Source: our own choice.
-PATIENT = 1000
 #: How long ending may take: a picture that is being drawn is drawn to its end [s].
 FAREWELL_S = 5.0
 Format = Literal["jpeg", "png"]

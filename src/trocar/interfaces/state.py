@@ -28,6 +28,9 @@ HEALTH_PERIOD_S = 1.0
 """Wall time between two looks at the health of one arm [s]; arms take turns, since a look takes as
 long as a tick or two. Source: our own choice: people read it."""
 
+PATIENT = 1000
+"""Ticks until the next look of a watcher for whom none matters now. Source: our own choice."""
+
 
 @dataclass(frozen=True)
 class LoopState:

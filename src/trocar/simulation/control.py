@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -14,6 +14,7 @@ from trocar.simulation.frames import Frames
 from trocar.simulation.journal import Journal
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Drift, Leg, Motion, Moves, Profile
+from trocar.simulation.rate_limit import RateLimit, Remembered, burst, suffix
 from trocar.simulation.records import JointState
 from trocar.simulation.servos import EFFORT, POSITION
 
@@ -25,8 +26,6 @@ BRAKE_SLACK = 1e-4
 #: A number farther from zero is a mistake. Source: our own choice, far beyond every joint, effort
 #: and gain of the robots, and far below what arithmetic cannot hold.
 LARGEST = 1e6
-#: The same warning comes once in this much simulated time. Source: our own choice. [s]
-WARNING_PERIOD_S = 2.0
 
 log = logging.getLogger("trocar")
 
@@ -68,7 +67,7 @@ class Clock(Protocol):
 
 
 class Rejections:
-    """Checks an arm's commands and warns of those that it rejects or clips, seldom repeated.
+    """Checks an arm's commands and warns of those that it rejects or clips.
 
     Attributes:
         count: how many commands were rejected or clipped
@@ -79,36 +78,31 @@ class Rejections:
         self.count = 0
         self.last = ""
         self._arm, self._time, self._journal = arm, time, journal
-        self._warned: dict[str, float] = {}
-        self._suppressed: dict[str, int] = {}
+        self._limit = RateLimit()
 
     def warn(self, kind: str, reason: str) -> None:
-        """Count a rejected or clipped command; warn of a kind once in a while."""
+        """Count a rejected or clipped command; warn of streamed ones of a kind once in a while."""
         self.count += 1
         self.last = reason
-        now = self._time()
-        if now - self._warned.get(kind, -np.inf) < WARNING_PERIOD_S:
-            self._suppressed[kind] = self._suppressed.get(kind, 0) + 1
+        left_out = self._limit.due(kind, self._time(), burst(kind))
+        if left_out is None:
             return
-        self._warned[kind] = now
-        more = self._suppressed.pop(kind, 0)
-        text = f"{reason} ({more} more such since)" if more else reason
+        text = reason + suffix(left_out)
         log.warning("%s: %s", self._arm, text)
         self._journal.event(self._arm, "warning", text=text)
 
     def forget(self) -> None:
         """Warn of every kind anew: time starts again."""
-        self._warned.clear()
-        self._suppressed.clear()
+        self._limit.forget()
 
-    def save(self) -> tuple[int, str, Mapping[str, float], Mapping[str, int]]:
+    def save(self) -> tuple[int, str, Remembered]:
         """Return copies of the counts and the times of warnings."""
-        return self.count, self.last, dict(self._warned), dict(self._suppressed)
+        return self.count, self.last, self._limit.save()
 
-    def load(self, saved: tuple[int, str, Mapping[str, float], Mapping[str, int]]) -> None:
+    def load(self, saved: tuple[int, str, Remembered]) -> None:
         """Restore what `save` returned."""
         self.count, self.last = saved[:2]
-        self._warned, self._suppressed = dict(saved[2]), dict(saved[3])
+        self._limit.load(saved[2])
 
     def vector(
         self, values: ArrayLike, names: tuple[str, ...], verb: str, what: str
@@ -152,7 +146,7 @@ class ControlState:
     strict_limits: bool
     lent: frozenset[int]
     taken: frozenset[int]
-    refusals: tuple[int, str, Mapping[str, float], Mapping[str, int]]
+    refusals: tuple[int, str, Remembered]
     drift: Drift | None
 
 
@@ -365,8 +359,9 @@ class JointControl:
         return self.move(goal + change, [part], verb)
 
     def rejected(self, part: slice) -> Motion:
-        """Return a motion that is over and reached nothing."""
+        """Return a motion that is over and reached nothing, for the last reason."""
         motion = self.moves.motion(self.motors.position[part].copy())
+        motion.reason = self.rejections.last
         motion.finish(False)
         return motion
 

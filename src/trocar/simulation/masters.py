@@ -33,7 +33,7 @@ PLATFORM_STEP = 0.05 * np.pi
 #: How fast the platform of a locked gimbal gives way. Source: our own choice (the dVRK's numerical
 #: inverse kinematics begins where this ends). [s]
 PLATFORM_TIME_S = 0.2
-#: A quaternion whose length is farther from 1 is none. Source: our own choice.
+#: Reject quaternions whose norm differs from 1 by more. Source: our own choice.
 UNIT_TOLERANCE = 1e-3
 
 

@@ -25,17 +25,21 @@ class Motion:
         done: whether no set-point follows this move any longer
         goal_reached: whether the set-points arrived
         goal: joint positions that it moves to, (n,) [rad or m]
+        reason: why the command was rejected, "" if it was not
     """
 
     def __init__(
         self, goal: Array, wait: Callable[[Motion, float | None], bool], parts: int = 1
     ) -> None:
         self.goal = goal
+        self.reason = ""
         self._wait = wait
         self._left = parts
         self._arrived = parts > 0
 
     def __repr__(self) -> str:
+        if self.reason:
+            return f"<Motion rejected: {self.reason}>"
         ended = "goal reached" if self.goal_reached else "goal not reached"
         goal = ", ".join(f"{value:.4g}" for value in self.goal)
         return f"<Motion to ({goal}): {ended if self.done else 'under way'}>"

@@ -78,16 +78,24 @@ class Held(NamedTuple):
 
 
 @lru_cache(maxsize=4)
-def _surface(tissue: Tissue) -> tuple[Index, Array]:
-    """Return the nodes of the upper surface of the half at +y, and their compliance upwards."""
+def compliance_of(tissue: Tissue) -> tuple[Index, Array]:
+    """Return the nodes of the upper surface of the half at +y, and their compliance upwards.
+
+    They are those of a grid, along the wound and away from it; the mesh is its own mirror image
+    along the wound, so loads on half of them tell the rest.
+    """
     pad = pad_of(tissue)
     half = len(pad.nodes) // 2
     top = np.flatnonzero(np.isclose(pad.nodes[:half, 2], 0.0))
     top = top[np.isin(3 * top + 2, pad.free)]
-    forces = np.zeros((3 * len(pad.nodes), len(top)))
-    forces[3 * top + 2, range(len(top))] = 1.0
+    grid = np.arange(len(top)).reshape(len(np.unique(pad.nodes[top, 0])), -1)
+    mirror, loaded = grid[::-1].ravel(), grid[: (len(grid) + 1) // 2].ravel()
+    forces = np.zeros((3 * len(pad.nodes), len(loaded)))
+    forces[3 * top[loaded] + 2, range(len(loaded))] = 1.0
     moved = pad.solve(forces)[3 * top + 2]
-    return top, 0.5 * (moved + moved.T)
+    found = np.empty((len(top), len(top)))
+    found[:, loaded], found[:, mirror[loaded]] = moved, moved[mirror]
+    return top, 0.5 * (found + found.T)
 
 
 def jaws_of(rig: RigDescription, model: mujoco.MjModel) -> list[Jaw]:
@@ -124,7 +132,7 @@ class Surface:
     """
 
     def __init__(self, tissue: Tissue, pad: ElasticPad, response: Array, stiffness: Array) -> None:
-        top, compliance = _surface(tissue)
+        top, compliance = compliance_of(tissue)
         self.nodes = np.stack([top, top + len(pad.nodes) // 2])
         self.at = pad.nodes[self.nodes, :2]
         self.rise = response[self.nodes, 2]

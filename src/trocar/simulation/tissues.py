@@ -31,7 +31,15 @@ from trocar.modeling.tissues import (
 from trocar.simulation.elastic import Condensed, ElasticPad, pad_of
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.objects import FARTHEST_M, checked_pose
-from trocar.simulation.pressing import CLOSED_M, OPENED_M, Held, Jaw, Surface, Tools
+from trocar.simulation.pressing import (
+    CLOSED_M,
+    OPENED_M,
+    Held,
+    Jaw,
+    Surface,
+    Tools,
+    compliance_of,
+)
 
 Array = NDArray[np.float64]
 
@@ -192,6 +200,8 @@ class SoftTissue:
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
         self._model, self._data, self._shadows = model, data, shadows
         self._tools = Tools(model, data, jaws)
+        if jaws:
+            compliance_of(self.tissue)  # once, rather than when a jaw comes near
         tissue, name, count = self.tissue, self.name, self.tissue.stitches
         stitches = [f"{name}/{k}" for k in range(count)]
 

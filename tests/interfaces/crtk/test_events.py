@@ -13,6 +13,7 @@ from trocar.interfaces.crtk import Core
 from trocar.interfaces.crtk.sampler import WAITING_S
 from trocar.interfaces.crtk.transports.memory import MemoryTransport
 from trocar.simulation import World
+from trocar.simulation.rate_limit import BURST
 
 from .served import Served, stamp_ns
 
@@ -168,16 +169,30 @@ def test_buttons_pressed_and_released_at_once_have_stamps_of_their_own() -> None
     assert stamp_ns(up) > stamp_ns(down)
 
 
-def test_a_flood_of_commands_that_raise_is_told_once() -> None:
+@pytest.mark.parametrize(
+    ("goal", "reason"), [([1.0], "got 1 numbers"), ([0.0] * 6, "move_jp: the arm is DISABLED")]
+)
+def test_each_of_two_rejected_moves_is_answered(goal: list[float], reason: str) -> None:
+    served, _ = settle()
+    served.loop.post(Command("PSM1", "disable"))
+    move = {"name": [], "position": goal, "velocity": [], "effort": []}
+    for count in (1, 2):
+        served.core.receive("PSM1/move_jp", {"header": {"stamp": (0, 0)}, **move}, "/me")
+        served.run(0.01)
+        assert len(served.messages("PSM1/warning")) == count
+        assert reason in served.messages("PSM1/warning")[-1]["data"]
+
+
+def test_of_a_flood_of_commands_that_raise_the_first_ten_are_reported() -> None:
     served, _ = settle()
     for _ in range(300):
         served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
         served.run(0.001)
-    assert len(served.messages("PSM1/warning")) == 1
+    assert len(served.messages("PSM1/warning")) == BURST
     served.run(2.0)
     served.loop.post(Command("PSM1", "set_trajectory_ratio", {"ratio": 7.0}))
     served.run(0.01)
-    assert "(299 more such since)" in served.messages("PSM1/warning")[-1]["data"]
+    assert f"({300 - BURST} more such since)" in served.messages("PSM1/warning")[-1]["data"]
 
 
 def test_operating_states_come_again_while_simulated_time_stands() -> None:

@@ -24,6 +24,7 @@ from trocar.geometry.se3 import inverse, transform
 from trocar.modeling.build import build
 from trocar.simulation import Batch, World
 from trocar.simulation.jaw import Jaw
+from trocar.simulation.world import INTEGRATION
 
 Array = NDArray[np.float64]
 Action = Callable[[], object]
@@ -39,8 +40,6 @@ BATCH = 64
 THREADS = 2
 #: How far axes of the calibrated arm are off. Source: our choice.
 SKEW_M, SKEW_RAD = 5e-4, 0.0035
-#: Everything that a physics step depends on.
-INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 
 
 def core(watch: Callable[[str], None] | None = None) -> list[Figure]:

@@ -26,7 +26,6 @@ from trocar.errors import InputError
 
 Array = NDArray[np.float64]
 
-SCHEMA = 1
 EYES = ("left", "right")
 COLUMNS = ("view", "eye", "corner", "u_px", "v_px")
 
@@ -89,8 +88,7 @@ def read_views(path: str | Path, watch: Callable[[str], None] = lambda _: None) 
     """
     table = read_table(Path(path).expanduser())
     folder = Path(table.file).parent
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}, of views")
+    table.check_schema(", of views")
     board = read_board(table.table("board"))
     size, start = _camera(table.table("camera"), folder)
     arms = _arms(table.table("arms"), folder)

@@ -272,7 +272,6 @@ def _mm(values: Array) -> str:
 
 PURPOSE = "the report of a calibration"
 DRAWN, GRID = "#9aa5b1", "#dddddd"
-MM = 1e3
 
 
 def draw_set_up(found: Calibration) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.track_csv import CsvRows, csv_rows, read_text
+from trocar.apps.calibration.track_csv import UNIT_TOLERANCE, CsvRows, csv_rows, read_text
 from trocar.descriptions import ArmDescription, load_arm
 from trocar.descriptions.table import read_table
 from trocar.errors import TracksError
@@ -23,10 +23,7 @@ from trocar.geometry.rotations import matrix_from_quaternion
 
 Array = NDArray[np.float64]
 
-SCHEMA = 1
 POSE_COLUMNS = ("x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
-#: Largest deviation of a quaternion's norm from 1. Source: as of tracks.
-UNIT_TOLERANCE = 1e-3
 
 #: Readings this far beyond a limit are in other units. Source: our own choice, ten times what
 #: joints are off. [rad or m]
@@ -64,8 +61,7 @@ def read_touches(path: str | Path) -> dict[str, Readings]:
         TracksError: the CSV file is, with line, what was got and what is allowed
     """
     table = read_table(Path(path).expanduser())
-    if table.raw("schema") != SCHEMA:
-        raise table.fail("schema", f"got {table.raw('schema')!r}; allowed: {SCHEMA}, of touches")
+    table.check_schema(", of touches")
     beside = Path(path).expanduser().parent / table.text("readings")
     rows = table.optional_table("points")
     points: dict[str, Array] = {}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from trocar.apps.filming.layers import picture
-from trocar.apps.trials import paper_sine
+from trocar.apps.trials import TICK_S, paper_sine
 from trocar.errors import InputError, MissingExtraError, TrocarError
 from trocar.outputs import whole_file
 
@@ -31,8 +31,6 @@ PICTURES, VIDEOS = (".png", ".jpg", ".jpeg"), (".mp4",)
 #: From 0 to 10. Source: our own choice; edges of instruments stay sharp.
 QUALITY = 8.0
 MOTIONS = ("instruments", "sine", "still")
-#: Time between two set-points [s]. Source: as in headless runs.
-TICK_S = 0.005
 #: How far an instrument's joints swing, and how often [rad or m, Hz]. Source: our own choice: what
 #: a person at the console does slowly, and all of it in view.
 SWINGS = {

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import MissingExtraError
+from trocar.recording.mcap_file import JOINT_STATE
 from trocar.simulation import World
 from trocar.simulation.records import Recording
 
@@ -29,7 +30,6 @@ SWINGS = (3, 4, 5, 7, 6, 8, 9)
 MOTOR_SIDE = ("wrist_pitch", "wrist_yaw", "jaw")
 #: Stamp of the bag's first message [ns]. Source: any moment; the dVRK's stamps are of this size.
 BEGIN_NS = 1_700_000_000 * 10**9
-JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def write_samples(folder: Path) -> dict[str, str]:

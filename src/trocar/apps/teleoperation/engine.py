@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from trocar.apps.fixtures import Fixtures
 from trocar.apps.teleoperation.component import (
@@ -29,14 +29,9 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.interfaces.crtk import build
 from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
-from trocar.interfaces.state import Elapsed
+from trocar.interfaces.state import PATIENT, Elapsed
 from trocar.simulation.journal import WORLD
 
-if TYPE_CHECKING:
-    pass
-
-#: Ticks until the next call while nothing is enabled. Source: our own choice.
-PATIENT = 1000
 KINDS = {"psm": PsmTeleoperation, "ecm": EcmTeleoperation}
 
 

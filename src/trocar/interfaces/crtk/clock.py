@@ -10,13 +10,13 @@ from typing import Literal
 
 from trocar.errors import UnknownNameError
 from trocar.interfaces.crtk.fields import RefusedError, shown
+from trocar.interfaces.crtk.messages.types import SECOND
 from trocar.interfaces.state import Elapsed
 
 #: (seconds, nanoseconds), as messages carry times.
 Stamp = tuple[int, int]
 Mode = Literal["wall", "sim"]
 MODES: tuple[Mode, ...] = ("wall", "sim")
-SECOND = 1_000_000_000
 
 #: Simulated time begins here, since a zero stamp means "invalid". Source: dVRK 2.4. [ns]
 FIRST_NS = SECOND

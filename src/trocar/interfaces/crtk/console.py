@@ -33,7 +33,7 @@ from trocar.interfaces.crtk.topic import (
 )
 from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
-from trocar.interfaces.state import Elapsed
+from trocar.interfaces.state import PATIENT, Elapsed
 from trocar.simulation.journal import WORLD
 
 if TYPE_CHECKING:
@@ -44,8 +44,6 @@ _log = logging.getLogger("trocar")
 Message = Mapping[str, Any]
 
 NO_TOOL = "none"
-#: Ticks until a look at setup joints, where none moves. Source: our own choice.
-PATIENT = 1000
 #: Brakes of setup joints hold again when the joints are this near to their set-points and this
 #: slow, or this long after the last command or the end of the move. Source: our own choice.
 #: [rad or m, per s, s]

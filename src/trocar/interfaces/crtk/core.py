@@ -40,7 +40,7 @@ from trocar.interfaces.crtk.topic import Emit, Message, Read, Service, Topic, by
 from trocar.interfaces.inbox import AT_ONCE, Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.pictures import Pictures
-from trocar.interfaces.rate_limit import RateLimit, suffix
+from trocar.simulation.rate_limit import RateLimit, burst, suffix
 
 _log = logging.getLogger("trocar")
 
@@ -331,16 +331,17 @@ class Core:
     def refuse(
         self, topic: Topic | None, name: str, reason: str, peer: str = "", kind: str = ""
     ) -> None:
-        """Count and report a rejected message: once a while for each topic and kind of reason."""
+        """Count and report a rejected message, those of streams once in a while."""
         with self._lock:
             self.refused += 1
-        unsaid = self._rate_limit.due((topic.name, kind) if topic else None, self.loop.now)
+        seen = (topic.name, kind) if topic else None
+        unsaid = self._rate_limit.due(seen, self.loop.now, burst(topic.key if topic else ""))
         if unsaid is None:
             return
-        text = f"{topic.key if topic else name[:80]}: {reason}{suffix(unsaid)}"
+        text = reason + suffix(unsaid)
         _log.warning("rejected%s: %s: %s", f" from {peer}" if peer else "", name[:80], text)
         before = self.prefixes.get(topic.arm, "system") if topic else "system"
-        self.emit(f"{before}/warning", {"data": text})
+        self.emit(f"{before}/warning", {"data": f"{topic.key if topic else name[:80]}: {text}"})
 
     def forget_refusals(self) -> None:
         """Forget which rejections were reported: the next ones are reported at once."""
@@ -403,7 +404,7 @@ class Core:
             self.refuse(topic, command.topic, reason, kind=kind)
             return
         before = self.prefixes.get(command.arm, "system")
-        unsaid = self._rate_limit.due((before, reason), self.loop.now)
+        unsaid = self._rate_limit.due((before, reason), self.loop.now, burst(command.verb))
         if unsaid is not None:
             self.emit(f"{before}/warning", {"data": reason + suffix(unsaid)})
 

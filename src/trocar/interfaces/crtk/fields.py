@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.simulation.control import LARGEST
+from trocar.simulation.masters import UNIT_TOLERANCE
 
 Array = NDArray[np.float64]
 Message = Mapping[str, Any]
@@ -24,8 +25,6 @@ LONGEST = 256
 #: Text that is kept or repeated is at most this long. Source: our own choice.
 LONGEST_TEXT = 256
 SHOWN = 80
-#: Reject quaternions whose norm differs from 1 by more. Source: our own choice, as for masters.
-UNIT_TOLERANCE = 1e-3
 
 
 class RefusedError(InputError):

@@ -100,7 +100,8 @@ class DrivingTab:
         if self._refreshes % EVERY == 0:
             status = self._driving.status()
             if status != self._status:
-                self._status = self._text.content = status
+                self._status = status
+                self._text.content = f'<div style="padding-bottom:6px">{status}</div>'
             for pedal, setting in self._pedals:
                 setting.show(pedal.pressed())
         self._refreshes += 1

@@ -38,7 +38,7 @@ from websockets.http11 import Request, Response
 from trocar.errors import InputError, TrocarError
 from trocar.interfaces.connections import Connections
 from trocar.interfaces.origins import PageAccess, names_loopback, queried
-from trocar.interfaces.rate_limit import without_repeats
+from trocar.interfaces.repeats import without_repeats
 
 T = TypeVar("T")
 

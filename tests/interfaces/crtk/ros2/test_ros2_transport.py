@@ -29,7 +29,7 @@ from trocar.interfaces.crtk.transports.ros2.transport import (
 from .ros2_side import Program, private_network, program
 
 JOINTS = Topic("PSM1/measured_js", "sensor_msgs/JointState", "pub", "state")
-IMAGES = Topic("stereo/left/image_raw", "sensor_msgs/Image", "pub", "camera")
+IMAGES = Topic("stereo/left/image_raw", "sensor_msgs/Image", "pub", "camera", depth=2)
 
 
 class Notes:

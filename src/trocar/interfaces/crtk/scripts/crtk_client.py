@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from trocar.interfaces.crtk.scripts import kdl as own_kdl
 from trocar.interfaces.crtk.scripts.messages import message_class, service_class
 from trocar.interfaces.crtk.scripts.ros import Latest, own_arguments
+from trocar.interfaces.crtk.topic import COMMAND, STATE
 
 kdl: Any
 try:
@@ -365,8 +366,6 @@ class Reading:
         return self._ral.to_sec(self._ral.now() - self._ral.get_timestamp(message)) <= age
 
 
-STATE = "crtk_msgs/OperatingState"
-COMMAND = "crtk_msgs/StringStamped"
 #: How long a move may take. Source: crtk_python_client, wait_move_handle. [s]
 MOVE_S = 30.0
 

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from trocar.interfaces.crtk.scripts.crtk_client import utils
-
-BOOL, FLOAT, EMPTY, STRING = (f"std_msgs/{name}" for name in ("Bool", "Float64", "Empty", "String"))
-COMMAND = "crtk_msgs/StringStamped"
+from trocar.interfaces.crtk.topic import BOOL, COMMAND, EMPTY, FLOAT, STRING
 
 #: Openings of a jaw that is shut and open. Source: dvrk_python 2.4, psm.jaw. [rad]
 SHUT, OPEN = math.radians(-20.0), math.radians(60.0)

@@ -19,8 +19,7 @@ from trocar.interfaces.crtk.messages import (
     message_type,
     service_type,
 )
-
-SECOND = 1_000_000_000
+from trocar.interfaces.crtk.messages.types import SECOND
 
 
 def nanoseconds(secs: float, nsecs: float = 0) -> int:

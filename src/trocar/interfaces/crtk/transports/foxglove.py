@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from trocar.errors import InputError, MissingExtraError
 from trocar.interfaces.crtk.messages import cdr_encode, message_type
+from trocar.interfaces.crtk.messages.types import SECOND
 from trocar.interfaces.origins import PageAccess
-from trocar.interfaces.rate_limit import without_repeats
+from trocar.interfaces.repeats import without_repeats
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core
@@ -40,7 +41,6 @@ FAREWELL_S = 1.0
 #: Written on request only: it takes seconds to make.
 DESCRIPTION = "robot_description"
 IMAGE = "sensor_msgs/Image"
-SECOND = 1_000_000_000
 
 
 def open_transport(options: Mapping[str, Any], pages: PageAccess) -> FoxgloveTransport | None:  # noqa: ARG001

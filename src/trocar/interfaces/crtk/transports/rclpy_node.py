@@ -49,8 +49,6 @@ MODEL_S = 1.0
 PAUSE_S, CLOSING_S = 0.1, 5.0
 #: How long a service may take. Source: our own choice. [s]
 SERVICE_S = 5.0
-#: Images are few and large: two are enough to send one again.
-IMAGES = 2
 #: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
 COMMANDS = 1024
 NS = 1_000_000_000
@@ -429,7 +427,7 @@ class RclpyTransport:
 
     def _advertise(self, topic: Topic, own: Any) -> None:
         made = message_class(message_type(topic.type))
-        depth = IMAGES if topic.rate == "camera" else 1 if topic.latched else topic.depth
+        depth = 1 if topic.latched else topic.depth
         profile = self._quality(depth, latched=topic.latched)
         self._publishers[topic.name] = own.create_publisher(made, f"/{topic.name}", profile)
 

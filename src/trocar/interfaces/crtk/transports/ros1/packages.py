@@ -22,12 +22,11 @@ from trocar.interfaces.crtk.messages import (
     service_names,
     service_type,
 )
+from trocar.interfaces.crtk.messages.types import RULE
 from trocar.interfaces.crtk.transports.ros1.transport import MissingRospyError
 
 #: Packages of messages that Debian 12 has not. The others are needed to generate these.
 PACKAGES = ("crtk_msgs", "cisst_msgs", "trocar_msgs")
-#: What begins the text of another message. Source: genmsg, `compute_full_text`.
-RULE = "=" * 80
 
 
 def write_packages(folder: Path) -> tuple[str, ...]:

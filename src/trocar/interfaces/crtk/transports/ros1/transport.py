@@ -43,8 +43,6 @@ _log = logging.getLogger("trocar")
 NODE = "trocar"
 #: Debian 12's (and Ubuntu's, from 22.04 on) names of what `--ros1` needs.
 PACKAGES = "python3-rospy python3-rosmaster python3-std-msgs python3-rosgraph-msgs"
-#: Images are few and large: two wait for a slow subscriber.
-IMAGES = 2
 #: How long a service may take. Source: our own choice; one takes milliseconds. [s]
 SERVICE_S = 5.0
 #: How often the master is asked whether it knows the node. Source: our own choice. [s]
@@ -270,7 +268,7 @@ class Ros1Transport:
             self._ros.message_class(kind),
             subscriber_listener=self._subscribers,
             latch=topic.latched,
-            queue_size=IMAGES if topic.rate == "camera" else topic.depth,
+            queue_size=topic.depth,
         )
         if topic.rate not in ("event", "camera"):
             publisher.impl.set_queue_size(None)

@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 _log = logging.getLogger("trocar")
 
 NODE = "trocar"
-#: Images are few and large: two are enough to send one again.
-IMAGES = 2
 #: Ordered commands wait here while the core is busy; it rejects, and says so, sooner.
 COMMANDS = 1024
 WAIT_S = 0.2
@@ -217,7 +215,7 @@ class Ros2Transport:
         kind, name = message_type(topic.type), naming.topic_name(topic.name)
         data = naming.user_data(typehash=naming.type_hash(kind))
         if topic.direction == "pub":
-            depth = IMAGES if topic.rate == "camera" else topic.depth
+            depth = topic.depth
             end = bus.writer(name, kind.dds_name, Quality(depth, topic.latched, data))
             self._writers[topic.name] = end
         else:

@@ -56,7 +56,8 @@ from trocar.interfaces.crtk.transports.websocket.protocol import (
     same_type,
 )
 from trocar.interfaces.origins import PageAccess, is_loopback, names_loopback
-from trocar.interfaces.rate_limit import LOG_PERIOD_S, RateLimit, suffix
+from trocar.interfaces.repeats import LOG_PERIOD_S
+from trocar.simulation.rate_limit import RateLimit, suffix
 
 if TYPE_CHECKING:
     from trocar.interfaces.crtk.core import Batch, Core

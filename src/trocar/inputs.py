@@ -1,11 +1,17 @@
-"""Input files, bounded in size, nesting and numbers: none takes all memory or minutes to read."""
+"""Checks of input: files bounded in size, nesting and numbers, and arguments of public calls."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, cast
+from types import EllipsisType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
 
 from trocar.errors import InputError
+
+Kind = TypeVar("Kind")
 
 #: Tables and lists inside each other. Source: our own choice; our files have 4.
 MOST_LEVELS = 64
@@ -53,3 +59,74 @@ def excess_of(document: object) -> str:
             return f"is nested too deeply; allowed: {MOST_LEVELS} levels"
         left += [(each, level + 1) for each in inner]
     return ""
+
+
+def check_numbers(
+    value: object,
+    shape: tuple[int | EllipsisType, ...],
+    name: str,
+    low: float = -np.inf,
+    high: float = np.inf,
+) -> NDArray[np.float64]:
+    """Return finite numbers of a shape as float64.
+
+    Args:
+        value: anything
+        shape: (4, 4); () of a single number; -1 of any length but 0; ... of any axes before
+        name: of the value, for the message
+        low, high: what each number may be
+
+    Raises:
+        InputError: something else; what was got and what is allowed
+    """
+    try:
+        given = np.asarray(value)
+        found = given.astype(np.float64) if given.dtype.kind in "iuf" else np.full((), np.nan)
+    except (TypeError, ValueError, OverflowError):
+        found = np.full((), np.nan)
+    open_ = shape[:1] == (...,)
+    own = shape[1:] if open_ else shape
+    sizes = found.shape[len(found.shape) - len(own) :] if open_ else found.shape
+    fits = len(sizes) == len(own) and all(
+        size == one or (one == -1 and size) for size, one in zip(sizes, own, strict=True)
+    )
+    if fits and np.isfinite(found).all() and (found >= low).all() and (found <= high).all():
+        return found
+    words = ["..." if one is ... else "n" if one == -1 else str(one) for one in shape]
+    what = f"{' x '.join(words)} finite numbers" if shape else "a finite number"
+    least = f" from {low:g}" if low > -np.inf else ""
+    most = f" up to {high:g}" if high < np.inf else ""
+    raise InputError(f"{name}: got {_shown(value)}; allowed: {what}{least}{most}")
+
+
+def check_whole(value: object, name: str, low: int = 0, high: int = 2**31 - 1) -> int:
+    """Return a whole number within bounds.
+
+    Raises:
+        InputError: something else
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name}: got {_shown(value)}; allowed: a whole number")
+    if not low <= value <= high:
+        raise InputError(f"{name}: got {_shown(value)}; allowed: {low} to {high}")
+    return int(value)
+
+
+def check_type(value: object, kind: type[Kind], name: str) -> Kind:
+    """Return a value of a type.
+
+    Raises:
+        InputError: one of another type
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: got {_shown(value)}; allowed: of type {kind.__name__}")
+    return value
+
+
+def _shown(value: object) -> str:
+    """Return a value as messages show it: in one line, and not long."""
+    try:
+        text = repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "a very large number"
+    return f"{' '.join(text.split()):.200}"

@@ -162,12 +162,18 @@ def test_drawings_leave_motion_bit_identical_and_are_asked_for_by_snapshots_only
 @pytest.mark.parametrize(
     ("drawing", "message"),
     [
-        (dome()._replace(faces=dome().faces + 1), "faces of vertices 1 to 28800; allowed: 0 to"),
-        (dome()._replace(vertices=np.zeros((4, 2))), r"vertices \(4, 2\)"),
-        (thread()._replace(points=np.zeros((1, 3))), r"points \(1, 3\); allowed: \(k, 3\), k > 1"),
+        (dome()._replace(faces=dome().faces + 1), "faces: got .* numbers from 0 up to 28799"),
+        (dome()._replace(vertices=np.zeros((4, 2))), r"vertices \[m\]: .*allowed: n x 3 finite"),
+        (dome()._replace(vertices=np.nan * dome().vertices), r"vertices \[m\]: got .*nan"),
+        (dome()._replace(rest=np.zeros((3, 3))), r"rest \[m\]: got .*28800 x 3 finite"),
+        (dome()._replace(rgba=(1.0, 0.0)), "rgba: got .*; allowed: 4 finite numbers from 0 up to"),
+        (dome()._replace(gloss=np.nan), "gloss, metal: got .*; allowed: 2 finite numbers"),
+        (thread()._replace(points=np.zeros((1, 3))), r"points \[m\]: got one; allowed: two or"),
+        (thread()._replace(points=None), r"points \[m\]: got None"),
+        (thread()._replace(radius=-0.001), r"radius \[m\]: got -0.001; allowed: a finite number"),
     ],
 )
 @pytest.mark.usefixtures("opengl")
 def test_a_drawing_that_cannot_be_is_named(drawing: Drawing, message: str) -> None:
-    with pytest.raises(InputError, match=f"drawing {drawing.name}: got {message}"):
+    with pytest.raises(InputError, match=f"drawing {drawing.name}: {message}"):
         drawn(drawing)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.table import Table, read_table
 from trocar.errors import InputError
+from trocar.inputs import check_numbers
 
 Array = NDArray[np.float64]
 
@@ -43,6 +45,13 @@ class Needle:
     arc: float
     wire: float
     taper: float
+
+    def __post_init__(self) -> None:
+        """Check the dimensions."""
+        for key in ("radius", "arc", "wire", "taper"):
+            check_numbers(getattr(self, key), (), f"needle: {key}")
+        for key, problem in _faults(self.radius, self.arc, self.wire, self.taper):
+            raise InputError(f"needle: {key}: {problem}")
 
     @property
     def length(self) -> float:
@@ -161,25 +170,31 @@ def needle_named(text: str) -> Needle:
 
 def _read_dimensions(row: Table) -> Needle:
     arc = row.quantity("arc", "angle")
-    if not 0.0 < arc <= 2.0 * np.pi:
-        raise row.fail("arc", f"got {np.degrees(arc):g} deg; allowed: above 0, up to 360")
     if row.has("length", "length") and row.has("radius", "length"):
         raise row.fail("length", "contradicts the radius; give one of them")
-    by_length = row.has("length", "length")
-    radius = (
-        row.quantity("length", "length") / arc if by_length else row.quantity("radius", "length")
-    )
-    needle = Needle(radius, arc, row.quantity("wire", "length"), row.quantity("taper", "length"))
-    for key, value, most in (
-        ("radius", radius, 0.1),
-        ("wire", needle.wire, 0.5 * radius),
-        ("taper", needle.taper, needle.length),
+    if row.has("length", "length"):
+        radius = row.quantity("length", "length") / (arc if arc > 0.0 else 1.0)
+    else:
+        radius = row.quantity("radius", "length")
+    found = radius, arc, row.quantity("wire", "length"), row.quantity("taper", "length")
+    for key, problem in _faults(*found):
+        raise row.fail(key, problem)
+    return Needle(*found)
+
+
+def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tuple[str, str]]:
+    """Yield which dimensions no needle has: their names, what was got and what is allowed."""
+    for key, value, most, scale, unit in (
+        ("arc", arc, 2.0 * np.pi, 180.0 / np.pi, "deg"),
+        ("radius", radius, 0.1, 1e3, "mm"),
+        ("wire", wire, 0.5 * radius, 1e3, "mm"),
+        ("taper", taper, radius * arc, 1e3, "mm"),
     ):
         if not 0.0 < value <= most:
-            raise row.fail(
-                key, f"got {1e3 * value:g} mm; allowed: above 0, up to {1e3 * most:g} mm"
+            yield (
+                key,
+                f"got {scale * value:g} {unit}; allowed: above 0, up to {scale * most:g} {unit}",
             )
-    return needle
 
 
 def needle_sizes() -> dict[str, Needle]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.cameras import Calibration, StereoCalibration
 from trocar.cameras.lens import project
 from trocar.geometry.se3 import inverse, transform_points
+from trocar.inputs import check_numbers, check_whole
 from trocar.simulation.records import ArmSnapshot
 
 Array = NDArray[np.float64]
@@ -56,6 +57,16 @@ class StereoFrame:
     arms: Mapping[str, ArmSnapshot] = field(default_factory=dict[str, ArmSnapshot])
     visible: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
+    def __repr__(self) -> str:
+        """Return what it is of, without its pixels."""
+        height, width = self.left.shape[:2]
+        there = {"depth": self.depth, "ids": self.ids, "normals": self.normals}
+        with_ = "".join(f", {name}" for name, values in there.items() if values is not None)
+        return (
+            f"<StereoFrame of {self.camera} at {self.time:g} s: {len(self.eyes)} x"
+            f" {width}x{height}{with_}>"
+        )
+
     @property
     def K(self) -> Array:
         """Of each eye, (eyes, 3, 3) [px]."""
@@ -87,8 +98,9 @@ class StereoFrame:
         Returns:
             (..., 2) [px], NaN of those behind the eye; as distorted as the picture
         """
-        lens = self.calibration.eyes[eye]
-        ahead = transform_points(inverse(self.T_world_camera[eye]), np.asarray(points, float))
+        lens = self.calibration.eyes[check_whole(eye, "eye", 0, len(self.eyes) - 1)]
+        there = check_numbers(points, (..., 3), "points [m]")
+        ahead = transform_points(inverse(self.T_world_camera[eye]), there)
         return project(ahead, lens.K, lens.distortion)
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError
+from trocar.inputs import check_numbers
 from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 
 Floats = NDArray[np.float64]
@@ -56,21 +57,24 @@ def drawn_surface(drawing: Drawing) -> Surface:
     """Return the surface of a drawing, in the world.
 
     Raises:
-        InputError: arrays of a wrong shape, or faces of vertices that are not there
+        InputError: arrays of a wrong shape, numbers that are not finite, faces of vertices that are
+            not there, or a look that no surface has
     """
+    where = f"drawing {drawing.name}"
+    check_numbers(drawing.rgba, (4,), f"{where}: rgba", 0.0, 1.0)
+    check_numbers((drawing.gloss, drawing.metal), (2,), f"{where}: gloss, metal", 0.0, 1.0)
     if isinstance(drawing, DrawnSurface):
-        points, faces = drawing.vertices, drawing.faces.astype(np.int64)
-        if points.shape[1:] != (3,) or faces.shape[1:] != (3,) or not len(faces):
-            got = f"vertices {points.shape} and faces {faces.shape}"
-            raise InputError(f"drawing {drawing.name}: got {got}; allowed: (n, 3) and (m, 3)")
-        if faces.min() < 0 or faces.max() >= len(points):
-            got = f"faces of vertices {faces.min()} to {faces.max()}"
-            raise InputError(f"drawing {drawing.name}: got {got}; allowed: 0 to {len(points) - 1}")
+        points = check_numbers(drawing.vertices, (-1, 3), f"{where}: vertices [m]")
+        faces = check_numbers(drawing.faces, (-1, 3), f"{where}: faces", 0, len(points) - 1)
+        faces = faces.astype(np.int64)
+        if drawing.rest is not None:
+            check_numbers(drawing.rest, points.shape, f"{where}: rest [m]")
         return Surface(points, vertex_normals(points, faces), faces)
-    if len(drawing.points) < 2 or drawing.points.shape[1:] != (3,):
-        got = f"points {drawing.points.shape}"
-        raise InputError(f"drawing {drawing.name}: got {got}; allowed: (k, 3), k > 1")
-    return Surface(*tube(drawing.points, drawing.radius))
+    points = check_numbers(drawing.points, (-1, 3), f"{where}: points [m]")
+    if len(points) < 2:
+        raise InputError(f"{where}: points [m]: got one; allowed: two or more")
+    check_numbers(drawing.radius, (), f"{where}: radius [m]", 1e-6, 1.0)
+    return Surface(*tube(points, drawing.radius))
 
 
 def joined(parts: list[Surface]) -> Surface:

@@ -64,7 +64,7 @@ def test_a_tip_3_mm_beside_its_prediction_is_found_within_2_pixels() -> None:
         find_tip(eyes, blank, blank, there.eyes, masks, -guess)
     with pytest.raises(InputError, match=r"tip: at .* px, out of the \(640, 480\) images"):
         find_tip(eyes, blank, blank, there.eyes, masks, np.array([0.3, 0.0, guess[2]]))
-    with pytest.raises(InputError, match=r"predicted: got images of .* allowed: two of"):
+    with pytest.raises(InputError, match=r"predicted image: got 640x240; allowed: 640x480"):
         find_tip(eyes, blank, blank, [one[::2] for one in there.eyes], masks, guess)
 
 

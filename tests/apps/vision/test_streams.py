@@ -113,7 +113,7 @@ def test_a_video_ends_and_a_device_that_stops_is_an_error(
     pairs = list(video_pairs(str(path)))
     assert [pair.time for pair in pairs] == pytest.approx([0.0, 0.04, 0.08])
     assert np.abs(pairs[0].left.astype(int) - images[0][0]).mean() < 12.0  # JPEG of noise
-    monkeypatch.setattr("trocar.apps.vision.streams.Path.is_file", lambda _: False)
+    monkeypatch.setattr("trocar.apps.vision.streams.is_file", lambda _: False)
     with pytest.raises(InputError, match="stopped after 3 images"):
         list(video_pairs(str(path)))
     with pytest.raises(InputError, match="cannot be opened; allowed: a video file, the number"):

@@ -15,7 +15,8 @@ from trocar.cameras.lens import (
     undistort,
 )
 from trocar.errors import InputError
-from trocar.geometry import inverse
+from trocar.geometry import check_transform, inverse
+from trocar.inputs import check_numbers, check_type
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -25,21 +26,36 @@ Picture = NDArray[np.uint8]
 ALIKE, SURE_PX = 0.5, 8.0
 
 
-def numbers(value: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    """Return finite numbers of a shape as float64.
+def checked_pose(value: ArrayLike, name: str) -> Array:
+    """Return a pose (4, 4).
 
     Raises:
         InputError: something else
     """
+    return check_transform(check_numbers(value, (4, 4), name), name)
+
+
+def checked_image(value: object, size: tuple[int, int], name: str) -> Picture:
+    """Return an image of a width and height as bytes, (h, w, 3).
+
+    Raises:
+        InputError: one of another size or type
+    """
     try:
-        found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        found = np.full((), np.nan)
-    if found.shape != shape or not np.isfinite(found).all():
-        what = f"{' x '.join(map(str, shape))} finite numbers" if shape else "a finite number"
-        got = " ".join(repr(value).split())
-        raise InputError(f"{name}: got {got:.200}; allowed: {what}")
-    return found
+        image = np.asarray(value)
+    except ValueError:  # rows of unequal length
+        image = np.asarray(None)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise InputError(
+            f"{name}: got {image.dtype} {image.shape}; allowed: uint8 (height, width, 3), red,"
+            " green, blue"
+        )
+    if image.shape[1::-1] != size:
+        raise InputError(
+            f"{name}: got {image.shape[1]}x{image.shape[0]}; allowed: {size[0]}x{size[1]}, the size"
+            " of the calibration"
+        )
+    return image
 
 
 class Eyes:
@@ -57,7 +73,7 @@ class Eyes:
     """
 
     def __init__(self, calibration: StereoCalibration) -> None:
-        self.calibration = calibration
+        self.calibration = check_type(calibration, StereoCalibration, "calibration")
         self.size = calibration.left.size
         self.K = np.stack([eye.K for eye in calibration.eyes])
         self.T_eye_left = np.stack([np.eye(4), inverse(calibration.T_left_right)])
@@ -126,25 +142,10 @@ class Eyes:
         Raises:
             InputError: images of another size or type than the calibration's
         """
-        width, height = self.size
-        found: list[Picture] = []
-        for name, given in (("left", left), ("right", right)):
-            try:
-                image = np.asarray(given)
-            except ValueError:  # rows of unequal length
-                image = np.asarray(None)
-            if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-                raise InputError(
-                    f"{name} image: got {image.dtype} {image.shape}; allowed: uint8 (height, width,"
-                    " 3), red, green, blue"
-                )
-            if image.shape[:2] != (height, width):
-                raise InputError(
-                    f"{name} image: got {image.shape[1]}x{image.shape[0]}; allowed:"
-                    f" {width}x{height}, the size of the calibration"
-                )
-            found.append(image)
-        return found[0], found[1]
+        return (
+            checked_image(left, self.size, "left image"),
+            checked_image(right, self.size, "right image"),
+        )
 
     def check_order(self, left: Picture, right: Picture) -> None:
         """Reject images of exchanged eyes, where they show enough to say so.

@@ -15,10 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes
+from trocar.apps.vision.eyes import Eyes, checked_image
 from trocar.apps.vision.images import opencv
 from trocar.cameras import StereoCalibration
-from trocar.errors import InputError
+from trocar.errors import InputError, UnknownNameError
+from trocar.inputs import check_numbers, check_type
 from trocar.rendering import StereoFrame
 
 Array = NDArray[np.float64]
@@ -57,11 +58,17 @@ def instrument_masks(frame: StereoFrame, arm: str) -> list[NDArray[np.bool_]]:
 
     Raises:
         InputError: a frame without ids
+        UnknownNameError: no such arm in it; the known ones are listed
     """
-    if frame.ids is None:
+    ids_of_eyes = check_type(frame, StereoFrame, "frame").ids
+    if ids_of_eyes is None:
         raise InputError("the predicted frame was rendered without ids; allowed: with ids = True")
     keys = [k for k, name in frame.names.items() if name in [f"{arm}/{part}" for part in PARTS]]
-    return [np.isin(ids, keys) for ids in frame.ids]
+    if not keys:
+        last = f"/{PARTS[-1]}"
+        known = [name.removesuffix(last) for name in frame.names.values() if name.endswith(last)]
+        raise UnknownNameError("instrument", arm, known, "the predicted frame")
+    return [np.isin(ids, keys) for ids in ids_of_eyes]
 
 
 def find_tip(
@@ -87,15 +94,19 @@ def find_tip(
     """
     eyes = Eyes(calibration)
     images = eyes.check(left, right)
-    at = np.asarray(tip, np.float64)
-    if at.shape != (3,) or not at[2] > 0.01:
+    at = check_numbers(tip, (3,), "tip [m]")
+    if not at[2] > 0.01:
         raise InputError(f"tip: got {at.tolist()}; allowed: a point ahead of the eyes")
     scale = eyes.focal / float(at[2])
     around, slack = int(AROUND_M * scale), int(OFF_M * scale)
     for name, given in (("predicted", predicted), ("masks", masks)):
-        sizes = [one.shape[1::-1] for one in given]
-        if sizes != [eyes.size] * 2:
-            raise InputError(f"{name}: got images of {sizes}; allowed: two of {eyes.size}")
+        if not isinstance(given, Sequence | np.ndarray) or len(given) != 2:
+            raise InputError(f"{name}: allowed: one image of each eye")
+    predicted = [checked_image(one, eyes.size, "predicted image") for one in predicted]
+    masks = [np.asarray(mask, np.bool_) for mask in masks]
+    for mask in masks:
+        if mask.shape[::-1] != eyes.size:
+            raise InputError(f"mask: got shape {mask.shape}; allowed: {eyes.size[::-1]}")
     centres = [eyes.project(at[None], eye)[0] for eye in range(2)]
     maps: list[Floats] = []
     for eye in range(2):
@@ -141,9 +152,9 @@ def find_marker(
         InputError: images of another size, a grey colour, or images without the marker
     """
     eyes = Eyes(calibration)
-    own = np.asarray(colour, np.float64)
+    own = check_numbers(colour, (3,), "colour", 0, 255)
     own = own - own.mean()
-    if own.shape != (3,) or not np.linalg.norm(own) > PALE:
+    if not np.linalg.norm(own) > PALE:
         raise InputError(
             f"colour: got {np.asarray(colour).tolist()}; allowed: one that is not grey"
         )

@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes, Picture, numbers
+from trocar.apps.vision.eyes import Eyes, Picture, checked_pose
 from trocar.apps.vision.needle_fit import (
     END_RAD,
     SIGMA_PX,
@@ -31,7 +31,8 @@ from trocar.apps.vision.needle_search import NeedleSearch, flipped, mirrored
 from trocar.cameras import StereoCalibration
 from trocar.descriptions.needles import Needle
 from trocar.errors import InputError
-from trocar.geometry import check_transform, inverse, rotation_vector_from_matrix
+from trocar.geometry import inverse, rotation_vector_from_matrix
+from trocar.inputs import check_numbers, check_type, check_whole
 
 Array = NDArray[np.float64]
 Status = Literal["searching", "tracking", "predicting"]
@@ -126,11 +127,19 @@ class Holder:
     rods: tuple[Rod, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check the pose and the length."""
-        pose = f"T_left_holder of {self.name}"
-        check_transform(numbers(self.T_left_holder, (4, 4), pose), pose)
+        """Check the pose, lengths and rods."""
+        name = check_type(self.name, str, "name of a holder")
+        T = checked_pose(self.T_left_holder, f"T_left_holder of {name}")
+        object.__setattr__(self, "T_left_holder", T)
         if self.reach is not None:
-            numbers(self.reach, (), f"reach of {self.name} [m]")
+            check_numbers(self.reach, (), f"reach of {name} [m]", 0.0)
+        for k, rod in enumerate(check_type(self.rods, tuple, f"rods of {name}")):
+            what = f"rods[{k}] of {name}"
+            if len(check_type(rod, tuple, what)) != 3:
+                raise InputError(f"{what}: got {len(rod)} entries; allowed: start, end, radius")
+            for end, side in zip(rod, ("start", "end"), strict=False):
+                check_numbers(end, (3,), f"{what}: {side} [m]")
+            check_numbers(rod[2], (), f"{what}: radius [m]", 0.0)
 
 
 #: The jaws of a large needle driver about its tip. Source: its solids, with room. [m]
@@ -155,8 +164,8 @@ class NeedleTracker:
     """
 
     def __init__(self, calibration: StereoCalibration, needle: Needle, seed: int = 0) -> None:
-        self._fit = NeedleFit(Eyes(calibration), needle)
-        self._rng = np.random.default_rng(seed)
+        self._fit = NeedleFit(Eyes(calibration), check_type(needle, Needle, "needle"))
+        self._rng = np.random.default_rng(check_whole(seed, "seed"))
         self._holder: Holder | None = None
         self.estimate = NeedleEstimate(-np.inf, "searching", None, np.full((6, 6), np.inf), None)
         self._forget()
@@ -180,8 +189,8 @@ class NeedleTracker:
         Raises:
             InputError: no time, no pose, or no covariance: not symmetric and positive
         """
-        given = numbers(time, (), "time [s]"), numbers(covariance, (6, 6), "covariance")
-        T = check_transform(numbers(T_left_needle, (4, 4), "T_left_needle"), "T_left_needle")
+        given = check_numbers(time, (), "time [s]"), check_numbers(covariance, (6, 6), "covariance")
+        T = checked_pose(T_left_needle, "T_left_needle")
         if not np.allclose(given[1], given[1].T) or np.linalg.eigvalsh(given[1])[0] <= 0.0:
             raise InputError(
                 f"covariance: got {given[1].tolist()}; allowed: symmetric with positive eigenvalues"
@@ -205,7 +214,8 @@ class NeedleTracker:
             InputError: images out of order, or of another size or type than the calibration's
         """
         before = self.estimate.time
-        time = float(numbers(time, (), "time of the images [s]"))
+        time = float(check_numbers(time, (), "time of the images [s]"))
+        check_type(holder, Holder, "holder")
         if not time > before:
             raise InputError(f"images: got {time:g} s after {before:g} s; allowed: in order")
         images = self._fit.eyes.check(left, right)

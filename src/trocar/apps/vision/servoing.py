@@ -18,11 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes, numbers
+from trocar.apps.vision.eyes import Eyes, checked_pose
 from trocar.cameras import StereoCalibration
 from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
 from trocar.geometry import adjoint, inverse, skew, transform_points
+from trocar.inputs import check_numbers, check_type
 from trocar.kinematics import jacobian_body, pose
 
 Array = NDArray[np.float64]
@@ -58,9 +59,7 @@ class ServoSettings:
             ("gain", 0.1, 20.0),
             ("lost_after", 0.0, 60.0),
         ):
-            value = getattr(self, name)
-            if not low <= float(numbers(value, (), name)) <= high:
-                raise InputError(f"{name}: got {value:g}; allowed: {low:g} to {high:g}")
+            check_numbers(getattr(self, name), (), name, low, high)
 
 
 class VisualServo:
@@ -83,11 +82,13 @@ class VisualServo:
         T_tip_left: Array,
         settings: ServoSettings | None = None,
     ) -> None:
-        if arm.type != "ECM":
+        if check_type(arm, ArmDescription, "arm").type != "ECM":
             raise InputError(f"{arm.name}: is of type {arm.type}; allowed: an ECM")
-        self.settings = ServoSettings() if settings is None else settings
+        self.settings = check_type(
+            ServoSettings() if settings is None else settings, ServoSettings, "settings"
+        )
         self._arm, self._eyes, self._both = arm, calibration, Eyes(calibration)
-        self._mount = T_tip_left @ inverse(calibration.mounts[0])
+        self._mount = checked_pose(T_tip_left, "T_tip_left") @ inverse(calibration.mounts[0])
         joints = arm.joints
         self._fastest = np.array([joint.velocity_max for joint in joints])
         self._steepest = np.array([joint.acceleration_max for joint in joints])
@@ -110,9 +111,9 @@ class VisualServo:
             InputError: pictures out of order, pixels outside the picture, or a point that is not
                 ahead of both eyes (eyes exchanged?)
         """
-        time = float(numbers(time, (), "time of the pictures [s]"))
-        p = self._triangulated(*(numbers(pixel, (2,), "pixel") for pixel in (left, right)))
-        q = numbers(q, (len(self._velocity),), "joint positions")
+        time = float(check_numbers(time, (), "time of the pictures [s]"))
+        p = self._triangulated(*(check_numbers(pixel, (2,), "pixel") for pixel in (left, right)))
+        q = check_numbers(q, (len(self._velocity),), "joint positions")
         at = (pose(self._arm.mechanism, q) @ self._mount @ np.append(p, 1.0))[:3]
         if self._seen is None or time - self._seen[0] > self.settings.lost_after:
             self._seen = time, at, np.zeros(3)
@@ -134,8 +135,8 @@ class VisualServo:
             time: now [s]; called every few milliseconds
             q: joint positions now, (4,) [rad or m]
         """
-        time = float(numbers(time, (), "time [s]"))
-        q = numbers(q, (len(self._velocity),), "joint positions")
+        time = float(check_numbers(time, (), "time [s]"))
+        q = check_numbers(q, (len(self._velocity),), "joint positions")
         period = 0.0 if self._time is None else max(time - self._time, 0.0)
         self._time = time
         wanted = self._wanted(time, q)

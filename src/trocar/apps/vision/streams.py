@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from trocar.apps.bags import Bag
 from trocar.apps.vision.images import opencv
 from trocar.errors import InputError, LogError
+from trocar.inputs import check_numbers, check_type, is_file
 
 Picture = NDArray[np.uint8]
 
@@ -103,7 +103,8 @@ def video_pairs(source: str, rate_hz: float = 30.0) -> Iterator[Pair]:
         InputError: it cannot be opened, is not twice as wide as an eye, or stopped
     """
     cv2 = opencv()
-    is_file = Path(source).is_file()
+    check_numbers(rate_hz, (), "rate_hz", 1e-3, 1e6)
+    ends = is_file(check_type(source, str, "camera"))
     capture = cv2.VideoCapture(int(source) if source.isdigit() else source)
     try:
         if not capture.isOpened():
@@ -132,5 +133,5 @@ def video_pairs(source: str, rate_hz: float = 30.0) -> Iterator[Pair]:
         capture.release()
     if not count:
         raise InputError(f"camera {source}: gave no image")
-    if not is_file:
+    if not ends:
         raise InputError(f"camera {source}: stopped after {count} images")

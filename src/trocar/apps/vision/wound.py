@@ -13,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.apps.vision.eyes import Eyes
+from trocar.apps.vision.eyes import Eyes, checked_pose
 from trocar.apps.vision.images import between, opencv
 from trocar.cameras import StereoCalibration
 from trocar.cameras.rectification import rectified
 from trocar.errors import InputError
-from trocar.geometry import check_transform, transform_points
+from trocar.geometry import transform_points
+from trocar.inputs import check_numbers, check_whole
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
@@ -32,6 +33,8 @@ STEP_PX, CONTRAST = 0.5, 0.12
 #: Least share of the profiles that must show both edges, and of the pixels that must have a
 #: disparity. Source: our own choice.
 SHARE, MATCHED = 0.3, 0.05
+#: Widest search and most profiles. Source: our own choice. [m]
+WIDEST_M, MOST_PROFILES = 0.05, 1000
 #: Edge of the squares that are compared [px]; disparities of one square are one measurement.
 #: Source: OpenCV's StereoSGBM, "normally 3 to 11".
 BLOCK = 9
@@ -78,10 +81,12 @@ def find_wound(
     """
     eyes = Eyes(calibration)
     images = eyes.check(left, right)
-    pose = np.eye(4) if T_world_left is None else check_transform(T_world_left, "T_world_left")
-    line = np.asarray(guess, np.float64)
-    if line.ndim != 2 or line.shape[0] < 2 or line.shape[1] != 3 or not np.isfinite(line).all():
-        raise InputError(f"guess: got {line.shape}; allowed: (k, 3) finite numbers, two or more")
+    pose = np.eye(4) if T_world_left is None else checked_pose(T_world_left, "T_world_left")
+    line = check_numbers(guess, (-1, 3), "guess [m]")
+    if not np.ptp(line, axis=0).any():
+        raise InputError(f"guess [m]: got {line.tolist()}; allowed: two points or more")
+    check_numbers(half_width, (), "half_width [m]", 0.0, WIDEST_M)
+    check_whole(count, "count", 3, MOST_PROFILES)
     line = (line - pose[:3, 3]) @ pose[:3, :3]
     if (line[:, 2] <= 0.01).any():
         raise InputError("guess: lies behind the eyes; allowed: points ahead of both")

@@ -43,7 +43,7 @@ def main() -> None:
     health = world.health()
     print(f"  the loops gape by {1e6 * health.loop_gap_m:.3f} um, branch right: {health.branch_ok}")
 
-    print('mode "set": the joint is where it is told to be')
+    print('mode "set": the joint is where it is commanded to be')
     arm.set_mode("set")
     arm.servo_jp([-0.5, 0.2, 0.05, 1.0, 0.3, -0.2])
     position = arm.measured_js().position

@@ -49,11 +49,11 @@ def watch(world: World) -> NDArray[np.float64]:
 def main() -> None:
     """Run the lesson."""
     for name, world in worlds().items():
-        print(f"hinge c2 {name}; the arm is told to hold still")
+        print(f"hinge c2 {name}; the arm holds its pose")
         for time, miss, error in watch(world)[9::10]:
             print(f"  {time:.1f} s: shaft beside the remote centre {1e3 * miss:10.6f} mm,", end=" ")
             print(f"encoders off by {1e3 * error:7.3f} mrad or mm")
-        print(f"  the arm says: {world.arm('PSM1').operating_state().state}")
+        print(f"  the arm reports {world.arm('PSM1').operating_state().state}")
 
 
 if __name__ == "__main__":

@@ -65,7 +65,7 @@ def move_an_arm(axes: Any) -> None:
     left.legend(loc="lower right")
     middle.plot(curves["time"], curves["velocity"], color=RED)
     middle.set(xlabel="time [s]", ylabel="speed of the set-point [rad/s]",
-               title="how fast it is told to go")  # fmt: skip
+               title="commanded speed")  # fmt: skip
     lag = 1e3 * (curves["measured"] - curves["setpoint"])
     right.plot(curves["time"], lag, color=BLUE)
     right.set(xlabel="time [s]", ylabel="measured - set-point [mrad]", title="how far it is away")

@@ -140,7 +140,11 @@ def test_drag_and_thread_have_the_forces_of_the_description(world: World) -> Non
         data.qvel[rows : rows + 6] = [0.0] * 5 + [rate]
         world.step(1)
         if tissue.passed[0].all() and not tissue.left[0].any():
-            drags.append(np.linalg.norm(tissue.read().forces[0, 1:4], axis=1))
+            read = tissue.read()
+            along = np.cross(lying[:, 2], read.points[0] - pose[:3, 3])
+            along /= np.linalg.norm(along, axis=1, keepdims=True)
+            forces = read.forces[0, :4] @ tissue.pose[:3, :3].T
+            drags.append(np.abs((forces * along).sum(axis=1)))
     settled = np.array(drags)[-len(drags) // 3 :].mean(axis=0)
     assert settled == pytest.approx(tissue.tissue.drag, rel=0.1)
     model.dof_armature[rows : rows + 6] = [0.05] * 3 + [1e-4] * 3

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.tissues import Tissue
 from trocar.modeling import naming
+from trocar.modeling.geoms import COLLISION_GROUP
 from trocar.modeling.options import CONTACT_IMPEDANCE, STIFF_IMPEDANCE
 
 Array = NDArray[np.float64]
@@ -35,8 +36,11 @@ EYE_KG, EYE_ARMATURE, BEAD_ARMATURE, FEED_KG = 5e-5, 2e-3, 1e-6, 4e-3
 #: Damping of a place's slides. Source: our own choice, 1/50 of what the mesh has. [N s/m]
 EYE_DAMPING = 1e-3
 #: Half edges of a plate that a tip presses on before it punctures, and its friction. Source: our
-#: own choice: twice as wide as a patch. [m]
-PLATE_M, PLATE_FRICTION = (0.003, 0.003, 0.001), (0.3, 0.002, 0.0005)
+#: own choice: twice as wide as a patch; a sharp tip that dents tissue does not slide. [m]
+PLATE_M, PLATE_FRICTION = (0.003, 0.003, 0.001), (3.0, 0.002, 0.0005)
+#: Radius of the very tip, which alone presses on plates. Source: our own choice; the wire's would
+#: press before the tip is there. [m]
+TIP_M = 1e-4
 #: Impedance of dry friction. Source: measured: with MuJoCo's default the friction of joints as
 #: light as beads vanishes; with this it is the description's to 5 %.
 FRICTION_IMPEDANCE = (0.999, 0.999, 0.001, 0.5, 2.0)
@@ -104,8 +108,16 @@ def add_tissue(
                 data=[*tip, *[0.0] * 9],
                 **hard,
             )
-    for geom in _near_tip(needle, tip, wire.radius):
-        geom.conaffinity |= bit
+    needle.add_geom(
+        name=naming.scoped(name, "tip"),
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[TIP_M, 0.0, 0.0],
+        pos=tip,
+        mass=0.0,
+        contype=0,
+        conaffinity=bit,
+        group=COLLISION_GROUP,
+    )
     _add_thread(spec, name, tissue, limit | dry)
 
 
@@ -206,9 +218,3 @@ def _light(parent: mujoco.MjsBody, name: str, mass: float) -> mujoco.MjsBody:
     made.explicitinertial = True
     made.mass, made.inertia = mass, [1e-9] * 3
     return made
-
-
-def _near_tip(needle: mujoco.MjsBody, tip: Array, radius: float) -> list[mujoco.MjsGeom]:
-    """Return the shapes of a needle within half a radius of its tip."""
-    near = [g for g in needle.geoms if np.linalg.norm(np.array(g.pos) - tip) < 0.5 * radius]
-    return [g for g in near if g.contype or g.conaffinity]

@@ -187,7 +187,7 @@ def test_needles_that_do_not_fit_are_refused() -> None:
     with pytest.raises(InputError, match="needed"):
         circle_height(replace(tissue, wire=replace(tissue.wire, radius=0.004)))
     with pytest.raises(InputError, match="for the jaws"):
-        circle_height(replace(tissue, wire=replace(tissue.wire, wire=0.003)))
+        circle_height(replace(tissue, wire=replace(tissue.wire, wire=0.0025)))
 
 
 def test_scenes_have_the_stitches_needles_and_tissues_that_are_asked_for() -> None:
@@ -266,3 +266,13 @@ def test_a_whole_stitch_closes_the_wound(task: Suturing, seed: int) -> None:
     assert score.friction < 0.8
     assert score.excess_mm < 0.5
     json.dumps(episode.figures)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("needle", "tissue"), [("36mm-half", "skin"), ("24mm-3/8", "phantom")])
+def test_a_tip_goes_in_where_it_dents_soft_tissue_at_a_slant(needle: str, tissue: str) -> None:
+    """With the tissue at 0.54 of its stiffness; a tip that slides would enter 2 mm away."""
+    task = Suturing(suturing_scene(1, needle, tissue))
+    episode = run_episode(task, 4)
+    assert episode.success, episode.reason
+    assert task.watch.scores[0].entry_mm < 0.6

@@ -202,12 +202,21 @@ class Shot:
         Args:
             eye: "left" or "right"
             overlaid: with what is drawn into it, if anything is
+
+        Raises:
+            InputError: what draws returned no image of this size
         """
         if not overlaid or self._overlay is None:
             return self.frame.right if eye == "right" else self.frame.left
         if eye not in self._overlaid:
-            picture = self._overlaid[eye] = self._overlay(self.frame, int(eye == "right"))
+            picture = np.asarray(self._overlay(self.frame, int(eye == "right")))
+            if picture.dtype != np.uint8 or picture.shape != self.frame.left.shape:
+                raise InputError(
+                    f"overlay: got an image of {picture.dtype} {picture.shape}; allowed: uint8"
+                    f" {self.frame.left.shape}, as the frame has"
+                )
             picture.setflags(write=False)
+            self._overlaid[eye] = picture
         return self._overlaid[eye]
 
     @property

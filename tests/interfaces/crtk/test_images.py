@@ -324,6 +324,15 @@ def test_overlays_have_topics_of_their_own_with_the_stamp_of_the_image(
     assert drawn.count(0) == len(served.messages("endoscope/left/overlay/image_raw"))
 
 
+@pytest.mark.parametrize("wrong", [None, np.zeros((4, 4, 3), np.uint8), "text"])
+def test_what_draws_no_image_of_the_frames_size_is_named(
+    filmed: Callable[..., Filmed], wrong: Any
+) -> None:
+    served = filmed(wanted=["endoscope/left/overlay/image_raw"], overlay=lambda *_: wrong)
+    served.run(0.02)
+    assert "overlay: got an image of" in served.pictures.failure
+
+
 def test_without_anything_to_draw_there_are_no_topics_of_overlays(
     filmed: Callable[..., Filmed],
 ) -> None:

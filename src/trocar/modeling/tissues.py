@@ -134,14 +134,15 @@ def _add_places(body: mujoco.MjsBody, stitch: str, bit: int, solref: Sequence[fl
             )
         eye.add_site(name=eye.name, size=[3e-4] * 3)
         wide, _, thick = PLATE_M
+        below = thick + TIP_M  # the middle of the tip is on the surface where it begins to press
         plates: list[tuple[str, list[float], list[float]]] = []
         if place == "entry":
-            plates = [("entry", [wide, wide, thick], [0.0, 0.0, -thick])]
+            plates = [("entry", [wide, wide, thick], [0.0, 0.0, -below])]
         elif place == "wall_out":
             upright = [wide, thick, wide]
             plates = [
-                ("wall_plus", upright, [0.0, thick, 0.0]),
-                ("wall_minus", upright, [0.0, -thick, 0.0]),
+                ("wall_plus", upright, [0.0, below, 0.0]),
+                ("wall_minus", upright, [0.0, -below, 0.0]),
             ]
         for plate, size, at in plates:
             eye.add_geom(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,7 +21,11 @@ from trocar.apps.suturing.planning import (
 )
 from trocar.apps.task import PERIOD_S, Task
 from trocar.errors import TrocarError
-from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
+from trocar.geometry.rotations import (
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+    rotation_z,
+)
 from trocar.geometry.se3 import exp_twist, inverse, log_transform, transform
 from trocar.simulation.tissues import SoftTissue
 
@@ -65,8 +69,8 @@ AROUND, BESIDE, ALMOST, GRIP = 0.6, 0.4, 0.16, -0.349
 GENTLE_RAD_S = 0.5
 #: Height above the surface before a stitch. Source: our own choice. [m]
 CLEAR_M = 0.006
-#: Looks at a needle in the jaws whose mean is taken, and at one that was missed. Source: our own
-#: choice.
+#: Looks at a needle in the jaws whose mean is taken, at one that was missed, and at where the next
+#: stitch is to go. Source: our own choice.
 LOOKS = 3
 #: A needle that is beside its circle is brought onto it within so much of the way. Source: our own
 #: choice. [rad]
@@ -207,8 +211,9 @@ class Sewing:
         """Yield the actions of all stitches."""
         held = yield from self._pick()
         stitches = self.op.plan.stitches
-        for number, stitch in enumerate(stitches):
+        for number, planned in enumerate(stitches):
             self.op.announce(f"stitch {number + 1}: approach")
+            stitch = self._aimed(number, planned) if number else planned
             held = yield from self._drive(number, stitch, held)
             held = yield from self._regrasp(stitch, held)
             yield from self._pull_through(number, stitch, held)
@@ -267,6 +272,16 @@ class Sewing:
             yield from self._one(hand, hand.line(above))
             yield from self._one(hand, hand.wait(0.5))
         raise StitchError(f"the needle was not picked in {TRIES} tries")
+
+    def _aimed(self, number: int, stitch: Stitch) -> Stitch:
+        """Return a stitch through where its punctures are seen now: tight ones move the wound."""
+        rng, error = self.op.noise_rng, self.op.noise.wound / np.sqrt(LOOKS)
+        seen = self.op.tissue.read().points[number, [0, 3]] + error * rng.normal(size=(2, 3))
+        planned = stitch.points[[0, 3]] @ stitch.wound[:3, :3].T + stitch.wound[:3, 3]
+        (x, y, _), (u, v, _) = np.diff(planned, axis=0)[0], np.diff(seen, axis=0)[0]
+        turn = rotation_z(float(np.arctan2(x * v - y * u, x * u + y * v)))
+        shift = (seen.mean(axis=0) - turn @ planned.mean(axis=0)) * [1.0, 1.0, 0.0]
+        return replace(stitch, wound=transform(turn, shift) @ stitch.wound)
 
     def _drive(self, number: int, stitch: Stitch, held: Array) -> Generator[Array, None, Array]:
         """Bring the needle to the wound and through both sides; return how it is held."""

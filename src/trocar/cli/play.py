@@ -277,7 +277,7 @@ def _report(found: list[Episode]) -> str:
     head = ["seed", "success", "end", "time [s]", "score", "goals", "drops", "path [mm]"]
     successes = sum(one.success for one in found)
     ended = sum(one.reason != "running" for one in found)
-    stopped = "" if ended == len(found) else f" and {len(found) - ended} stopped before its end"
+    stopped = "" if ended == len(found) else f", {len(found) - ended} stopped before its end"
     measured = [  # -1: not measured
         [str(o.seed), *("-" if v == -1.0 else fixed(v, 2) for v in o.figures.values())]
         for o in found

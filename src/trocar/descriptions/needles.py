@@ -183,7 +183,7 @@ def _read_dimensions(row: Table) -> Needle:
 
 
 def _faults(radius: float, arc: float, wire: float, taper: float) -> Iterator[tuple[str, str]]:
-    """Yield which dimensions no needle has: their names, what was got and what is allowed."""
+    """Yield the names of impossible dimensions, each with what was got and what is allowed."""
     for key, value, most, scale, unit in (
         ("arc", arc, 2.0 * np.pi, 180.0 / np.pi, "deg"),
         ("radius", radius, 0.1, 1e3, "mm"),

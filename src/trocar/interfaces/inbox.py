@@ -125,7 +125,8 @@ class Inbox:
                 return True
             self.rejected += 1
         if not command.topic and self._rate_limit.due(arm, self._now()) is not None:
-            text = "rejected %s of %s: %d commands pending"  # whoever serves a topic reports it
+            # the transport reports commands that came over a topic
+            text = "rejected %s of %s: %d commands pending"
             _log.warning(text, command.verb, arm, self._capacity)
         return False
 

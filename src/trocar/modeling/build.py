@@ -523,10 +523,11 @@ class Draft:
             servo.forcerange = [-limit, limit]
 
     def _add_voltage_limits(self, place: RigArm) -> None:
-        """Add what the supply's voltage takes of the effort of fast motors.
+        """Limit the effort of fast motors by the voltage of their supply.
 
-        One actuator without an input for each direction: it brakes beyond the speed from which on
-        less than the limit of the effort is left, and its force is clamped to 0 below.
+        Each direction has one actuator without an input, MuJoCo's DC motor. It brakes above the
+        speed at which the voltage limits the effort more than the current does; below, its force
+        is clamped to 0.
         """
         control = preset(place.arm, self._options.control)
         for joint in place.arm.joints:

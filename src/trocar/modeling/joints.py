@@ -237,7 +237,7 @@ def effort_limit(joint: JointDescription, control: Control) -> float:
 
 
 def speed_line(joint: JointDescription, control: Control) -> tuple[float, float]:
-    """Return what the supply's voltage takes of a motor's effort, and beyond which speed.
+    """Return by how much the supply's voltage lowers a motor's effort, and above which speed.
 
     A motor at a voltage exerts at most stall - stall / no_load * speed, where its current's limit
     is not less.

@@ -58,7 +58,7 @@ class StereoFrame:
     visible: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     def __repr__(self) -> str:
-        """Return what it is of, without its pixels."""
+        """Return camera, time, size and layers in one line."""
         height, width = self.left.shape[:2]
         there = {"depth": self.depth, "ids": self.ids, "normals": self.normals}
         with_ = "".join(f", {name}" for name, values in there.items() if values is not None)

@@ -134,7 +134,7 @@ class Grasps:
         self._kind, self._journal = rig.grasp, journal
         self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
         self.objects = tuple(prop.name for prop in self._props)
-        #: With which force of a jaw each object slips whatever friction carries: threads [N]
+        #: The pull at which each object slips out of a jaw; inf of all but threads [N].
         self._strength = [TORN * p.thread.tension if p.thread else inf for p in self._props]
         self.every = max(1, round(PERIOD_S / timestep))
         self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
@@ -360,7 +360,7 @@ class Grasps:
         self._journal.event(self._jaws[row].arm, "grasp/object", object="", force=self._most[row])
 
     def _slip(self, row: int, hold: Hold, load: float) -> None:
-        """Let go of what slipped out of the pads."""
+        """Let go of an object that slipped out of the pads, and report it."""
         self._release(row)
         self._looks[row, hold.object] = self._again
         arm, name = self._jaws[row].arm, self.objects[hold.object]
@@ -388,9 +388,10 @@ class Grasps:
             self._data.eq_active[weld] = 1
 
     def _slicken(self) -> None:
-        """Let pads only press what a weld holds, as rows of friction would fight it, and what tore.
+        """Take the friction from pads on objects that a weld holds, as it would fight the weld.
 
-        What tore is frictionless for as long as what slipped is not held again.
+        Pads also have no friction on a thread that slipped at `TORN` times its tension, until the
+        jaw may hold it again.
         """
         model = self._model
         model.geom_condim[:], model.pair_dim[:] = self._condim, self._pair_dim

@@ -62,7 +62,7 @@ class RateLimit:
             self._last.clear()
 
     def save(self) -> Remembered:
-        """Return a copy of what is remembered."""
+        """Return a copy of its memory, for `load`."""
         return dict(self._last)
 
     def load(self, saved: Remembered) -> None:

@@ -15,6 +15,7 @@ when actions are random. suturing: stitches through soft tissue (50 episodes: 30
 core).
 
 python -m benchmarks attack --help: attack a simulator and count what fails.
+python -m benchmarks against --help: speed of an older commit and of this tree, in turn.
 """
 
 from __future__ import annotations
@@ -56,6 +57,10 @@ def main(words: Sequence[str] | None = None) -> int:
         from benchmarks.attack.__main__ import main as attack
 
         return attack(words[1:])
+    if words[:1] == ["against"]:
+        from benchmarks.against import main as against
+
+        return against(words[1:])
     parser = ArgumentParser(
         "python -m benchmarks", description=__doc__, formatter_class=RawDescriptionHelpFormatter
     )

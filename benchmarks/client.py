@@ -17,7 +17,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -85,8 +85,7 @@ class Websocket:
 
     def stamp(self, message: Any) -> int:
         """As `Peer`."""
-        stamp = json.loads(message)["msg"]["header"]["stamp"]
-        return stamp["secs"] * 1_000_000_000 + stamp["nsecs"]
+        return stamp_ns(message)
 
     def joints(self, message: Any) -> Sequence[float]:
         """As `Peer`."""
@@ -108,20 +107,30 @@ class Websocket:
         self._out.send(json.dumps({"op": "publish", "topic": topic, "type": kind, "msg": message}))
 
     async def _listen(self, topics: Sequence[str], callback: Callback) -> None:
-        from websockets.asyncio.client import connect
+        async for topic, text, arrived in messages(self._address, topics):
+            callback(topic, text, arrived)
 
-        known = {f'"{topic}"': topic for topic in topics}
-        async with connect(
-            self._address, compression=None, max_size=None, ping_interval=None
-        ) as socket:
-            for topic in topics:
-                await socket.send(json.dumps({"op": "subscribe", "topic": topic}))
-            async for text in socket:
-                arrived = time.monotonic_ns()
-                begin = str(text[:200])  # the topic comes first
-                quoted = begin[begin.find('"/') :].partition('",')[0] + '"'
-                if quoted in known:
-                    callback(known[quoted], text, arrived)
+
+async def messages(address: str, topics: Sequence[str]) -> AsyncIterator[tuple[str, str, int]]:
+    """Subscribe to topics of a rosbridge, and yield topic, text and arrival [ns] of messages."""
+    from websockets.asyncio.client import connect
+
+    known = {f'"{topic}"': topic for topic in topics}
+    async with connect(address, compression=None, max_size=None, ping_interval=None) as socket:
+        for topic in topics:
+            await socket.send(json.dumps({"op": "subscribe", "topic": topic}))
+        async for text in socket:
+            arrived = time.monotonic_ns()
+            begin = str(text[:200])  # the topic comes first
+            quoted = begin[begin.find('"/') :].partition('",')[0] + '"'
+            if quoted in known:
+                yield known[quoted], str(text), arrived
+
+
+def stamp_ns(text: str) -> int:
+    """Return the header stamp of a rosbridge's message [ns]."""
+    stamp = json.loads(text)["msg"]["header"]["stamp"]
+    return stamp["secs"] * 1_000_000_000 + stamp["nsecs"]
 
 
 def listen(peer: Peer, topics: Sequence[str], seconds: float) -> Heard:

@@ -57,8 +57,8 @@ source = "our own choice"
 shape = [{{ kind = "box", center_mm = [0, 0, 0], size_mm = [20, 20, 20] }}]
 """
 PSM1 = [f"PSM1/{state}" for state in STATES]
-BUSY = [f"{arm}/{s}" for arm in ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR") for s in STATES]
-BUSY += [f"scene/block{k}/measured_cp" for k in range(OBJECTS)]
+ARMS = [f"{arm}/{s}" for arm in ("PSM1", "PSM2", "PSM3", "ECM", "MTML", "MTMR") for s in STATES]
+BUSY = [*ARMS, *(f"scene/block{k}/measured_cp" for k in range(OBJECTS))]
 #: Commands of a run whose answers are timed, and subscribers that come and are killed. Source: our
 #: own choice; the project's own goal.
 COMMANDS, PASSERS_BY = 40, 24
@@ -301,9 +301,14 @@ class _Encoder(MemoryTransport):
                 self.states.add(topic.name)
 
 
-def busy_rig(folder: str) -> str:
-    """Write a rig of six arms, setup joints and twenty objects, and return its path."""
-    text = (DATA / "rigs" / "full_cart_mtm.toml").read_text(encoding="utf-8")
+def busy_rig(folder: str, data: Path = DATA) -> str:
+    """Write a rig of six arms, setup joints and twenty objects, and return its path.
+
+    Args:
+        folder: to write into
+        data: descriptions of the tree that has to read it
+    """
+    text = (data / "rigs" / "full_cart_mtm.toml").read_text(encoding="utf-8")
     for k in range(OBJECTS):
         text += BLOCK.format(k=k, x=-80.0 + 40.0 * (k % 4), y=1800.0 + 40.0 * (k // 4))
     path = Path(folder) / "busy.toml"

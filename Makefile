@@ -60,7 +60,7 @@ define install
 $(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
 endef
 
-.PHONY: help venv run quick test slow check skipped lint bench attack cad docs hashes licences ros1-venv clean
+.PHONY: help venv run quick test slow check skipped lint bench speed attack cad docs hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -102,6 +102,9 @@ lint: .venv/.ready-dev ## format, lint and types alone
 
 bench: .venv/.ready-run ## measure real-time factors beside bare MuJoCo
 	$(BIN)/trocar bench $(ARGS)
+
+speed: .venv/.ready-run ## compare with the last release: fails if 10 % slower (ARGS="COMMIT --only steps")
+	$(BIN)/python -m benchmarks against --worst 1.10 $(ARGS)
 
 attack: .venv/.ready-test ## attack a simulator for ten minutes in each way (ARGS="--only faults")
 	$(BIN)/python -m benchmarks attack --seconds 600 --jobs 2 $(ARGS)

@@ -17,7 +17,7 @@ import math
 import sys
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from importlib import import_module
 from typing import Any, Protocol
 
@@ -111,7 +111,7 @@ class Websocket:
             callback(topic, text, arrived)
 
 
-async def messages(address: str, topics: Sequence[str]) -> AsyncIterator[tuple[str, str, int]]:
+async def messages(address: str, topics: Sequence[str]) -> AsyncGenerator[tuple[str, str, int]]:
     """Subscribe to topics of a rosbridge, and yield topic, text and arrival [ns] of messages."""
     from websockets.asyncio.client import connect
 

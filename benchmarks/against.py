@@ -262,7 +262,9 @@ QUANTITIES = {
 
 def environment(tree: Path) -> dict[str, str]:
     """Return the variables of a process that runs the package of a tree."""
-    return {"PYTHONPATH": str(tree / "src"), "OPENBLAS_NUM_THREADS": "1"}
+    others = filter(None, [os.environ.get("PYTHONPATH")])
+    path = os.pathsep.join([str(tree / "src"), *others])
+    return {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1"}
 
 
 @contextmanager

@@ -80,7 +80,7 @@ class Plan:
 
 #: Source: seven and two minutes on two cores.
 FULL = Plan(4, 15, 3.0, 8.0, 40, ("steps", "live", "busy", "first"))
-SHORT = Plan(3, 9, 1.0, 3.0, 20, ("steps", "live", "busy"))
+SHORT = Plan(3, 9, 1.0, 2.5, 20, ("steps", "live", "busy"))
 
 
 @dataclass(frozen=True)

@@ -209,6 +209,24 @@ def test_gravity_needs_at_most_half_of_each_effort_limit(name: str, lean_deg: fl
         assert (np.abs(holding_efforts([arm], q, down)) <= 0.5 * limits).all()
 
 
+@pytest.mark.parametrize("name", names("arms"))
+def test_servos_that_feed_no_gravity_forward_hold_every_arm_within_a_tenth_of_its_tolerance(
+    name: str,
+) -> None:
+    """P alone holds a weight W off the set-point by W / P; the cart's scope leans by 45 degrees."""
+    arm = load_arm(name)
+    trips = np.array([joint.tracking_tolerance for joint in arm.joints])
+    for control in arm.control.values():
+        if control.gravity_compensation:
+            continue
+        stiffness = np.array([control.pid[joint.name].p for joint in arm.joints])
+        for lean in np.radians([0.0, 45.0, -45.0]):
+            down = np.array([0.0, -np.sin(lean), -np.cos(lean)])
+            for q in samples(arm, 30):
+                sag = np.abs(holding_efforts([arm], q, down)) / stiffness
+                assert (sag <= 0.1 * trips).all(), (control.name, sag)
+
+
 @pytest.mark.parametrize(
     ("setup", "carried"), [("suj_psm1", "psm"), ("suj_psm3", "psm"), ("suj_ecm", "ecm")]
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 
 import numpy as np
 import pytest
@@ -220,6 +221,18 @@ def test_a_smaller_error_is_none_and_other_arms_go_on():
     world.step(41)
     assert one.operating_state().state == "FAULT"
     assert two.operating_state().state == "ENABLED"
+
+
+@pytest.mark.parametrize("errors", ["perfect", "lab", "wide"])
+def test_a_fault_names_an_error_beyond_what_is_allowed(errors: str):
+    """The error that trips the arm, not that of a reading which is 20 ms late."""
+    world = World("ecm", control="paper", gravity_compensation=False, errors=errors)
+    arm = world.arm("ECM")
+    while arm.operating_state().state == "ENABLED":
+        world.step(20)
+    found = re.search(r"insertion \(([\d.]+) m, allowed ([\d.]+)\)", arm.last_warning)
+    assert found is not None, arm.last_warning
+    assert float(found[1]) >= float(found[2]), arm.last_warning
 
 
 def test_in_effort_mode_there_is_no_tracking_error():

@@ -203,8 +203,11 @@ class Servos:
         effort -= voltage_loss(self.table.slope, self.table.corner, qd)
         return found
 
-    def beyond(self) -> Bools | None:
-        """Return which joints are farther from their set-points than allowed, None if none is."""
+    def beyond(self) -> Array | None:
+        """Return how far joints are from their set-points that are farther than allowed.
+
+        0 for all others, (J,) [rad or m]; None if no joint is.
+        """
         if self._read_revision != self.revision:
             self.matrix()
         error = self.table.drive.dot(self._data.qpos)
@@ -213,7 +216,9 @@ class Servos:
             error += self.errors.error
         np.abs(error, out=error)
         beyond = error > self._tolerance
-        return beyond if np.count_nonzero(beyond) else None  # any() takes 1 us
+        return (
+            np.where(beyond, error, 0.0) if np.count_nonzero(beyond) else None
+        )  # any() takes 1 us
 
     # ------------------------------------------------------------------ write
 

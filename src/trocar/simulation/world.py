@@ -988,10 +988,9 @@ class World:
         beyond = self.servos.beyond()
         if beyond is None:
             return
-        error = np.abs(self.servos.read()[0] - self.servos.setpoint[:, 0])
         for arm in self.arms.values():
             joints = [
-                f"{joint.name} ({error[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
+                f"{joint.name} ({beyond[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
                 for k, joint in enumerate(arm.description.joints, arm.motors.index.rows.start)
                 if not arm.motors.welded and beyond[k]
                 for unit in ("m" if joint.kind == "prismatic" else "rad",)

@@ -72,7 +72,7 @@ run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and
 	@echo "  trocar --help                                 all commands; README.md has a tour of them"
 	@echo "  trocar render -o scope.png                    the endoscope's picture"
 	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
-	@echo "  trocar sample samples                         small files for replay, calibrate, ..."
+	@echo "  trocar sample samples                         small simulated files for replay, ..."
 	@echo "  python examples/09_websocket_client.py        a WebSocket client that moves an arm"
 	$(BIN)/trocar sim $(ARGS)
 

@@ -135,6 +135,16 @@ def test_effort_limits_are_what_the_motors_exert_at_their_largest_current(name: 
     np.testing.assert_allclose(efforts, expected, rtol=ROUNDED)
 
 
+@pytest.mark.parametrize("tool", names("tools"))
+def test_of_a_wrist_only_the_limit_of_the_roll_is_beyond_the_motors_of_a_classic(tool: str) -> None:
+    arm = load_arm("psm", tool)
+    assert arm.coupling is not None
+    motor = 0.0438 * 11.71 * 0.67  # [N m]. Source: as MOTORS
+    alone = motor / np.abs(arm.coupling.actuator_to_joint).max(axis=1)  # one joint exerts
+    efforts = [arm.joint(name).effort_max for name in arm.coupling.joints]
+    assert [e > most for e, most in zip(efforts, alone, strict=True)] == [True, False, False, False]
+
+
 @pytest.mark.parametrize("name", names("arms"))
 def test_an_arm_has_the_mended_value_of_each_erratum_of_its_source(name: str) -> None:
     arm = load_arm(name)

@@ -57,6 +57,12 @@ def test_people_are_told_as_many_digits_as_mean_something(value, shown, told) ->
     assert Figure("a", 0.0, "m", shown=shown).text(value) == told
 
 
+def test_a_figure_is_converted_to_the_unit_in_which_it_is_displayed() -> None:
+    assert Figure("a", 0.00948, "N m", shown="mN m").text(0.00948) == "9.48"
+    with pytest.raises(KeyError, match="furlong"):
+        Figure("a", 1.0, "m", shown="furlong").text(1.0)
+
+
 def test_tolerances_are_told() -> None:
     assert (
         Figure("a", 0.0, "m", shown="mm", lower=0.14739, upper=0.15001).allowed == "148.7 +- 1.31"

@@ -72,7 +72,7 @@ run: .venv/.ready-run ## open the full cart in the browser (ARGS="--rig psm" and
 	@echo "  trocar --help                                 all commands; README.md has a tour of them"
 	@echo "  trocar render -o scope.png                    the endoscope's picture"
 	@echo "  trocar run examples/scripts/circle.py --speed max     a dVRK script, without ROS"
-	@echo "  trocar sample samples                         small files for replay, calibrate, ..."
+	@echo "  trocar sample samples                         small simulated files for replay, ..."
 	@echo "  python examples/09_websocket_client.py        a WebSocket client that moves an arm"
 	$(BIN)/trocar sim $(ARGS)
 
@@ -113,7 +113,7 @@ cad: .venv/.ready-cad ## draw the links' solids again (ARGS="--only psm")
 	$(BIN)/python -m tools.cad -o src/trocar/descriptions/data/solids $(ARGS)
 
 docs: .venv/.ready-docs ## build the documentation into site/, an API reference among it
-	for page in command_line topics scenes errata calls sizes; do $(BIN)/python tools/docs/$$page.py || exit; done
+	for page in command_line topics scenes errata calls; do $(BIN)/python tools/docs/$$page.py || exit; done
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 	@echo "site/index.html is the documentation."
 

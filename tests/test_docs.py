@@ -46,6 +46,12 @@ def test_the_readme_shows_every_command_and_no_other() -> None:
     assert set(COMMANDS) - {"cad", "rcm", "completion"} <= shown <= set(COMMANDS)
 
 
+def test_the_readme_calls_no_sample_file_a_recording_of_a_real_robot() -> None:
+    lines = [line for line in README.splitlines() if " samples/" in line]
+    assert lines
+    assert not [line for line in lines if "real one" in line]
+
+
 #: Longer than a test may take, or ended by Ctrl-C alone; each has tests of its own.
 LONG = ("trocar bench", "trocar verify")
 #: What a command that serves is given as well: any free ports, and an end.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trocar.apps.benchmarks.core import core, holding_a_block, skewed_psm
-from trocar.apps.benchmarks.fidelity import dvrk_ecm, dvrk_psm, fidelity
+from trocar.apps.benchmarks.fidelity import dvrk_ecm, dvrk_psm, fidelity, tracking
 from trocar.apps.figures import Figure
 from trocar.apps.timing import run_headless, table9
 from trocar.apps.trials import amplitudes, paper_sine, periods_per_tick
@@ -140,3 +140,10 @@ def test_the_block_is_in_the_jaws_and_off_the_board() -> None:
     pairs = [{c.body, c.other} for c in world.contacts().contacts if "block2" in (c.body, c.other)]
     assert pairs
     assert all(any("finger" in name for name in pair) for pair in pairs)
+
+
+def test_the_accuracy_of_tracking_is_of_joints_that_the_sine_moves() -> None:
+    bounded = [figure.name for figure in tracking() if figure.met is not None]
+    moved = load_arm("psm", tool="none").mechanism.joint_names
+    wrist = ("roll", "wrist_pitch", "wrist_yaw")
+    assert bounded == [f"tracking of {joint}, paper friction" for joint in (*moved, *wrist)]

@@ -27,6 +27,13 @@ def test_samples_are_the_same_each_time_and_small(trocar, tmp_path):
     assert truth["robot"] == "perturbed with seed 7"
 
 
+def test_the_files_of_a_simulated_robot_say_so(trocar, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="the extra `bags` is not installed")
+    files = trocar("sample", tmp_path / "new", "--json").document["files"]
+    recorded = ("psm_log.csv.gz", "psm.bag", "tracks.csv", "touches.toml")
+    assert [files[name] for name in recorded if "simulated" not in files[name]] == []
+
+
 def test_a_folder_that_holds_something_is_left_alone(trocar, tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     answer = trocar("sample", tmp_path)

@@ -13,7 +13,15 @@ KEYS = ["part", "arm", "name", "value", "unit", "paper", "paper_simulation", "ha
 def test_one_document_has_every_figure(trocar) -> None:
     said = trocar("verify", "--only", "axes,formats", "--arm", "psm", "--json")
     assert said.status == 0
-    assert list(said.document) == ["met", "judged", "missed", "figures", "parts", "report"]
+    assert list(said.document) == [
+        "met",
+        "judged",
+        "stated",
+        "missed",
+        "figures",
+        "parts",
+        "report",
+    ]
     assert said.document["met"] is True
     first = said.document["figures"][0]
     assert list(first) == KEYS
@@ -30,8 +38,35 @@ def test_people_read_tables(trocar) -> None:
     said = trocar("verify", "--only", "axes", "--arm", "ecm")
     assert said.status == 0
     for text in ("ecm: Axis distances: Table 6 of the paper", "3-6: in motion", "304.7", "met",
-                 "16 of 16 figures are within tolerance."):  # fmt: skip
+                 "16 of 16 figures with a tolerance are within it."):  # fmt: skip
         assert text in said.out
+
+
+def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave one speed to measure, beside a paper's that no machine reaches."""
+    one = (("PSM", "psm", "braked", 1e9, 1e9),)
+    monkeypatch.setattr("trocar.apps.verification.tracking.CONFIGURATIONS", one)
+    monkeypatch.setattr("trocar.apps.verification.tracking.PAPER_CAMERA", 1e9)
+    monkeypatch.setattr("trocar.apps.verification.tracking.REALTIME_S", 0.05)
+
+
+def test_figures_without_a_tolerance_are_counted_apart(trocar, monkeypatch) -> None:
+    slow_machine(monkeypatch)
+    words = ("verify", "--only", "axes,realtime", "--arm", "psm")
+    document = trocar(*words, "--json").document
+    without = sum(figure["tolerance"] is None for figure in document["figures"])
+    assert without > 0
+    assert (document["met"], document["judged"], document["stated"]) == (True, 16, without)
+    last = trocar(*words).out.splitlines()[-1]
+    assert last == f"16 of 16 figures with a tolerance are within it; {without} more have none."
+
+
+def test_nothing_is_met_where_no_figure_has_a_tolerance(trocar, monkeypatch) -> None:
+    slow_machine(monkeypatch)
+    document = trocar("verify", "--only", "realtime", "--json").document
+    assert (document["met"], document["judged"]) == (None, 0)
+    last = trocar("verify", "--only", "realtime").out.splitlines()[-1]
+    assert last == f"No figure has a tolerance; {document['stated']} are stated without."
 
 
 def test_a_figure_out_of_tolerance_ends_with_status_1(trocar, monkeypatch) -> None:
@@ -44,10 +79,7 @@ def test_a_figure_out_of_tolerance_ends_with_status_1(trocar, monkeypatch) -> No
 
 
 def test_a_machine_too_slow_for_real_time_does_not_change_the_status(trocar, monkeypatch) -> None:
-    one = (("PSM", "psm", "braked", 1e9, 1e9),)  # no machine is as fast as this paper's
-    monkeypatch.setattr("trocar.apps.verification.tracking.CONFIGURATIONS", one)
-    monkeypatch.setattr("trocar.apps.verification.tracking.PAPER_CAMERA", 1e9)
-    monkeypatch.setattr("trocar.apps.verification.tracking.REALTIME_S", 0.05)
+    slow_machine(monkeypatch)
     said = trocar("verify", "--only", "realtime", "--json")
     assert said.status == 0 and said.document["missed"] == []
     speed = said.document["figures"][0]

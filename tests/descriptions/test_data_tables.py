@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from trocar.descriptions import ArmDescription, load_arm, load_rig, names
+from trocar.descriptions.paper import errata
 from trocar.geometry.dh import modified_dh, standard_dh
 from trocar.geometry.se3 import translation
 from trocar.kinematics import loops
@@ -35,6 +36,22 @@ WORLD_TO_SETUP = {
     "suj_psm3": ((0.0, 0.0, 0.1264), (0.0, 1.0)),
     "suj_ecm": ((0.0, 0.0, 0.43), (0.0, 1.0)),
 }
+
+#: {arm: (torque constant [N m/A], gear ratio [-; insertions: 1/m], largest current [A]) of each
+#: motor}. Source: sawIntuitiveResearchKit@9e535e6 dvrk-io-config-generator.py.
+MOTORS: dict[str, list[tuple[float, float, float]]] = {
+    "psm": [(0.0438, 56.5, 1.34), (0.0438, 56.5, 1.34), (0.0438, 336.6, 0.67)],
+    "psm_si": [(0.0603, 83.3333, 3.4), (0.0603, 85.0, 3.4), (0.0385, 965.91, 1.1)],
+    "ecm": [(0.119, 240.0, 0.943), (0.119, 240.0, 0.943), (0.0438, 2748.55, 0.67),
+            (0.00495, 300.15, 0.59)],
+    "ecm_si": [(0.0603, 83.3333, 3.4), (0.0603, 168.3333, 3.4), (0.0385, 2748.6, 0.67),
+               (0.0385, 300.2, 0.59)],
+    "mtm": [(0.0438, 63.41, 0.67), (0.0438, 49.88, 0.67), (0.0438, 59.73, 0.67),
+            (0.0438, 10.53, 0.67), (0.00495, 33.16, 0.59), (0.00495, 33.16, 0.59),
+            (0.00339, 16.58, 0.407)],
+}  # fmt: skip
+#: Relative. Source: the dVRK prints a PSM's efforts 1e-6 and 6e-6 above these products.
+ROUNDED = 1e-5
 
 
 def samples(arm: ArmDescription, count: int, seed: int = 7) -> Array:
@@ -104,6 +121,42 @@ def master_chain(q: Array) -> Array:
     for (a, alpha, d, theta), angle in zip(rows, q[:7], strict=True):  # the gripper is the eighth
         reached = reached @ standard_dh(a, alpha, d, theta + angle)
     return reached
+
+
+@pytest.mark.parametrize("name", ["psm", "psm_si", "ecm", "ecm_si", "mtml", "mtmr"])
+def test_effort_limits_are_what_the_motors_exert_at_their_largest_current(name: str) -> None:
+    motors = np.prod(MOTORS["mtm" if name.startswith("mtm") else name], axis=1)
+    joint_from_motor = np.eye(len(motors))
+    if name.startswith("mtm"):  # Source: compute-ftmax.py
+        joint_from_motor[2, 1] = -1.0
+        joint_from_motor[3, 1:3] = 0.6697, -0.6697
+    efforts = np.array([joint.effort_max for joint in load_arm(name).joints[: len(motors)]])
+    expected = np.linalg.inv(joint_from_motor).T @ motors
+    np.testing.assert_allclose(efforts, expected, rtol=ROUNDED)
+
+
+@pytest.mark.parametrize("tool", names("tools"))
+def test_of_a_wrist_only_the_limit_of_the_roll_is_beyond_the_motors_of_a_classic(tool: str) -> None:
+    arm = load_arm("psm", tool)
+    assert arm.coupling is not None
+    motor = 0.0438 * 11.71 * 0.67  # [N m]. Source: as MOTORS
+    alone = motor / np.abs(arm.coupling.actuator_to_joint).max(axis=1)  # one joint exerts
+    efforts = [arm.joint(name).effort_max for name in arm.coupling.joints]
+    assert [e > most for e, most in zip(efforts, alone, strict=True)] == [True, False, False, False]
+
+
+@pytest.mark.parametrize("name", names("arms"))
+def test_an_arm_has_the_mended_value_of_each_erratum_of_its_source(name: str) -> None:
+    arm = load_arm(name)
+    for row in errata(name):
+        assert row.key == "effort_max_nm"
+        assert arm.joint(row.frame).effort_max == row.mended != row.printed
+        assert row.effect and row.source
+
+
+def test_the_efforts_that_the_dvrk_prints_wrong_for_the_si_are_errata() -> None:
+    wrong = {name: [(e.frame, e.printed) for e in errata(name)] for name in ("psm_si", "ecm_si")}
+    assert wrong == {"psm_si": [("pitch", 17.0845)], "ecm_si": [("pitch", 34.0845)]}
 
 
 @pytest.mark.parametrize("name", ["ecm", "ecm_si"])

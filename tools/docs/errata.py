@@ -1,17 +1,18 @@
-"""Write docs/errata.md: what the closed-loop paper prints wrong, from the data of the package."""
+"""Write docs/errata.md, the errata of the package's sources, from its data."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from trocar.descriptions import names
 from trocar.descriptions.paper import Erratum, errata, printed_tables
 
 PAGE = Path(__file__).parents[2] / "docs" / "errata.md"
 TEXT = """\
-# Errata of the printed tables
+# Errata of the sources
 
-Of Tables 1 to 5 of the closed-loop paper. [The mechanism](mechanism.md) names the paper and the
-sources of the corrections.
+Of Tables 1 to 5 of the closed-loop paper, and of the dVRK's files from which arms are described.
+[The mechanism](mechanism.md) names the paper and the sources of the corrections.
 
 <!-- Written by make docs. -->"""
 
@@ -21,12 +22,15 @@ def page() -> str:
     parts = [TEXT]
     for name in printed_tables():
         parts += [f"## Table {name.removeprefix('table')}", _table(errata(name))]
+    for name in names("arms"):
+        if rows := errata(name):
+            parts += [f"## Arm `{name}`", _table(rows)]
     return "\n\n".join(parts) + "\n"
 
 
 def _table(rows: tuple[Erratum, ...]) -> str:
     lines = [
-        "| frame, entry | printed | mended | effect of the print | source |",
+        "| frame or joint, entry | printed | mended | effect of the print | source |",
         "|---|---|---|---|---|",
     ]
     for row in rows:

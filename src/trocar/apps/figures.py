@@ -7,7 +7,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 #: Factor from SI to the unit that is displayed.
-DISPLAY_FACTORS = {"mm": 1e3, "um": 1e6, "nm": 1e9, "mrad": 1e3, "urad": 1e6, "ms": 1e3}
+DISPLAY_FACTORS = {
+    "mm": 1e3,
+    "um": 1e6,
+    "nm": 1e9,
+    "mrad": 1e3,
+    "urad": 1e6,
+    "ms": 1e3,
+    "mN m": 1e3,
+}
 
 
 @dataclass(frozen=True)
@@ -64,7 +72,7 @@ class Figure:
             return ""
         if not math.isfinite(value):
             return "-"
-        scaled = DISPLAY_FACTORS.get(self.shown, 1.0) * value
+        scaled = value * (DISPLAY_FACTORS[self.shown] if self.shown else 1.0)
         if abs(scaled) >= 1e5:
             return f"{scaled:.0f}"
         if abs(scaled) >= 1.0:

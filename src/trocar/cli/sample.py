@@ -1,8 +1,8 @@
 """Write small sample files for the commands that read files.
 
 The files are a PSM log, a rosbag, motion-capture tracks, touches of a block, a URDF robot and a
-dVRK configuration. All are simulated, not recorded on a robot, and identical on every machine.
-Requires the extra bags.
+dVRK configuration. None is recorded on a robot: log, bag, tracks and touches are simulated. The
+files are identical on every machine. Requires the extra bags.
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ def run(args: Namespace) -> int:
         )
         robot = f"perturbed with seed {SEED}"
         write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
-        files["tracks.csv"] = "motion capture of a PSM with perturbed link lengths"
+        files["tracks.csv"] = "simulated motion capture of a PSM with perturbed link lengths"
         psm = ("psm", load_arm("psm"))
         write_touches(built / "touches.toml", {"PSM1": psm, "PSM2": psm}, TouchSettings(seed=SEED))
-        files["touches.toml"] = "joint readings of two PSMs that touch the points of a block"
+        files["touches.toml"] = "simulated joint readings of two PSMs that touch a block"
     document = {"folder": str(folder), "files": files}
     print_result(
         args,

@@ -281,7 +281,7 @@ def _sections(arm: Document) -> Iterator[str]:
         yield "Named poses [rad, m if prismatic]\n" + table(["pose", *names], rows)
     if arm["missing"]:
         rows = [[entry["what"], entry["why"]] for entry in arm["missing"]]
-        yield "Unknown values\n" + table(["value", "reason"], rows)
+        yield "Missing values\n" + table(["value", "reason"], rows)
     yield "Sources\n" + "\n".join(_sources(arm))
 
 

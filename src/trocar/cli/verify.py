@@ -72,8 +72,9 @@ def _document(found: Verification, report: str | None) -> dict[str, Any]:
         for figure in p.figures
     ]
     return {
-        "met": not found.missed,
+        "met": found.met,
         "judged": found.judged,
+        "stated": found.stated,
         "missed": [f["name"] for f in figures if f["met"] is False],
         "figures": figures,
         "parts": [
@@ -85,9 +86,7 @@ def _document(found: Verification, report: str | None) -> dict[str, Any]:
 
 
 def _tables(found: Verification) -> str:
-    within = found.judged - len(found.missed)
-    blocks = [_block(part) for part in found.parts]
-    return "\n\n".join([*blocks, f"{within} of {found.judged} figures are within tolerance."])
+    return "\n\n".join([*(_block(part) for part in found.parts), found.summary])
 
 
 def _block(part: Part) -> str:

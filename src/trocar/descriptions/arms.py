@@ -189,7 +189,7 @@ def read_arm(table: Table, tool: ToolDescription | None) -> ArmDescription:
     parts = _read_parts(table, name)
     balance = read_counterweight(table)
     plan = read_calibration(table)
-    table.raw("erratum")  # printed tables carry their errata; descriptions.paper reads them
+    table.raw("erratum")  # of the arm's source; descriptions.paper reads them
     table.done()
     if not parts.frames or parts.frames[0].name != root:
         raise table.fail("root", f"got {root!r}; allowed: the first frame")

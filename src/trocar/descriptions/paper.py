@@ -1,4 +1,4 @@
-"""The closed-loop paper's Tables 1 to 5 as printed, with their errata as data; Tables 6 and 7."""
+"""The closed-loop paper's Tables 1 to 5 as printed, Tables 6 and 7; errata of sources as data."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trocar.descriptions.arms import read_arm
-from trocar.descriptions.catalogue import DATA
+from trocar.descriptions.catalogue import DATA, find, names
 from trocar.descriptions.records import ArmDescription
 from trocar.descriptions.table import read_table
 from trocar.errors import UnknownNameError
@@ -70,10 +70,10 @@ TABLE7_ERROR_M = {"PSM": 3.46e-3, "ECM": 3.91e-3}
 
 @dataclass(frozen=True)
 class Erratum:
-    """One entry of a printed table that is wrong.
+    """One entry of a source that is wrong.
 
     Attributes:
-        frame, key: the entry
+        frame, key: the entry, of a frame or of the joint of that name
         printed, mended: what stands there and what should
         effect: what a reader who follows the print gets
         source: how it is known
@@ -101,9 +101,14 @@ def load_printed(table: str) -> ArmDescription:
     return read_arm(read_table(_path(table)), None)
 
 
-def errata(table: str) -> tuple[Erratum, ...]:
-    """Return what is wrong in a printed table."""
-    rows = read_table(_path(table)).tables("erratum")
+def errata(name: str) -> tuple[Erratum, ...]:
+    """Return the errata of a printed table, or of the source of a built-in arm.
+
+    Raises:
+        UnknownNameError: neither; the known ones are listed
+    """
+    path = find("arms", name) if name in names("arms") else _path(name)
+    rows = read_table(path).tables("erratum")
     return tuple(
         Erratum(
             row.text("frame"),

@@ -191,7 +191,7 @@ class Counterweight:
 
 @dataclass(frozen=True)
 class Missing:
-    """Something that nobody has published of this arm."""
+    """A quantity that the description of an arm lacks, and why."""
 
     what: str
     why: str

@@ -318,6 +318,15 @@ def test_a_real_si_s_file_has_potentiometers_and_the_dvrk_s_own_chains(tmp_path:
         np.testing.assert_allclose(seen, lab.base(setup, q), atol=EXACT)
 
 
+def test_an_si_of_a_lab_names_what_trocar_lacks_and_has_no_erratum_of_another_file(
+    tmp_path: Path,
+) -> None:
+    found = import_dvrk(lab.lab(tmp_path / "in", "Si"), tmp_path / "rig.toml")
+    assert any("trocar has no masses and shapes of these arms" in note for note in found.notes)
+    texts = [*found.notes, *(Path(file).read_text(encoding="utf-8") for file in found.files)]
+    assert not [text for text in texts if "not published" in text or "[[erratum]]" in text]
+
+
 def test_two_endoscopes_and_the_older_words_of_a_console(tmp_path: Path) -> None:
     system = lab.system()
     arms = {arm["name"]: arm for arm in system["arms"]}

@@ -57,6 +57,12 @@ def test_people_are_told_as_many_digits_as_mean_something(value, shown, told) ->
     assert Figure("a", 0.0, "m", shown=shown).text(value) == told
 
 
+def test_a_figure_is_converted_to_the_unit_in_which_it_is_displayed() -> None:
+    assert Figure("a", 0.00948, "N m", shown="mN m").text(0.00948) == "9.48"
+    with pytest.raises(KeyError, match="furlong"):
+        Figure("a", 1.0, "m", shown="furlong").text(1.0)
+
+
 def test_tolerances_are_told() -> None:
     assert (
         Figure("a", 0.0, "m", shown="mm", lower=0.14739, upper=0.15001).allowed == "148.7 +- 1.31"
@@ -81,6 +87,20 @@ def test_a_calibrated_robot_is_verified_without_naming_its_arm(tmp_path: Path) -
     assert found.parts[0].command.endswith(f"--arm psm --calibration {file}")
     assert found.missed == ()
     assert any("another robot" in note for part in found.parts for note in part.notes)
+
+
+def test_the_summary_counts_figures_without_a_tolerance_apart() -> None:
+    stated, met = Figure("speed", 0.37, "", paper_simulation=0.47), Figure("gap", 0.1, "m", 0.5)
+
+    def verified(*figures: Figure) -> Verification:
+        return Verification((Part("closure", "psm", "Closure: loops", figures, "trocar verify"),))
+
+    assert verified(met, stated).summary == (
+        "1 of 1 figures with a tolerance are within it; 1 more have none."
+    )
+    assert verified(met).summary == "1 of 1 figures with a tolerance are within it."
+    assert verified(stated).summary == "No figure has a tolerance; 1 are stated without."
+    assert [verified(*f).met for f in ((met, stated), (stated,))] == [True, None]
 
 
 def test_bad_input_is_refused(tmp_path: Path) -> None:
@@ -110,7 +130,7 @@ def test_the_report_is_one_page_that_asks_nobody_for_anything(
     assert "<script" not in page and "@import" not in page
     for part in found.parts:
         assert part.command in page
-    for text in ("-516.11", "-518.60", "148.7", "mrad", "figures are within tolerance"):
+    for text in ("-516.11", "-518.60", "148.7", "mrad", found.summary):
         assert text in page
 
 
@@ -121,7 +141,7 @@ def test_a_figure_out_of_tolerance_stands_at_the_head_of_the_page(tmp_path: Path
     file = write_report(tmp_path, Verification((part,)))
     page = Path(file).read_text(encoding="utf-8")
     assert "Out of tolerance:</p><ul><li>loop gap &lt;here&gt;</li>" in page
-    assert "0 of 1 figures are within tolerance" in page
+    assert "0 of 1 figures with a tolerance are within it." in page
 
 
 def test_a_report_goes_into_a_folder_only(tmp_path: Path) -> None:

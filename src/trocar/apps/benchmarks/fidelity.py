@@ -216,12 +216,14 @@ def tracking() -> Iterator[Figure]:
             inertia = apparent_inertias(described, sine.start[arm])
             swing = amplitudes(described) * (2.0 * np.pi * FREQUENCY_HZ) ** 2 / np.sqrt(2.0)
             for index, (joint, rms) in enumerate(joints.items()):
+                if not swing[index]:
+                    continue  # the jaw rests, whatever its servo does
                 slides = described.joints[index].kind == "prismatic"
                 unit, limit = ("mm", 0.15) if slides else ("mrad", 5.0)
                 bounded = limit if friction == "paper" else None
                 label = f"tracking of {joint}, {friction} friction"
                 yield Figure(label, 1e3 * rms, unit, bounded)
-                if friction == "paper" and joint != "jaw":
+                if friction == "paper":
                     gain = world.arms[arm].gains(joint)[0]
                     share = 1e3 * inertia[index] * swing[index] / gain
                     yield Figure(f"  of which inertia explains (M q'' / P) in {joint}", share, unit)

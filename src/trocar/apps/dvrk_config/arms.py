@@ -138,9 +138,7 @@ SI_GAINS = {
 
 Point = tuple[float, float, float]
 
-STAND_IN = (
-    "a stand-in: masses and shapes of this arm are not published, so these are our own choice"
-)
+STAND_IN = "a stand-in: trocar has no masses and shapes of this arm; these are our own choice"
 #: Of a PSM or ECM at q = 0, in its remote centre's frame (z up, the base towards -y): body's frame,
 #: ends and radius of each capsule, mass [m, kg].
 STAND_IN_ARM: tuple[tuple[str, tuple[tuple[Point, Point, float], ...], float], ...] = (
@@ -203,6 +201,7 @@ def arm_entry(arm: LabArm, tool: str, files: Files) -> dict[str, Any]:
     """
     own = _own_name(arm)
     found, changed = document("arms", own), False
+    found.pop("erratum", None)  # of the source of trocar's arm
     base = known(own, "none" if arm.type == "PSM" else None)
     source = f"{Path(arm.file).name}, imported"
     rows = () if arm.chain is None else arm.chain.rows
@@ -336,7 +335,7 @@ def _add_bodies(found: Document, base: ArmDescription, arm: LabArm) -> None:
         }
     }
     found["missing"] = [
-        {"what": "masses, inertias, shapes, friction", "why": "not published; stand-ins"}
+        {"what": "masses, inertias, shapes, friction", "why": "trocar has none; stand-ins"}
     ]
 
 

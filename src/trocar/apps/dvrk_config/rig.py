@@ -37,7 +37,7 @@ BESIDE_CART = np.array([-1.2, -0.8, 0.0])
 #: Stand-in for the cart of setup joints that are not the Classic's.
 COLUMN = {
     "name": "column",
-    "source": "a stand-in: the cart that carries these setup joints is not published",
+    "source": "a stand-in: trocar has no model of the cart that carries these setup joints",
     "shape": [
         {"kind": "box", "center_m": z, "size_m": size, "round_m": 0.04, "material": look,
          "collide": False}
@@ -124,7 +124,8 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
     if files.stand_ins:
         names = ", ".join(dict.fromkeys(files.stand_ins))
         files.notes.append(
-            f"{names}: masses and shapes are not published; placeholders without collision are used"
+            f"{names}: trocar has no masses and shapes of these arms; placeholders without"
+            " collision are used"
         )
     notes = tuple(dict.fromkeys((*lab.notes, *files.notes)))
     return Imported(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)

@@ -51,10 +51,10 @@ def write_samples(folder: Path) -> dict[str, str]:
     shutil.copyfile(here / "pointer.urdf", folder / "pointer.urdf")
     shutil.copytree(here / "lab", folder / "lab", dirs_exist_ok=True)
     return {
-        "psm_log.csv.gz": "log of a PSM: positions, velocities, efforts",
-        "psm.bag": "rosbag of the same motion, of arm PSM1",
+        "psm_log.csv.gz": "log of a simulated PSM: positions, velocities, efforts",
+        "psm.bag": "rosbag of the same simulated motion, of arm PSM1",
         "pointer.urdf": "URDF of a robot with two joints",
-        "lab/system-lab.json": "a lab's dVRK configuration, with the files that it names",
+        "lab/system-lab.json": "example of a lab's dVRK configuration, with its other files",
     }
 
 

@@ -240,12 +240,11 @@ def _body(found: Verification) -> str:
 
 
 def _head(found: Verification) -> Iterator[str]:
-    within = found.judged - len(found.missed)
-    kind = "bad" if found.missed else "good"
+    kind = {None: "quiet", True: "good", False: "bad"}[found.met]
     arms = ", ".join(dict.fromkeys(part.arm for part in found.parts if part.arm))
     yield f"<h1>Verification of the simulation: {pages.text(arms or 'speed')}</h1>"
     yield (
-        f'<p><span class="{kind}">{within} of {found.judged} figures are within tolerance.</span>'
+        f'<p><span class="{kind}">{found.summary}</span>'
         " Each experiment is the closed-loop paper's, repeated on the simulation; its figures stand"
         " beside ours.</p>"
     )

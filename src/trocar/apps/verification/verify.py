@@ -46,6 +46,25 @@ class Verification:
         """How many figures have a tolerance."""
         return sum(f.met is not None for part in self.parts for f in part.figures)
 
+    @property
+    def stated(self) -> int:
+        """How many figures have no tolerance."""
+        return sum(f.met is None for part in self.parts for f in part.figures)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether every figure with a tolerance is within it; None if none has one."""
+        return None if not self.judged else not self.missed
+
+    @property
+    def summary(self) -> str:
+        """The counts as a sentence."""
+        if not self.judged:
+            return f"No figure has a tolerance; {self.stated} are stated without."
+        within = self.judged - len(self.missed)
+        counted = f"{within} of {self.judged} figures with a tolerance are within it"
+        return f"{counted}; {self.stated} more have none." if self.stated else f"{counted}."
+
 
 def verify(
     arms: Sequence[str | Path] = (),

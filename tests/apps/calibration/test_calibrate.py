@@ -59,18 +59,15 @@ def found_of(name: str, seed: int) -> Calibration:
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])
-def test_rounding_of_exact_tracks_changes_neither_verdicts_nor_what_home_is_known_to(
-    name: str,
-) -> None:
+def test_rounding_of_exact_tracks_changes_no_verdict(name: str) -> None:
     made, rng = simulated(name, 3), np.random.default_rng(0)
     rounded = {b: T * (1.0 + 1e-15 * rng.normal(size=T.shape)) for b, T in made.poses.items()}
     one, two = found_of(name, 3), calibrate(tracks_of(made, poses=rounded), nominal(name))
     assert (one.warnings, one.refined.settled) == (two.warnings, two.refined.settled) == ((), True)
     for label, fit in one.axes.fits.items():
         assert (fit.used == two.axes.fits[label].used).all()
-    # The arm creeps at the end of its rest, by far more than rounding.
-    for label, beta in one.betas.items():
-        assert two.betas[label].sigma == pytest.approx(beta.sigma, rel=1e-6)
+    # Were it not 1, it would widen what a creep before the sweep leaves of home.
+    assert one.axes.widened == two.axes.widened == 1.0
 
 
 @pytest.mark.parametrize(("name", "seed"), [("psm", 1), ("psm", 2), ("ecm", 3)])

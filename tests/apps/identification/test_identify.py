@@ -122,6 +122,18 @@ def test_rounding_does_not_choose_the_base_parameters(found: object) -> None:
     assert base.names[0] == result.model.names[1] == "yaw.hx"
 
 
+def test_an_arm_at_rest_has_no_coulomb_friction_whatever_rounding_leaves_of_its_velocity() -> None:
+    arm = load_arm("mtml")
+    q = np.tile(arm.poses["home"], (20, 1))
+    still = JointMotion(q, np.zeros_like(q), np.zeros_like(q))
+    rounded = replace(still, qd=1e-17 * np.random.default_rng(0).normal(size=q.shape))
+    np.testing.assert_allclose(
+        predicted_efforts(arm, trains("mtml"), rounded),
+        predicted_efforts(arm, trains("mtml"), still),
+        atol=1e-12,
+    )
+
+
 def test_identified_bodies_are_possible(found: object) -> None:
     _, result = found  # type: ignore[misc]
     for k, frame in enumerate(result.model.frames):

@@ -63,7 +63,8 @@ def test_offsets_are_found_but_for_those_that_nothing_shows(tmp_path: Path, boar
 def test_rounding_does_not_decide_which_offsets_are_undetermined(
     tmp_path: Path, arm: str, boards: bool
 ) -> None:
-    path, settings = tmp_path / "touches.toml", TouchSettings(boards=boards, count=30, **EXACT)
+    path = tmp_path / "touches.toml"
+    settings = TouchSettings(boards=boards, count=30, noise_m=0.0, noise_rad=0.0)
     write_touches(path, {"A": (arm, load_arm(arm))}, settings)
     mine = read_touches(path)["A"]
     open_offsets = register({"A": mine})["A"].undetermined
@@ -79,7 +80,7 @@ def test_rounding_does_not_decide_which_offsets_are_undetermined(
 def test_a_reading_that_misses_by_less_than_encoders_resolve_is_not_pointed_out(
     tmp_path: Path,
 ) -> None:
-    path, settings = tmp_path / "touches.toml", TouchSettings(count=40, **EXACT)
+    path, settings = tmp_path / "touches.toml", TouchSettings(count=40, noise_m=0.0, noise_rad=0.0)
     write_touches(path, {"A": ("psm", load_arm("psm"))}, settings)
     mine = read_touches(path)["A"]
     q = mine.q.copy()

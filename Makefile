@@ -45,6 +45,10 @@ OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -m "slow and not browser" -n $(JO
 	--dist worksteal --durations=10 $(ARGS) || [ $$? = 5 ]
 endef
 
+# Kernels of OpenBLAS for three generations of processors, which round otherwise, each behind the
+# instructions that it needs: OpenBLAS does not look, and a processor without them ends the process.
+KERNELS := sse4_2:Nehalem avx2:Haswell avx512vl:SkylakeX
+
 # pip's own output is hundreds of lines, and silence for a minute looks like a hang.
 define pip
 @{ $(1)/bin/python -m pip install --progress-bar off $(2); echo "status $$?"; } | \
@@ -60,7 +64,7 @@ define install
 $(call pip,$(1),--constraint constraints.txt --build-constraint constraints.txt --editable '.$(2)')
 endef
 
-.PHONY: help venv run quick test slow check skipped lint bench speed attack cad docs hashes licences ros1-venv clean
+.PHONY: help venv run quick test slow kernels check skipped lint bench speed attack cad docs hashes licences ros1-venv clean
 
 help: ## say what can be made
 	@sed -n 's/^\([a-z0-9-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 18
@@ -85,6 +89,15 @@ test: .venv/.ready-test ## run all tests but the slow ones (browser tests where 
 
 slow: .venv/.ready-test ## run the slow tests
 	$(slow)
+
+kernels: .venv/.ready-test ## run the tests of fits as other x86-64 processors round
+	@for kernel in $(KERNELS); do needs=$${kernel%:*} name=$${kernel#*:}; \
+		grep -qsw "$$needs" /proc/cpuinfo || { echo "skips $$name: no $$needs here"; continue; }; \
+		echo "OPENBLAS_CORETYPE=$$name"; \
+		OPENBLAS_CORETYPE=$$name OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q \
+			-m "not browser and not slow" -n $(JOBS) --dist worksteal \
+			tests/fitting tests/apps/calibration tests/apps/identification $(ARGS) || exit; \
+	done
 
 check: lint ## format, lint, types, then all tests, the slow ones and the wheel's among them
 	$(tests)

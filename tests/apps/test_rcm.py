@@ -72,6 +72,14 @@ def test_the_cloud_lies_about_the_centre_and_covers_the_sweep(noisy):
     assert np.mean(np.square(away) / np.square(expected)) == pytest.approx(1.0, abs=0.5)
 
 
+def test_rounding_does_not_move_samples_to_another_cell_of_the_cloud(exact):
+    arm, simulated = exact
+    tracks, rng = told(simulated), np.random.default_rng(0)
+    again = {b: T * (1.0 + 1e-15 * rng.normal(size=T.shape)) for b, T in tracks.poses.items()}
+    one, two = find_rcm(tracks, arm), find_rcm(replace(tracks, poses=again), arm)
+    assert [point.samples for point in one.cloud] == [point.samples for point in two.cloud]
+
+
 def test_rms_is_what_noise_alone_gives_and_the_errors_are_within_their_sigmas(noisy):
     arm, simulated = noisy
     report = find_rcm(told(simulated), arm)

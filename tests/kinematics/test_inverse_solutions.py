@@ -31,6 +31,23 @@ def test_nearness_counts_in_shares_of_each_joint_s_range():
     assert s.nearest_first(both, LIMITS, None)[0].tolist() == [0.0, 0.02]
 
 
+@pytest.mark.parametrize("rounding", [-1e-15, 0.0, 1e-15])
+def test_of_solutions_equally_near_the_larger_comes_first(rounding):
+    both = np.array([[-np.pi - rounding, 0.1], [np.pi, 0.1]])
+    for some in (both, both[::-1]):
+        assert s.nearest_first(some, LIMITS, None)[0, 0] == np.pi
+    assert s.nearest_turn(np.pi + rounding, 0.0, (-4.5, 4.5)) == pytest.approx(np.pi)
+    assert s.nearest_turn(-np.pi + rounding, 0.0, (-4.5, 4.5)) == pytest.approx(np.pi)
+
+
+@pytest.mark.parametrize("rounding", [-1e-15, 0.0, 1e-15])
+def test_a_joint_as_far_from_either_limit_is_reported_from_the_upper(rounding):
+    narrow = s.joint_range(("turn",), (False,), [-1.0], [1.0])
+    for q in (np.pi, -np.pi):
+        error = s.out_of_limits(np.array([[q + rounding]]), narrow)
+        assert "upper limit" in str(error)
+
+
 def test_a_joint_without_range_does_not_spoil_the_order():
     held = s.joint_range(("turn", "held"), (False, False), [-4, 1], [4, 1])
     assert s.nearest_first(np.array([[2.0, 1], [1.0, 1]]), held, [0, 0])[0].tolist() == [1, 1]

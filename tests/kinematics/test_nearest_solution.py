@@ -31,6 +31,21 @@ def test_the_nearest_solution_is_the_first_of_all(name, rng, random_positions):
         np.testing.assert_allclose(found, expected, atol=1e-11)
 
 
+@pytest.mark.parametrize("pitch", [0.0, 0.3, np.pi / 4])
+def test_rounding_does_not_decide_between_solutions_that_are_equally_near(pitch):
+    arm = load_rig(RIG).arm("PSM1").arm
+    at = chain_pose(arm.mechanism)(np.array([0.0, pitch, 0.1, np.pi, 0.0, 0.0, 0.0]))
+    rng, middle = np.random.default_rng(0), np.zeros(6)
+    for _ in range(10):
+        again = at.copy()
+        again[:3] += 1e-16 * rng.normal(size=(3, 4))
+        for found in (
+            inverse_kinematics(arm.mechanism, arm.inverse_kinematics, again)[0],
+            nearest_solution(arm.mechanism, arm.inverse_kinematics, again, middle),
+        ):
+            np.testing.assert_allclose(found, [0.0, pitch, 0.1, np.pi, 0.0, 0.0], atol=1e-9)
+
+
 def test_a_pose_out_of_reach_is_rejected_with_the_reason():
     arm = load_rig(RIG).arm("PSM1").arm
     far = chain_pose(arm.mechanism)(np.array([0.1, 0.1, 0.24, 0, 0, 0, 0]))

@@ -471,7 +471,8 @@ def _result(
     position, rotation = noise(found, used, slides)
     _, inverse_matrix = linear.step(used)
     effect: Array = -np.einsum("kij,ki->kj", linear.C, linear.r) @ inverse_matrix * used[:, None]
-    widened = widening(_spread(effect, tracked, 0.0))
+    left = _root_mean_square(found.shift[used]), _root_mean_square(found.eps[used])
+    widened = widening(_spread(effect, tracked, 0.0), left)
     influence_a, influence_b = _influences(model, widened * effect)
     mean = abs(complex(np.mean(np.exp(1j * model.theta[used]))))
     return HingeFit(
@@ -483,8 +484,8 @@ def _result(
         used=_spread(used, tracked, False),
         span=float(np.ptp(model.theta[used])),
         condition=(1.0 + mean) / max(1.0 - mean, np.finfo(float).tiny),
-        residual_position=_root_mean_square(found.shift[used]),
-        residual_rotation=_root_mean_square(found.eps[used]),
+        residual_position=left[0],
+        residual_rotation=left[1],
         position_sigma=position,
         rotation_sigma=rotation,
         influence_a=_spread(influence_a, tracked, 0.0),
@@ -532,7 +533,8 @@ def moved_fit(
     model = HingeModel(fit.before, fit.after, angles).moved(influence.sum(axis=0), 0.0 * angles)
     found = residuals(model, T_ab[fit.used], sigmas[1])
     turn = normal(model, found, sigmas, fit.slides).turn
-    widened = widening(influence)
+    left = _root_mean_square(found.shift), _root_mean_square(found.eps)
+    widened = widening(influence, left)
     influence_a, influence_b = _influences(model, widened * influence)
     return replace(
         fit,

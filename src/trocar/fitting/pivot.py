@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError, UndeterminedError
-from trocar.fitting.robust import near, not_gross, shared_point, widening
+from trocar.fitting.robust import ROUNDED, near, not_gross, shared_point, widening
 from trocar.geometry.rotations import (
     matrix_from_rotation_vector,
     nearest_rotation,
@@ -50,8 +50,6 @@ _STEPS = 6
 _MOVING, _FEW = 1.15, 6.0
 # Source: our choice; more poses than this away from the rest are no gross outliers.
 _MOST_OUTLIERS = 0.1
-# Source: our choice; what a file's last digit makes of a body at rest [m], [rad].
-_ROUNDED = (2e-6, 4e-6)
 # Source: median of |x| of a normal variable with unit deviation.
 _MEDIAN_OF_ABSOLUTE = 0.6744897501960817
 # Source: root of the sum of squares of 1, -3, 3, -1.
@@ -224,7 +222,7 @@ def rest_pose(T_ca: ArrayLike) -> RestPose | None:
     away_R, away_p = away_R[used], away_p[used]
     spread = float(away_p.std(axis=0).max()), float(away_R.std(axis=0).max())
     factor = _MOVING + _FEW / float(np.sqrt(used.sum()))
-    for got, noise, least in zip(spread, (position_noise, rotation_noise), _ROUNDED, strict=True):
+    for got, noise, least in zip(spread, (position_noise, rotation_noise), ROUNDED, strict=True):
         if got > max(factor * noise, least):
             return None
     pose = transform(R @ matrix_from_rotation_vector(away_R.mean(axis=0)), p + away_p.mean(axis=0))
@@ -380,18 +378,19 @@ def _result(x: Array, T: Array, linear: tuple[Array, Array], used: Mask, tracked
     effect = -np.einsum("kij,ki->kj", C, r) @ np.linalg.inv(flat.T @ flat) * used[:, None]
     influence = np.zeros((len(R), 6))
     influence[tracked] = effect
-    widened = widening(influence)
-    influence *= widened
     chosen = np.zeros(len(R), dtype=bool)
     chosen[tracked] = used
     points = R @ x[:3] + p
     rms_axes = np.sqrt(np.mean((points[chosen] - x[3:]) ** 2, axis=0))
+    rms = float(np.linalg.norm(rms_axes))
+    widened = widening(influence, (rms, 0.0))
+    influence *= widened
     sigma = np.sqrt(np.sum(influence**2, axis=0))
     return PivotFit(
         tip=x[:3],
         post=x[3:],
         rms_axes=rms_axes,
-        rms=float(np.linalg.norm(rms_axes)),
+        rms=rms,
         condition=_condition(R[chosen]),
         sigma_tip=sigma[:3],
         sigma_post=sigma[3:],

@@ -168,6 +168,9 @@ def _reweighted(residual: Array, round_: int, least: float = _ROUNDING) -> Array
     return 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
 
 
+#: What is left of a fit below this is rounding, which follows the motion and says nothing of noise.
+#: Source: the last digit of a file with six decimals, a tenth of what cameras resolve. [m], [rad]
+ROUNDED = (2e-6, 4e-6)
 #: Neighbouring samples that the test of whiteness compares. Source: our choice.
 NEIGHBOURS = 10
 #: Residuals are not white where their correlation is off by so many of its standard deviations.
@@ -178,13 +181,17 @@ SIGNIFICANT = 4.0
 LONGEST = 0.25
 
 
-def widening(influence: Array) -> float:
+def widening(influence: Array, left: tuple[float, float] = (np.inf, np.inf)) -> float:
     """Return the factor by which correlation in time widens standard deviations, 1 if it is white.
 
     Args:
         influence: what each sample contributes to k estimates, in order of time, (n, k); zeros
             where a sample was not used
+        left: root mean square of the residuals, position [m] and rotation [rad]; white where
+            neither exceeds `ROUNDED`
     """
+    if left[0] <= ROUNDED[0] and left[1] <= ROUNDED[1]:
+        return 1.0
     count = int(np.any(influence != 0.0, axis=1).sum())
     squares = np.sum(influence**2, axis=0)
     known = squares > 0.0

@@ -86,7 +86,9 @@ def fit_slide(T_ab: ArrayLike) -> SlideFit:
     each[:, 3:6] = across / count
     each[:, 6:] = (eps - turn) / count
     influence[tracked] = each * used[:, None]
-    widened = widening(influence)
+    residual_position = float(np.linalg.norm(across[used]) / np.sqrt(count))
+    residual_rotation = float(np.linalg.norm(eps[used]) / np.sqrt(count))
+    widened = widening(influence, (residual_position, residual_rotation))
     positions = np.full(len(T), np.nan)
     positions[tracked] = np.where(used, along, np.nan)
     kept = np.zeros(len(T), dtype=bool)
@@ -99,8 +101,8 @@ def fit_slide(T_ab: ArrayLike) -> SlideFit:
         positions=positions,
         used=kept,
         span=float(np.ptp(along[used])),
-        residual_position=float(np.linalg.norm(across[used]) / np.sqrt(count)),
-        residual_rotation=float(np.linalg.norm(eps[used]) / np.sqrt(count)),
+        residual_position=residual_position,
+        residual_rotation=residual_rotation,
         influence_a=widened * influence,
         outliers=len(used) - count,
         widened=widened,

@@ -94,13 +94,16 @@ def fit_wander(
     square = np.block([[np.eye(3), -mean.T], [-mean, np.eye(3)]])
     pulled = np.concatenate([np.einsum("kji,kj->ki", R, in_base), -in_base], axis=1)
     effect = -(pulled / count) @ np.linalg.inv(square)
-    widened = widening(effect)
+    left = float(np.linalg.norm(noise)) / float(np.sqrt(count))
+    widened = widening(effect, (left, 0.0))
     sigma = widened * np.sqrt(np.sum(effect**2, axis=0))
     smoothed = np.tensordot(weights, back[:, :3, :3] @ R, 1)  # the body's rotations there
     of_curve = np.einsum("gij,kj->kgi", smoothed, effect[:, :3]) - effect[:, None, 3:]
     of_curve += weights.T[:, :, None] * noise[:, None, :]
     flat = of_curve.reshape(count, -1)
-    curve_sigma = widening(flat) * np.sqrt(np.sum(flat**2, axis=0)).reshape(len(places), 3)
+    curve_sigma = widening(flat, (left, 0.0)) * np.sqrt(np.sum(flat**2, axis=0)).reshape(
+        len(places), 3
+    )
     if rest is not None:
         across = post @ post - post**2
         more = rest.position_sigma**2 + rest.rotation_sigma**2 * across
@@ -122,7 +125,6 @@ def fit_wander(
         influence=influence,
         widened=widened,
     )
-    left = float(np.linalg.norm(noise)) / float(np.sqrt(count))
     return WanderFit(found, left, places, weights @ centres - post, curve_sigma)
 
 

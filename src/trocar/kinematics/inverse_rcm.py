@@ -33,6 +33,7 @@ from trocar.kinematics.solutions import (
     Limits,
     inside,
     joint_range,
+    nearer,
     nearest_first,
     nearest_turn,
     out_of_limits,
@@ -233,7 +234,8 @@ def nearest_rcm_arm(
                 far = 0.0
                 for a, b, (low, high) in zip(q, seed, limits, strict=True):
                     far += ((a - b) / (high - low)) ** 2
-                if far < best:
+                far = sqrt(far)
+                if found is None or nearer(far, q, best, found):
                     best, found = far, q
     return found
 
@@ -394,7 +396,8 @@ def nearest_rcm_scope(
         far = 0.0
         for a, b, (low, high) in zip(q, seed, limits, strict=True):
             far += ((a - b) / (high - low)) ** 2
-        if far < best:
+        far = sqrt(far)
+        if found is None or nearer(far, q, best, found):
             best, found = far, q
     return found
 

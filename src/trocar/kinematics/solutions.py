@@ -22,7 +22,10 @@ TURN = 2.0 * np.pi
 
 # Source: our choice. A pose made at a limit comes back beyond it by rounding (1e-15, more near
 # singular poses); this much is taken for the limit, and moves a tip at 0.5 m by 5e-10 m at most.
+# Solutions whose distances from a seed differ by less are equally near.
 LIMIT_TOLERANCE = 1e-9
+# The decimals that this leaves.
+DECIMALS = 9
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,9 @@ def nearest_first(solutions: Array, joints: JointRange, seed: ArrayLike | None) 
     """Sort solutions by distance from a seed, and drop those that are there twice.
 
     The distance is sqrt(sum_i ((q_i - seed_i) / (upper_i - lower_i))^2): each joint's difference is
-    measured in shares of its own range, so radians and metres weigh alike.
+    measured in shares of its own range, so radians and metres weigh alike. Of solutions that are
+    equally near, as half a turn either way is, that comes first which is larger in the first joint
+    in which they differ.
 
     Args:
         solutions: (k, n) [rad or m]
@@ -141,16 +146,32 @@ def nearest_first(solutions: Array, joints: JointRange, seed: ArrayLike | None) 
     """
     start = seed_or_middle(joints, seed)
     distance = np.linalg.norm((solutions - start) / _scale(joints), axis=-1)
-    ordered = solutions[np.argsort(distance, kind="stable")]
+    keys = np.round(np.column_stack([distance, -solutions]), DECIMALS)
+    ordered = solutions[np.lexsort(keys.T[::-1])]
     gaps = np.abs(ordered[:, None] - ordered[None, :]).max(axis=-1, initial=0.0)
     repeated = np.tril(gaps < LIMIT_TOLERANCE, k=-1).any(axis=-1)
     return ordered[~repeated]
 
 
+def nearer(far: float, q: Sequence[float], best: float, found: Sequence[float]) -> bool:
+    """Return whether q, so far from a seed, comes before a solution in `nearest_first`.
+
+    Args:
+        far, best: distances of both, as of `nearest_first`
+        q, found: both, (n,) [rad or m]
+    """
+    if abs(far - best) > LIMIT_TOLERANCE:
+        return far < best
+    return [round(a, DECIMALS) for a in q] > [round(b, DECIMALS) for b in found]
+
+
 def nearest_turn(q: float, seed: float, limits: tuple[float, float]) -> float | None:
-    """Return q plus the whole turns that bring it nearest to a seed inside limits, or None."""
+    """Return q plus the whole turns that bring it nearest to a seed inside limits, or None.
+
+    Half a turn from the seed, the larger of both.
+    """
     low, high = limits
-    q += TURN * floor((seed - q) / TURN + 0.5)
+    q += TURN * floor((seed - q + LIMIT_TOLERANCE) / TURN + 0.5)
     if q > high + LIMIT_TOLERANCE:
         q -= TURN
     elif q < low - LIMIT_TOLERANCE:
@@ -172,7 +193,7 @@ def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:
     """
     near = _unwound(candidates, joints)
     beyond = _excess(near, joints)
-    best = int(np.argmin((beyond / _scale(joints)).max(axis=-1)))
+    best = int(np.argmin(np.round((beyond / _scale(joints)).max(axis=-1), DECIMALS)))
     parts: list[str] = []
     excess: dict[str, float] = {}
     for i in np.flatnonzero(beyond[best]):
@@ -190,7 +211,7 @@ def _unwound(candidates: Array, joints: JointRange) -> Array:
     below = np.ceil((joints.lower - LIMIT_TOLERANCE - candidates) / TURN)
     first = candidates + TURN * below
     back = (first - joints.upper > LIMIT_TOLERANCE) & (
-        joints.lower - (first - TURN) < first - joints.upper
+        joints.lower - (first - TURN) < first - joints.upper - LIMIT_TOLERANCE
     )
     return np.where(joints.slides, candidates, np.where(back, first - TURN, first))
 

@@ -121,6 +121,13 @@ def test_a_view_with_misplaced_corners_is_named(noisy: SimulatedViews) -> None:
     assert any("view 004" in text for text in warnings)
 
 
+def test_a_view_off_by_less_than_corners_are_found_is_not_named() -> None:
+    views = as_views(made(seed=1, count=8, **EXACT))
+    pixels = views.pixels.copy()
+    pixels[4] += np.random.default_rng(0).normal(scale=1e-5, size=pixels[4].shape)
+    assert calibrate_camera(replace(views, pixels=pixels), NOISE).warnings == ()
+
+
 def test_too_few_views_are_rejected(noisy: SimulatedViews) -> None:
     with pytest.raises(InputError, match="got 5 views of a board; allowed: at least 6"):
         calibrate_camera(as_views(noisy).chosen(range(5)), NOISE)

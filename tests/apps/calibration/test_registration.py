@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,36 @@ def test_offsets_are_found_but_for_those_that_nothing_shows(tmp_path: Path, boar
     for joint in ("pitch", "insertion", "roll", "wrist_pitch"):
         assert base.offsets[joint].value == pytest.approx(truth["A"]["offsets"][joint], abs=2e-5)
     assert np.abs(off(base, truth["A"])).max() < 2e-5
+
+
+@pytest.mark.parametrize("boards", [False, True])
+@pytest.mark.parametrize("arm", ["psm", "ecm"])
+def test_rounding_does_not_decide_which_offsets_are_undetermined(
+    tmp_path: Path, arm: str, boards: bool
+) -> None:
+    path = tmp_path / "touches.toml"
+    settings = TouchSettings(boards=boards, count=30, noise_m=0.0, noise_rad=0.0)
+    write_touches(path, {"A": (arm, load_arm(arm))}, settings)
+    mine = read_touches(path)["A"]
+    open_offsets = register({"A": mine})["A"].undetermined
+    assert open_offsets
+    for seed in range(2):
+        rounding = 1e-15 * np.random.default_rng(seed).normal(size=mine.q.shape)
+        again = register({"A": replace(mine, q=mine.q * (1.0 + rounding))})["A"]
+        assert again.undetermined == open_offsets
+        # Nothing is better known than what the encoders resolve, nothing worse than beforehand.
+        assert all(1e-8 < value.sigma < 0.04 for value in again.offsets.values())
+
+
+def test_a_reading_that_misses_by_less_than_encoders_resolve_is_not_pointed_out(
+    tmp_path: Path,
+) -> None:
+    path, settings = tmp_path / "touches.toml", TouchSettings(count=40, noise_m=0.0, noise_rad=0.0)
+    write_touches(path, {"A": ("psm", load_arm("psm"))}, settings)
+    mine = read_touches(path)["A"]
+    q = mine.q.copy()
+    q[7, 2] += 1e-7  # a thirteenth of a step of the insertion's encoder
+    assert register({"A": replace(mine, q=q)})["A"].warnings == ()
 
 
 @pytest.mark.slow

@@ -106,6 +106,34 @@ def test_identifiable_parameters_return_within_two_percent(found: object) -> Non
     np.testing.assert_allclose(base.values[sure], expected[sure], rtol=0.02)
 
 
+def test_rounding_does_not_choose_the_base_parameters(found: object) -> None:
+    log, result = found  # type: ignore[misc]
+    rng = np.random.default_rng(0)
+    q, qd, effort = (
+        x * (1.0 + 1e-15 * rng.normal(size=x.shape))
+        for x in (log.log.q, log.log.qd, log.log.effort)
+    )
+    again = filtered(replace(log.log, q=q, qd=qd, effort=effort), load_arm("ecm"), SETTINGS)
+    base = identify([again], load_arm("ecm"), mass_ratios=(0.1, 10.0)).base
+    assert base.names == result.base.names
+    assert base.identifiable == result.base.identifiable
+    assert base.condition == pytest.approx(result.base.condition, rel=1e-6)
+    # Bodies that move alike: the first named stands for all.
+    assert base.names[0] == result.model.names[1] == "yaw.hx"
+
+
+def test_an_arm_at_rest_has_no_coulomb_friction_whatever_rounding_leaves_of_its_velocity() -> None:
+    arm = load_arm("mtml")
+    q = np.tile(arm.poses["home"], (20, 1))
+    still = JointMotion(q, np.zeros_like(q), np.zeros_like(q))
+    rounded = replace(still, qd=1e-17 * np.random.default_rng(0).normal(size=q.shape))
+    np.testing.assert_allclose(
+        predicted_efforts(arm, trains("mtml"), rounded),
+        predicted_efforts(arm, trains("mtml"), still),
+        atol=1e-12,
+    )
+
+
 def test_identified_bodies_are_possible(found: object) -> None:
     _, result = found  # type: ignore[misc]
     for k, frame in enumerate(result.model.frames):

@@ -636,7 +636,7 @@ def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
     far = [
         f"view {name}: corners miss by {size:.2f} px, the median is {median:.2f} px"
         for name, size in zip(views.names, sizes, strict=True)
-        if size > FAR * median
+        if size > FAR * max(median, BEST_PX)
     ]
     opened = [
         f"{arm} {joint}: the views say little of its offset"

@@ -43,9 +43,8 @@ Array = NDArray[np.float64]
 _WANDERS = 1.3
 # Source: our own choice; what the pitch explains takes so much off the correlation in time.
 _EXPLAINED = 0.5
-# Source: our own choice; a file with six decimals has this much rounding. [m]
-_ROUNDING = 3e-6
-
+# Source: our own choice; a file with six decimals has this much rounding. [m], of angles [rad]
+_ROUNDING, _ROUNDED_RAD = 3e-6, 4e-6
 
 # Source: our own choice; the cloud is averaged over so many cells of each joint's sweep, of those
 # that have a few samples.
@@ -256,7 +255,8 @@ def over_cells(q: Array, points: Array) -> tuple[CloudPoint, ...]:
     if len(q) < _LEAST_IN_CELL:
         return ()
     low, width = q.min(axis=0), np.maximum(np.ptp(q, axis=0), 1e-9) / _CELLS
-    cells = np.minimum((q - low) // width, _CELLS - 1).astype(int)
+    # A joint that rests amid its sweep is on the edge of a cell.
+    cells = np.minimum((q - low + _ROUNDED_RAD) // width, _CELLS - 1).astype(int)
     number = cells[:, 0] * _CELLS + cells[:, 1]
     return tuple(
         CloudPoint(q[inside].mean(axis=0), points[inside].mean(axis=0), int(inside.sum()))

@@ -50,6 +50,10 @@ OPEN_BASE_M = 0.01
 FAR = 4.0
 #: Residuals beyond this are no noise of a pointer. Source: our own choice. [m]
 WRONG_M = 0.01
+#: Readings agree no better than a dVRK's encoders resolve: a step of a PSM's insertion, and of its
+#: yaw and pitch. With readings that agree to rounding, the rounding would decide what is
+#: undetermined. Source: the steps in descriptions/data/errors.toml. [m], [rad]
+RESOLVED_M, RESOLVED_RAD = 1.30e-6, 7.72e-6
 #: Rounds in which readings are weighted by what is left of them.
 ROUNDS = 4
 
@@ -226,7 +230,7 @@ def _base(name: str, mine: Readings) -> Base:
         f"line {mine.lines[i]} misses by {1e3 * away[i]:.2f} mm, the median is"
         f" {1e3 * np.median(away):.2f} mm"
         + (f": is the point {mine.names[i]}?" if mine.names else "")
-        for i in np.flatnonzero(away > FAR * max(float(np.median(away)), 1e-9))
+        for i in np.flatnonzero(away > FAR * max(float(np.median(away)), RESOLVED_M))
     ]
     rms = [
         float(np.sqrt(np.mean(part**2) / free)) if part.size else 0.0
@@ -280,7 +284,7 @@ def _fit(name: str, model: _Model) -> tuple[_Model, Array, Array, Array]:
         x = np.asarray(solved.x, dtype=np.float64)
         left = model.left(x).reshape(len(mine.q), -1, 3)
         scale = np.sqrt(np.mean(left**2, axis=(0, 2)) / (1.0 - model.placed / count))
-        weight = np.repeat(1.0 / np.maximum(scale, 1e-9), 3)
+        weight = np.repeat(1.0 / np.maximum(scale, [RESOLVED_M, RESOLVED_RAD][: len(scale)]), 3)
     base, tip, _ = model.at(x)
     model = replace(model, base=base, tip=tip)
     x[: model.placed] = 0.0

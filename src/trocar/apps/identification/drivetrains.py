@@ -30,6 +30,10 @@ FIRST_STOP = 0.005
 #: Stop elements with less than this ratio of a drivetrain's dry friction have none. Source: our own
 #: choice; the solver leaves 1e-7 of those that it takes to 0.
 IDLE = 1e-5
+#: A drivetrain that is slower than this rests, and its Coulomb friction has no sign: that of a
+#: filter's tail, or of joints whose motions cancel, is rounding. Source: a step of the finest of a
+#: dVRK's encoders, a PSM's insertion (descriptions/data/errors.toml), in a second. [rad/s, m/s]
+RESTS = 1.30e-6
 #: Terms that a cable's polynomial has. Source: identified on a recording of an MTM.
 CABLE_TERMS = 5
 
@@ -53,8 +57,8 @@ def basis(train: Drivetrain, weight: Array, motion: JointMotion) -> Array:
         if term == "rotor":
             columns.append(cdd)
         elif term == "coulomb":
-            rates = motion.unfiltered_rates
-            columns.append(np.sign(cd if rates is None else rates @ weight))
+            rates = cd if motion.unfiltered_rates is None else motion.unfiltered_rates @ weight
+            columns.append(np.sign(rates) * (np.abs(rates) > RESTS))
         elif term == "viscous":
             columns.append(cd)
         elif term == "offset":

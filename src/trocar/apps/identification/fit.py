@@ -61,6 +61,11 @@ RIDGE = 1e-6
 #: Parameters count as base parameters down to this ratio of the regressor's singular values, with
 #: columns scaled to length 1. Source: our own choice; measured efforts have three digits.
 RANK = 1e-4
+#: Columns whose lengths differ by less, as a ratio, are equally good pivots: the first named is
+#: taken. All have length 1 to begin with, and those of bodies that move alike stay alike, so that
+#: rounding would choose. Source: our own choice, far below the three digits of measured efforts and
+#: far above rounding.
+ALIKE = 1e-6
 #: A base parameter is identifiable if its standard error is below this ratio of its value. Source:
 #: our own choice.
 IDENTIFIABLE = 0.1
@@ -475,8 +480,11 @@ def _pivoted(
     """Return lengths of the columns, the used ones, their pivoted triangle, its order and rank."""
     length = np.linalg.norm(rows.triangle, axis=0)
     used = np.flatnonzero(length > 1e-12 * length.max())
-    found: Any = qr(rows.triangle[:, used] / length[used], mode="economic", pivoting=True)
+    preferred = 1.0 - ALIKE * np.arange(len(used))
+    scaled = rows.triangle[:, used] / length[used] * preferred
+    found: Any = qr(scaled, mode="economic", pivoting=True)
     _, triangle, order = found
+    triangle = triangle / preferred[order]
     diagonal = np.abs(np.diag(triangle))
     return length, used, triangle, order, int(np.sum(diagonal > least * diagonal[0]))
 

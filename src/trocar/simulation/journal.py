@@ -58,6 +58,7 @@ class Journal:
     Attributes:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
+        changed: whether there was a command since the world looked for its effects
         inside: how many commands are under way; those that a command gives itself make no entry
         past: commands until now, from which a recording that begins later is repeated
     """
@@ -65,6 +66,7 @@ class Journal:
     def __init__(self) -> None:
         self.period, self.time = 0, 0.0
         self.listeners: list[Listener] = []
+        self.changed = True
         self.inside = 0
         self.past = Past()
 
@@ -183,6 +185,7 @@ def command(verb: Callable[P, R]) -> Callable[P, R]:
             return verb(*args, **kwargs)
         finally:
             journal.inside -= 1
+            journal.changed = True
 
     journaled.is_command = True  # type: ignore[attr-defined]
     return journaled

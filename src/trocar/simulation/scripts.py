@@ -30,13 +30,14 @@ class Scripts:
 
     Attributes:
         running: objects whose scripts are called
+        inside: whose script is being called, "" for none
     """
 
     def __init__(self, rig: RigDescription, journal: Journal) -> None:
         self._paths = {prop.name: prop.script for prop in rig.objects if prop.script}
         self._journal = journal
         self._functions: dict[str, Callable[[Any, Any], object]] = {}
-        self._inside = ""
+        self.inside = ""
         self.running: tuple[str, ...] = ()
 
     def begin(self) -> None:
@@ -63,6 +64,7 @@ class Scripts:
             except Exception as problem:  # noqa: BLE001  it is code of others; the rest goes on
                 text = f"{script_error(self._paths[name], problem)}; {name} is scripted no longer"
                 self.running = tuple(other for other in self.running if other != name)
+                self._journal.changed = True
                 log.warning("%s", text)
                 self._journal.event(name, "error", text=text)
 
@@ -72,17 +74,17 @@ class Scripts:
         Raises:
             InputError: a script is being called
         """
-        if self._inside:
+        if self.inside:
             raise InputError(
-                f"{verb}: got a call by the script of {self._inside}; allowed: outside"
+                f"{verb}: got a call by the script of {self.inside}; allowed: outside"
             )
 
     @contextmanager
     def _called(self, name: str) -> Iterator[None]:
-        self._inside = name
+        self.inside = name
         self._journal.inside += 1
         try:
             yield
         finally:
-            self._inside = ""
+            self.inside = ""
             self._journal.inside -= 1

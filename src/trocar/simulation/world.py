@@ -6,6 +6,7 @@ import copy
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -51,6 +52,7 @@ from trocar.simulation.records import (
     TrueState,
     WorldSample,
 )
+from trocar.simulation.schedule import Act, Entry, Schedule
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
@@ -66,8 +68,8 @@ Array = NDArray[np.float64]
 #: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
 #: servos answer with 0.2 mrad. [s]
 GRAVITY_PERIOD_S = 0.02
-#: Set-points of moves are renewed this often, in physics steps. Source: our own choice.
-SETPOINT_STEPS = 1
+#: Physics steps between two calls of observers where there are none.
+MOST_STEPS = 1 << 30
 #: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
 #: overlays are kept whole.
 APART = ("self", "rig", "calibration")
@@ -231,11 +233,6 @@ class World:
         self._wire()
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        #: Forces from outside the servos are renewed each so many steps, counted from a reset, so
-        #: that motion does not depend on how many steps each call of `step` takes.
-        load = max(1, round(LOAD_PERIOD_S / self.timestep))
-        self._gravity_renewal = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
-        self._renewal = load if self._load.size > 0.0 else self._gravity_renewal
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
         self._rng: np.random.Generator | None = None
@@ -245,7 +242,7 @@ class World:
         self.past = self._journal.past
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
-        self._stride = self._renewal
+        self._stride = MOST_STEPS
         self._drawings: dict[str, Callable[[], Drawing]] = {}
         for name, tissue in self.tissues.items():
             drawn = TissueDrawings(tissue, self._model, self._data)
@@ -324,7 +321,8 @@ class World:
 
         def set_observers(rows: list[tuple[Callable[[], object], int]]) -> None:
             self._observers = rows
-            self._stride = min((every for _, every in rows), default=self._renewal)
+            self._stride = min((every for _, every in rows), default=MOST_STEPS)
+            self.journal.changed = True
 
         set_observers([*self._observers, row])
         return lambda: set_observers([one for one in self._observers if one is not row])
@@ -358,16 +356,38 @@ class World:
             InputError: n is no whole number above 0
             DivergedError: the state is no longer finite; time, joint and last target are named
         """
-        if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
-            raise InputError(f"step: got {n!r}; allowed: a whole number above 0")
-        left = int(n)
-        while left > 0:
-            moving = [arm for arm in self.arms.values() if arm.active]
-            count = min(left, SETPOINT_STEPS) if moving else left
-            for arm in moving:
-                arm.follow(self.time + count * self.timestep)
-            self._advance(count)
-            left -= count
+        if type(n) is not int or n < 1:
+            if isinstance(n, bool) or not isinstance(n, (int, np.integer)) or n < 1:
+                raise InputError(f"step: got {n!r}; allowed: a whole number above 0")
+            n = int(n)
+        if self._scripts.inside:
+            self._scripts.check_outside("step")
+        model, data, journal, schedule = self._model, self._data, self.journal, self._schedule
+        bad, period = self._alarms, journal.period
+        end = period + n
+        while period < end:
+            if journal.changed:
+                self._attend()
+            if self._moving:
+                self._follow()
+            if schedule.due:
+                schedule.begin()
+            for act in self._acts:
+                act()
+            run = end - period
+            if run > 1:
+                run = min(run, schedule.next - period, self._longest)
+            if run > 1:  # a single step's own warning names what left the numbers
+                mujoco.mj_getState(model, data, self._before, STEPPED)
+            mujoco.mj_step(model, data, run)
+            journal.period = period = period + run
+            journal.time = data.time
+            if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
+                self._diverged(run)
+            if period == schedule.next:
+                schedule.look(period)
+            for observer, _ in self._observers:
+                observer()
 
     @command
     def play(
@@ -401,7 +421,7 @@ class World:
             if name in self.arms and not self.arms[name].motors.welded:
                 self.arms[name].check_playable()
         table = self._player.table(positions, velocities or {}, efforts or {})
-        return self._player.run(table, every, record, self._advance, self.arms)
+        return self._player.run(table, every, record, self.step, self.arms)
 
     @command
     def reset(self, seed: int | None = None, pose: str = "start") -> None:
@@ -460,6 +480,7 @@ class World:
         self.servos.write_efforts()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
+        self._go_on()
 
     def save(self) -> State:
         """Return everything that the motion from here on depends on; it can be pickled.
@@ -527,6 +548,7 @@ class World:
         for name, tissue in self.tissues.items():
             tissue.load(state.tissues[name])
         self._bad[:] = 0
+        self._go_on()
         self.past.forget("it began after a saved state was loaded")
         self.journal.event(WORLD, "state_loaded")
 
@@ -870,86 +892,63 @@ class World:
         self._grasps.attach(self.rig, model, data)
         for thread in self.threads.values():
             thread.attach(model, data)
-        self._looks = self._grasps.every if self._grasps else 0
         for tissue in self.tissues.values():
             shadows = self.frames.shadow, self._true.shadow
             tissue.attach(model, data, shadows, jaws_of(self.rig, model))
         self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
+        self._schedule = self._draw_up()
+        self._go_on()
 
-    def _advance(self, count: int) -> None:
-        """Step the physics and call observers; stop when the state is no longer finite."""
-        self._scripts.check_outside("step")
-        model, data, journal, scripts = self._model, self._data, self.journal, self._scripts
-        left, bad, stride = count, self._alarms, self._stride
-        errors, drives = self.servos.errors, self.drives
-        tissues = tuple(self.tissues.values())
-        every = min((tissue.every for tissue in tissues), default=1)
-        computed = np.count_nonzero(self.servos.computed) > 0
-        fine = errors.every if errors is not None else drives.every if drives is not None else 0
-        looks, renewal = self._looks, self._renewal
-        while left > 0:
-            since = journal.period % renewal
-            if since == 0:
-                if self._load.size > 0.0:
-                    self._load.apply()
-                if journal.period % self._gravity_renewal == 0:
-                    self._balance()
-                    self._supervise()
-            if errors is not None:
-                errors.command()
-            run = left if left < renewal - since else renewal - since
-            if looks:
-                run = min(run, looks - journal.period % looks)
-            left -= run
-            mujoco.mj_getState(model, data, self._before, STEPPED)
-            while run > 0:
-                count = run if run < stride else stride
-                if fine:
-                    count = min(count, fine - journal.period % fine)
-                if computed:
-                    self.servos.compute_torque()
-                    count = 1
-                if scripts.running:
-                    scripts.call(self)
-                if scripts.running:
-                    count = 1
-                if tissues:
-                    count = min(count, every - journal.period % every)
-                if tissues or scripts.running:
-                    mujoco.mj_getState(model, data, self._before, STEPPED)
-                if tissues:
-                    self._step_tissues(count)
-                else:
-                    mujoco.mj_step(model, data, count)
-                journal.period += count
-                journal.time = data.time
-                run -= count
-                if drives is not None and journal.period % drives.every == 0:
-                    drives.renew(data.qpos, self._springs)
-                if errors is not None and journal.period % errors.every == 0:
-                    errors.step(self.servos.true()[2], journal.period)
-                if bad[BAD_QPOS] or bad[BAD_QVEL] or bad[BAD_QACC]:
-                    self._diverged()
-                if looks and journal.period % looks == 0:
-                    self._grasps.look()
-                for tissue in tissues:
-                    if journal.period % tissue.every == 0:
-                        tissue.look()
-                for observer, _ in self._observers:
-                    observer()
+    def _go_on(self) -> None:
+        """Step on from where the journal is, whatever moves there."""
+        self._schedule.seek(self.journal.period)
+        self.journal.changed = True
 
-    def _step_tissues(self, count: int) -> None:
-        """Step the physics with the forces of soft tissue."""
-        tissues, step, model, data = (
-            (*self.tissues.values(),),
-            mujoco.mj_step,
-            self._model,
-            self._data,
-        )
-        for _ in range(count):
-            for tissue in tissues:
-                tissue.apply()
-            step(model, data)
+    def _attend(self) -> None:
+        """Find, after commands, which arms move and what acts before the next physics steps."""
+        self.journal.changed = False
+        self._moving = [arm for arm in self.arms.values() if arm.active]
+        acts: list[Act] = [tissue.apply for tissue in self.tissues.values()]
+        if self._scripts.running:
+            acts.insert(0, partial(self._scripts.call, self))
+        if np.count_nonzero(self.servos.computed):
+            acts.insert(0, self.servos.compute_torque)
+        #: Physics steps between two calls of what acts.
+        self._longest = 1 if self._moving or acts else self._stride
+        if self.servos.errors is not None:  # hands over set-points, which no step changes
+            acts.insert(0, self.servos.errors.command)
+        self._acts = acts
+
+    def _follow(self) -> None:
+        """Bring the set-points of arms that move to the end of the next physics step."""
+        time = self.time + self.timestep
+        for arm in self._moving:
+            arm.follow(time)
+            if not arm.active:
+                self.journal.changed = True
+
+    def _draw_up(self) -> Schedule:
+        """Return when the parts of this world act."""
+        load = max(1, round(LOAD_PERIOD_S / self.timestep))
+        entries = [Entry(load, self._load.apply)] if self._load.size > 0.0 else []
+        gravity = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
+        entries += [Entry(gravity, self._balance), Entry(gravity, self._supervise)]
+        drives, errors = self.drives, self.servos.errors
+        if drives is not None:
+            entries.append(
+                Entry(drives.every, look=lambda: drives.renew(self._data.qpos, self._springs))
+            )
+        if errors is not None:
+            entries.append(
+                Entry(
+                    errors.every,
+                    look=lambda: errors.step(self.servos.true()[2], self.journal.period),
+                )
+            )
+        if self._grasps:
+            entries.append(Entry(self._grasps.every, look=self._grasps.look))
+        entries += [Entry(tissue.every, look=tissue.look) for tissue in self.tissues.values()]
+        return Schedule(entries)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.
@@ -998,14 +997,15 @@ class World:
             if joints:
                 arm.fault(f"tracking error of {', '.join(joints)}")
 
-    def _diverged(self) -> None:
+    def _diverged(self, steps: int) -> None:
         """Repeat the last steps, one by one, to name what left the numbers first."""
-        mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
-        self._bad[:] = 0
-        for _ in range(self._renewal):
-            self._step_tissues(1)
-            if self._bad[list(BAD)].any():
-                break
+        if steps > 1:
+            mujoco.mj_setState(self._model, self._data, self._before, STEPPED)
+            self._bad[:] = 0
+            for _ in range(steps):
+                mujoco.mj_step(self._model, self._data)
+                if self._bad[list(BAD)].any():
+                    break
         self.journal.time = self._data.time
         kind = next((k for k in BAD if self._bad[k]), BAD_QACC)
         index = self._culprit(kind)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from trocar.descriptions import names
-from trocar.geometry import matrix_from_quaternion
 from trocar.geometry.se3 import transform
 from trocar.simulation import World
 from trocar.simulation.readout import Reader, Readout
@@ -65,8 +64,7 @@ def read_out(seen: Readout, name: str, figure: str) -> Any:
         return arm.wrench("body" if first == "body" else "spatial")
     if figure.endswith("twist"):
         return arm.twist(local=local)
-    x, y, z, a, b, c, w = arm.tip_row(setpoint=figure.endswith("setpoint"), local=local)
-    return transform(matrix_from_quaternion(np.array([w, a, b, c])), np.array([x, y, z]))
+    return arm.tip(setpoint=figure.endswith("setpoint"), local=local)
 
 
 def check(seen: Readout, expected: Mapping[str, Mapping[str, Any]], order: Any = list) -> None:

@@ -75,6 +75,21 @@ def inverse(T: ArrayLike) -> Array:
     return transform(Rt, -(Rt @ m[..., :3, 3:])[..., 0])
 
 
+def relative(T_wa: ArrayLike, T_wb: ArrayLike) -> Array:
+    """Return poses seen from others: T_ab = inverse(T_wa) @ T_wb.
+
+    Args:
+        T_wa, T_wb: (..., 4, 4)
+
+    Returns:
+        (..., 4, 4)
+    """
+    a, found = np.asarray(T_wa, dtype=np.float64), np.array(T_wb, dtype=np.float64)
+    found[..., :3, 3] -= a[..., :3, 3]
+    found[..., :3, :] = a[..., :3, :3].swapaxes(-1, -2) @ found[..., :3, :]
+    return found
+
+
 def transform_points(T: ArrayLike, p: ArrayLike) -> Array:
     """Express points in another frame: p_a = T_ab p_b.
 

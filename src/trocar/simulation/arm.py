@@ -57,6 +57,7 @@ from trocar.simulation.records import (
     ArmHealth,
     ArmSample,
     ArmSnapshot,
+    ArmStatus,
     JointState,
     Mode,
     Pose,
@@ -162,6 +163,8 @@ class Arm:
         self._lock: Array | None = None
         self._absolute = False
         self._reported: tuple[State, bool, bool] | None = None
+        self._status: ArmStatus | None = None
+        self._status_revision = -1
         #: The one jaw that is ever handed out; `jaw` is None while a tool has none.
         self._jaw = Jaw(self.name, self.journal, self.report_state)
         self._fit(rig_arm, motors, None)
@@ -1006,36 +1009,37 @@ class Arm:
         platform = float(start[PLATFORM]) if structure == GIMBAL_ARM else None
         return nearest_solution(mechanism, structure, local, start, platform_angle=platform)
 
-    def sample(self, read: tuple[Array, ...] | None = None) -> ArmSample:
+    def status(self) -> ArmStatus:
+        """Return what changes with commands and events only; the same object until then."""
+        revision = self.journal.revision
+        if self._status is None or self._status_revision != revision:
+            motors, moves = self.motors, self.control.moves
+            self._status_revision = revision
+            self._status = ArmStatus(
+                not motors.welded and motors.gravity_compensated,
+                self._states.state,
+                self._states.homed,
+                self.busy or self._homing is not None,
+                self._base,
+                self.description.tool,
+                (moves.velocity_ratio, moves.acceleration_ratio),
+                self.gripper is not None and self.gripper.closed,
+                self._lock is not None,
+                motors.brakes and np.count_nonzero(motors.locked) == len(motors.locked),
+            )
+        return self._status
+
+    def sample(self, joints: Array | None = None) -> ArmSample:
         """Return copies of what every reading of this arm is computed from.
 
         Args:
-            read: the first seven arrays of an `ArmSample`, where somebody has copied them
+            joints: of `ArmSample`, where somebody has copied them, (7, n)
         """
-        motors, moves = self.motors, self.control.moves
-        if read is None:
-            setpoint = motors.position.copy(), motors.velocity.copy(), motors.effort.copy()
-            read = *self.readings(), motors.load(), *setpoint
-        q, qd, effort, load, setpoint_q, setpoint_qd, setpoint_effort = read
-        return ArmSample(
-            q,
-            qd,
-            effort,
-            load,
-            setpoint_q,
-            setpoint_qd,
-            setpoint_effort,
-            not motors.welded and motors.gravity_compensated,
-            self._states.state,
-            self._states.homed,
-            self.busy or self._homing is not None,
-            self._base,
-            self.description.tool,
-            (moves.velocity_ratio, moves.acceleration_ratio),
-            self.gripper is not None and self.gripper.closed,
-            self._lock is not None,
-            motors.brakes and np.count_nonzero(motors.locked) == len(motors.locked),
-        )
+        if joints is None:
+            motors = self.motors
+            setpoint = motors.position, motors.velocity, motors.effort
+            joints = np.array([*self.readings(), motors.load(), *setpoint])
+        return ArmSample(self.status(), joints)
 
     # ------------------------------------------------------------------ used by the world
 

@@ -58,7 +58,7 @@ class Journal:
     Attributes:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
-        changed: whether there was a command since the world looked for its effects
+        revision: counts commands and events; nothing but motion changes between two
         inside: how many commands are under way; those that a command gives itself make no entry
         past: commands until now, from which a recording that begins later is repeated
     """
@@ -66,7 +66,7 @@ class Journal:
     def __init__(self) -> None:
         self.period, self.time = 0, 0.0
         self.listeners: list[Listener] = []
-        self.changed = True
+        self.revision = 0
         self.inside = 0
         self.past = Past()
 
@@ -82,6 +82,7 @@ class Journal:
 
     def event(self, source: str, name: str, **values: object) -> None:
         """Enter an event."""
+        self.revision += 1
         if self.listeners:
             self._send("event", source, name, {k: _copied(v) for k, v in values.items()})
 
@@ -185,7 +186,7 @@ def command(verb: Callable[P, R]) -> Callable[P, R]:
             return verb(*args, **kwargs)
         finally:
             journal.inside -= 1
-            journal.changed = True
+            journal.revision += 1
 
     journaled.is_command = True  # type: ignore[attr-defined]
     return journaled

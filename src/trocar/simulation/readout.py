@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.geometry.rotations import quaternion_from_matrix, skew
-from trocar.geometry.se3 import adjoint, inverse, transform
+from trocar.geometry.rotations import skew
+from trocar.geometry.se3 import adjoint, inverse, relative
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.jacobian import jacobian_spatial
 from trocar.modeling.build import RigModel
@@ -23,8 +24,22 @@ Array = NDArray[np.float64]
 #: Singular values of a Jacobian below this share of the largest count as 0. Source: as
 #: `Arm.measured_cf` has it.
 RANK = 1e-9
-#: From a quaternion wxyz to the order of messages.
-XYZW = [1, 2, 3, 0]
+
+
+class Views(NamedTuple):
+    """Where the public poses of arms are seen from, arm by arm.
+
+    Attributes:
+        origins: rows of the origins among the sites of `Reader.measured`, (A,) of 2 A
+        own: whether the origin is the arm's own reference frame, (A,)
+        before: poses of the origins in the frames of public poses, (A, 4, 4)
+        frames: names of these frames
+    """
+
+    origins: NDArray[np.intp]
+    own: NDArray[np.bool_]
+    before: Array
+    frames: tuple[str, ...]
 
 
 class Reader:
@@ -56,7 +71,8 @@ class Reader:
         self.columns = max((arm.arm.own_joints for arm in movers), default=0)
         self._tips = [frames.tip_view(name) for name in self.names]
         self._sites = np.array(self._tips + [frames.own_view(name) for name in self.names])
-        self._views: dict[str, tuple[NDArray[np.intp], Array, tuple[str, ...]]] = {}
+        self._views: dict[str, Views] = {}
+        self._unposed = np.tile(np.eye(4), (len(self._sites), 1, 1))
         self._turns = np.zeros((len(movers), 6, mj.nv))
         # Columns of the moving arms' joints among those of the table, one of zeros behind them.
         self._shares = np.vstack([table.share, np.zeros(mj.nv)]).T
@@ -81,13 +97,8 @@ class Reader:
         q = {name: arm.setpoint_q for name, arm in sample.arms.items()}
         return self._poses(self._frames.posed(q, self._posed))
 
-    def views(self, sample: WorldSample) -> tuple[NDArray[np.intp], Array, tuple[str, ...]]:
-        """Return where public poses are seen from, arm by arm.
-
-        Returns:
-            rows among the sites of `measured` (2 A), poses of these in the frames of public poses
-            (A, 4, 4), names of the frames
-        """
+    def views(self, sample: WorldSample) -> Views:
+        """Return where public poses are seen from."""
         if self._registration is not sample.registration:
             self._registration = sample.registration
             self._frames.register(sample.registration)
@@ -98,8 +109,9 @@ class Reader:
             each = [self._frames.view(name, sample.reference_arm) for name in self.names]
             row = {site: row for row, site in reversed([*enumerate(self._sites.tolist())])}
             origins = np.array([row[site] for site, _, _ in each], dtype=np.intp)
+            own = origins == np.arange(len(each), 2 * len(each))
             before = np.array([T for _, T, _ in each])
-            found = origins, before, tuple(frame for _, _, frame in each)
+            found = Views(origins, own, before, tuple(frame for _, _, frame in each))
             self._views[sample.reference_arm] = found
         return found
 
@@ -125,8 +137,10 @@ class Reader:
         return self._frames.shadow
 
     def _poses(self, shown: mujoco.MjData) -> Array:
-        turns = shown.site_xmat[self._sites].reshape(-1, 3, 3)
-        return transform(turns, shown.site_xpos[self._sites]).reshape(2, -1, 4, 4)
+        found = self._unposed.copy()
+        found[:, :3, :3] = shown.site_xmat.take(self._sites, axis=0).reshape(-1, 3, 3)
+        found[:, :3, 3] = shown.site_xpos.take(self._sites, axis=0)
+        return found.reshape(2, -1, 4, 4)
 
 
 class Readout:
@@ -162,41 +176,60 @@ class Readout:
     @cached_property
     def base_frames(self) -> tuple[str, ...]:
         """Names of the frames of public poses, arm by arm."""
-        frames, arms = self.reader.views(self.sample)[2], self.sample.arms
-        placed = [arms[name].base for name in self.reader.names]
-        return tuple(f if p is None else p[1] for f, p in zip(frames, placed, strict=True))
+        frames = self._views.frames
+        if not self._placed:
+            return frames
+        return tuple(self._placed.get(row, (None, frame))[1] for row, frame in enumerate(frames))
 
     @cached_property
     def bases(self) -> Array:
         """Reference frames of all arms in the frames of their public poses, (A, 4, 4)."""
-        origins, before, _ = self.reader.views(self.sample)
-        found = before @ inverse(self.sites.reshape(-1, 4, 4)[origins]) @ self.sites[1]
-        for row, name in enumerate(self.reader.names):
-            own, placed = origins[row] == row + len(origins), self.sample.arms[name].base
-            if own or placed is not None:  # what stands in itself is not rounded
-                found[row] = before[row] if placed is None else placed[0]
+        _, own, before, _ = self._views
+        found = before @ relative(self._origins, self.sites[1])
+        found[own] = before[own]  # what stands in itself is not rounded
+        for row, (T, _) in self._placed.items():
+            found[row] = T
         return found
 
     @cached_property
     def measured(self) -> Array:
         """Measured tips in the arms' own reference frames, (A, 4, 4)."""
-        return inverse(self.sites[1]) @ self.sites[0]
+        return relative(self.sites[1], self.sites[0])
+
+    @cached_property
+    def measured_public(self) -> Array:
+        """Measured tips in the frames of public poses, (A, 4, 4)."""
+        found = self._views.before @ relative(self._origins, self.sites[0])
+        for row, (T, _) in self._placed.items():
+            found[row] = T @ self.measured[row]
+        return found
 
     @cached_property
     def setpoint(self) -> Array:
         """Tips at the set-points in the arms' own reference frames, (A, 4, 4)."""
         tips, references = self.reader.setpoint(self.sample)
-        return inverse(references) @ tips
+        return relative(references, tips)
 
     @cached_property
-    def measured_rows(self) -> Array:
-        """Measured tips as x y z and a quaternion x y z w: local, then public, (2, A, 7)."""
-        return pose_rows(np.stack([self.measured, self.bases @ self.measured]))
+    def setpoint_public(self) -> Array:
+        """Tips at the set-points in the frames of public poses, (A, 4, 4)."""
+        return self.bases @ self.setpoint
 
     @cached_property
-    def setpoint_rows(self) -> Array:
-        """Tips at the set-points as `measured_rows`, (2, A, 7)."""
-        return pose_rows(np.stack([self.setpoint, self.bases @ self.setpoint]))
+    def _views(self) -> Views:
+        return self.reader.views(self.sample)
+
+    @cached_property
+    def _origins(self) -> Array:
+        """Origins of public poses in the world, (A, 4, 4)."""
+        return self.sites.reshape(-1, 4, 4).take(self._views.origins, axis=0)
+
+    @cached_property
+    def _placed(self) -> dict[int, tuple[Array, str]]:
+        """{row of an arm: its base and frame as `set_base_frame` set them}."""
+        arms = self.sample.arms
+        bases = [(row, arms[name].status.base) for row, name in enumerate(self.reader.names)]
+        return {row: base for row, base in bases if base is not None}
 
     @cached_property
     def jacobians(self) -> Array:
@@ -275,21 +308,22 @@ class ArmReadout:
     @property
     def measured(self) -> Array:
         """The tip in the frame of its public poses, (4, 4)."""
-        local = self._rig.measured[self._row] if self._prepared else self._tips[0]
-        return self.base[0] @ local
+        return self.tip(setpoint=False, local=False)
 
-    def tip_row(self, *, setpoint: bool, local: bool) -> Array:
-        """Return where the tip is: x y z and a quaternion x y z w, (7,).
+    def tip(self, *, setpoint: bool, local: bool) -> Array:
+        """Return where the tip is, (4, 4).
 
         Args:
             setpoint: at the set-points, else measured
             local: in the arm's own reference frame, else as public poses
         """
         if self._prepared:
-            rows = self._rig.setpoint_rows if setpoint else self._rig.measured_rows
-            return rows[0 if local else 1, self._row]
+            rig = self._rig
+            if setpoint:
+                return (rig.setpoint if local else rig.setpoint_public)[self._row]
+            return (rig.measured if local else rig.measured_public)[self._row]
         T = self._tips[int(setpoint)]
-        return pose_rows(T if local else self.base[0] @ T)
+        return T if local else self.base[0] @ T
 
     def jacobian(self, frame: WrenchFrame) -> Array:
         """Return J with (linear; angular) = J @ qd as `Arm.jacobian` does, (6, n)."""
@@ -328,14 +362,6 @@ class ArmReadout:
     def _jacobians(self) -> tuple[Array, Array]:
         spatial = jacobian_spatial(self.arm.mechanism, self.sample.q)
         return adjoint(inverse(self._tips[0])) @ spatial, spatial
-
-
-def pose_rows(T: Array) -> Array:
-    """Return poses (..., 4, 4) as x y z and quaternions x y z w, (..., 7)."""
-    found = np.empty((*T.shape[:-2], 7))
-    found[..., :3] = T[..., :3, 3]
-    found[..., 3:] = quaternion_from_matrix(T[..., :3, :3])[..., XYZW]
-    return found
 
 
 def _wrench(jacobian: Array, effort: Array) -> Array:

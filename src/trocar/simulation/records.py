@@ -71,13 +71,10 @@ class ArmSnapshot(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ArmSample:
-    """What an arm's readings are computed from, copied in a few microseconds.
+class ArmStatus:
+    """What of an arm changes with commands and events only, not from step to step.
 
     Attributes:
-        q, qd, effort: measured, of every joint (n,) [rad or m, per s, N m or N]
-        load: efforts that hold the links' weight, (n,) [N m or N]
-        setpoint_q, setpoint_qd, setpoint_effort: set-points, (n,)
         balanced: whether gravity compensation is on
         state, homed, busy: the operating state
         base: as `set_base_frame` set it, T (4, 4) and frame; None where the rig determines it
@@ -88,13 +85,6 @@ class ArmSample:
         brakes_locked: whether every brake is locked; False without brakes
     """
 
-    q: Array
-    qd: Array
-    effort: Array
-    load: Array
-    setpoint_q: Array
-    setpoint_qd: Array
-    setpoint_effort: Array
     balanced: bool
     state: str
     homed: bool
@@ -105,6 +95,54 @@ class ArmSample:
     closed: bool
     orientation_locked: bool
     brakes_locked: bool
+
+
+class ArmSample(NamedTuple):
+    """What an arm's readings are computed from.
+
+    Attributes:
+        status: the same object until something in it may have changed
+        joints: measured positions, velocities and efforts, efforts that hold the links' weight,
+            set-points of positions, velocities and efforts, (7, n) [rad or m, per s, N m or N]
+    """
+
+    status: ArmStatus
+    joints: Array
+
+    @property
+    def q(self) -> Array:
+        """Measured positions, (n,) [rad or m]."""
+        return self.joints[0]
+
+    @property
+    def qd(self) -> Array:
+        """Measured velocities, (n,) [rad/s or m/s]."""
+        return self.joints[1]
+
+    @property
+    def effort(self) -> Array:
+        """Measured efforts, (n,) [N m or N]."""
+        return self.joints[2]
+
+    @property
+    def load(self) -> Array:
+        """Efforts that hold the links' weight, (n,) [N m or N]."""
+        return self.joints[3]
+
+    @property
+    def setpoint_q(self) -> Array:
+        """Set-points of positions, (n,) [rad or m]."""
+        return self.joints[4]
+
+    @property
+    def setpoint_qd(self) -> Array:
+        """Set-points of velocities, (n,) [rad/s or m/s]."""
+        return self.joints[5]
+
+    @property
+    def setpoint_effort(self) -> Array:
+        """Set-points of efforts, (n,) [N m or N]."""
+        return self.joints[6]
 
 
 @dataclass(frozen=True, eq=False)

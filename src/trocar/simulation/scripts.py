@@ -64,7 +64,6 @@ class Scripts:
             except Exception as problem:  # noqa: BLE001  it is code of others; the rest goes on
                 text = f"{script_error(self._paths[name], problem)}; {name} is scripted no longer"
                 self.running = tuple(other for other in self.running if other != name)
-                self._journal.changed = True
                 log.warning("%s", text)
                 self._journal.event(name, "error", text=text)
 
@@ -75,9 +74,7 @@ class Scripts:
             InputError: a script is being called
         """
         if self.inside:
-            raise InputError(
-                f"{verb}: got a call by the script of {self.inside}; allowed: outside"
-            )
+            raise InputError(f"{verb}: got a call by the script of {self.inside}; allowed: outside")
 
     @contextmanager
     def _called(self, name: str) -> Iterator[None]:

@@ -163,9 +163,9 @@ class Servos:
             self._read_revision = self.revision
         return self._read, self._limits
 
-    def read(self) -> Array:
+    def read(self, out: Array | None = None) -> Array:
         """Return measured positions, velocities and efforts of every joint, (3, J)."""
-        return self._found(self.state())
+        return self._found(self.state(), out)
 
     def true(self) -> Array:
         """Return true positions, velocities and efforts of every joint, (3, J)."""
@@ -190,10 +190,10 @@ class Servos:
         """Return the coordinates as the encoders report them, (nq,); not to be written to."""
         return self._data.qpos if self.errors is None else self.errors.qpos()
 
-    def _found(self, state: Array) -> Array:
+    def _found(self, state: Array, out: Array | None = None) -> Array:
         read, limits = self.matrix()
         count, nq, nv = len(limits), self._model.nq, self._model.nv
-        found = np.empty((3, count))
+        found = np.empty((3, count)) if out is None else out
         q, qd, effort = found
         self.table.drive.dot(state[:nq], out=q)  # READ is zero beside these blocks
         self.table.rate.dot(state[nq : nq + nv], out=qd)

@@ -41,7 +41,6 @@ from trocar.simulation.pressing import jaws_of
 from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
-    ArmSample,
     ArmSnapshot,
     Drawing,
     Health,
@@ -322,7 +321,7 @@ class World:
         def set_observers(rows: list[tuple[Callable[[], object], int]]) -> None:
             self._observers = rows
             self._stride = min((every for _, every in rows), default=MOST_STEPS)
-            self.journal.changed = True
+            self._attended = -1
 
         set_observers([*self._observers, row])
         return lambda: set_observers([one for one in self._observers if one is not row])
@@ -366,7 +365,7 @@ class World:
         bad, period = self._alarms, journal.period
         end = period + n
         while period < end:
-            if journal.changed:
+            if journal.revision != self._attended:
                 self._attend()
             if self._moving:
                 self._follow()
@@ -759,19 +758,18 @@ class World:
 
     def sample(self) -> WorldSample:
         """Return copies of what every reading is computed from, quickly; see `Reader`."""
-        every, load = self.servos.read(), self.servos.holding.copy()
-        setpoint = self.servos.setpoint[:, :2].T.copy()
-        commanded = self.servos.commanded.copy()
-        arms: dict[str, ArmSample] = {}
-        for name, arm in self.arms.items():
-            rows = arm.motors.index.rows
-            read = None
-            if not arm.motors.welded:
-                read = (*every[:, rows], load[rows], *setpoint[:, rows], commanded[rows])
-            arms[name] = arm.sample(read)
-        errors = self.servos.errors
+        servos = self.servos
+        joints = np.empty((7, len(servos.commanded)))
+        servos.read(joints[:3])
+        joints[3], joints[4:6] = servos.holding, servos.setpoint[:, :2].T
+        joints[6] = servos.commanded
+        arms = {
+            name: arm.sample(None if arm.motors.welded else joints[:, arm.motors.index.rows])
+            for name, arm in self.arms.items()
+        }
+        errors = servos.errors
         registration = None if errors is None else errors.registration
-        qpos = self.servos.qpos().copy()
+        qpos = servos.qpos().copy()
         return WorldSample(self.time, self.model, qpos, arms, self.reference_arm, registration)
 
     def cameras(self) -> dict[str, CameraRecord]:
@@ -902,11 +900,11 @@ class World:
     def _go_on(self) -> None:
         """Step on from where the journal is, whatever moves there."""
         self._schedule.seek(self.journal.period)
-        self.journal.changed = True
+        self._attended = -1
 
     def _attend(self) -> None:
         """Find, after commands, which arms move and what acts before the next physics steps."""
-        self.journal.changed = False
+        self._attended = self.journal.revision
         self._moving = [arm for arm in self.arms.values() if arm.active]
         acts: list[Act] = [tissue.apply for tissue in self.tissues.values()]
         if self._scripts.running:
@@ -925,7 +923,7 @@ class World:
         for arm in self._moving:
             arm.follow(time)
             if not arm.active:
-                self.journal.changed = True
+                self._attended = -1
 
     def _draw_up(self) -> Schedule:
         """Return when the parts of this world act."""

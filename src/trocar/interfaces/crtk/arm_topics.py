@@ -56,7 +56,7 @@ from trocar.simulation.arm import STATE_COMMANDS
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 from trocar.simulation.moves import RATIO_MIN
 from trocar.simulation.readout import ArmReadout
-from trocar.simulation.records import ArmSample
+from trocar.simulation.records import ArmStatus
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -98,14 +98,14 @@ NOTHING = np.zeros(0)
 
 def _gravity(arm: ArmReadout, stamp: Stamp) -> Any:
     s, own = arm.sample, arm.own
-    load = s.load[own] if s.balanced else np.zeros(own.stop)
+    load = s.load[own] if s.status.balanced else np.zeros(own.stop)
     return build.joints(stamp, arm.names[own], NOTHING, NOTHING, load)
 
 
 def _tip(setpoint: bool, local: bool) -> Callable[[ArmReadout, Stamp], Any]:
     def make(arm: ArmReadout, stamp: Stamp) -> Any:
         frame = arm.own_frame if local else arm.base_frame
-        return build.row_stamped(stamp, frame, arm.tip_row(setpoint=setpoint, local=local))
+        return build.pose_stamped(stamp, frame, arm.tip(setpoint=setpoint, local=local))
 
     return make
 
@@ -127,7 +127,7 @@ def _jacobian(arm: ArmReadout, stamp: Stamp, frame: Any) -> Any:  # noqa: ARG001
     return build.matrix(arm.jacobian(frame))
 
 
-def _up(arm: ArmSample) -> dict[str, Any]:  # noqa: ARG001  as every content
+def _up(arm: ArmStatus) -> dict[str, Any]:  # noqa: ARG001  as every content
     return build.joy(0)
 
 

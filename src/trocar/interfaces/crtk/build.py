@@ -33,11 +33,7 @@ def joints(stamp: Stamp, names: Sequence[str], q: Array, v: Array, effort: Array
 
 def pose(T: Array) -> Message:
     """Return a geometry_msgs/Pose of T (4, 4)."""
-    _, _, _, x = T[0].tolist()
-    return {
-        "position": {"x": x, "y": float(T[1, 3]), "z": float(T[2, 3])},
-        "orientation": quaternion(T),
-    }
+    return {"position": vector(T[:3, 3]), "orientation": quaternion(T)}
 
 
 def quaternion(T: Array) -> Message:
@@ -67,16 +63,9 @@ def quaternion(T: Array) -> Message:
     return {"x": sign * x, "y": sign * y, "z": sign * z, "w": sign * w}
 
 
-def row_stamped(stamp: Stamp, frame_id: str, row: Array) -> Message:
-    """Return a geometry_msgs/PoseStamped of a position and a quaternion xyzw, (7,)."""
-    x, y, z, a, b, c, w = row.tolist()
-    return {
-        "header": {"stamp": stamp, "frame_id": frame_id},
-        "pose": {
-            "position": {"x": x, "y": y, "z": z},
-            "orientation": {"x": a, "y": b, "z": c, "w": w},
-        },
-    }
+def pose_stamped(stamp: Stamp, frame_id: str, T: Array) -> Message:
+    """Return a geometry_msgs/PoseStamped of T (4, 4)."""
+    return {"header": {"stamp": stamp, "frame_id": frame_id}, "pose": pose(T)}
 
 
 def transform_stamped(stamp: Stamp, parent: str, child: str, T: Array) -> Message:

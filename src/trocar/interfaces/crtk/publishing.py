@@ -14,6 +14,7 @@ from trocar.interfaces.crtk.clock import Beat, Stamp
 from trocar.interfaces.crtk.sample import Event, Figures, Sample
 from trocar.interfaces.crtk.topic import Content, Message, Topic
 from trocar.simulation.readout import Reader
+from trocar.simulation.records import ArmStatus
 
 _log = logging.getLogger("trocar")
 
@@ -53,6 +54,7 @@ class Publishing:
                 self._first.setdefault(topic.arm, []).append((topic, topic.first))
         self._content: dict[str, Message] = {}
         self._states: dict[str, tuple[str, bool, bool]] = {}
+        self._statuses: dict[str, ArmStatus] = {}
         self._complained: set[str] = set()
         self.latched: dict[str, Message] = {}
 
@@ -99,12 +101,15 @@ class Publishing:
         for event in sample.events:
             self._add(out, event, sample.stamp)
         again = self._repeat.due(sample.elapsed)
-        for name, arm in sample.arms.items():
-            before = self._prefixes[name]
+        for name, sampled in sample.arms.items():
+            before, arm = self._prefixes[name], sampled.status
             now = arm.state, arm.homed, arm.busy
             if again or self._states.get(before) != now:
                 fields: Message = {"state": arm.state, "is_homed": arm.homed, "is_busy": arm.busy}
                 self._add(out, Event(f"{before}/operating_state", fields), sample.stamp)
+            if self._statuses.get(name) is arm:
+                continue
+            self._statuses[name] = arm
             for topic, content in self._contents.get(name, ()):
                 fields = content(arm)
                 if fields != self._content.get(topic.name):

@@ -15,6 +15,7 @@ from trocar.interfaces.inbox import Command
 from trocar.interfaces.loop import Loop
 from trocar.interfaces.state import Elapsed
 from trocar.simulation.journal import Entry
+from trocar.simulation.records import ArmSample, WorldSample
 
 #: Samples that may wait to be published span this much time. Source: our own choice, longer than a
 #: hiccup of a busy machine. [s]
@@ -143,11 +144,10 @@ class Sampler:
             return
         self._repeat_states()
         passed = self._stamper.elapsed_s
-        taken = self.look(self._sample(passed))
+        due_s = None
         if elapsed.due_s is not None and not stepped:  # who steps waits for what comes of it
-            out_s = elapsed.due_s - self._beat.since(passed) + self._behind_s
-            taken = replace(taken, due_s=out_s)
-        self._samples.put(taken)
+            due_s = elapsed.due_s - self._beat.since(passed) + self._behind_s
+        self._samples.put(self.look(self._sample(passed, due_s)))
 
     def patience(self) -> int:
         """Return in how many ticks the next sample is due; 1 where a subscriber waits for it.
@@ -163,15 +163,19 @@ class Sampler:
 
     # ------------------------------------------------------------------ inside
 
-    def _sample(self, passed: float) -> Sample:
+    def _sample(self, passed: float, due_s: float | None) -> Sample:
         """Copy the world; arms for which commands wait are busy."""
         world = self._loop.world
         events = tuple(self._drained())
         stamp, scene, seen = self._stamper.stamp(), look(world, self.wanted), world.sample()
-        waiting = {name: replace(seen.arms[name], busy=True) for name in self._held}
-        if waiting:
-            seen = replace(seen, arms={**seen.arms, **waiting})
-        return Sample(stamp, passed, seen, events, scene)
+        if self._held:
+            seen = replace(seen, arms={**seen.arms, **self._waiting(seen)})
+        return Sample(stamp, passed, seen, events, scene, due_s=due_s)
+
+    def _waiting(self, seen: WorldSample) -> dict[str, ArmSample]:
+        """Return the arms for which commands wait, as busy."""
+        held = ((name, seen.arms[name]) for name in self._held)
+        return {n: arm._replace(status=replace(arm.status, busy=True)) for n, arm in held}
 
     def _drained(self) -> Iterator[Event]:
         """Take the events that wait, each with a stamp of its own."""

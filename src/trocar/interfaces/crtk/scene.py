@@ -188,8 +188,10 @@ def _place_of(index: int) -> Make:
         seen = figures.sample.scene.objects
         if seen is None:
             return None
-        w, x, y, z = seen.quaternions[index]
-        return build.row_stamped(stamp, WORLD, np.array([*seen.positions[index], x, y, z, w]))
+        w, x, y, z = seen.quaternions[index].tolist()
+        at, turn = build.vector(seen.positions[index]), {"x": x, "y": y, "z": z, "w": w}
+        header = build.header(stamp, WORLD)
+        return {"header": header, "pose": {"position": at, "orientation": turn}}
 
     return make
 

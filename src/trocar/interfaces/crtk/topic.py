@@ -14,7 +14,7 @@ from trocar.descriptions.records import ArmDescription
 from trocar.interfaces.crtk.clock import Stamp
 from trocar.interfaces.crtk.sample import Figures
 from trocar.interfaces.inbox import Command
-from trocar.simulation.records import ArmSample
+from trocar.simulation.records import ArmStatus
 
 #: A message in memory: its fields by their names in ROS 2, nested; times are (s, ns).
 Message = dict[str, Any]
@@ -27,7 +27,7 @@ Read = Callable[[Mapping[str, Any], Any], "Command | Sequence[Command]"]
 #: Publishes an event: a topic and the fields of its message, the header left out.
 Emit = Callable[[str, Mapping[str, Any]], None]
 #: Returns the fields of an event from the state of an arm, the header left out.
-Content = Callable[[ArmSample], Message]
+Content = Callable[[ArmStatus], Message]
 
 #: How many commands that all count may wait at a subscriber. Source: as the loop's inbox.
 ORDERED = 64

@@ -193,7 +193,8 @@ def out_of_limits(candidates: Array, joints: JointRange) -> UnreachableError:
     """
     near = _unwound(candidates, joints)
     beyond = _excess(near, joints)
-    best = int(np.argmin(np.round((beyond / _scale(joints)).max(axis=-1), DECIMALS)))
+    farthest: Array = (beyond / _scale(joints)).max(axis=-1)
+    best = int(np.argmin(np.round(farthest, DECIMALS)))
     parts: list[str] = []
     excess: dict[str, float] = {}
     for i in np.flatnonzero(beyond[best]):

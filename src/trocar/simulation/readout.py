@@ -34,12 +34,14 @@ class Views(NamedTuple):
         own: whether the origin is the arm's own reference frame, (A,)
         before: poses of the origins in the frames of public poses, (A, 4, 4)
         frames: names of these frames
+        local: whether all public poses are those in the arms' own reference frames
     """
 
     origins: NDArray[np.intp]
     own: NDArray[np.bool_]
     before: Array
     frames: tuple[str, ...]
+    local: bool
 
 
 class Reader:
@@ -111,7 +113,8 @@ class Reader:
             origins = np.array([row[site] for site, _, _ in each], dtype=np.intp)
             own = origins == np.arange(len(each), 2 * len(each))
             before = np.array([T for _, T, _ in each])
-            found = Views(origins, own, before, tuple(frame for _, _, frame in each))
+            local = bool(own.all() and (before == np.eye(4)).all())
+            found = Views(origins, own, before, tuple(frame for _, _, frame in each), local)
             self._views[sample.reference_arm] = found
         return found
 
@@ -184,7 +187,7 @@ class Readout:
     @cached_property
     def bases(self) -> Array:
         """Reference frames of all arms in the frames of their public poses, (A, 4, 4)."""
-        _, own, before, _ = self._views
+        own, before = self._views.own, self._views.before
         found = before @ relative(self._origins, self.sites[1])
         found[own] = before[own]  # what stands in itself is not rounded
         for row, (T, _) in self._placed.items():
@@ -199,6 +202,8 @@ class Readout:
     @cached_property
     def measured_public(self) -> Array:
         """Measured tips in the frames of public poses, (A, 4, 4)."""
+        if self._views.local and not self._placed:
+            return self.measured
         found = self._views.before @ relative(self._origins, self.sites[0])
         for row, (T, _) in self._placed.items():
             found[row] = T @ self.measured[row]

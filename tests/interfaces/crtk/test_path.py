@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ def calls(work: Callable[[], object]) -> list[str]:
     """Return the functions of Python that are called, in order."""
     called: list[str] = []
     before = sys.getprofile()
+    gc.disable()  # a collection here would call what others hang on to it
     sys.setprofile(
         lambda frame, event, _: called.append(frame.f_code.co_name) if event == "call" else None
     )
@@ -29,6 +31,7 @@ def calls(work: Callable[[], object]) -> list[str]:
         work()
     finally:
         sys.setprofile(before)
+        gc.enable()
     return called[1:]
 
 

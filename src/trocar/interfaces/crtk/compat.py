@@ -243,7 +243,7 @@ def _arm_state(name: str, *, jaw: bool = False) -> Make:
 
 def _ready(name: str) -> Make:
     def make(rig: Figures, stamp: Stamp) -> Message:  # noqa: ARG001  as every maker
-        arm = rig.arm(name).sample
+        arm = rig.arm(name).sample.status
         return {"data": "READY" if arm.state == "ENABLED" and arm.homed else "uninitialized"}
 
     return make

@@ -411,8 +411,8 @@ class Core:
     def _run(self) -> None:
         while (sample := self._samples.get()) is not None:
             batches = self._made(sample)
-            if sample.due_s is not None:
-                time.sleep(max(sample.due_s - self.loop.now, 0.0))
+            if sample.due_s is not None and (early := sample.due_s - self.loop.now) > 0.0:
+                time.sleep(early)
             self._send(batches)
 
     def _made(self, sample: Sample) -> list[tuple[Transport, Batch]]:

@@ -1,0 +1,224 @@
+"""Whatever is done to worlds, each recording of them is repeated to the last bit or says why not."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trocar.apps.follow import repeat
+from trocar.apps.task import Task
+from trocar.apps.tasks import make_task
+from trocar.errors import LogError, TrocarError
+from trocar.recording import record, recorder_of
+from trocar.simulation import State, World
+from trocar.simulation.arm import STATE_COMMANDS, Arm
+from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+
+pytest.importorskip("mcap")
+#: Tools for both generations of arms, and none.
+TOOLS = ("LARGE_NEEDLE_DRIVER:420006", "PROGRASP_FORCEPS:420093", "none")
+#: Numbers of steps; forces are renewed each 20, and blocks of a recording end each 100.
+STEPS = (1, 7, 20, 100, 133)
+#: How often each action is drawn.
+WEIGHTS = {
+    "start": 5, "stop": 3, "step": 8, "save": 4, "load": 6, "reset": 2, "restart": 2, "exchange": 1,
+    "move": 4, "servo": 3, "jaw": 3, "state": 1, "change": 2, "put": 1, "put_object": 2, "sense": 1,
+}  # fmt: skip
+
+
+class History:
+    """Two worlds, or two scenes, to which random things are done; each is recorded now and then.
+
+    Args:
+        seed: of the random numbers
+        folder: for the recordings
+        worlds: of one rig with one set of options
+        tasks: of scenes, whose worlds these are
+    """
+
+    def __init__(
+        self, seed: int, folder: Path, worlds: list[World], tasks: list[Task] | None = None
+    ) -> None:
+        self.rng = np.random.default_rng(seed)
+        self.folder, self.worlds, self.tasks = folder, worlds, tasks or []
+        self.states: list[State] = []
+        self.files: list[Path] = []
+        self.refused: list[str] = []
+        self.done: list[str] = []
+
+    def run(self, count: int) -> None:
+        """Do so many things, then end and repeat the recordings."""
+        names, weights = list(WEIGHTS), np.array(list(WEIGHTS.values()))
+        for _ in range(count):
+            self.turn = int(self.rng.integers(2))
+            self.world = self.worlds[self.turn]
+            name = names[self.rng.choice(len(names), p=weights / weights.sum())]
+            self.done.append(f"{name} {self.turn}")
+            getattr(self, name)()
+        for self.world in self.worlds:
+            self.stop()
+
+    def pick(self, values: Any) -> Any:
+        """Draw one of some values."""
+        return list(values)[int(self.rng.integers(len(list(values))))]
+
+    # ------------------------------------------------------------------ recordings and time
+
+    def start(self) -> None:
+        """Begin a recording."""
+        if recorder_of(self.world) is None:
+            self.files.append(self.folder / f"{len(self.files)}.mcap")
+            record(self.world, self.files[-1])
+
+    def stop(self) -> None:
+        """End a recording and repeat it."""
+        recorder = recorder_of(self.world)
+        if recorder is None:
+            return
+        recorder.stop()
+        rig = self.world.first_rig if not self.world.rig_source else None
+        try:
+            report = repeat(recorder.file, rig)
+        except LogError as problem:
+            self.refused.append(str(problem))
+        else:
+            assert report.identical, (report.difference, self.done)
+
+    def step(self) -> None:
+        """Let time pass."""
+        self.world.step(self.pick(STEPS))
+
+    # ------------------------------------------------------------------ from one state to another
+
+    def save(self) -> None:
+        """Keep a state."""
+        state = self.world.save()
+        self.states.append(self.pick([state, pickle.loads(pickle.dumps(state))]))
+
+    def load(self) -> None:
+        """Go on from a state, also one of the other world; one of other tools is rejected."""
+        if self.states:
+            try:
+                self.world.load(self.pick(self.states))
+            except TrocarError as problem:
+                assert "load: got a state of" in str(problem)
+
+    def reset(self) -> None:
+        """Begin at time 0."""
+        self.world.reset(self.pick([None, 1, 2]), self.pick(sorted(self.world.rig.poses)))
+
+    def restart(self) -> None:
+        """Begin an episode, and drive by the scene's policy."""
+        if self.tasks:
+            task = self.tasks[self.turn]
+            task.reset(int(self.rng.integers(3)))
+            for action, _ in zip(task.policy(), range(self.pick([1, 20, 60])), strict=False):
+                task.command(action)
+
+    def exchange(self) -> None:
+        """Mount another tool; some arms take none, and no arm where there is tissue."""
+        try:
+            self.world.exchange_tool(self.pick(sorted(self.world.arms)), self.pick(TOOLS))
+        except TrocarError as problem:
+            assert any(why in str(problem) for why in ("takes no tool", "has tissue", "sensor"))
+
+    # ------------------------------------------------------------------ commands
+
+    @property
+    def arm(self) -> Arm:
+        """Any arm that moves."""
+        arms = self.world.arms.values()
+        return self.pick([arm for arm in arms if not arm.motors.welded])
+
+    def move(self) -> None:
+        """Send an arm somewhere near its start."""
+        arm, verb = self.arm, self.pick(["servo_jp", "move_jp"])
+        start = self.world.rig.poses["start"][arm.name][: arm.description.own_joints]
+        getattr(arm, verb)(start + self.rng.uniform(-0.1, 0.1, len(start)))
+
+    def servo(self) -> None:
+        """Drive an arm by velocities, small turns, forces or springs."""
+        arm, verb = self.arm, self.pick(["servo_jv", "servo_jr", "servo_cf", "servo_ci"])
+        if verb == "servo_ci":
+            gains = HalfPlaneGains(p=np.full(3, -50.0), d=np.full(3, -5.0))
+            arm.servo_ci(CartesianImpedance(arm.measured_cp().T[:3, 3], position_positive=gains))
+        else:
+            size = 6 if verb == "servo_cf" else arm.description.own_joints
+            getattr(arm, verb)(self.rng.uniform(-0.03, 0.03, size))
+
+    def jaw(self) -> None:
+        """Open or close a jaw."""
+        jaw = self.arm.jaw
+        if jaw is not None:
+            getattr(jaw, self.pick(["servo_jp", "move_jp"]))([self.rng.uniform(-0.3, 1.0)])
+
+    def state(self) -> None:
+        """Change an operating state."""
+        self.arm.state_command(self.pick(STATE_COMMANDS))
+
+    def change(self) -> None:
+        """Change gains, compensation, modes, ratios and frames."""
+        arm, on = self.arm, self.pick([True, False])
+        arm.set_gains(arm.joint_names[0], p=self.rng.uniform(10.0, 60.0))
+        arm.use_gravity_compensation(on)
+        arm.use_computed_torque(on)
+        arm.set_mode("effort" if on else "position", [arm.joint_names[0]])
+        arm.set_trajectory_ratio(self.rng.uniform(0.1, 1.0))
+        arm.use_strict_limits(on)
+
+    def put(self) -> None:
+        """Put an arm somewhere."""
+        arm = self.arm
+        start = self.world.rig.poses["start"][arm.name]
+        self.world.set_state(arm.name, start + self.rng.uniform(-0.01, 0.01, len(start)))
+
+    def put_object(self) -> None:
+        """Put a free object somewhere."""
+        free = [found for found in self.world.objects.values() if found.description.joint is None]
+        if free:
+            found = self.pick(free)
+            T = found.measured_cp().T.copy()
+            T[:3, 3] += self.rng.uniform(-0.005, 0.005, 3) + [0.0, 0.0, 0.005]
+            found.set_cp(T)
+
+    def sense(self) -> None:
+        """Read the sensors, which draws random numbers."""
+        for name in self.world.sensors:
+            self.world.sensor(name)
+
+
+CASES: dict[str, Callable[[], list[World]]] = {
+    "a PSM": lambda: [World("psm", tip_load_n=1.0), World("psm", tip_load_n=1.0, seed=3)],
+    "a PSM that is not homed": lambda: [World("psm", homed=False) for _ in "ab"],
+    "a PSM with errors": lambda: [World("psm", errors="lab", seed=seed) for seed in (1, 2)],
+    "a cart": lambda: [World("full_cart"), World("full_cart")],
+    "objects": lambda: [World("pegs"), World("pegs")],
+    "masters": lambda: [World("mtm"), World("mtm")],
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("seed", range(3))
+def test_every_recording_is_repeated_whatever_is_done(
+    case: str, seed: int, tmp_path: Path
+) -> None:
+    history = History(seed, tmp_path, CASES[case]())
+    history.run(80)
+    assert len(history.files) > 1
+    assert history.refused == []
+
+
+@pytest.mark.parametrize("scene", ["dynamic-band", "thread-knot", "suturing", "needle-pick"])
+@pytest.mark.parametrize("seed", range(2))
+def test_every_recording_of_a_scene_is_repeated_whatever_is_done(
+    scene: str, seed: int, tmp_path: Path
+) -> None:
+    tasks = [make_task(scene), make_task(scene)]
+    history = History(seed, tmp_path, [task.world for task in tasks], tasks)
+    history.run(50)
+    assert history.refused == []

@@ -22,6 +22,7 @@ from trocar.simulation.control import ControlState
 from trocar.simulation.controllers import CartesianForce, CartesianImpedance, HalfPlaneGains
 from trocar.simulation.grasps import Grasp, GraspState, Hold
 from trocar.simulation.journal import Entry
+from trocar.simulation.masters import GimbalLimits, OrientationLock, PlatformEffort
 from trocar.simulation.moves import Drift, Profile
 from trocar.simulation.pressing import Held
 from trocar.simulation.tissues import TissueState
@@ -34,6 +35,7 @@ TUPLE, SET, SLICE, BYTES = "$tuple", "$set", "$slice", "$bytes"
 #: Records that commands take, and those in a saved state.
 _CLASSES: tuple[type[Any], ...] = (
     *(CartesianForce, CartesianImpedance, HalfPlaneGains),
+    *(GimbalLimits, OrientationLock, PlatformEffort),
     *(State, ArmState, ControlState, Drift, Expiry, Grasp, GraspState, Held, Hold, TissueState),
     *(Contact, ContactsReading, *(kind.reading for kind in KINDS.values())),
 )

@@ -46,9 +46,9 @@ from trocar.simulation.journal import command
 from trocar.simulation.masters import (
     GIMBAL,
     GimbalLimits,
-    OrientationLock,
     PlatformEffort,
     check_orientation,
+    orientation_lock,
 )
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
@@ -1452,7 +1452,7 @@ class Arm:
             np.array([j.upper for j in joints]),
             np.array([j.velocity_max for j in joints]),
         )
-        self._controllers["lock"] = OrientationLock(
+        self._controllers["lock"] = orientation_lock(
             fit_chain(self.description.mechanism, GIMBAL_ARM),
             self.base_frame()[0][:3, :3].T @ self._lock,
             self.positions()[self._own],

@@ -191,6 +191,14 @@ def test_numbers_of_commands_survive_to_the_last_digit() -> None:
     assert (back.period, back.time, back.kind, back.source) == (3, 0.003, "command", "PSM1")
 
 
+@pytest.mark.parametrize("text", ['{"$record": "State"}', '{"$tuple": 1}', '{"$bytes": "*"}'])
+def test_a_damaged_state_is_rejected(text: str) -> None:
+    entry = Entry(0, 0.0, "command", "world", "load", {"state": 0})
+    data = entry_json(entry).replace(b'{"state": 0}', b'{"state": ' + text.encode() + b"}")
+    with pytest.raises(InputError, match="a command or event is damaged"):
+        entry_from_json(data)
+
+
 def test_a_block_comes_back_bit_by_bit() -> None:
     rng = np.random.default_rng(2)
     values = rng.normal(size=(4, 5, 33)).astype(np.float32)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +15,14 @@ import pytest
 from trocar.apps.follow import repeat
 from trocar.apps.task import Task
 from trocar.apps.tasks import make_task
-from trocar.errors import LogError, TrocarError
+from trocar.errors import DivergedError, LogError, TrocarError
 from trocar.recording import record, recorder_of
 from trocar.simulation import State, World
 from trocar.simulation.arm import STATE_COMMANDS, Arm
-from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+from trocar.simulation.controllers import Action, CartesianImpedance, HalfPlaneGains, TipState
 
 pytest.importorskip("mcap")
+GOAL = [0.3, 0.2, 0.15, 0.4, 0.2, -0.3]
 #: Tools for both generations of arms, and none.
 TOOLS = ("LARGE_NEEDLE_DRIVER:420006", "PROGRASP_FORCEPS:420093", "none")
 #: Numbers of steps; forces are renewed each 20, and blocks of a recording end each 100.
@@ -115,10 +118,13 @@ class History:
     def restart(self) -> None:
         """Begin an episode, and drive by the scene's policy."""
         if self.tasks:
-            task = self.tasks[self.turn]
-            task.reset(int(self.rng.integers(3)))
-            for action, _ in zip(task.policy(), range(self.pick([1, 20, 60])), strict=False):
-                task.command(action)
+            task, count = self.tasks[self.turn], self.pick([1, 5, 20])
+            try:
+                task.reset(int(self.rng.integers(3)))
+                for action in itertools.islice(task.policy(), count):
+                    task.command(action)
+            except TrocarError as problem:
+                assert "is its tool mounted" in str(problem)
 
     def exchange(self) -> None:
         """Mount another tool; some arms take none, and no arm where there is tissue."""
@@ -170,6 +176,8 @@ class History:
         arm.set_mode("effort" if on else "position", [arm.joint_names[0]])
         arm.set_trajectory_ratio(self.rng.uniform(0.1, 1.0))
         arm.use_strict_limits(on)
+        if on:
+            arm.lock_orientation()  # which masters can
 
     def put(self) -> None:
         """Put an arm somewhere."""
@@ -204,9 +212,7 @@ CASES: dict[str, Callable[[], list[World]]] = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("seed", range(3))
-def test_every_recording_is_repeated_whatever_is_done(
-    case: str, seed: int, tmp_path: Path
-) -> None:
+def test_every_recording_is_repeated_whatever_is_done(case: str, seed: int, tmp_path: Path) -> None:
     history = History(seed, tmp_path, CASES[case]())
     history.run(80)
     assert len(history.files) > 1
@@ -222,3 +228,103 @@ def test_every_recording_of_a_scene_is_repeated_whatever_is_done(
     history = History(seed, tmp_path, [task.world for task in tasks], tasks)
     history.run(50)
     assert history.refused == []
+
+
+def bad(state: State) -> State:
+    """Return a state that diverges at the next step."""
+    row = state.row.copy()
+    row[12:20] = 1e200
+    return replace(state, row=row)
+
+
+def test_a_recording_goes_on_over_a_divergence_and_is_repeated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log of its own where it runs
+    world, file = World("psm"), tmp_path / "run.mcap"
+    world.step(13)
+    with record(world, file):
+        world.step(30)
+        world.load(bad(world.save()))
+        with pytest.raises(DivergedError):
+            world.step(40)
+        world.reset(pose="home")
+        world.arm("PSM1").move_jp(GOAL)
+        world.step(200)
+    assert repeat(file).identical
+
+
+@pytest.mark.parametrize("again", ["reset", "load"])
+def test_a_recording_that_begins_after_a_divergence_is_repeated(
+    again: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    world, file = World("psm"), tmp_path / "run.mcap"
+    world.step(13)
+    state = world.save()
+    world.load(bad(state))
+    with pytest.raises(DivergedError):
+        world.step(40)
+    world.reset() if again == "reset" else world.load(state)
+    with record(world, file):
+        world.arm("PSM1").move_jp(GOAL)
+        world.step(100)
+    assert repeat(file).identical
+
+
+def test_reset_and_load_let_a_long_past_be_repeated_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trocar.simulation.journal.MOST_COMMANDS", 5)
+    world = World("psm")
+    world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
+    world.exchange_tool("PSM1", "LARGE_NEEDLE_DRIVER:420006")
+    for again in ("reset", "load"):
+        for _ in range(9):
+            world.arm("PSM1").servo_jp(GOAL)
+            world.step()
+        assert "it began after more than 5 commands" in world.past.incomplete
+        world.reset() if again == "reset" else world.load(world.save())
+        world.step(3)
+        with record(world, tmp_path / f"{again}.mcap"):
+            world.arm("PSM1").move_jp(GOAL)
+            world.step(100)
+        assert repeat(tmp_path / f"{again}.mcap").identical
+
+
+def test_the_past_keeps_no_more_than_the_last_state() -> None:
+    world = World("psm")
+    states = [world.save() for _ in range(3)]
+    for _ in range(2000):
+        world.load(states[0])
+        world.arm("PSM1").servo_jp(GOAL)
+        world.step()
+        world.load(states[1])
+    assert [(entry.name, entry.values) for entry in world.past.entries] == [
+        ("load", {"state": states[1]})
+    ]
+
+
+class Spiral:
+    """A controller of another package."""
+
+    def act(self, now: TipState) -> Action:
+        """Return no efforts."""
+        return Action(np.zeros(len(now.q)))
+
+
+def test_a_state_with_a_controller_of_another_package_cannot_be_repeated_which_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("trocar.simulation.arm.load_registered", lambda *_: Spiral)
+    world, file = World("psm"), tmp_path / "run.mcap"
+    world.arm("PSM1").use_controller("spiral")
+    world.step(5)
+    state = world.save()
+    with record(world, file):
+        world.load(state)
+        world.step(5)
+    with pytest.raises(
+        LogError, match=r"cannot be repeated: .* world load at 0\.005 s has .*Spiral"
+    ):
+        repeat(file)

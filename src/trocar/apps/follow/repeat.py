@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
 from collections.abc import Callable
@@ -169,17 +170,18 @@ def _repeat(world: World, entry: Entry, file: str) -> None:
             f" has arguments that cannot be recorded: {', '.join(unknown)}",
         )
     _step_to(world, entry.period)
-    try:
+    with contextlib.suppress(TrocarError):
         apply_command(world, entry)
-    except DivergedError:
-        raise
-    except TrocarError:
-        return
 
 
 def _step_to(world: World, period: int) -> None:
+    """Step to a command; where it diverges just before, it did so when it was recorded."""
     if world.periods < period:
-        world.step(period - world.periods)
+        try:
+            world.step(period - world.periods)
+        except DivergedError:
+            if world.periods < period:
+                raise
 
 
 class _Comparison:

@@ -180,17 +180,18 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb whose calls are entries of the journal."""
-    names, name = list(inspect.signature(verb).parameters)[1:], verb.__name__
+    parameters, name = list(inspect.signature(verb).parameters.values())[1:], verb.__name__
+    names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
 
     @functools.wraps(verb)
     def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
         owner: Any = args[0]  # something Commanded; this runs with every servo command
         journal: Journal = owner._journal
         if not journal.inside and (journal.listeners or not journal.past.incomplete):
-            given = dict(zip(names, args[1:]))  # noqa: B905  too many are an error of the call
-            if kwargs:
-                given |= kwargs
-            journal.command(owner._source, owner._prefix + name, given)
+            given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
+            # a call that Python rejects makes no entry: what is left of it might be accepted
+            if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
+                journal.command(owner._source, owner._prefix + name, given | kwargs)
         journal.inside += 1
         try:
             return verb(*args, **kwargs)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -33,12 +32,12 @@ MOST_NUMBERS = 64
 ARRAY, NUMBER, RECORD, UNKNOWN = "$array", "$number", "$record", "$unknown"
 TUPLE, SET, SLICE, BYTES = "$tuple", "$set", "$slice", "$bytes"
 #: Records that commands take, and those in a saved state.
-_CLASSES: tuple[type[Any], ...] = (
+_CLASSES: set[type[Any]] = {
     *(CartesianForce, CartesianImpedance, HalfPlaneGains),
     *(GimbalLimits, OrientationLock, PlatformEffort),
     *(State, ArmState, ControlState, Drift, Expiry, Grasp, GraspState, Held, Hold, TissueState),
     *(Contact, ContactsReading, *(kind.reading for kind in KINDS.values())),
-)
+}
 RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in _CLASSES}
 
 
@@ -76,7 +75,10 @@ def entry_from_json(data: bytes) -> Entry:
 
 
 def plain(value: object) -> Any:
-    """Return a value for JSON; arrays, records and numbers that are not finite are marked."""
+    """Return a value for JSON; arrays, records and numbers that are not finite are marked.
+
+    What a record holds comes back with its type, other tuples come back as lists.
+    """
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, np.generic):
@@ -100,18 +102,16 @@ def plain(value: object) -> Any:
 
 
 def _record(value: object) -> Any:
-    """Return a part of a record for JSON, with its type, on which motion may depend.
+    """Return a record, or a part of one, for JSON, with its type, on which motion may depend.
 
     Raises:
-        TypeError: a file cannot hold it; names it
+        TypeError: a file cannot hold it; the message is what it is
     """
     if isinstance(value, Profile):
         return {RECORD: Profile.__name__, "inputs": _record(value.__reduce__()[1])}
     if type(value) in _CLASSES:
-        kind = cast(Any, type(value))
-        names = [f.name for f in dataclasses.fields(kind)] if dataclasses.is_dataclass(kind) else ()
-        names = names or kind._fields
-        return {RECORD: kind.__name__, **{name: _record(getattr(value, name)) for name in names}}
+        fields = cast(Any, value)._asdict() if isinstance(value, tuple) else vars(value)
+        return {RECORD: type(value).__name__, **{k: _record(part) for k, part in fields.items()}}
     if isinstance(value, tuple | list | frozenset):
         parts = [_record(part) for part in cast(list[object], value)]
         mark = TUPLE if isinstance(value, tuple) else SET
@@ -133,7 +133,8 @@ def restored(value: Any) -> Any:
     """Return a value from the result of `plain`.
 
     Raises:
-        InputError: an array, or a record is damaged
+        InputError: an array is damaged
+        TypeError, ValueError, KeyError: a record or another marked value is
     """
     if isinstance(value, list):
         return [restored(v) for v in cast(list[Any], value)]

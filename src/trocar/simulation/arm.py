@@ -115,7 +115,7 @@ class Expiry:
 class ArmState:
     """What an arm keeps beside the physics and the servos, as `Arm.save` returns it.
 
-    The names of its fields are in pickled states.
+    The names of its fields are in pickled states and in recordings.
     """
 
     state: State

@@ -225,30 +225,16 @@ def test_every_recording_is_repeated_whatever_is_done(case: str, seed: int, tmp_
     assert history.refused == []
 
 
-def do_to_scenes(scene: str, seed: int, folder: Path) -> None:
-    """Do random things to two of a scene, and repeat their recordings."""
-    tasks = [make_task(scene), make_task(scene)]
-    history = History(seed, folder, [task.world for task in tasks], tasks)
-    history.run(50)
-    assert len(history.files) > 1
-    assert history.refused == []
-
-
-@pytest.mark.parametrize("scene", ["dynamic-band", "needle-pick"])
+@pytest.mark.parametrize("scene", ["dynamic-band", "needle-pick", "thread-knot", "suturing"])
 @pytest.mark.parametrize("seed", range(2))
 def test_every_recording_of_a_scene_is_repeated_whatever_is_done(
     scene: str, seed: int, tmp_path: Path
 ) -> None:
-    do_to_scenes(scene, seed, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scene", ["thread-knot", "suturing"])
-@pytest.mark.parametrize("seed", range(2))
-def test_every_recording_of_thread_and_tissue_is_repeated_whatever_is_done(
-    scene: str, seed: int, tmp_path: Path
-) -> None:
-    do_to_scenes(scene, seed, tmp_path)
+    tasks = [make_task(scene), make_task(scene)]
+    history = History(seed, tmp_path, [task.world for task in tasks], tasks)
+    history.run(50)
+    assert len(history.files) > 1
+    assert history.refused == []
 
 
 def bad(state: State) -> State:

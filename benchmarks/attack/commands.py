@@ -381,6 +381,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "state_command.name": chosen("enable", "disable", "home", "unhome", "pause", "resume", "fly"),
     "move_to.name": any_pose,
     "seed": chosen(0, 1, -1, 2**40),
+    "load.state": lambda rng, world, *_: world.save() if rng.random() < 0.9 else rubbish(rng),
     "pose": chosen("start", "home", "nowhere"),
     **dict.fromkeys(("positions", "velocities", "efforts"), table),
     "every": chosen(1, 5, 0, -1),

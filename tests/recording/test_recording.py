@@ -149,6 +149,24 @@ def test_every_period_of_every_joint_is_kept(tmp_path: Path, setup_joints: Any) 
         np.testing.assert_allclose(states.time, np.arange(451) * world.timestep, atol=1e-12)
 
 
+def test_poses_are_in_the_frames_of_a_loaded_state(tmp_path: Path) -> None:
+    world, file = World("psm"), tmp_path / "run.mcap"
+    arm = world.arm("PSM1")
+    arm.set_base_frame(translation(np.array([0.1, 0.2, 0.3])), "table")
+    state = world.save()
+    world.reset()
+    with record(world, file):
+        world.step(10)
+        world.load(state)
+        world.step(10)
+        expected = arm.measured_cp()
+    last = decoded(file, "/PSM1/measured_cp")[-1]
+    place = last.pose.position
+    assert last.header.frame_id == expected.frame_id == "table"
+    # MuJoCo's frames against the analytic ones, through a loop that gives a little
+    np.testing.assert_allclose([place.x, place.y, place.z], expected.T[:3, 3], atol=1e-5)
+
+
 def test_recording_changes_nothing(tmp_path: Path) -> None:
     worlds = [World("psm"), World("psm")]
     with record(worlds[1], tmp_path / "run.mcap"):
@@ -189,6 +207,14 @@ def test_numbers_of_commands_survive_to_the_last_digit() -> None:
     assert np.array_equal(back.values["v"], values["v"], equal_nan=True)
     assert (back.values["name"], back.values["on"], back.values["none"]) == ("yaw", True, None)
     assert (back.period, back.time, back.kind, back.source) == (3, 0.003, "command", "PSM1")
+
+
+@pytest.mark.parametrize("text", ['{"$record": "State"}', '{"$tuple": 1}', '{"$bytes": "*"}'])
+def test_a_damaged_state_is_rejected(text: str) -> None:
+    entry = Entry(0, 0.0, "command", "world", "load", {"state": 0})
+    data = entry_json(entry).replace(b'{"state": 0}', b'{"state": ' + text.encode() + b"}")
+    with pytest.raises(InputError, match="a command or event is damaged"):
+        entry_from_json(data)
 
 
 def test_a_block_comes_back_bit_by_bit() -> None:

@@ -14,7 +14,7 @@ from benchmarks.laws import laws
 from trocar.apps.exports.task import left_out
 from trocar.apps.follow.repeat import repeat
 from trocar.descriptions import load_rig
-from trocar.errors import DescriptionError, InputError
+from trocar.errors import DescriptionError, InputError, LogError
 from trocar.modeling.mesh_files import obj
 from trocar.modeling.mjcf import POSITION, mjcf_document
 from trocar.recording import record
@@ -167,6 +167,37 @@ def test_a_recording_of_scripted_and_jointed_objects_repeats_to_the_last_bit(
     report = repeat(tmp_path / "play.mcap")
     assert report.identical, report.difference
     assert heard == ["set_jp"]  # what the script commands is commanded again by the script
+
+
+SCRIPT = """
+calls = 0
+def before_step(object, world):
+    global calls
+    calls += 1
+    object.servo_cf([0.0, 0.0, 0.01 * (calls % 7), 0.0, 0.0, 0.0])
+"""
+
+
+def test_a_load_with_scripts_is_repeated_from_before_it_or_from_after_a_reset(
+    tmp_path: Path,
+) -> None:
+    """A script's own memory is in no state."""
+    world = World(scripted(tmp_path, SCRIPT))
+    world.step(5)
+    with record(world, tmp_path / "before.mcap"):
+        state = world.save()
+        world.step(31)
+        world.load(state)
+        world.step(31)
+    assert repeat(tmp_path / "before.mcap").identical
+    with record(world, tmp_path / "after.mcap"):
+        world.step(5)
+    with pytest.raises(LogError, match="cannot be repeated: it began after a saved state"):
+        repeat(tmp_path / "after.mcap")
+    world.reset()
+    with record(world, tmp_path / "reset.mcap"):
+        world.step(5)
+    assert repeat(tmp_path / "reset.mcap").identical
 
 
 def test_a_script_that_raises_is_named_and_the_simulation_goes_on(

@@ -214,6 +214,14 @@ def test_an_exchanged_tool_leaves_the_errors_of_other_joints() -> None:
     world.step(100)
 
 
+def test_a_lone_arm_with_errors_takes_another_tool() -> None:
+    world = World("psm", errors="lab")
+    world.exchange_tool("PSM1", "none")
+    world.step(100)
+    world.exchange_tool("PSM1", "PROGRASP_FORCEPS:420093")
+    world.step(100)
+
+
 @pytest.mark.parametrize("calibration", [None, "psm"])
 def test_worlds_of_a_batch_have_the_errors_that_worlds_have(calibration: str | None) -> None:
     first, world = (

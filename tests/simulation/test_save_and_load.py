@@ -217,3 +217,13 @@ def test_a_model_says_what_it_is_built_with():
         World(build("psm"), friction="paper")
     with pytest.raises(InputError, match="servo 'position'; allowed: 'pid'"):
         World(build("psm", ModelOptions(servo="position")))
+
+
+def test_a_saved_row_is_read_only() -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        World("psm").save().row[0] = 1.0
+
+
+def test_what_is_no_state_is_not_loaded() -> None:
+    with pytest.raises(InputError, match="load: got 'state'; allowed: a State"):
+        World("psm").load("state")  # type: ignore[arg-type]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import dataclasses
 import json
 import math
 from collections.abc import Mapping
@@ -13,16 +12,33 @@ from typing import Any, cast
 
 import numpy as np
 
+from trocar.descriptions.sensor_records import Contact
+from trocar.descriptions.sensors import KINDS, ContactsReading
 from trocar.errors import InputError
-from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
+from trocar.simulation import State
+from trocar.simulation.arm import ArmState, Expiry
+from trocar.simulation.control import ControlState
+from trocar.simulation.controllers import CartesianForce, CartesianImpedance, HalfPlaneGains
+from trocar.simulation.grasps import Grasp, GraspState, Hold
 from trocar.simulation.journal import Entry
+from trocar.simulation.masters import GimbalLimits, OrientationLock, PlatformEffort
+from trocar.simulation.moves import Drift, Profile
+from trocar.simulation.pressing import Held
+from trocar.simulation.tissues import TissueState
 
 #: Arrays with more numbers are written as the bytes of their numbers. Source: our own choice.
 MOST_NUMBERS = 64
 #: Keys that mark values without a form of their own in JSON.
 ARRAY, NUMBER, RECORD, UNKNOWN = "$array", "$number", "$record", "$unknown"
-#: Records that commands take.
-RECORDS: dict[str, type[Any]] = {r.__name__: r for r in (CartesianImpedance, HalfPlaneGains)}
+TUPLE, SET, SLICE, BYTES = "$tuple", "$set", "$slice", "$bytes"
+#: Records that commands take, and those in a saved state.
+_CLASSES: set[type[Any]] = {
+    *(CartesianForce, CartesianImpedance, HalfPlaneGains),
+    *(GimbalLimits, OrientationLock, PlatformEffort),
+    *(State, ArmState, ControlState, Drift, Expiry, Grasp, GraspState, Held, Hold, TissueState),
+    *(Contact, ContactsReading, *(kind.reading for kind in KINDS.values())),
+}
+RECORDS: dict[str, type[Any]] = {kind.__name__: kind for kind in _CLASSES}
 
 
 def entry_json(entry: Entry) -> bytes:
@@ -59,7 +75,10 @@ def entry_from_json(data: bytes) -> Entry:
 
 
 def plain(value: object) -> Any:
-    """Return a value for JSON; arrays, records and numbers that are not finite are marked."""
+    """Return a value for JSON; arrays, records and numbers that are not finite are marked.
+
+    What a record holds comes back with its type, other tuples come back as lists.
+    """
     if isinstance(value, np.ndarray):
         return _array(value)
     if isinstance(value, np.generic):
@@ -70,11 +89,11 @@ def plain(value: object) -> Any:
         return value if math.isfinite(value) else {NUMBER: repr(value)}
     if isinstance(value, Path):
         return str(value)
-    if type(value).__name__ in RECORDS:
-        fields = {
-            f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(cast(Any, value))
-        }
-        return {RECORD: type(value).__name__, **fields}
+    if type(value) in _CLASSES:
+        try:
+            return _record(value)
+        except TypeError as error:
+            return {UNKNOWN: f"a {type(value).__name__} with {error}"}
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in cast(Mapping[object, object], value).items()}
     if isinstance(value, list | tuple | set | frozenset):
@@ -82,23 +101,62 @@ def plain(value: object) -> Any:
     return {UNKNOWN: repr(value)[:200]}
 
 
+def _record(value: object) -> Any:
+    """Return a record, or a part of one, for JSON, with its type, on which motion may depend.
+
+    Raises:
+        TypeError: a file cannot hold it; the message is what it is
+    """
+    if isinstance(value, Profile):
+        return {RECORD: Profile.__name__, "inputs": _record(value.__reduce__()[1])}
+    if type(value) in _CLASSES:
+        fields = cast(Any, value)._asdict() if isinstance(value, tuple) else vars(value)
+        return {RECORD: type(value).__name__, **{k: _record(part) for k, part in fields.items()}}
+    if isinstance(value, tuple | list | frozenset):
+        parts = [_record(part) for part in cast(list[object], value)]
+        mark = TUPLE if isinstance(value, tuple) else SET
+        return parts if isinstance(value, list) else {mark: parts}
+    if isinstance(value, slice):
+        return {SLICE: [_record(part) for part in (value.start, value.stop, value.step)]}
+    if isinstance(value, bytes):
+        return {BYTES: base64.b64encode(value).decode()}
+    if isinstance(value, Mapping):
+        items = cast(Mapping[object, object], value).items()
+        return {str(key): _record(part) for key, part in items}
+    found = plain(value)
+    if isinstance(found, dict) and UNKNOWN in found:
+        raise TypeError(repr(value)[:200])
+    return found
+
+
 def restored(value: Any) -> Any:
     """Return a value from the result of `plain`.
 
     Raises:
         InputError: an array is damaged
+        TypeError, ValueError, KeyError: a record or another marked value is
     """
     if isinstance(value, list):
         return [restored(v) for v in cast(list[Any], value)]
     if not isinstance(value, dict):
         return value
     known = cast(dict[str, Any], value)
+    if len(known) == 1:
+        ((mark, content),) = known.items()
+        if mark in (TUPLE, SET, SLICE):
+            kind: Any = {TUPLE: tuple, SET: frozenset}.get(mark)
+            parts = restored(content)
+            return slice(*parts) if kind is None else kind(parts)
+        if mark == BYTES:
+            return base64.b64decode(content, validate=True)
     if UNKNOWN in known:
         return Unknown(known[UNKNOWN])
     if NUMBER in known:
         return float(known[NUMBER])
     if ARRAY in known:
         return _restored_array(known)
+    if known.get(RECORD) == Profile.__name__:
+        return Profile(*restored(known["inputs"]))
     if known.get(RECORD) in RECORDS:
         fields = {key: restored(v) for key, v in known.items() if key != RECORD}
         return RECORDS[known[RECORD]](**fields)

@@ -34,7 +34,7 @@ MOST_BLOCKS = 4
 #: Messages that may wait. Source: our own choice: two seconds of two cameras.
 MOST_WAITING = 256
 #: Commands that change the frame of an arm's poses.
-MOVES_BASES = ("set_base_frame", "set_reference_arm", "reset")
+MOVES_BASES = ("set_base_frame", "set_reference_arm", "reset", "load")
 
 Entries = tuple[tuple[int, Entry], ...]
 

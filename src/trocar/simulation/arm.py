@@ -46,9 +46,9 @@ from trocar.simulation.journal import command
 from trocar.simulation.masters import (
     GIMBAL,
     GimbalLimits,
-    OrientationLock,
     PlatformEffort,
     check_orientation,
+    orientation_lock,
 )
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
@@ -116,7 +116,7 @@ class Expiry:
 class ArmState:
     """What an arm keeps beside the physics and the servos, as `Arm.save` returns it.
 
-    The names of its fields are in pickled states.
+    The names of its fields are in pickled states and in recordings.
     """
 
     state: State
@@ -1456,7 +1456,7 @@ class Arm:
             np.array([j.upper for j in joints]),
             np.array([j.velocity_max for j in joints]),
         )
-        self._controllers["lock"] = OrientationLock(
+        self._controllers["lock"] = orientation_lock(
             fit_chain(self.description.mechanism, GIMBAL_ARM),
             self.base_frame()[0][:3, :3].T @ self._lock,
             self.positions()[self._own],

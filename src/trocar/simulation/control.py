@@ -137,7 +137,7 @@ class Rejections:
 class ControlState:
     """What `JointControl.save` returns; profiles are never written after they are made.
 
-    The names of its fields are in pickled states.
+    The names of its fields are in pickled states and in recordings.
     """
 
     motions: tuple[tuple[Array, int, bool], ...]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, ParamSpec, Protocol, TypeVar, cast
 
@@ -53,14 +53,14 @@ PLAIN = (float, int, str, bool, type(None))
 
 
 class Journal:
-    """Hands entries to listeners, and keeps the commands since the world was built while few.
+    """Hands entries to listeners, and keeps the commands that led to the present state while few.
 
     Attributes:
         period, time: where the world is; the world keeps them up to date
         listeners: called with every entry
         revision: counts commands and events; nothing but motion changes between two
         inside: how many commands are under way; those that a command gives itself make no entry
-        past: commands until now, from which a recording that begins later is repeated
+        past: commands that lead here, from which a recording that begins later is repeated
     """
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ class Journal:
 
 
 class Past:
-    """The commands since the world was built, kept while they are few.
+    """The commands that lead from a new world to the present state, kept while they are few.
 
     Attributes:
         incomplete: why commands are missing; "" while all are kept
@@ -141,9 +141,22 @@ class Past:
             )
 
     def forget(self, why: str) -> None:
-        """Keep no commands any longer, for this reason."""
+        """Keep no commands until the next `restart`, for this reason."""
         self.incomplete = why
         self._kept.clear()
+
+    def restart(self, commands: Iterable[tuple[str, str, Mapping[str, object]]]) -> None:
+        """Keep these commands instead of all before, since they lead here by themselves.
+
+        Args:
+            commands: source, name and values of each; a new world takes them before its first step
+        """
+        self.incomplete = ""
+        self._kept.clear()
+        self._numbers = 0
+        for source, name, values in commands:
+            if not self.incomplete:
+                self.keep(0, 0.0, source, name, values)
 
 
 def _numbers(value: object) -> int:
@@ -170,17 +183,18 @@ class Commanded(Protocol):
 
 def command(verb: Callable[P, R]) -> Callable[P, R]:
     """Mark a method of something `Commanded` as a verb whose calls are entries of the journal."""
-    names, name = list(inspect.signature(verb).parameters)[1:], verb.__name__
+    parameters, name = list(inspect.signature(verb).parameters.values())[1:], verb.__name__
+    names = [p.name for p in parameters if p.kind is p.POSITIONAL_OR_KEYWORD]
 
     @functools.wraps(verb)
     def journaled(*args: P.args, **kwargs: P.kwargs) -> R:
         owner: Any = args[0]  # something Commanded; this runs with every servo command
         journal: Journal = owner._journal
         if not journal.inside and (journal.listeners or not journal.past.incomplete):
-            given = dict(zip(names, args[1:]))  # noqa: B905  too many are an error of the call
-            if kwargs:
-                given |= kwargs
-            journal.command(owner._source, owner._prefix + name, given)
+            given = dict(zip(names, args[1:]))  # noqa: B905  too many: below
+            # a call that Python rejects makes no entry: what is left of it might be accepted
+            if len(args) <= 1 + len(names) and given.keys().isdisjoint(kwargs):
+                journal.command(owner._source, owner._prefix + name, given | kwargs)
         journal.inside += 1
         try:
             return verb(*args, **kwargs)

@@ -86,10 +86,54 @@ class GimbalLimits:
     speed: Array
 
 
+@dataclass(eq=False)
 class OrientationLock:
     """Set-points of the gimbal that hold an orientation, wherever the first three joints go.
 
-    Its platform gives way as under `PlatformEffort`. The set-points begin where the arm is.
+    Its platform gives way as under `PlatformEffort`. `orientation_lock` makes it.
+
+    Attributes:
+        orientation: of the tip, in the frames of the closed form, (3, 3)
+        setpoints: the last ones, (7,) [rad]; written to
+        limits: of the joints
+        time: simulation time of these set-points [s]
+    """
+
+    orientation: Array
+    setpoints: Array
+    limits: GimbalLimits
+    time: float
+
+    def act(self, now: TipState) -> Action:
+        """Return the gimbal's set-points for the next step."""
+        elapsed = now.time - self.time
+        self.time += elapsed
+        goal = self._goal(now.q[:3], elapsed)
+        most = self.limits.speed * elapsed
+        step = np.clip(goal - self.setpoints, -most, most)
+        self.setpoints += step
+        position, velocity = np.full(7, np.nan), np.zeros(7)
+        position[GIMBAL] = self.setpoints[GIMBAL]
+        if elapsed > 0.0:
+            velocity[GIMBAL] = step[GIMBAL] / elapsed
+        return Action(np.zeros(7), position, velocity)
+
+    def _goal(self, arm: Array, elapsed: float) -> Array:
+        """Return the joints that have the orientation, nearest to the last set-points, (7,)."""
+        last, limits = self.setpoints, self.limits
+        on = last[PLATFORM] + platform_advance(last) * min(elapsed / PLATFORM_TIME_S, 1.0)
+        platform = min(max(on, limits.lower[PLATFORM]), limits.upper[PLATFORM])
+        found, _ = gimbal_branches(self.orientation, arm[None], np.array([[platform]]))
+        found -= 2.0 * np.pi * np.round((found - last) / (2.0 * np.pi))
+        found[:, :3] = arm
+        nearest = found[np.abs(found - last)[:, GIMBAL].max(axis=1).argmin()]
+        return np.clip(nearest, limits.lower, limits.upper)
+
+
+def orientation_lock(
+    fit: Fit, R: Array, q: Array, limits: GimbalLimits, time: float
+) -> OrientationLock:
+    """Return set-points that hold an orientation, from where the arm is.
 
     Args:
         fit: the arm's closed form
@@ -98,37 +142,8 @@ class OrientationLock:
         limits: of the joints
         time: simulation time [s]
     """
-
-    def __init__(self, fit: Fit, R: Array, q: Array, limits: GimbalLimits, time: float) -> None:
-        # These two attributes are in pickled states under these names.
-        self._wanted = fit.chain.base[:3, :3].T @ R @ fit.tip[:3, :3].T
-        self._told = q.copy()
-        self._limits, self._last = limits, time
-
-    def act(self, now: TipState) -> Action:
-        """Return the gimbal's set-points for the next step."""
-        elapsed = now.time - self._last
-        self._last += elapsed
-        goal = self._goal(now.q[:3], elapsed)
-        most = self._limits.speed * elapsed
-        step = np.clip(goal - self._told, -most, most)
-        self._told += step
-        position, velocity = np.full(7, np.nan), np.zeros(7)
-        position[GIMBAL] = self._told[GIMBAL]
-        if elapsed > 0.0:
-            velocity[GIMBAL] = step[GIMBAL] / elapsed
-        return Action(np.zeros(7), position, velocity)
-
-    def _goal(self, arm: Array, elapsed: float) -> Array:
-        """Return the joints that have the orientation, nearest to the last set-points, (7,)."""
-        last, limits = self._told, self._limits
-        on = last[PLATFORM] + platform_advance(last) * min(elapsed / PLATFORM_TIME_S, 1.0)
-        platform = min(max(on, limits.lower[PLATFORM]), limits.upper[PLATFORM])
-        found, _ = gimbal_branches(self._wanted, arm[None], np.array([[platform]]))
-        found -= 2.0 * np.pi * np.round((found - last) / (2.0 * np.pi))
-        found[:, :3] = arm
-        nearest = found[np.abs(found - last)[:, GIMBAL].max(axis=1).argmin()]
-        return np.clip(nearest, limits.lower, limits.upper)
+    orientation = fit.chain.base[:3, :3].T @ R @ fit.tip[:3, :3].T
+    return OrientationLock(orientation, q.copy(), limits, time)
 
 
 def check_orientation(value: ArrayLike) -> Array:

@@ -218,7 +218,7 @@ class ReadingErrors:
             for k, joint in enumerate(self._table.names)
             if joint in index and not joint.startswith(f"{name}/")
         ]
-        here, there = (np.array(side, np.intp) for side in zip(*pairs, strict=True))
+        here, there = np.array(pairs, np.intp).reshape(-1, 2).T
         for field in SAVED:
             getattr(self, field)[here] = getattr(old, field)[there]
         self._rng.bit_generator.state = old._rng.bit_generator.state

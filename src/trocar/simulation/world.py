@@ -95,7 +95,7 @@ BAD = {BAD_QPOS: "position", BAD_QVEL: "velocity", BAD_QACC: "acceleration"}
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Everything that a world's motion depends on, as `World.save` returns it.
+    """Everything that a world's motion depends on, as `World.save` returns it; never written to.
 
     Attributes:
         signature: the rig with its tools and options, as compiled
@@ -208,6 +208,10 @@ class World:
         self._tip_load_n = tip_load_n
         self._adopt(model)
         self.journal = self._journal = Journal()
+        #: The commands that lead here, from which a recording that begins later is repeated.
+        self.past = self._journal.past
+        #: Tools that were exchanged, (arm, tool) in their order: poses keep to the limits of each.
+        self._exchanged: list[tuple[str, str]] = []
         self._source, self._prefix = WORLD, ""
         self._grasps = Grasps(self.rig, self.timestep, self._journal)
         self._objects = Objects(self.rig, self._journal, self._grasps)
@@ -237,8 +241,6 @@ class World:
         self._rng: np.random.Generator | None = None
         self._seed = _checked_seed(seed)
         self.reset()
-        #: The commands so far, from which a recording that begins later is repeated.
-        self.past = self._journal.past
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
         self._stride = MOST_STEPS
@@ -480,15 +482,18 @@ class World:
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
         self._go_on()
+        self._restart_past("reset", {"seed": self._seed, "pose": pose})
 
     def save(self) -> State:
         """Return everything that the motion from here on depends on; it can be pickled.
 
-        Handles of moves, listeners and observers are not in it.
+        Handles of moves, listeners and observers are not in it, nor what a script of an object
+        keeps.
         """
         model, data = self._model, self._data
         row = np.empty(mujoco.mj_stateSize(model, INTEGRATION))
         self.copy_state(row)
+        row.setflags(write=False)
         return State(
             self.signature,
             row,
@@ -513,14 +518,17 @@ class World:
         """Copy parts of the physics state, bits of MuJoCo's mjtState, into an array."""
         mujoco.mj_getState(self._model, self._data, out, parts)
 
+    @command
     def load(self, state: State) -> None:
         """Go on from a saved state, of this world or another of the same rig, to the last bit.
 
         Moves until now are over; those of the state go on.
 
         Raises:
-            InputError: the state is of another rig, other tools or other options
+            InputError: no state, or one of another rig, other tools or other options
         """
+        if not isinstance(state, State):
+            raise InputError(f"load: got {state!r}; allowed: a State, as `save` returns it")
         if state.signature != self.signature:
             raise InputError(
                 f"load: got a state of {state.signature}; allowed: one of {self.signature}"
@@ -548,8 +556,12 @@ class World:
             tissue.load(state.tissues[name])
         self._bad[:] = 0
         self._go_on()
-        self.past.forget("it began after a saved state was loaded")
-        self.journal.event(WORLD, "state_loaded")
+        self._restart_past("load", {"state": state})
+        if any(prop.script for prop in self.rig.objects):
+            self.past.forget(
+                "it began after a saved state was loaded, which lacks what scripts of objects keep;"
+                " begin it before, or after a reset"
+            )
 
     def wait(self, motion: Motion, timeout_s: float | None) -> bool:
         """Step until a move is over, or leave the waiting to the loop that runs this world."""
@@ -655,6 +667,7 @@ class World:
         if self.drives is not None and trains[0] is not None:
             self._springs.anchor[:] = self.drives.carried_over(trains[0], trains[1].anchor)
             self.drives.begin(self._data.qpos, self._springs, name)
+        self._exchanged.append((name, str(tool)))
         self.journal.event(name, "tool_type", tool=arm.tool)
 
     @command
@@ -843,6 +856,13 @@ class World:
         return shape_records(self.rig, self._model)
 
     # ------------------------------------------------------------------ inside
+
+    def _restart_past(self, verb: str, values: Mapping[str, object]) -> None:
+        """Let go of the commands before one that leads here by itself, with the tools mounted."""
+        exchanges = (
+            (WORLD, "exchange_tool", {"name": name, "tool": tool}) for name, tool in self._exchanged
+        )
+        self.past.restart((*exchanges, (WORLD, verb, values)))
 
     def _adopt(self, model: RigModel) -> None:
         """Set the compiled rig; what looks into the physics must be attached to it next."""

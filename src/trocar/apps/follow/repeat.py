@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
 from collections.abc import Callable
@@ -12,7 +13,7 @@ import numpy as np
 
 from trocar import __version__
 from trocar.descriptions import RigDescription, load_rig
-from trocar.errors import DivergedError, LogError, TrocarError
+from trocar.errors import DivergedError, LogError
 from trocar.recording import Recorded, open_recording
 from trocar.recording.about import rig_fingerprint, versions
 from trocar.recording.entries import Unknown
@@ -160,7 +161,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
 
 
 def _repeat(world: World, entry: Entry, file: str) -> None:
-    """Step to a command and apply it; commands rejected then are rejected again."""
+    """Step to a command and apply it; what it raised then it raises again."""
     unknown = [f"{k} = {v}" for k, v in entry.values.items() if isinstance(v, Unknown)]
     if unknown:
         raise LogError(
@@ -169,17 +170,18 @@ def _repeat(world: World, entry: Entry, file: str) -> None:
             f" has arguments that cannot be recorded: {', '.join(unknown)}",
         )
     _step_to(world, entry.period)
-    try:
+    with contextlib.suppress(Exception):  # it was raised then, too, or the motion differs
         apply_command(world, entry)
-    except DivergedError:
-        raise
-    except TrocarError:
-        return
 
 
 def _step_to(world: World, period: int) -> None:
+    """Step to a command; where it diverges just before, it did so when it was recorded."""
     if world.periods < period:
-        world.step(period - world.periods)
+        try:
+            world.step(period - world.periods)
+        except DivergedError:
+            if world.periods < period:
+                raise
 
 
 class _Comparison:

@@ -1,7 +1,7 @@
 """The program `trocar`: table of subcommands, error messages, exit status.
 
 Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted; 141 the
-reader of standard output closed it.
+reader of standard output closed it; 143 terminated.
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ import errno
 import logging
 import os
 import re
+import signal
 import sys
-from collections.abc import Collection, Sequence
+import threading
+import time
+from collections.abc import Collection, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -42,6 +45,10 @@ def _commands() -> dict[str, str]:
 COMMANDS = _commands()
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: Source: as shells report a program that SIGTERM ended.
+TERMINATED = 128 + signal.SIGTERM
+#: SIGTERMs within this are one. Source: our own choice; `timeout` sends two at once. [s]
+AT_ONCE_S = 1.0
 #: Source: shells report a program that a closed pipe ended as 128 + SIGPIPE, and so they report
 #: `yes | head`.
 CLOSED_PIPE = 128 + 13
@@ -49,6 +56,10 @@ CLOSED_PIPE = 128 + 13
 LONGEST = 4000
 #: What a print raises on a full disk; other errors of the system keep their traceback.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM was received: what Ctrl-C ends ends in the same way."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,7 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     status, leaving = FAILED, None
     try:
         try:
-            status = _run(words)
+            with _terminable():
+                status = _run(words)
         except SystemExit as end:  # of --help and --version
             leaving = end
         problem = _output_problem()
@@ -78,9 +90,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in FULL:
             raise
         problem = str(error.strerror)
-    except KeyboardInterrupt:
-        _complain("interrupted")
-        return INTERRUPTED
+    except KeyboardInterrupt as reason:
+        terminated = isinstance(reason, Terminated)
+        _complain("terminated" if terminated else "interrupted")
+        return TERMINATED if terminated else INTERRUPTED
     if problem:
         _discard_output()
         _complain(f"error: output cannot be written: {problem}")
@@ -104,6 +117,28 @@ def _run(words: list[str]) -> int:
     logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
     status: int = args.run(args)
     return status
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Raise Terminated in the main thread at SIGTERM, unless the process ignores or handles it."""
+    received = float("-inf")
+
+    def terminate(*_: object) -> None:
+        nonlocal received
+        if (now := time.monotonic()) - received > AT_ONCE_S:
+            received = now
+            raise Terminated
+
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:

@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 import time
+from argparse import SUPPRESS
 from collections.abc import Collection, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -113,7 +114,11 @@ def _run(words: list[str]) -> int:
     if not words:
         parser.print_help()
         return DONE
-    args = parser.parse_args(keep_negative_numbers(words))
+    words = keep_negative_numbers(words)
+    args = parser.parse_args(words)
+    given = vars(build_parser((command or "",), defaults=False).parse_args(words))
+    called: dict[str, str] = given.pop("called")
+    args.given = {name: called[name] for name in given if name in called}
     logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
     status: int = args.run(args)
     return status
@@ -141,8 +146,13 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
-    """Return the parser of all subcommands; only those in `described` get their arguments."""
+def build_parser(described: Collection[str] = tuple(COMMANDS), defaults: bool = True) -> Parser:
+    """Return the parser of all subcommands.
+
+    Args:
+        described: the subcommands that get their arguments
+        defaults: False: options that are not given are absent; `called` has what each is called
+    """
     parser = Parser(
         prog="trocar",
         description="Simulate the da Vinci Research Kit: mechanism, dynamics, CRTK interface.",
@@ -159,7 +169,17 @@ def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
             name, help=summary, description=module.__doc__, formatter_class=parser.formatter_class
         )
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        if defaults:
+            command.set_defaults(run=module.run)
+            continue
+        command._defaults.clear()  # argparse has no public way, nor one to list arguments
+        called: dict[str, str] = {}
+        for action in command._actions:
+            if action.option_strings:
+                action.default = SUPPRESS
+                before = f"{called[action.dest]} or " if action.dest in called else ""
+                called[action.dest] = before + action.option_strings[-1]
+        command.set_defaults(called=called)
     return parser
 
 

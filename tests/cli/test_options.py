@@ -58,7 +58,7 @@ MODES = {
 #: Modes that take longer.
 SLOW = {
     "calibrate --from paper": "--arm psm",
-    "calibrate --plan": "--arm psm --duration 1",
+    "calibrate --plan": "--arm psm --duration 6",
     "bench core": "",
     "bench speed": "--duration 0.02 --passes 1",
     "tune psm": "--joint roll",
@@ -190,3 +190,56 @@ def test_an_option_that_a_drawing_mode_does_not_read_is_refused(
 def test_every_command_is_walked_through() -> None:
     walked = {mode.split()[0] for mode in (*MODES, *SLOW, *DRAWN)}
     assert walked | ELSEWHERE == set(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("words", "option", "allowed"),
+    [
+        ("sim --rig psm --no-page --websocket-port 0 --port 1", "--port", "without --no-page"),
+        ("sim --rig psm --no-websocket --port 0 --host 127.0.0.1", "--host", "without --no-web"),
+        ("sim --rig psm --no-websocket --port 0 --rate 10", "--rate", "with a client"),
+        ("sim --rig psm --port 0 --foxglove-port 1", "--foxglove-port", "with --foxglove"),
+        ("sim --rig two_psm_ecm --no-cameras --port 0 --jpeg 5", "--jpeg", "with cameras"),
+        ("sim --headless --rig psm --no-page", "--no-page", "without --headless"),
+        ("play peg-board --headless --port 8080", "--port", "without --headless"),
+        (
+            "play peg-board --headless --noise 0",
+            "--noise",
+            "without --headless, or with --record-i",
+        ),
+        ("play peg-board --headless --register points", "--register", "with the scene suturing"),
+        ("play peg-board --episodes 1", "--episodes", "with --headless"),
+        (
+            "play peg-board --headless --cluster a:1 --workers 1",
+            "--workers",
+            "without --cluster HO",
+        ),
+        ("run script.py --overwrite", "--overwrite", "with --record"),
+        ("bench core --passes 2", "--passes", "with PART speed"),
+        ("bench fidelity --robots 2", "--robots", "with --calibration without an OVERLAY"),
+        ("calibrate --arm psm tracks.csv --markers 4", "--markers", "with --plan"),
+        ("track --camera 0 --calibration dvrk --left a", "--left", "with --bag"),
+        ("calibrate-camera views.toml --overwrite", "--overwrite", "with --output or --ros"),
+        ("verify --overwrite", "--overwrite", "with --report"),
+    ],
+)
+def test_the_refusal_names_the_option_and_when_it_is_allowed(
+    words: str,
+    option: str,
+    allowed: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("script.py").write_text("pass\n")
+    assert main(words.split()) == 2
+    complaint = capsys.readouterr().err.splitlines()[-1]
+    assert complaint.startswith(f"trocar: error: {option}: has no effect here; allowed {allowed}")
+
+
+def test_a_default_that_is_given_is_refused_as_any_value_is(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["sim", "--headless", "--rig", "psm", "--port", "8080"]) == 2
+    assert "--port: has no effect here; allowed without --headless only" in capsys.readouterr().err

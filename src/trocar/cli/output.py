@@ -18,9 +18,10 @@ if TYPE_CHECKING:
 
 #: Minimum time between redraws of a progress bar; one takes about 1 ms. [s]
 REFRESH_S = 0.1
-#: Where stderr is no terminal: time between two lines of progress, and before the first, so that
-#: commands that end sooner print none. Source: our own choice. [s]
-LINE_S = 2.0
+#: Where stderr is no terminal: time before the first line of progress, so that commands that end
+#: sooner print none; the next come after twice the time, and so on up to MOST_S. Source: our own
+#: choice. [s]
+LINE_S, MOST_S = 1.0, 30.0
 
 
 def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[], str]) -> None:
@@ -103,7 +104,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  "
 def progress_bar(unit: str) -> Iterator[Callable[[int, int | None], None]]:
     """Yield a function (done, total) that shows progress on stderr; total None: unknown.
 
-    A bar on a terminal; elsewhere a line every LINE_S.
+    A bar on a terminal; elsewhere a line now and then.
 
     Args:
         unit: name of the counted items, plural
@@ -125,7 +126,7 @@ def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callabl
     """Yield a function (step) that shows the step that begins on stderr.
 
     A bar on a terminal; elsewhere a line per step with a verb, which is for commands that always
-    take long; without, a line every LINE_S, if there is a new step.
+    take long; without, a line now and then.
 
     Args:
         verb: stands before the step
@@ -172,8 +173,9 @@ def _lines() -> Iterator[Draw]:
         newest = text
 
     def work() -> None:
-        printed = ""
-        while not over.wait(LINE_S):
+        printed, pause_s = "", LINE_S
+        while not over.wait(pause_s):
+            pause_s = min(2.0 * pause_s, MOST_S)
             if newest != printed:
                 printed = newest
                 _say(f"{printed} ...")

@@ -150,8 +150,10 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
     """Start rendering the cameras, if a client can subscribe to them."""
-    pictures = open_pictures(loop, args)  # checks the options in any case
-    if pictures is None or (args.no_page and args.serve is None):
+    if args.no_page and args.serve is None:
+        return None
+    pictures = open_pictures(loop, args)
+    if pictures is None:
         return None
     stack.enter_context(closing(pictures))
     pictures.start()

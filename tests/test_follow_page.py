@@ -113,10 +113,12 @@ def test_json_stands_alone_beside_what_is_served(
 
 
 @pytest.mark.parametrize("option", [("--preset", "nonsense"), ("--exposure", "99")])
-def test_options_of_cameras_are_checked_where_nobody_looks(
+def test_options_of_cameras_are_checked_and_refused_where_nobody_looks(
     tmp_path: Path, option: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     session(tmp_path / "session.bag", {"PSM1": 6, "PSM2": 6, "ECM": 4})
     words = ["mirror", "--rig", "two_psm_ecm", "--bag", str(tmp_path / "session.bag"), "--no-page"]
-    assert main([*words, *option]) == BAD_INPUT
+    assert main([*words, "--serve", "0", *option]) == BAD_INPUT
     assert option[1] in capsys.readouterr().err
+    assert main([*words, *option]) == BAD_INPUT
+    assert f"{option[0]}: has no effect here; allowed" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -27,11 +28,18 @@ def report():
 def test_a_headless_run_reports_speed_health_and_tracking(report):
     assert (report.rig, report.timestep_s) == ("psm", 0.001)
     assert report.simulated_s == pytest.approx(10.0, abs=1e-9)
-    assert report.real_time_factor == pytest.approx(report.simulated_s / report.wall_s)
+    assert report.real_time_factor == pytest.approx(report.simulated_s / report.pass_s)
     assert 0.0 < report.loop_gap_um_max <= 0.1
     assert 0.0 < report.rcm_error_um_max <= 3.0
     assert report.branch_ok
     assert list(report.tracking_rms["PSM1"]) == list(load_arm("psm").mechanism.joint_names)
+
+
+def test_the_wall_time_of_a_run_is_that_of_all_that_it_does():
+    before = time.perf_counter()
+    found = run_headless(World("psm"), 0.1, passes=3)
+    took = time.perf_counter() - before
+    assert 2 * found.pass_s < found.wall_s <= took  # two of three passes last the median or more
 
 
 def test_the_paper_s_arm_tracks_to_five_milliradians(report):
@@ -42,7 +50,7 @@ def test_the_paper_s_arm_tracks_to_five_milliradians(report):
 
 def test_time_that_keeps_to_the_wall_clock_has_factor_one():
     found = run_headless(World("ecm"), 0.25, passes=1, realtime=True)
-    assert found.wall_s >= 0.25 - 0.005  # the last tick need not be waited for
+    assert found.pass_s >= 0.25 - 0.005  # the last tick need not be waited for
     assert found.real_time_factor <= 1.03
 
 

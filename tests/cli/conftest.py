@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from trocar.cli import main
+from trocar.cli import main, output
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,12 @@ class Answer:
         name, error, complaint = line.split(": ", 2)
         assert (name, error) == ("trocar", "error")
         return complaint
+
+
+@pytest.fixture(autouse=True)
+def no_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Print no lines of progress, however slow the machine is."""
+    monkeypatch.setattr(output, "LINE_S", 3600.0)
 
 
 Command = Callable[..., Answer]

@@ -7,12 +7,13 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
 import trocar as package
-from trocar.cli import fk, main
+from trocar.cli import fk, main, output
 from trocar.cli.arguments import keep_negative_numbers
 from trocar.cli.output import progress_bar, progress_steps
 from trocar.cli.program import COMMANDS
@@ -207,7 +208,6 @@ def test_long_work_has_a_bar_with_an_estimate_on_a_terminal(monkeypatch):
     monkeypatch.setattr(sys, "stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     with progress_bar("rows") as watch:
-        assert watch is not None
         watch(1, 4)
         watch(4, 4)
     with progress_steps("measuring", 3) as announce:
@@ -218,14 +218,34 @@ def test_long_work_has_a_bar_with_an_estimate_on_a_terminal(monkeypatch):
     assert "measuring speed" in drawn and "measuring start-up" in drawn
 
 
-def test_elsewhere_steps_are_lines_and_a_bar_is_nothing(capsys):
+def test_elsewhere_long_work_prints_a_line_now_and_then(capsys, monkeypatch):
+    monkeypatch.setattr(output, "LINE_S", 0.01)
+
+    def printed(line: str) -> bool:
+        lines.extend(capsys.readouterr().err.splitlines())
+        return line in lines
+
+    lines: list[str] = []
     with progress_bar("rows") as watch:
-        assert watch is None
-    with progress_steps("measuring") as announce:
-        announce("speed")
+        watch(1, 4)
+        while not printed("trocar: 1 of 4 rows ..."):
+            time.sleep(0.01)
     with progress_steps() as announce:
         announce("reading")
-    assert capsys.readouterr().err == "trocar: measuring speed ...\n"
+        while not printed("trocar: reading ..."):
+            time.sleep(0.01)
+    assert len(lines) == 2
+    with progress_steps("measuring") as announce:
+        announce("speed")
+        assert printed("trocar: measuring speed ...")
+
+
+def test_elsewhere_short_work_prints_nothing(capsys):
+    with progress_bar("rows") as watch:
+        watch(1, 4)
+    with progress_steps() as announce:
+        announce("reading")
+    assert capsys.readouterr().err == ""
 
 
 def test_a_number_is_no_option():

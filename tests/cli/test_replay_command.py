@@ -29,7 +29,7 @@ class Terminal(io.StringIO):
 def run(*arguments: str) -> int:
     parser = argparse.ArgumentParser()
     replay.add_arguments(parser)
-    return replay.run(parser.parse_args(arguments))
+    return replay.run(parser.parse_args(arguments, argparse.Namespace(given={})))
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_json_is_one_document_with_these_keys(
     for figure in KEYS[5:]:
         assert list(report[figure]) == JOINTS
         assert all(isinstance(value, float) for value in report[figure].values())
-    assert not terminal.getvalue()
+    assert terminal.getvalue().endswith("\x1b[2K")  # the bar is wiped
 
 
 def test_the_table_has_a_line_per_joint_with_units(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -131,7 +130,7 @@ def test_the_page_is_served_beside_the_script(tmp_path: Path) -> None:
                 with urlopen(line.split()[0]) as page:
                     assert page.status == 200
             if "script finished" in line:
-                process.send_signal(signal.SIGINT)
+                process.terminate()
         assert process.wait(30.0) == 0, said
     assert said[0].startswith("http://127.0.0.1:")
     assert said[-1].startswith("trocar: short.py: rig psm")

@@ -19,8 +19,8 @@ from trocar.errors import UnknownNameError
 from trocar.simulation import World
 
 REPORT = [
-    "rig", "timestep_s", "simulated_s", "wall_s", "real_time_factor", "bare_real_time_factor",
-    "overhead", "overhead_at_rest", "loop_gap_um_max", "rcm_error_um_max",
+    "rig", "timestep_s", "simulated_s", "wall_s", "pass_s", "real_time_factor",
+    "bare_real_time_factor", "overhead", "overhead_at_rest", "loop_gap_um_max", "rcm_error_um_max",
     "rcm_wander_um_max", "branch_ok", "tracking_rms",
 ]  # fmt: skip
 

@@ -342,6 +342,8 @@ class Task:
 
     #: Further topics that are served, {name: help}; their messages are JSON.
     topics: Mapping[str, str] = {}
+    #: Whether the task looks at images, by the settings of `Scene.look`.
+    sees = False
     #: Draws into an eye's image of a frame (0 left, 1 right), from any thread.
     overlay: Callable[[Any, int], NDArray[np.uint8]] | None = None
 

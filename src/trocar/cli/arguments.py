@@ -116,6 +116,42 @@ def options(parser: _ActionsContainer, table: str, **types: Callable[[str], Any]
         parser.add_argument(*names.split(","), help=help_text, **keywords)
 
 
+def names_of(*tables: Callable[[argparse.ArgumentParser], object]) -> list[str]:
+    """Return the options that functions add to a parser, as attributes of parsed arguments."""
+    parser = argparse.ArgumentParser(add_help=False)
+    for add in tables:
+        add(parser)
+    return [action.dest for action in parser._actions]  # argparse has no public way
+
+
+def allow(args: argparse.Namespace, when: str, *names: str) -> None:
+    """Reject options that would do nothing.
+
+    Args:
+        args: parsed arguments; `given` maps those on the command line to what they are called there
+        when: when the options are allowed
+        names: the options, as attributes of `args`
+
+    Raises:
+        InputError: one of them was given
+    """
+    for name in names:
+        if name in args.given:
+            raise InputError(f"{args.given[name]}: has no effect here; allowed {when} only")
+
+
+def allow_overwrite(args: argparse.Namespace, *outputs: str) -> None:
+    """Reject --overwrite where no file is written.
+
+    Args:
+        args: parsed arguments
+        outputs: options that name files to write, as attributes of `args`
+    """
+    if not any(name in args.given for name in outputs):
+        options = " or ".join(f"--{name.replace('_', '-')}" for name in outputs)
+        allow(args, f"with {options}", "overwrite")
+
+
 def add_arm(parser: argparse.ArgumentParser) -> None:
     """Add the arm and its tool."""
     options(parser, """

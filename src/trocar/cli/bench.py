@@ -14,7 +14,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, options
+from trocar.cli.arguments import add_json, allow, options
 from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
 
@@ -81,6 +81,12 @@ def run(args: Namespace) -> int:
     if calibrating and "fidelity" not in args.part:
         raise InputError("--calibration without an OVERLAY: allowed with PART fidelity only")
     parts = args.part or (("speed",) if overlays else PARTS)
+    if "speed" not in parts:
+        allow(args, "with PART speed", "duration", "passes")
+    if "fidelity" not in parts:
+        allow(args, "with PART fidelity", "poses")
+    if not calibrating:
+        allow(args, "with --calibration without an OVERLAY", "robots")
     rows: list[Table9Row] = []
     found: list[Figure] = []
     steps = sum(STEPS[part] for part in parts) + bool(args.log)

@@ -13,7 +13,7 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, options
+from trocar.cli.arguments import add_json, add_overwrite, allow, allow_overwrite, options
 from trocar.cli.output import print_json, print_result, progress_steps, table, warn
 from trocar.errors import InputError
 
@@ -106,13 +106,15 @@ def run(args: Namespace) -> int:
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file
 
+    allow_overwrite(args, "output", "report")
+    if not args.plan:
+        allow(args, "with --plan", *PLAN)
     if args.source == "kinematics" and not args.plan:
         return _kinematics(args)
     if args.arm is None:
         raise InputError("calibrate: --arm is missing; allowed: a built-in arm or TOML file")
     if args.plan:
         return _plan(args)
-    _check_unplanned(args)
     if args.source == "paper":
         return _paper(args)
     if args.tracks is None:
@@ -129,7 +131,7 @@ def run(args: Namespace) -> int:
     loops: Calibration | None = None
     joints: JointsCalibration | None = None
     with progress_steps() as watch:
-        watch("reading")
+        watch(f"reading {args.tracks}")
         tracks = read_tracks(args.tracks)
         sweep = read_tracks(args.rcm) if args.rcm else None
         if looped:
@@ -154,13 +156,6 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _check_unplanned(args: Namespace) -> None:
-    """Reject options of --plan without --plan."""
-    for name in PLAN:
-        if getattr(args, name) is not None:
-            raise InputError(f"--{name.replace('_', '-')}: allowed with --plan only")
-
-
 def _kinematics(args: Namespace) -> int:
     """Register bases and joint offsets from the arms' own readings."""
     from trocar.apps.calibration.registration import register, registration_dict
@@ -168,14 +163,15 @@ def _kinematics(args: Namespace) -> int:
     from trocar.descriptions.table import toml_text
     from trocar.outputs import check_file, write_text
 
-    _check_unplanned(args)
     _allow_none("--from kinematics", args, ("arm", "rcm", "bodies", "closure", "report"))
     if args.tracks is None:
         raise InputError("calibrate: the TOML file of touches is missing (see trocar touches)")
     if args.output:
         check_file(args.output, args.overwrite)
-    readings = read_touches(args.tracks)
-    found = register(readings)
+    with progress_steps() as watch:
+        watch(f"reading {args.tracks}")
+        readings = read_touches(args.tracks)
+        found = register(readings, watch)
     boards = next(iter(readings.values())).boards is not None
     document = registration_dict(found, "camera" if boards else "block")
     if args.output:

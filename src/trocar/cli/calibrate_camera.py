@@ -12,7 +12,7 @@ import math
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite, options
+from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
@@ -50,13 +50,14 @@ def run(args: Namespace) -> int:
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file
 
+    allow_overwrite(args, "output", "ros")
     written = [*([args.output] if args.output else []), *(args.ros or [])]
     for file in written:
         check_file(file, args.overwrite)
     with progress_steps() as watch:
+        watch(f"reading {args.views}")
         views = read_views(args.views, watch)
-        watch("adjusting")
-        found = calibrate_camera(views, math.radians(args.joint_noise_deg), args.offsets)
+        found = calibrate_camera(views, math.radians(args.joint_noise_deg), args.offsets, watch)
     if args.output:
         write_overlay(args.output, found.overlay, overwrite=args.overwrite)
     if args.ros:

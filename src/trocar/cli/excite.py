@@ -10,7 +10,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_result
+from trocar.cli.output import print_result, progress_bar
 
 SUMMARY = "plan a trajectory that excites an arm's dynamics"
 ORDER = 51
@@ -44,7 +44,8 @@ def run(args: Namespace) -> int:
     if args.seed < 0:
         raise InputError(f"--seed: got {args.seed}; allowed: 0 or more")
     arm = load_arm(args.arm, args.tool)
-    found = excite(arm, args.period, args.repeats, args.rate, args.candidates, args.seed)
+    with progress_bar("candidates") as watch:
+        found = excite(arm, args.period, args.repeats, args.rate, args.candidates, args.seed, watch)
     write_text(args.output, trajectory_csv(found), args.overwrite)
     document = {
         "arm": arm.name,

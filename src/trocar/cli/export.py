@@ -11,7 +11,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, options
-from trocar.cli.output import print_json, warn
+from trocar.cli.output import print_json, progress_steps, warn
 
 if TYPE_CHECKING:
     from trocar.apps.exports import Export
@@ -50,7 +50,9 @@ def run(args: Namespace) -> int:
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
     options = Options(args.package, args.fit_tip, args.sdf_version)
-    done = export(rig, args.format, args.out, options, overwrite=args.overwrite)
+    with progress_steps() as watch:
+        watch(f"exporting {args.subject} as {args.format}")
+        done = export(rig, args.format, args.out, options, overwrite=args.overwrite)
     for text in done.warnings:
         warn(text)
     if args.json:

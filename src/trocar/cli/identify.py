@@ -13,13 +13,20 @@ import json
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import plain, print_result, table
+from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.output import plain, print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
-    from trocar.apps.identification import Identified, LogSettings, Prediction, Score, Weight
+    from trocar.apps.identification import (
+        FilteredLog,
+        Identified,
+        LogSettings,
+        Prediction,
+        Score,
+        Weight,
+    )
 
 SUMMARY = "identify an arm's dynamics from logs of efforts"
 ORDER = 52
@@ -68,6 +75,24 @@ def log_settings(args: Namespace) -> LogSettings:
     from trocar.apps.identification import LogSettings
 
     return LogSettings(args.tool, args.rate, args.wrist, args.topic, args.cutoff)
+
+
+def allow_log(args: Namespace, *files: str) -> None:
+    """Reject options of `add_log` that concern logs of other kinds.
+
+    Args:
+        args: parsed arguments
+        files: the logs
+    """
+    from trocar.apps.identification import log_kind
+
+    kinds = {log_kind(file) for file in files}
+    if "bag" not in kinds:
+        allow(args, "with a bag", "topic")
+    if "rows" not in kinds:
+        allow(args, "with a CSV log without header", "wrist")
+        if "bag" not in kinds:
+            allow(args, "with a CSV log without header, or a bag", "rate")
 
 
 def weight(text: str) -> tuple[float, str, tuple[float, float, float]]:
@@ -122,22 +147,27 @@ def run(args: Namespace) -> int:
     check_file(args.output, args.overwrite)
     if args.report is not None:
         check_folder(args.report, args.overwrite)
+    allow_log(args, *args.log)
     how = log_settings(args)
     arm = load_arm(args.arm, args.tool)
     filters = how.filters(default_filters(arm))
-    logs = [
-        filtered(read_motion(file, arm, how.rate_hz, how.wrist, how.topic), arm, filters)
-        for file in args.log
-    ]
     known = weights(args.weight, arm.mechanism.tip)
-    found = identify(logs, arm, known, args.mass_bounds)
-    overlay = found.overlay(__version__)
     strapped = known or [[] for _ in args.log]
-    scored = [
-        predict(file, args.arm, overlay, own, how)
-        for file, own in zip(args.log, strapped, strict=True)
-    ]
-    held_out = cross_validate(logs[0], arm, args.mass_bounds) if args.cross_validate else None
+    with progress_steps() as watch:
+        logs: list[FilteredLog] = []
+        for file in args.log:
+            watch(f"reading {file}")
+            log = read_motion(file, arm, how.rate_hz, how.wrist, how.topic)
+            logs.append(filtered(log, arm, filters))
+        found = identify(logs, arm, known, args.mass_bounds, watch)
+        overlay = found.overlay(__version__)
+        scored: list[Prediction] = []
+        for file, own in zip(args.log, strapped, strict=True):
+            watch(f"predicting {file}")
+            scored.append(predict(file, args.arm, overlay, own, how))
+        held_out = None
+        if args.cross_validate:
+            held_out = cross_validate(logs[0], arm, args.mass_bounds, watch)
     document = _document(found, scored, held_out, args.output)
     write_overlay(args.output, overlay, overwrite=args.overwrite)
     if args.report is not None:

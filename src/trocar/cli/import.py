@@ -11,8 +11,8 @@ from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from pathlib import Path
 
-from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_json, warn
+from trocar.cli.arguments import add_json, add_overwrite, allow, options
+from trocar.cli.output import print_json, progress_steps, warn
 
 SUMMARY = "import an arm or a prop from URDF, SDF, MJCF or a mesh"
 ORDER = 170
@@ -48,8 +48,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.apps.importers import Options, import_file
+    from trocar.apps.importers import FORMATS, Options, import_file
 
+    if Path(args.file).suffix.lower() in FORMATS:
+        allow(args, "with URDF, SDF or MJCF", "package_path", "passive")
+    else:
+        allow(args, "with a mesh", "unit", "mass", "hull")
     options = Options(
         args.name,
         args.kind,
@@ -60,7 +64,9 @@ def run(args: Namespace) -> int:
         tuple(name.strip() for name in args.passive.split(",") if name.strip()),
         args.overwrite,
     )
-    found = import_file(args.file, args.output, options)
+    with progress_steps() as watch:
+        watch(f"importing {args.file}")
+        found = import_file(args.file, args.output, options)
     for text in found.warnings:
         warn(text)
     if args.json:

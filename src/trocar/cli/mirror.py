@@ -19,6 +19,9 @@ from trocar.cli.arguments import (
     add_origin,
     add_port,
     add_rig,
+    allow,
+    allow_overwrite,
+    names_of,
     options,
 )
 from trocar.cli.output import print_json, table
@@ -77,6 +80,11 @@ def run(args: Namespace) -> int:
         raise InputError("--json: allowed with --no-page only, which prints a report")
     if args.speed == "max" and not args.bag:
         raise InputError("--speed max: allowed with --bag only; a live robot runs in real time")
+    allow_overwrite(args, "record")
+    if args.no_page:
+        allow(args, "without --no-page", "port")
+        if args.serve is None:
+            allow(args, "without --no-page, or with --serve", "origin", *names_of(add_cameras))
     from trocar.apps.follow import Mirror
     from trocar.interfaces import Loop
     from trocar.interfaces.loop import SERVER_TICK_S
@@ -142,8 +150,10 @@ def _follow(loop: Loop, mirror: Mirror, duration_s: float | None) -> None:
 
 def _pictures(loop: Loop, args: Namespace, stack: ExitStack) -> Pictures | None:
     """Start rendering the cameras, if a client can subscribe to them."""
-    pictures = open_pictures(loop, args)  # checks the options in any case
-    if pictures is None or (args.no_page and args.serve is None):
+    if args.no_page and args.serve is None:
+        return None
+    pictures = open_pictures(loop, args)
+    if pictures is None:
         return None
     stack.enter_context(closing(pictures))
     pictures.start()

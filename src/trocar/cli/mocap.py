@@ -126,7 +126,7 @@ def run(args: Namespace) -> int:
     )
     check_tracks(args.output, args.overwrite)
     arm, robot = _robot(args)
-    with progress_bar("steps", not args.json) as watch:
+    with progress_bar("steps") as watch:
         tracks = simulate_tracks(arm, settings, watch, robot)
     truth = write_tracks(args.output, tracks, args.format, overwrite=args.overwrite)
     if args.json:

@@ -6,10 +6,11 @@ import json
 import math
 import re
 import sys
+import threading
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
 
 #: Minimum time between redraws of a progress bar; one takes about 1 ms. [s]
 REFRESH_S = 0.1
+#: Where stderr is no terminal: time before the first line of progress, so that commands that end
+#: sooner print none; the next come after twice the time, and so on up to MOST_S. Source: our own
+#: choice. [s]
+LINE_S, MOST_S = 1.0, 30.0
 
 
 def print_result(args: Namespace, document: Mapping[str, Any], text: Callable[[], str]) -> None:
@@ -96,45 +101,39 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], indent: str = "  "
 
 
 @contextmanager
-def progress_bar(unit: str, shown: bool = True) -> Iterator[Callable[[int, int], None] | None]:
-    """Yield a function (done, total) that draws a progress bar on stderr.
+def progress_bar(unit: str) -> Iterator[Callable[[int, int | None], None]]:
+    """Yield a function (done, total) that shows progress on stderr; total None: unknown.
 
-    Yields None if stderr is not a terminal or `shown` is false.
+    A bar on a terminal; elsewhere a line now and then.
 
     Args:
         unit: name of the counted items, plural
-        shown: False: draw nothing
     """
-    if not (shown and sys.stderr.isatty()):
-        yield None
-        return
     drawn = float("-inf")
 
-    def announce(done: int, total: int) -> None:
+    def announce(done: int, total: int | None) -> None:
         nonlocal drawn
         if (now := time.monotonic()) >= drawn + REFRESH_S or done == total:
             drawn = now
-            draw(f"{done} of {total} {unit}", done, total)
+            draw(f"{done} {unit}" if total is None else f"{done} of {total} {unit}", done, total)
 
-    with _bar() as draw:
+    with _display() as draw:
         yield announce
 
 
 @contextmanager
 def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callable[[str], None]]:
-    """Yield a function (step) that reports the start of a step, as progress bar on stderr.
+    """Yield a function (step) that shows the step that begins on stderr.
+
+    A bar on a terminal; elsewhere a line per step with a verb, which is for commands that always
+    take long; without, a line now and then.
 
     Args:
-        verb: if stderr is not a terminal, print `trocar: VERB STEP ...` per step; "": print nothing
+        verb: stands before the step
         count: number of steps, to estimate the remaining time; None: unknown
     """
-    if not sys.stderr.isatty():
-
-        def announce_line(step: str) -> None:
-            if verb:
-                print(f"trocar: {verb} {step} ...", file=sys.stderr, flush=True)
-
-        yield announce_line
+    if verb and not _on_terminal():
+        yield lambda step: _say(f"{verb} {step} ...")
         return
     begun = -1
 
@@ -143,12 +142,55 @@ def progress_steps(verb: str = "", count: int | None = None) -> Iterator[Callabl
         begun += 1
         draw(f"{verb} {step}".strip(), begun, None if count is None else max(count, begun + 1))
 
-    with _bar() as draw:
+    with _display() as draw:
         yield announce
 
 
+Draw = Callable[[str, int, int | None], None]
+
+
+def _on_terminal() -> bool:
+    return sys.stderr is not None and sys.stderr.isatty()
+
+
+def _say(text: str) -> None:
+    if sys.stderr is not None:
+        print(f"trocar: {text}", file=sys.stderr, flush=True)
+
+
+def _display() -> AbstractContextManager[Draw]:
+    return _bar() if _on_terminal() else _lines()
+
+
 @contextmanager
-def _bar() -> Iterator[Callable[[str, int, int | None], None]]:
+def _lines() -> Iterator[Draw]:
+    """Yield a function (text, done, total) whose newest text is printed on stderr now and then."""
+    newest = ""
+    over = threading.Event()
+
+    def draw(text: str, _done: int, _total: int | None) -> None:
+        nonlocal newest
+        newest = text
+
+    def work() -> None:
+        printed, pause_s = "", LINE_S
+        while not over.wait(pause_s):
+            pause_s = min(2.0 * pause_s, MOST_S)
+            if newest != printed:
+                printed = newest
+                _say(f"{printed} ...")
+
+    thread = threading.Thread(target=work, name="trocar-progress", daemon=True)
+    thread.start()
+    try:
+        yield draw
+    finally:
+        over.set()
+        thread.join()
+
+
+@contextmanager
+def _bar() -> Iterator[Draw]:
     """Yield a function (text, done, total) that draws a bar on stderr until the block ends."""
     from rich.console import Console
     from rich.progress import (

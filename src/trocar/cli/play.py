@@ -14,10 +14,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, options
+from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
 from trocar.cli.output import fixed, print_result, progress_bar, table
-from trocar.cli.serving import add_serving, serve
+from trocar.cli.serving import add_serving, allow_headless, serve
 from trocar.cli.worlds import (
+    add_look,
     add_record,
     changed_look,
     eyes_of,
@@ -29,7 +30,7 @@ from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import numpy as np
     from numpy.typing import NDArray
@@ -58,7 +59,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         --cluster ADDRESS       run the episodes on the Ray cluster at HOST:PORT, or on a local one
                                 of --workers processes: local (extra cluster)
         --video FILE            write an MP4 video of the endoscope (extra video)
-        --duration S:duration   stop serving after S simulated seconds
+        --duration S:duration   stop serving, or with --headless each episode, after S simulated
+                                seconds
         --speed realtime|max    of serving: real time, or as fast as possible (default: realtime)
         --stitches N:int        of suturing: how many (default: 1)
         --needle SIZE           of suturing: 26mm-half (default), 36mm-half, 24mm-3/8, ...
@@ -82,6 +84,7 @@ def run(args: Namespace) -> int:
     ):
         if value < least:
             raise InputError(f"--{name}: got {value}; allowed: {least} or more")
+    _allow(args)
     args.scene = _scene(args)
     if args.plan:
         _write_plan(args)
@@ -98,16 +101,23 @@ def run(args: Namespace) -> int:
     from trocar.apps.tasks import play
 
     found: list[Episode] = []
-    with progress_bar("episodes", not args.json) as watch:
+    duration_s = float("inf") if args.duration is None else args.duration
+    scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
+    longest_s = min(duration_s, scene.time_limit)
+    with progress_bar("s simulated") as draw:
+
+        def watch(time_s: float) -> None:
+            draw(round(len(found) * longest_s + time_s), round(args.episodes * longest_s))
+
+        how = {"duration_s": duration_s, "watch": watch}
         if watched:
-            episodes = _watched(args)
+            episodes = _watched(args, **how)
         else:
             seeds = range(args.seed, args.seed + args.episodes)
-            episodes = play(args.scene, seeds, args.workers, args.cluster or "")
+            episodes = play(args.scene, seeds, args.workers, args.cluster or "", **how)
         for episode in episodes:
             found.append(episode)
-            if watch is not None:
-                watch(len(found), args.episodes)
+            watch(0.0)
     document = {
         "scene": found[0].scene,
         "policy": "scripted",
@@ -118,6 +128,31 @@ def run(args: Namespace) -> int:
     }
     print_result(args, document, lambda: _report(found))
     return 0
+
+
+def _allow(args: Namespace) -> None:
+    """Reject options that do nothing in the mode, or with the scene."""
+    allow_overwrite(args, "record", "video", "plan", "foxglove_record")
+    scene = load_scene(args.scene)
+    if args.register == "points" and scene.task != "suturing":
+        allow(args, "with the scene suturing", "register")
+    if not args.headless:
+        names = ("json", "video", "episodes", "workers", "cluster")
+        allow(args, "with --headless", *names)
+        return
+    allow_headless(args)
+    if args.speed == "realtime":
+        raise InputError("--speed: got realtime with --headless; allowed: max")
+    if args.cluster not in (None, "local"):
+        allow(args, "without --cluster HOST:PORT", "workers")
+    if args.record_images or args.video or args.register == "image":
+        return
+    from trocar.apps.tasks.registry import task_class
+
+    where = "without --headless, or with --record-images, --video or --register image"
+    allow(args, where, "preset")
+    if not task_class(scene).sees:
+        allow(args, where, *names_of(add_look))
 
 
 def _scene(args: Namespace) -> Scene | str:
@@ -154,12 +189,8 @@ def _write_plan(args: Namespace) -> None:
 
 def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
-    alone = args.json or args.video or args.register == "image"
-    if alone or args.episodes > 1 or args.workers > 1 or args.cluster:
-        raise InputError(
-            "--json, --video, --episodes, --workers, --cluster, --register image: allowed with"
-            " --headless only"
-        )
+    if args.register == "image":
+        raise InputError("--register image: allowed with --headless only")
     from trocar.apps.tasks import Task, make_task
     from trocar.apps.tasks.served import ServedTask
     from trocar.descriptions.catalogue import load_scene
@@ -176,7 +207,9 @@ def _serve(args: Namespace) -> int:
     return 0
 
 
-def _watched(args: Namespace) -> Iterator[Episode]:
+def _watched(
+    args: Namespace, duration_s: float, watch: Callable[[float], None]
+) -> Iterator[Episode]:
     """Yield episodes that are recorded or filmed, or whose policy sees the wound in images."""
     from trocar.apps.tasks import make_task, run_episode
 
@@ -189,7 +222,7 @@ def _watched(args: Namespace) -> Iterator[Episode]:
         if args.video:
             _film(task, args, stack)
         for seed in range(args.seed, args.seed + args.episodes):
-            yield run_episode(task, seed)
+            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
 
 
 def _register(task: Task, args: Namespace, stack: ExitStack) -> None:

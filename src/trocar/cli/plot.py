@@ -11,6 +11,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 
 from trocar.cli.arguments import add_overwrite, options
+from trocar.cli.output import progress_steps
 
 SUMMARY = "plot a recording: joints, errors, efforts"
 ORDER = 100
@@ -33,7 +34,9 @@ def run(args: Namespace) -> int:
     """Plot, and print the files written."""
     from trocar.apps.plotting import plot
 
-    report = plot(args.file, args.out, args.arm, args.joint, overwrite=args.overwrite)
+    with progress_steps() as watch:
+        watch(f"plotting {args.file}")
+        report = plot(args.file, args.out, args.arm, args.joint, overwrite=args.overwrite)
     if report.problem:
         print(f"trocar: warning: {args.file}: {report.problem}", file=sys.stderr)
     for file in report.files:

@@ -11,9 +11,9 @@ import json
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.identify import add_log, log_settings, weight, weights
-from trocar.cli.output import plain, print_result, table
+from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
+from trocar.cli.identify import add_log, allow_log, log_settings, weight, weights
+from trocar.cli.output import plain, print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from trocar.apps.identification import Prediction
@@ -49,11 +49,15 @@ def run(args: Namespace) -> int:
     from trocar.descriptions import load_arm
     from trocar.outputs import check_folder
 
+    allow_log(args, args.log)
+    allow_overwrite(args, "report")
     if args.report is not None:
         check_folder(args.report, args.overwrite)
     tip = load_arm(args.arm, args.tool).mechanism.tip
     known = [one for each in weights(args.weight, tip) for one in each]
-    found = predict(args.log, args.arm, args.dynamics, known, log_settings(args), args.samples)
+    with progress_steps() as watch:
+        watch(f"predicting {args.log}")
+        found = predict(args.log, args.arm, args.dynamics, known, log_settings(args), args.samples)
     document = found.document()
     if args.report is not None:
         text = json.dumps(plain(document), indent=2)

@@ -1,7 +1,7 @@
 """The program `trocar`: table of subcommands, error messages, exit status.
 
 Exit status: 0 success; 1 the run failed; 2 bad input, nothing was done; 130 interrupted; 141 the
-reader of standard output closed it.
+reader of standard output closed it; 143 terminated.
 """
 
 from __future__ import annotations
@@ -11,8 +11,12 @@ import errno
 import logging
 import os
 import re
+import signal
 import sys
-from collections.abc import Collection, Sequence
+import threading
+import time
+from argparse import SUPPRESS
+from collections.abc import Collection, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 
@@ -42,6 +46,10 @@ def _commands() -> dict[str, str]:
 COMMANDS = _commands()
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+#: Source: as shells report a program that SIGTERM ended.
+TERMINATED = 128 + signal.SIGTERM
+#: SIGTERMs within this are one. Source: our own choice; `timeout` sends two at once. [s]
+AT_ONCE_S = 1.0
 #: Source: shells report a program that a closed pipe ended as 128 + SIGPIPE, and so they report
 #: `yes | head`.
 CLOSED_PIPE = 128 + 13
@@ -49,6 +57,10 @@ CLOSED_PIPE = 128 + 13
 LONGEST = 4000
 #: What a print raises on a full disk; other errors of the system keep their traceback.
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM was received: what Ctrl-C ends ends in the same way."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -64,7 +76,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     status, leaving = FAILED, None
     try:
         try:
-            status = _run(words)
+            with _terminable():
+                status = _run(words)
         except SystemExit as end:  # of --help and --version
             leaving = end
         problem = _output_problem()
@@ -78,9 +91,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in FULL:
             raise
         problem = str(error.strerror)
-    except KeyboardInterrupt:
-        _complain("interrupted")
-        return INTERRUPTED
+    except KeyboardInterrupt as reason:
+        terminated = isinstance(reason, Terminated)
+        _complain("terminated" if terminated else "interrupted")
+        return TERMINATED if terminated else INTERRUPTED
     if problem:
         _discard_output()
         _complain(f"error: output cannot be written: {problem}")
@@ -100,14 +114,45 @@ def _run(words: list[str]) -> int:
     if not words:
         parser.print_help()
         return DONE
-    args = parser.parse_args(keep_negative_numbers(words))
+    words = keep_negative_numbers(words)
+    args = parser.parse_args(words)
+    given = vars(build_parser((command or "",), defaults=False).parse_args(words))
+    called: dict[str, str] = given.pop("called")
+    args.given = {name: called[name] for name in given if name in called}
     logging.basicConfig(format="trocar: warning: %(message)s", level=logging.WARNING)
     status: int = args.run(args)
     return status
 
 
-def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
-    """Return the parser of all subcommands; only those in `described` get their arguments."""
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Raise Terminated in the main thread at SIGTERM, unless the process ignores or handles it."""
+    received = float("-inf")
+
+    def terminate(*_: object) -> None:
+        nonlocal received
+        if (now := time.monotonic()) - received > AT_ONCE_S:
+            received = now
+            raise Terminated
+
+    in_main = threading.current_thread() is threading.main_thread()
+    if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def build_parser(described: Collection[str] = tuple(COMMANDS), defaults: bool = True) -> Parser:
+    """Return the parser of all subcommands.
+
+    Args:
+        described: the subcommands that get their arguments
+        defaults: False: options that are not given are absent; `called` has what each is called
+    """
     parser = Parser(
         prog="trocar",
         description="Simulate the da Vinci Research Kit: mechanism, dynamics, CRTK interface.",
@@ -124,7 +169,17 @@ def build_parser(described: Collection[str] = tuple(COMMANDS)) -> Parser:
             name, help=summary, description=module.__doc__, formatter_class=parser.formatter_class
         )
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        if defaults:
+            command.set_defaults(run=module.run)
+            continue
+        command._defaults.clear()  # argparse has no public way, nor one to list arguments
+        called: dict[str, str] = {}
+        for action in command._actions:
+            if action.option_strings:
+                action.default = SUPPRESS
+                before = f"{called[action.dest]} or " if action.dest in called else ""
+                called[action.dest] = before + action.option_strings[-1]
+        command.set_defaults(called=called)
     return parser
 
 

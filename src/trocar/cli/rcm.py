@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, options
-from trocar.cli.output import fixed, print_result, table, warn
+from trocar.cli.output import fixed, print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
     import numpy as np
@@ -43,7 +43,11 @@ def run(args: Namespace) -> int:
 
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}
-    report = find_rcm(read_tracks(args.tracks), arm, bodies)
+    with progress_steps() as watch:
+        watch(f"reading {args.tracks}")
+        tracks = read_tracks(args.tracks)
+        watch("fitting")
+        report = find_rcm(tracks, arm, bodies)
     for message in report.warnings:
         warn(message)
     print_result(args, report.as_dict(), lambda: _report(report))

@@ -11,8 +11,16 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, add_rig, options
-from trocar.cli.output import print_result, progress_bar
+from trocar.cli.arguments import (
+    add_calibrations,
+    add_json,
+    add_overwrite,
+    add_rig,
+    allow,
+    names_of,
+    options,
+)
+from trocar.cli.output import print_result, progress_bar, progress_steps
 from trocar.cli.worlds import add_look, eyes_of, look_of
 from trocar.errors import InputError
 
@@ -69,18 +77,22 @@ def run(args: Namespace) -> int:
 
     path = Path(args.out).expanduser()
     kind = kind_of(path)
+    if kind == "picture":
+        allow(args, "with a video (.mp4)", "duration", "rate", "motion")
     check_file(path, args.overwrite)
-    if kind == "picture" and (args.duration is not None or args.rate is not None):
-        raise InputError(f"{path}: got --duration or --rate; allowed: with a video (.mp4) only")
+    if args.show != "colour":
+        allow(args, "with --show colour", *(set(names_of(add_look)) - {"preset", "distortion"}))
     if not 0.0 <= args.after < float("inf"):
         raise InputError(f"--after: got {args.after:g}; allowed: 0 s or more")
-    world, scope = _opened(args)
+    with progress_steps() as announce:
+        announce(f"rendering {args.rig}")
+        world, scope = _opened(args)
     shown = {"eye": args.eye, "show": args.show, "overwrite": args.overwrite}
     if kind == "picture":
         width, height = take_picture(scope.capture, path, **shown)
         count = 1
     else:
-        with progress_bar("frames", not args.json) as watch:
+        with progress_bar("frames") as watch:
             width, height, count = film(
                 world,
                 scope.capture_next,

@@ -14,7 +14,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_calibration, add_gains, add_json, options
+from trocar.cli.arguments import add_calibration, add_gains, add_json, allow, options
 from trocar.cli.output import print_json, progress_bar, table
 
 if TYPE_CHECKING:
@@ -55,15 +55,27 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Replay and print the report."""
+    from trocar.apps.bags import is_bag
     from trocar.recording import is_recording
 
-    return _repeat(args) if is_recording(args.log) else _replay(args)
+    if is_recording(args.log):
+        real = ("arm", "tool", "calibration", "dynamics", "mode", "window", "rate", "wrist")
+        allow(args, "with the log of a real arm", *real, "topic", "control", "friction")
+        return _repeat(args)
+    allow(args, "with a recording of a simulation", "rig")
+    if args.mode == "position":
+        allow(args, "with --mode effort", "window")
+    if is_bag(args.log):
+        allow(args, "with a CSV log", "wrist")
+    else:
+        allow(args, "with a bag", "topic")
+    return _replay(args)
 
 
 def _repeat(args: Namespace) -> int:
     from trocar.apps.follow import repeat
 
-    with progress_bar("steps", not args.json) as watch:
+    with progress_bar("steps") as watch:
         report = repeat(args.log, args.rig, watch)
     for text in (*report.warnings, *filter(None, [report.problem])):
         print(f"trocar: warning: {args.log}: {text}", file=sys.stderr)
@@ -88,7 +100,7 @@ def _replay(args: Namespace) -> int:
         topic=args.topic,
         calibration=args.calibration,
     )
-    with progress_bar("rows", not args.json) as watch:
+    with progress_bar("rows") as watch:
         report = replay(args.log, args.arm, settings, watch)
     if args.json:
         print_json(report.as_dict())

@@ -18,7 +18,7 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import Parser, add_port, options
+from trocar.cli.arguments import Parser, add_port, allow, allow_overwrite, options
 from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError, TrocarError
 
@@ -87,6 +87,9 @@ def run(args: Namespace) -> int:
         args.rig = rig_for(script.read_bytes(), args.arguments)
     if args.page and args.speed == "max":
         raise InputError("--page: got --speed max; allowed: --speed realtime")
+    if not args.page:
+        allow(args, "with --page", "port")
+    allow_overwrite(args, "record")
     world = make_world(args)
     page = ScriptPage(world, args.port) if args.page else None
     flow, linger = _flow(world, args, page), page and page.linger

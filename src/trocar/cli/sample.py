@@ -11,7 +11,7 @@ from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from trocar.cli.arguments import add_json, add_overwrite, options
-from trocar.cli.output import print_result, table
+from trocar.cli.output import print_result, progress_steps, table
 
 SUMMARY = "write small sample files for the other commands"
 ORDER = 210
@@ -40,8 +40,10 @@ def run(args: Namespace) -> int:
     from trocar.outputs import whole_folder
 
     folder = Path(args.folder)
-    with whole_folder(folder, args.overwrite) as built:
+    with whole_folder(folder, args.overwrite) as built, progress_steps() as watch:
+        watch("writing logs, robot and configuration")
         files = write_samples(built)
+        watch("writing tracks.csv")
         arm = perturbed(load_arm("psm"), np.random.default_rng(SEED))
         noise = Noise(NOISE_M, NOISE_RAD)
         settings = MocapSettings(
@@ -50,6 +52,7 @@ def run(args: Namespace) -> int:
         robot = f"perturbed with seed {SEED}"
         write_tracks(built / "tracks.csv", simulate_tracks(arm, settings, robot=robot), "tidy")
         files["tracks.csv"] = "simulated motion capture of a PSM with perturbed link lengths"
+        watch("writing touches.toml")
         psm = ("psm", load_arm("psm"))
         write_touches(built / "touches.toml", {"PSM1": psm, "PSM2": psm}, TouchSettings(seed=SEED))
         files["touches.toml"] = "simulated joint readings of two PSMs that touch a block"

@@ -10,7 +10,7 @@ from argparse import ArgumentParser, Namespace
 from typing import TYPE_CHECKING
 
 from trocar.cli.arguments import add_json, options
-from trocar.cli.output import fixed, print_result, table, warn
+from trocar.cli.output import fixed, print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
     from trocar.apps.scoring import RecordingScore
@@ -35,7 +35,9 @@ def run(args: Namespace) -> int:
     """Print the scores."""
     from trocar.apps.scoring import score_recording
 
-    report = score_recording(args.file, args.arm, args.start, args.end, args.rig)
+    with progress_steps() as watch:
+        watch(f"scoring {args.file}")
+        report = score_recording(args.file, args.arm, args.start, args.end, args.rig)
     if report.problem:
         warn(f"{args.file}: {report.problem}")
     print_result(args, report.as_dict(), lambda: _report(report))

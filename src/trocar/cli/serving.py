@@ -18,9 +18,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_origin, add_port, options
+from trocar.cli.arguments import add_origin, add_port, allow, names_of, options
 from trocar.cli.worlds import (
     add_cameras,
+    add_look,
     add_record_images,
     open_pictures,
     record_images,
@@ -76,6 +77,33 @@ def add_serving(parser: ArgumentParser) -> None:
     add_record_images(cameras)
 
 
+def allow_headless(args: Namespace) -> None:
+    """Reject options of `add_serving`, but for the look of images, that do nothing with --headless.
+
+    Raises:
+        InputError: one of them was given
+    """
+    kept = {"record_images", "camera_rate", "image_format", *names_of(add_look)}
+    allow(args, "without --headless", *(n for n in names_of(add_serving) if n not in kept))
+    if not args.record_images:
+        allow(args, "without --headless, or with --record-images", "camera_rate", "image_format")
+
+
+def _allow_served(args: Namespace, shared: bool) -> None:
+    """Reject options of what is not served."""
+    if args.no_page:
+        allow(args, "without --no-page", "port")
+    if args.no_websocket:
+        allow(args, "without --no-websocket", "websocket_port", "host")
+    if args.no_page and args.no_websocket:
+        allow(args, "with the web viewer or the WebSocket", "origin", "token")
+    if args.foxglove_record is None and not args.foxglove:
+        allow(args, "with --foxglove", "foxglove_port")
+    if not shared:
+        names = ("rate", "clock", "compat", "exclusive", "setpoint_timeout")
+        allow(args, "with a client's interface, e.g. without --no-websocket", *names)
+
+
 def serve(
     world: World,
     args: Namespace,
@@ -110,6 +138,7 @@ def serve(
         )
     fixtures = _fixtures(world, args)
     shared = bool(transports) or session is not None
+    _allow_served(args, shared)
     if session is None and shared and not args.no_page:
         from trocar.apps.teleoperation.session import Session
 

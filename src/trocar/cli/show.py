@@ -13,8 +13,16 @@ from pathlib import Path
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_arm, add_calibration, add_json, add_overwrite, options
-from trocar.cli.output import plain, print_result, short, table, warn
+from trocar.cli.arguments import (
+    add_arm,
+    add_calibration,
+    add_json,
+    add_overwrite,
+    allow,
+    allow_overwrite,
+    options,
+)
+from trocar.cli.output import plain, print_result, progress_steps, short, table, warn
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,10 +52,15 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Print the arm's description, or render it."""
+    allow_overwrite(args, "picture")
     if args.picture is not None:
         from trocar.rendering import write_pictures
 
-        for path in write_pictures(_rig(args), Path(args.picture), overwrite=args.overwrite):
+        allow(args, "without --picture", "json")
+        with progress_steps() as watch:
+            watch(f"rendering {args.arm}")
+            paths = write_pictures(_rig(args), Path(args.picture), overwrite=args.overwrite)
+        for path in paths:
             print(path)
         return 0
     from trocar.descriptions import load_arm
@@ -70,6 +83,7 @@ def _rig(args: Namespace) -> RigDescription:
     from trocar.descriptions.lone_arm import lone_arm_rig
 
     if args.arm in names("rigs") and args.arm not in names("arms"):
+        allow(args, "with an arm", "tool")
         return load_rig(args.arm, args.calibration)
     return lone_arm_rig(load_arm(args.arm, args.tool, args.calibration))
 

@@ -10,13 +10,21 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from contextlib import ExitStack
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from trocar.cli.arguments import add_json, options
-from trocar.cli.output import print_result, progress_bar, table
-from trocar.cli.serving import add_serving, serve
-from trocar.cli.worlds import add_record, add_world, images_of_headless, make_world, recording
+from trocar.cli.arguments import add_json, allow, allow_overwrite, names_of, options
+from trocar.cli.output import print_result, progress_steps, table
+from trocar.cli.serving import add_serving, allow_headless, serve
+from trocar.cli.worlds import (
+    add_look,
+    add_record,
+    add_world,
+    images_of_headless,
+    make_world,
+    recording,
+)
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,16 +58,23 @@ def run(args: Namespace) -> int:
         raise InputError(f"--tip-load: got {args.tip_load:g}; allowed: 0 N or more")
     if args.json and not args.headless:
         raise InputError("--json: allowed with --headless only, which prints a report")
-    if args.fixture is not None and args.headless:
-        raise InputError("--fixture: not allowed with --headless, which takes no commands")
-    world = make_world(args, args.tip_load)
+    allow_overwrite(args, "record", "foxglove_record")
+    if args.headless:
+        allow_headless(args)
+        if not args.record_images:
+            allow(args, "without --headless, or with --record-images", *names_of(add_look))
     if not args.headless:
         print(f"trocar: {args.rig}: starting ...", file=sys.stderr, flush=True)
+        world = make_world(args, args.tip_load)
         serve(world, args)
         return 0
     from trocar.apps.timing import run_headless
 
-    with images_of_headless(world, args), progress_bar("passes", not args.json) as watch:
+    with ExitStack() as stack:
+        watch = stack.enter_context(progress_steps())
+        watch(f"building {args.rig}")
+        world = make_world(args, args.tip_load)
+        stack.enter_context(images_of_headless(world, args))
         report = run_headless(
             world,
             HEADLESS_DURATION_S if args.duration is None else args.duration,
@@ -83,8 +98,9 @@ def _report(report: HeadlessReport) -> str:
     if wander_um >= 1.0:
         centre += f" (of which {wander_um:.0f} um due to the calibrated geometry)"
     return (
-        f"{report.rig}: {report.simulated_s:g} s simulated in {report.wall_s:.3f} s"
-        f" at {1e3 * report.timestep_s:g} ms\n"
+        f"{report.rig}: {report.simulated_s:g} s simulated in {report.pass_s:.3f} s"
+        f" at {1e3 * report.timestep_s:g} ms ({report.wall_s:.1f} s with repetitions, bare MuJoCo"
+        " and checks)\n"
         f"  real-time factor   {report.real_time_factor:.1f}"
         f"  (bare MuJoCo {report.bare_real_time_factor:.1f}, overhead {report.overhead:.3f})\n"
         f"  loop error         {report.loop_gap_um_max:.4f} um max\n"

@@ -45,7 +45,7 @@ import sys
 from argparse import ArgumentParser, Namespace
 from contextlib import closing
 
-from trocar.cli.arguments import options
+from trocar.cli.arguments import allow_overwrite, options
 from trocar.cli.serving import add_serving, serve
 from trocar.cli.worlds import add_record, add_world, make_world
 from trocar.errors import InputError
@@ -94,6 +94,7 @@ def run(args: Namespace) -> int:
     if args.duration is not None and not 0.0 < args.duration < float("inf"):
         raise InputError(f"--duration: got {args.duration:g}; allowed: above 0 s")
     args.rig = args.rig or (RIG_OF_MASTERS if kind == "masters" else RIG)
+    allow_overwrite(args, "record", "foxglove_record")
     with closing(Session(kind, args.arm, args.scale, args.motion)) as session:
         world = make_world(args)
         if args.pose is not None or POSE in world.rig.poses:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from argparse import ArgumentParser, Namespace
 
-from trocar.cli.arguments import add_json, add_overwrite, options
+from trocar.cli.arguments import add_json, add_overwrite, allow, options
 from trocar.cli.output import print_result
 from trocar.errors import InputError
 
@@ -40,6 +40,8 @@ def run(args: Namespace) -> int:
     from trocar.apps.mocap.touches import TouchSettings, write_touches
     from trocar.descriptions import load_arm
 
+    if not args.boards:
+        allow(args, "with --boards", "noise_deg")
     arms = {}
     for text in args.arm:
         name, given, description = text.partition("=")

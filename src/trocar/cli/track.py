@@ -8,13 +8,12 @@ See docs/vision.md.
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, options
-from trocar.cli.output import fixed, print_result, table
+from trocar.cli.arguments import add_json, allow, options
+from trocar.cli.output import fixed, print_result, progress_bar, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,6 +62,8 @@ def run(args: Namespace) -> int:
 
     if args.images is not None and args.images < 1:
         raise InputError(f"--images: got {args.images}; allowed: 1 or more")
+    if args.bag is None:
+        allow(args, "with --bag", "left", "right")
     files = args.calibration
     known = len(files) == 1 and not Path(files[0]).suffix
     eyes = load_camera(files[0]) if known else read_calibration([Path(one) for one in files])
@@ -76,12 +77,12 @@ def run(args: Namespace) -> int:
         pairs = video_pairs(args.camera)
     tracker = NeedleTracker(eyes, needle_named(args.needle))
     found: list[NeedleEstimate] = []
-    for pair in pairs:
-        found.append(tracker.update(pair.time, pair.left, pair.right))
-        if not args.json and sys.stderr.isatty():
-            print(f"\r{pair.time:.2f} s: {found[-1].status}   ", end="", file=sys.stderr)
-        if args.images is not None and len(found) == args.images:
-            break
+    with progress_bar("pairs of images tracked") as watch:
+        for pair in pairs:
+            found.append(tracker.update(pair.time, pair.left, pair.right))
+            watch(len(found), args.images)
+            if len(found) == args.images:
+                break
     document = {
         "images": len(found),
         "tracked": sum(one.status == "tracking" for one in found),

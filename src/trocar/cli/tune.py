@@ -7,13 +7,12 @@ modified. See docs/tuning.md for the method.
 
 from __future__ import annotations
 
-import sys
 from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json, options
-from trocar.cli.output import print_json, short, table
+from trocar.cli.output import print_json, progress_steps, short, table
 
 if TYPE_CHECKING:
     from trocar.apps.tuning import GainTrial, TuningReport
@@ -42,16 +41,13 @@ def run(args: Namespace) -> int:
     dynamics = "cad" if selects_cad(args.calibration) else None
     settings = TuneSettings(tuple(args.joint), args.tool, args.control, args.friction, dynamics)
     arm = load_arm(args.arm, args.tool, args.calibration)
-    report = tune(arm, settings, _watch)
+    with progress_steps("tuning") as watch:
+        report = tune(arm, settings, watch)
     if args.json:
         print_json(_document(report))
     else:
         print(_tables(report))
     return 0
-
-
-def _watch(what: str) -> None:
-    print(f"trocar: tuning {what} ...", file=sys.stderr, flush=True)
 
 
 def _document(report: TuningReport) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from typing import TYPE_CHECKING, Any
 
-from trocar.cli.arguments import add_json, add_overwrite, options
+from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, options
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
@@ -43,6 +43,7 @@ def run(args: Namespace) -> int:
     """Verify, print, and return 1 if a figure is out of tolerance."""
     from trocar.apps.verification import check_report, verify, write_report
 
+    allow_overwrite(args, "report")
     if args.report is not None:
         check_report(args.report, args.overwrite)
     written = None

@@ -63,7 +63,7 @@ def run(args: Namespace) -> int:
         seed=args.seed,
     )
     rig = load_rig(args.rig, args.calibration)
-    with progress_bar("views", args.pictures and not args.json) as watch:
+    with progress_bar("views") as watch:
         truth = write_views(args.output, rig, settings, args.overwrite, args.pictures, watch)
     print_result(
         args,

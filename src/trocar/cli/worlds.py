@@ -9,7 +9,15 @@ from dataclasses import fields
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
-from trocar.cli.arguments import add_calibrations, add_gains, add_rig, number, options
+from trocar.cli.arguments import (
+    add_calibrations,
+    add_gains,
+    add_rig,
+    allow,
+    names_of,
+    number,
+    options,
+)
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
@@ -213,6 +221,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
     if args.preset is not None and (args.no_cameras or not scopes):
         raise InputError(f"--preset: rig {rig.name} has no rendered endoscope")
     if args.no_cameras or not rig.cameras:
+        allow(args, "with cameras", *(set(names_of(add_cameras)) - {"no_cameras"}))
         return None
     from trocar.descriptions.cameras import load_camera
     from trocar.interfaces.pictures import RATE_HZ, Pictures

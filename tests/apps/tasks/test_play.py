@@ -54,6 +54,22 @@ def test_the_command_prints_episodes_as_json(touch: Path, tmp_path: Path) -> Non
     assert (report.identical, report.rig) == (True, "touch")
 
 
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_episode_is_stopped_after_a_duration(touch: Path, workers: int) -> None:
+    found = list(play(str(touch), range(2), workers, duration_s=0.1))
+    assert [(one.reason, one.success, round(one.time_s, 6)) for one in found] == [
+        ("running", False, 0.1)
+    ] * 2
+
+
+def test_headless_episodes_stop_after_duration(touch: Path, tmp_path: Path) -> None:
+    for more in ([], ["--record", str(tmp_path / "a.mcap")]):
+        done = trocar("play", str(touch), "--headless", "--json", "--duration", "0.1", *more)
+        assert done.returncode == 0, done.stderr
+        (episode,) = json.loads(done.stdout)["episodes"]
+        assert (episode["reason"], round(episode["time_s"], 6)) == ("running", 0.1)
+
+
 @pytest.mark.slow
 def test_an_episode_is_recorded_with_its_images(touch: Path, tmp_path: Path, opengl: str) -> None:  # noqa: ARG001
     reader = pytest.importorskip("mcap.reader", reason="mcap is not installed (extra record)")

@@ -196,7 +196,7 @@ mode = "{mode}"
 point_mm = [0, 0, 100]
 normal = [0, 0, 1]
 """
-LIVE = ("--duration", "0.05", "--port", "0", "--websocket-port", "0", "--no-cameras", "--no-page")
+LIVE = ("--duration", "0.05", "--websocket-port", "0", "--no-cameras", "--no-page")
 
 
 @pytest.mark.parametrize(

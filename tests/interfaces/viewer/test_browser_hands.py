@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -109,7 +108,7 @@ def teleop(*words: str) -> Iterator[str]:
             page = next(m for said in running.stdout if (m := re.search(r"http://\S+", said)))
             yield page[0]
         finally:
-            running.send_signal(signal.SIGINT)
+            running.terminate()
             running.communicate(timeout=30)
 
 

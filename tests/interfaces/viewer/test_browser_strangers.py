@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 import threading
@@ -130,7 +129,7 @@ def simulator(request: pytest.FixtureRequest) -> Iterator[Simulator]:
             assert (viewer != entrance) == (request.param is not None)
             yield Simulator(viewer, entrance, rosbridge, request.param)
         finally:
-            running.send_signal(signal.SIGINT)
+            running.terminate()
             running.communicate(timeout=30)
 
 

@@ -14,7 +14,7 @@ for that pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -194,7 +194,12 @@ class HandEye:
         }
 
 
-def calibrate_camera(views: Views, joint_noise: float, offsets: bool = False) -> HandEye:
+def calibrate_camera(
+    views: Views,
+    joint_noise: float,
+    offsets: bool = False,
+    watch: Callable[[str], None] = lambda _: None,
+) -> HandEye:
     """Find eyes, their place on the scope, and the bases of the arms that hold boards.
 
     Args:
@@ -202,6 +207,7 @@ def calibrate_camera(views: Views, joint_noise: float, offsets: bool = False) ->
         joint_noise: standard deviation of readings of joints that turn [rad]; of joints that slide,
             SLIDE_PER_TURN of it
         offsets: find constant offsets of joint readings as well
+        watch: called with the name of each round of the adjustment
 
     Raises:
         InputError: too few views, views that do not determine the poses, eyes exchanged, corners of
@@ -219,10 +225,13 @@ def calibrate_camera(views: Views, joint_noise: float, offsets: bool = False) ->
             f"{views.file}: got {len(views.names)} views of a board; allowed: at least"
             f" {FEWEST_VIEWS}, better 20"
         )
-    fit = _adjust(_start(views, joint_noise))
+    watch("start values")
+    fit = _adjust(_start(views, joint_noise), watch)
     warnings = [f"no corners were found in the views {', '.join(blank)}"] if blank else []
     if offsets:
-        fit = _adjust(replace(fit.state, offsets=_free_offsets(fit.state)))
+        fit = _adjust(replace(fit.state, offsets=_free_offsets(fit.state)), watch)
+    else:
+        watch("constant offsets of joint readings")
     named = [] if offsets else _named_offsets(fit)
     if named:
         warnings.append(
@@ -474,14 +483,15 @@ class _Fit:
         return found
 
 
-def _adjust(state: _State) -> _Fit:
+def _adjust(state: _State, watch: Callable[[str], None] = lambda _: None) -> _Fit:
     """Adjust all unknowns by damped Gauss-Newton steps, the corners' noise by what is left."""
     if len(state.offset) != len(state.offsets):
         state = replace(state, offset=np.zeros(len(state.offsets)))
     count = int(np.isfinite(state.views.pixels).sum())
     covariance = np.zeros((0, 0))
     free = 0.0
-    for _ in range(ROUNDS):
+    for number in range(ROUNDS):
+        watch(f"round {number + 1} of {ROUNDS}")
         state = _minimised(state)
         _, J = state.rows()
         covariance = _inverted(J.T @ J)

@@ -13,7 +13,7 @@ the readings leave open stays near 0 with that standard deviation, and widens th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -109,13 +109,23 @@ class Base:
         }
 
 
-def register(readings: Mapping[str, Readings]) -> dict[str, Base]:
+def register(
+    readings: Mapping[str, Readings], watch: Callable[[str], None] = lambda _: None
+) -> dict[str, Base]:
     """Find the base of each arm, and its joint offsets, {name of the arm: base}.
+
+    Args:
+        readings: {name of the arm: readings}
+        watch: called with the name of each arm
 
     Raises:
         InputError: readings that do not determine a base, or that miss by centimetres
     """
-    return {name: _base(name, mine) for name, mine in readings.items()}
+    found: dict[str, Base] = {}
+    for name, mine in readings.items():
+        watch(f"base of {name}")
+        found[name] = _base(name, mine)
+    return found
 
 
 def between(one: Base, other: Base) -> tuple[Array, Array]:

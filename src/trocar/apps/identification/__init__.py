@@ -7,6 +7,7 @@ from trocar.apps.identification.logs import (
     Log,
     default_filters,
     filtered,
+    log_kind,
     read_motion,
 )
 from trocar.apps.identification.predict import LogSettings, Prediction, predict
@@ -29,6 +30,7 @@ __all__ = [
     "excite",
     "filtered",
     "identify",
+    "log_kind",
     "predict",
     "predicted_efforts",
     "read_motion",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,7 @@ def excite(
     rate_hz: float = 200.0,
     candidates: int = 100,
     seed: int = 0,
+    watch: Callable[[int, int], None] = lambda _done, _all: None,
 ) -> Excitation:
     """Search a trajectory whose motions determine the base parameters well.
 
@@ -74,6 +76,7 @@ def excite(
         rate_hz: of the samples [Hz]
         candidates: trajectories that are judged
         seed: of the random numbers
+        watch: called with (candidates done, candidates)
 
     Raises:
         InputError: a setting, or an arm without masses
@@ -91,6 +94,7 @@ def excite(
     condition, rank = _judge(model, best, period_s)
     first = condition
     for number in range(1, candidates):
+        watch(number, candidates)
         if number < candidates // 2:
             trial = _random(rng, count)
         else:

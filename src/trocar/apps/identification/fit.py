@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -207,6 +207,7 @@ def identify(
     arm: ArmDescription,
     known: Sequence[Sequence[Weight]] = (),
     mass_ratios: tuple[float, float] = MASS_RATIOS,
+    watch: Callable[[str], None] = lambda _: None,
 ) -> Identified:
     """Identify an arm's bodies and drivetrains from logs together.
 
@@ -219,6 +220,7 @@ def identify(
         arm: the nominal arm, with the tool that was mounted
         known: weights strapped to the arm in each log; none when omitted
         mass_ratios: bounds of the masses, as ratios of the CAD estimates
+        watch: called with the name of each step
 
     Raises:
         LogError: a joint does not move, or the logs do not excite the arm: the parameters that they
@@ -248,13 +250,14 @@ def identify(
     bounds = all_bounds(arm, model.frames, mass_ratios)
     parts: list[tuple[Array, Array]] = []
     for log, load in zip(logs, strapped, strict=True):
+        watch(f"regressor of {log.log.file}")
         matrix, rest = filtered_regressor(replace(model, arm=loaded(arm, load)), log)
         target = log.cut(log.effort) - rest
         if log.log.simulated:
             stuck = _stuck(model, log)
             matrix[stuck], target[stuck] = 0.0, 0.0
         parts.append((matrix, target))
-    found = reweighted(model, bounds, parts, logs)
+    found = reweighted(model, bounds, parts, logs, watch)
     error = np.concatenate([t - m @ found.parameters for m, t in parts])
     left = np.linalg.norm(error, axis=0) / effort_scale(logs)
     for name, ratio in zip(logs[0].log.columns, left, strict=True):
@@ -337,6 +340,7 @@ def reweighted(
     bounds: Mapping[str, BodyBounds],
     parts: Sequence[tuple[Array, Array]],
     logs: Sequence[FilteredLog],
+    watch: Callable[[str], None] = lambda _: None,
 ) -> Identified:
     """Return the parameters that fit best, each column weighted by the error that it is left with.
 
@@ -347,6 +351,7 @@ def reweighted(
         model, bounds: what to identify
         parts: regressor (k, n, p) and efforts (k, n) of each log
         logs: where these are from
+        watch: called with the name of each fit
     """
     size = effort_scale(logs)
 
@@ -354,8 +359,10 @@ def reweighted(
         rows = [compressed_rows(m, t, log, scale) for (m, t), log in zip(parts, logs, strict=True)]
         return solved(model, bounds, Compressed.joined(rows), logs)
 
+    watch(f"fit 1 of {PASSES}")
     found = fit(size)
-    for _ in range(PASSES - 1):
+    for number in range(2, PASSES + 1):
+        watch(f"fit {number} of {PASSES}")
         error = np.concatenate([t - m @ found.parameters for m, t in parts])
         left = np.linalg.norm(error, axis=0) / size
         found = fit(size * (np.maximum(left, LEAST_ERROR) / USUAL_ERROR) ** TEMPER)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,6 +109,15 @@ def default_filters(arm: ArmDescription) -> FilterSettings:
     return FilterSettings(cutoff_hz=16.96, acceleration_cutoff_hz=second)
 
 
+def log_kind(path: str | Path) -> Literal["recording", "bag", "table", "rows"]:
+    """Return what a log is: a recording of trocar's own, a bag, or CSV with or without a header."""
+    if is_recording(path):
+        return "recording"
+    if is_bag(path):
+        return "bag"
+    return "rows" if _header(path) is None else "table"
+
+
 def read_motion(
     path: str | Path,
     arm: ArmDescription,
@@ -134,13 +144,14 @@ def read_motion(
         raise InputError(f"rate: got {rate_hz:g} Hz; allowed: more than 0")
     file, joints = str(path), recorded_joints(arm)
     columns, matrix = joints, np.eye(len(joints))
-    if is_recording(path):
+    kind = log_kind(path)
+    if kind == "recording":
         rows, rate_hz = _own_rows(file, arm)
-    elif is_bag(path):
+    elif kind == "bag":
         rows, has_efforts = read_bag(path, arm, rate_hz, topic)
         if not has_efforts:
             raise LogError(file, "contains no efforts; allowed: joint states with efforts")
-    elif (header := _header(path)) is not None:
+    elif kind == "table" and (header := _header(path)) is not None:
         rows, rate_hz = _tidy_rows(path, header, joints)
     else:
         rows = np.concatenate(list(read_log(path, arm, wrist)) or [np.zeros((0, 3, len(joints)))])
@@ -156,7 +167,7 @@ def read_motion(
             file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
         )
     q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
-    log = Log(file, rate_hz, q, qd, effort, columns, matrix, is_recording(path))
+    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording")
     _check_columns(log, arm)
     return log
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,7 +75,10 @@ def period(log: FilteredLog) -> int:
 
 
 def cross_validate(
-    log: FilteredLog, arm: ArmDescription, mass_ratios: tuple[float, float] = MASS_RATIOS
+    log: FilteredLog,
+    arm: ArmDescription,
+    mass_ratios: tuple[float, float] = MASS_RATIOS,
+    watch: Callable[[str], None] = lambda _: None,
 ) -> Score:
     """Return the errors at samples whose block of the phase was held out of the identification.
 
@@ -91,6 +94,7 @@ def cross_validate(
     gap = round(GAP_S * log.log.rate_hz)
     predicted = np.zeros_like(effort)
     for number in range(BLOCKS):
+        watch(f"holding out block {number + 1} of {BLOCKS}")
         first, last = (length * k // BLOCKS for k in (number, number + 1))
         held = (phase >= first) & (phase < last)
         beside = (phase - (first - gap)) % length < last - first + 2 * gap

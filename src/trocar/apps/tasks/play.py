@@ -26,11 +26,20 @@ Policy = Callable[[dict[str, Array]], ArrayLike]
 
 #: An own policy must return an action within this. Source: our own choice. [s]
 PATIENCE_S = 10.0
+#: Rounding errors of an episode's time are smaller. [s]
+EARLY_S = 1e-6
 #: How often an episode is begun whose worker dies. Source: our own choice.
 ATTEMPTS = 3
 
 
-def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
+def run_episode(
+    task: Task,
+    seed: int,
+    policy: Policy | None = None,
+    *,
+    duration_s: float = float("inf"),
+    watch: Callable[[float], None] = lambda _: None,
+) -> Episode:
     """Run an episode to its end and return its result.
 
     Args:
@@ -38,6 +47,8 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
         seed: of the episode
         policy: returns an action from an observation; None: the scripted policy of the task, after
             whose end the arms stay where they are
+        duration_s: simulated time after which the episode is stopped, `reason` "running" [s]
+        watch: called with the time of the episode after each action [s]
 
     Raises:
         InputError: no free place, no scripted policy, or an action that is not allowed
@@ -45,7 +56,7 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
     """
     seen = task.reset(seed)
     script = task.policy() if policy is None else iter(())
-    while not task.done:
+    while not task.done and task.time < duration_s - EARLY_S:
         if policy is None:
             action: ArrayLike | None = next(script, None)
             action = task.stay() if action is None else action
@@ -58,13 +69,20 @@ def run_episode(task: Task, seed: int, policy: Policy | None = None) -> Episode:
                     f" {PATIENCE_S:g} s"
                 )
         task.command(action)
+        watch(task.time)
         if policy is not None:
             seen = task.observation()
     return task.result(seed)
 
 
 def play(
-    scene: Scene | str, seeds: Sequence[int], workers: int = 1, cluster: str = ""
+    scene: Scene | str,
+    seeds: Sequence[int],
+    workers: int = 1,
+    cluster: str = "",
+    *,
+    duration_s: float = float("inf"),
+    watch: Callable[[float], None] = lambda _: None,
 ) -> Iterator[Episode]:
     """Yield the scripted episodes of seeds in their order, as each is known.
 
@@ -77,6 +95,8 @@ def play(
         workers: processes; 1: this one
         cluster: address of a Ray cluster that has trocar installed, "local" for one of `workers`
             processes on this machine; "" for none
+        duration_s: simulated time after which an episode is stopped [s]
+        watch: called with the time of the episode that runs in this process [s]
 
     Raises:
         InputError: no such scene, workers below 1, no such cluster
@@ -85,14 +105,14 @@ def play(
     if workers < 1:
         raise InputError(f"workers: got {workers}; allowed: 1 or more")
     if cluster:
-        yield from _on_cluster(scene, seeds, cluster, workers)
+        yield from _on_cluster(scene, seeds, cluster, workers, duration_s)
         return
     if workers == 1:
         task = make_task(scene)
         for seed in seeds:
-            yield run_episode(task, seed)
+            yield run_episode(task, seed, duration_s=duration_s, watch=watch)
         return
-    pool = _Pool(scene, list(seeds), min(workers, len(seeds)))
+    pool = _Pool(scene, list(seeds), min(workers, len(seeds)), duration_s)
     try:
         yield from pool.results()
     finally:
@@ -100,7 +120,7 @@ def play(
 
 
 def _on_cluster(
-    scene: Scene | str, seeds: Sequence[int], address: str, workers: int
+    scene: Scene | str, seeds: Sequence[int], address: str, workers: int, duration_s: float
 ) -> Iterator[Episode]:
     """Yield the episodes of seeds, run by a Ray cluster."""
     try:
@@ -119,7 +139,8 @@ def _on_cluster(
         raise InputError(f"--cluster: got {address!r}: {problem}; allowed: {allowed}") from None
     try:
         run = ray.remote(_episode).options(max_retries=ATTEMPTS - 1)
-        for seed, due in zip(seeds, [run.remote(scene, seed) for seed in seeds], strict=True):
+        answers = [run.remote(scene, seed, duration_s) for seed in seeds]
+        for seed, due in zip(seeds, answers, strict=True):
             try:
                 yield ray.get(due)
             except ray.exceptions.RayTaskError as problem:
@@ -132,9 +153,9 @@ def _on_cluster(
         ray.shutdown()
 
 
-def _episode(scene: Scene | str, seed: int) -> Episode:
+def _episode(scene: Scene | str, seed: int, duration_s: float) -> Episode:
     """Run an episode in a process that has perhaps run others of the scene before."""
-    return run_episode(_task(scene), seed)
+    return run_episode(_task(scene), seed, duration_s=duration_s)
 
 
 _task = functools.cache(make_task)
@@ -154,6 +175,7 @@ class _Pool:
     scene: Scene | str
     seeds: list[int]
     count: int
+    duration_s: float
     workers: list[_Worker] = field(default_factory=list[_Worker])
 
     def results(self) -> Iterator[Episode]:
@@ -196,7 +218,9 @@ class _Pool:
             return None
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(target=_work, args=(self.scene, there), daemon=True)
+        process = context.Process(
+            target=_work, args=(self.scene, there, self.duration_s), daemon=True
+        )
         process.start()
         there.close()
         self.workers.append(_Worker(process, here))
@@ -227,11 +251,11 @@ class _Pool:
         found[index] = answer
 
 
-def _work(scene: Scene | str, connection: Connection[Any, Any]) -> None:
+def _work(scene: Scene | str, connection: Connection[Any, Any], duration_s: float) -> None:
     """Run episodes as their seeds arrive, in a process of its own."""
     try:
         while True:
-            connection.send(_episode(scene, connection.recv()))
+            connection.send(_episode(scene, connection.recv(), duration_s))
     except (EOFError, KeyboardInterrupt):
         return
     except TrocarError as problem:

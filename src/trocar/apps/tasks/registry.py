@@ -68,6 +68,16 @@ def make_task(scene: Scene | str | Path) -> Task:
         InputError: what a package or a file has under the name is no class of tasks
     """
     found = scene if isinstance(scene, Scene) else load_scene(scene)
+    return task_class(found)(found)
+
+
+def task_class(found: Scene) -> type[Task]:
+    """Return the class of a scene's task.
+
+    Raises:
+        UnknownNameError: no such class; the known ones are listed
+        InputError: what a package or a file has under the name is no class of tasks
+    """
     kind: Any
     if found.task.endswith(".py"):
         kind = run_script(found.task, "SceneTask")
@@ -80,4 +90,4 @@ def make_task(scene: Scene | str | Path) -> Task:
         raise UnknownNameError("task", found.task, (*TASKS, *registered("tasks")), found.file)
     if not isinstance(kind, type) or not issubclass(kind, Task):
         raise InputError(f"{found.file}: task: got {kind!r}; allowed: a class that extends Task")
-    return kind(found)
+    return kind

@@ -64,6 +64,8 @@ class EndoscopeTask(Task):
         shown: the newest image of the left eye with what is drawn into it
     """
 
+    sees = True
+
     def __init__(self, scene: Scene) -> None:
         self._scope: Endoscope | None = None
         self._eyes = load_stereo_camera(PRESET)

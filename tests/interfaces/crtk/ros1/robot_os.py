@@ -115,10 +115,11 @@ class Master:
         return done.stdout + done.stderr
 
     def run_for(self, seconds: float, *command: str) -> str:
-        """Run a tool that does not end of itself."""
+        """Run a tool that does not end of itself, and end it as Ctrl-C does."""
         with subprocess.Popen(
-            command, env=self.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-        ) as process:
+            command, env=self.env, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        ) as process:  # fmt: skip
             time.sleep(seconds)
             process.send_signal(signal.SIGINT)
             try:
@@ -165,8 +166,8 @@ class Simulator:
             self.stop()
 
     def stop(self) -> int:
-        """Ctrl-C; return the exit code."""
-        self._process.send_signal(signal.SIGINT)
+        """End as Ctrl-C does; return the exit code."""
+        self._process.terminate()
         try:
             code = self._process.wait(30.0)
         except subprocess.TimeoutExpired:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import _thread
 import ast
+import faulthandler
 import gc
 import linecache
+import os
 import re
 import signal
 import sys
@@ -16,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import CodeType, ModuleType, TracebackType
+from types import CodeType, FrameType, ModuleType, TracebackType
 
 from trocar.descriptions import load_rig
 from trocar.errors import InputError, TrocarError
@@ -24,10 +26,16 @@ from trocar.interfaces.crtk.scripts.modules import MissingPackageError, on_impor
 from trocar.interfaces.crtk.scripts.ros import Node, ROSInterruptException
 from trocar.interfaces.crtk.scripts.simulation import Flow, Stepped
 from trocar.interfaces.crtk.scripts.virtual_time import answering, virtual_modules
+from trocar.recording import recorder_of
 
 FAILED = 1
 #: How often a watchdog looks [s]. Source: our own choice.
 LOOK_S = 0.1
+#: How long an interrupted script may take to tidy up [s]. Source: our own choice.
+GRACE_S = 2.0
+#: Interrupts the script's thread. Source: Go's runtime preempts by SIGURG, which shells do not
+#: ignore for jobs in the background, debuggers and libc leave alone, and programs hardly use.
+WAKE = getattr(signal, "SIGURG", signal.SIGINT)
 
 
 class OverdueError(BaseException):
@@ -70,7 +78,8 @@ def run_script(
         script: its path
         arguments: what follows its name on the command line
         flow: the simulation, not started yet; it is closed in the end
-        timeout_s: how long the script may take, in simulated time where it is stepped [s]
+        timeout_s: how long the script may take, in simulated time where it is stepped [s]; the
+            process ends with a script that holds out against an interruption, see `Watchdog`
         linger: called when the script is over, before the simulation is closed
 
     Raises:
@@ -140,10 +149,8 @@ def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
     try:
         work()
     except OverdueError as problem:
-        raise watchdog.error(problem.__traceback__) from None
+        raise watchdog.error(script_line(script, problem.__traceback__)) from None
     except KeyboardInterrupt as problem:
-        if watchdog.overdue:
-            raise watchdog.error(problem.__traceback__) from None
         if not isinstance(problem, ROSInterruptException):
             raise
         _print_error(script, problem)
@@ -159,7 +166,7 @@ def _outcome(watchdog: Watchdog, work: Callable[[], None]) -> int:
         _print_error(script, problem)
         status = FAILED
     if watchdog.overdue:
-        raise watchdog.error(None)
+        raise watchdog.error(0)
     return status
 
 
@@ -192,10 +199,13 @@ def script_line(script: Path, tb: TracebackType | None) -> int:
 
 
 class Watchdog:
-    """Ends a script that takes too long.
+    """Ends a script that takes too long, or that SIGTERM is to end; it needs no other signal.
 
     Simulated time is bounded by the simulation itself, where it is stepped; this one sees when
-    nothing goes on any more, or when the wall clock's time is over.
+    nothing goes on any more, or when the wall clock's time is over. It raises OverdueError in the
+    script's thread. If the script still runs GRACE_S later, it closes the recording and ends the
+    process. Where the script's C code keeps all other threads of Python from running, faulthandler
+    prints tracebacks and ends the process; so it does where other threads of the script outlive it.
 
     Args:
         script: its path
@@ -207,44 +217,96 @@ class Watchdog:
         self.script, self._flow, self._timeout = script, flow, timeout_s
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="trocar-watchdog", daemon=True)
+        self._terminated = False
         self.overdue = False
 
     def __enter__(self) -> Watchdog:
-        if self._timeout is not None:
-            self._thread.start()
+        self._others = set(threading.enumerate())
+        self._wake = signal.signal(WAKE, self._raise)
+        self._terminate = signal.getsignal(signal.SIGTERM)
+        if callable(self._terminate):
+            signal.signal(signal.SIGTERM, self._note_termination)
+        self._look_again()
+        self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._over.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._thread.join()
+        signal.signal(WAKE, self._wake)
+        signal.signal(signal.SIGTERM, self._terminate)
+        left = set(threading.enumerate()) - self._others
+        if all(thread.daemon for thread in left):
+            faulthandler.cancel_dump_traceback_later()
 
-    def error(self, tb: TracebackType | None) -> ScriptError:
-        """Return what to raise, with the script's line where it was."""
-        number = script_line(self.script, tb)
-        line = linecache.getline(str(self.script), number).strip() if number else ""
-        where = f"; it was at line {number}: {line}" if number else ""
+    def error(self, line: int) -> ScriptError:
+        """Return what to raise, with the number of the script's line where it was, 0: unknown."""
+        text = linecache.getline(str(self.script), line).strip() if line else ""
+        where = f"; it was at line {line}: {text}" if line else ""
         return ScriptError(self.script, f"not finished after {self._timeout:g} s{where}")
 
+    def _raise(self, number: int, frame: FrameType | None) -> None:
+        if self.overdue and not self._over.is_set():
+            raise OverdueError
+        if callable(self._wake):
+            self._wake(number, frame)
+
+    def _note_termination(self, number: int, frame: FrameType | None) -> None:
+        self._terminated = True
+        self._terminate(number, frame)  # type: ignore[operator]
+
     def _watch(self) -> None:
-        limit = self._timeout or 0.0
+        limit = float("inf") if self._timeout is None else self._timeout
         steps, since = self._flow.steps, time.monotonic()
         while not self._over.wait(LOOK_S):
-            if self._flow.steps != steps:
+            self._look_again()
+            if self._terminated:
+                self._end("terminated", 128 + signal.SIGTERM)
+            elif self._flow.steps != steps:
                 steps, since = self._flow.steps, time.monotonic()
             elif time.monotonic() - since > limit:
                 self.overdue = True
                 self._flow.fail(OverdueError())
                 interrupt(threading.main_thread())
-                return
+                error = self.error(_line_of(self.script, threading.main_thread()))
+                self._end(f"error: {error}", FAILED)
+
+    def _look_again(self) -> None:
+        """Have the process ended unless this is called again in time."""
+        if self._timeout is not None and sys.__stderr__ is not None:
+            patience_s = self._timeout + 2.0 * GRACE_S
+            faulthandler.dump_traceback_later(patience_s, exit=True, file=sys.__stderr__)
+
+    def _end(self, reason: str, status: int) -> None:
+        """End the process with a script that goes on though it was interrupted."""
+        if self._over.wait(GRACE_S):
+            return
+        try:
+            sys.stderr.write(f"trocar: {reason}\n")
+            self._flow.close()
+            if (recorder := recorder_of(self._flow.world)) is not None:
+                recorder.stop()
+            sys.stdout.flush()
+        except TrocarError as problem:
+            sys.stderr.write(f"trocar: error: {problem}\n")
+        finally:
+            os._exit(status)
+
+
+def _line_of(script: Path, thread: threading.Thread) -> int:
+    """Return the number of the script's own line where a thread is, 0 without one."""
+    frame = sys._current_frames().get(thread.ident or 0)
+    while frame is not None and frame.f_code.co_filename != str(script):
+        frame = frame.f_back
+    return 0 if frame is None else frame.f_lineno
 
 
 def interrupt(thread: threading.Thread) -> None:
-    """Interrupt the program as Ctrl-C does."""
+    """Have the handler of WAKE called in the main thread, also while that waits in a C call."""
     if hasattr(signal, "pthread_kill") and thread.ident is not None:
-        signal.pthread_kill(thread.ident, signal.SIGINT)
+        signal.pthread_kill(thread.ident, WAKE)
     else:
-        _thread.interrupt_main()
+        _thread.interrupt_main(WAKE)
 
 
 #: Built-in rigs that have arms of different kinds, the fastest first.

@@ -177,7 +177,7 @@ def realtime(watch: Callable[[str], None] | None = None, duration_s: float | Non
             continue  # not a row of the paper's
         if watch is not None:
             watch(f"realtime: {label}")
-        world = World(rig, friction="paper", setup_joints=setup)
+        world = World(rig, control="paper", friction="paper", setup_joints=setup)
         sine = paper_sine(world.rig, duration_s, TICK_S)
         timing = time_beside_bare(world, sine, periods_per_tick(world), PASSES)
         figures.append(
@@ -206,7 +206,7 @@ def realtime(watch: Callable[[str], None] | None = None, duration_s: float | Non
 
 def _with_camera(duration_s: float) -> Figure | str:
     """Drive the whole cart while its endoscope is drawn, or say why it cannot be."""
-    world = World("full_cart", friction="paper")
+    world = World("full_cart", control="paper", friction="paper")
     with ExitStack() as stack:
         try:
             scope = stack.enter_context(closing(Endoscope(world, "endoscope", preset=PRESET)))

@@ -100,6 +100,10 @@ def test_goals_are_values_of_now_or_ratios() -> None:
     assert Comparison(relative, (10.0,), (8.9,)).met is True
     assert Comparison(relative, (10.0,), (9.1,)).met is False
     assert Comparison(relative, (), (9.1,)).met is None
+    late = Quantity("late", "%", goal_ratio=1.0, steady=0.5)
+    assert Comparison(late, (0.0, 0.1), (0.06, 0.1)).met is True
+    assert Comparison(late, (0.0, 0.1), (0.6, 0.6)).met is False
+    assert Comparison(late, (5.0,), (4.9,)).met is True
     assert Comparison(Quantity("none", "s"), (1.0,), (1.0,)).met is None
 
 

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from trocar.descriptions import load_rig
 from trocar.simulation import World
-from trocar.simulation.schedule import Entry, Schedule
+from trocar.simulation.schedule import Schedule, ScheduleEntry
 
 CHUNKS = st.lists(st.integers(1, 40), min_size=1, max_size=12)
 
@@ -26,7 +26,7 @@ class Stepped:
     def __init__(self, periods: list[int]) -> None:
         self.count, self.seen = 0, list[tuple[str, int, int]]()
         self.schedule = Schedule(
-            Entry(every, self.note("before", k), self.note("look", k))
+            ScheduleEntry(every, self.note("before", k), self.note("look", k))
             for k, every in enumerate(periods)
         )
 

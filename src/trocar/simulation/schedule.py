@@ -9,7 +9,7 @@ Act = Callable[[], object]
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class ScheduleEntry:
     """One part of a world, and how often it acts.
 
     Attributes:
@@ -34,7 +34,7 @@ class Schedule:
         next: the physics step after which something is called next
     """
 
-    def __init__(self, entries: Iterable[Entry]) -> None:
+    def __init__(self, entries: Iterable[ScheduleEntry]) -> None:
         found = [*entries]
         self._before = [(one.every, one.before) for one in found if one.before is not None]
         self._looks = [(one.every, one.look) for one in found if one.look is not None]

@@ -51,7 +51,7 @@ from trocar.simulation.records import (
     TrueState,
     WorldSample,
 )
-from trocar.simulation.schedule import Act, Entry, Schedule
+from trocar.simulation.schedule import Act, Schedule, ScheduleEntry
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
 from trocar.simulation.shapes import band_poses, shape_records
@@ -948,24 +948,28 @@ class World:
     def _draw_up(self) -> Schedule:
         """Return when the parts of this world act."""
         load = max(1, round(LOAD_PERIOD_S / self.timestep))
-        entries = [Entry(load, self._load.apply)] if self._load.size > 0.0 else []
+        entries = [ScheduleEntry(load, self._load.apply)] if self._load.size > 0.0 else []
         gravity = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
-        entries += [Entry(gravity, self._balance), Entry(gravity, self._supervise)]
+        entries += [ScheduleEntry(gravity, self._balance), ScheduleEntry(gravity, self._supervise)]
         drives, errors = self.drives, self.servos.errors
         if drives is not None:
             entries.append(
-                Entry(drives.every, look=lambda: drives.renew(self._data.qpos, self._springs))
+                ScheduleEntry(
+                    drives.every, look=lambda: drives.renew(self._data.qpos, self._springs)
+                )
             )
         if errors is not None:
             entries.append(
-                Entry(
+                ScheduleEntry(
                     errors.every,
                     look=lambda: errors.step(self.servos.true()[2], self.journal.period),
                 )
             )
         if self._grasps:
-            entries.append(Entry(self._grasps.every, look=self._grasps.look))
-        entries += [Entry(tissue.every, look=tissue.look) for tissue in self.tissues.values()]
+            entries.append(ScheduleEntry(self._grasps.every, look=self._grasps.look))
+        entries += [
+            ScheduleEntry(tissue.every, look=tissue.look) for tissue in self.tissues.values()
+        ]
         return Schedule(entries)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:

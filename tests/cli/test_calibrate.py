@@ -202,7 +202,7 @@ def test_a_plan_is_a_table_a_document_and_a_page(
         assert main([*words, *wrong]) == 2
         assert text in capsys.readouterr().err
     assert main(["calibrate", "t.csv", "--arm", "psm", "--markers", "5"]) == 2
-    assert "--markers: allowed with --plan only" in capsys.readouterr().err
+    assert "--markers: has no effect here; allowed with --plan only" in capsys.readouterr().err
 
 
 def test_readings_of_the_arms_themselves_register_their_bases(

@@ -90,7 +90,7 @@ def allow_headless(args: Namespace) -> None:
 
 
 def _allow_served(args: Namespace, shared: bool) -> None:
-    """Reject options of what is not served."""
+    """Reject options of servers that are not started."""
     if args.no_page:
         allow(args, "without --no-page", "port")
     if args.no_websocket:

@@ -98,7 +98,7 @@ class ArmStatus:
 
 
 class ArmSample(NamedTuple):
-    """What an arm's readings are computed from.
+    """Source of an arm's readings.
 
     Attributes:
         status: the same object until something in it may have changed

@@ -30,8 +30,8 @@ class Schedule:
     Physics runs from one multiple to the next without a look at any part.
 
     Attributes:
-        due: what is called before the next physics step
-        next: the physics step after which something is called next
+        due: each `before` that is to be called before the next physics step
+        next: the next physics step at which any entry is due
     """
 
     def __init__(self, entries: Iterable[ScheduleEntry]) -> None:
@@ -47,14 +47,14 @@ class Schedule:
         self.next = min([step - step % every + every for every in self._periods])
 
     def look(self, step: int) -> None:
-        """Call what is called after the step that reaches `step`, which is `next`."""
+        """Call each `look` that is due once `step`, which is `next`, is reached."""
         for every, look in self._looks:
             if step % every == 0:
                 look()
         self.seek(step)
 
     def begin(self) -> None:
-        """Call what is called before the next physics step, once."""
+        """Call each `before` that is due, once."""
         due, self.due = self.due, ()
         for act in due:
             act()

@@ -161,7 +161,7 @@ def _world(recorded: Recorded, rig: RigDescription | str | Path | None) -> World
 
 
 def _repeat(world: World, entry: Entry, file: str) -> None:
-    """Step to a command and apply it; what it raised then it raises again."""
+    """Step to a command and apply it; errors of the command are part of the recording."""
     unknown = [f"{k} = {v}" for k, v in entry.values.items() if isinstance(v, Unknown)]
     if unknown:
         raise LogError(

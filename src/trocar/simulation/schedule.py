@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 Act = Callable[[], object]
 
@@ -24,6 +26,20 @@ class ScheduleEntry:
     look: Act | None = None
 
 
+class Phase(NamedTuple):
+    """What is due at steps that lie alike in the common cycle of all entries.
+
+    Attributes:
+        looks: called once such a step is reached
+        due: called before the step that leaves it
+        gap: physics steps until any entry is due
+    """
+
+    looks: tuple[Act, ...]
+    due: tuple[Act, ...]
+    gap: int
+
+
 class Schedule:
     """Acts of a world's parts, in the order of their entries; drawn up when parts attach.
 
@@ -35,26 +51,35 @@ class Schedule:
     """
 
     def __init__(self, entries: Iterable[ScheduleEntry]) -> None:
-        found = [*entries]
-        self._before = [(one.every, one.before) for one in found if one.before is not None]
-        self._looks = [(one.every, one.look) for one in found if one.look is not None]
-        self._periods = sorted({one.every for one in found})
+        self._entries = tuple(entries)
+        self._cycle = math.lcm(*(one.every for one in self._entries))
+        self._phases: dict[int, Phase] = {}
         self.seek(0)
 
     def seek(self, step: int) -> None:
         """Go on from where so many physics steps were made since the reset."""
-        self.due = tuple([act for every, act in self._before if step % every == 0])
-        self.next = min([step - step % every + every for every in self._periods])
+        _, self.due, gap = self._phase(step)
+        self.next = step + gap
 
     def look(self, step: int) -> None:
         """Call each `look` that is due once `step`, which is `next`, is reached."""
-        for every, look in self._looks:
-            if step % every == 0:
-                look()
-        self.seek(step)
+        looks, due, gap = self._phases.get(step % self._cycle) or self._phase(step)
+        for look in looks:
+            look()
+        self.due, self.next = due, step + gap
 
     def begin(self) -> None:
         """Call each `before` that is due, once."""
         due, self.due = self.due, ()
         for act in due:
             act()
+
+    def _phase(self, step: int) -> Phase:
+        step %= self._cycle
+        here = [one for one in self._entries if step % one.every == 0]
+        found = self._phases[step] = Phase(
+            tuple([one.look for one in here if one.look is not None]),
+            tuple([one.before for one in here if one.before is not None]),
+            min(one.every - step % one.every for one in self._entries),
+        )
+        return found

@@ -373,8 +373,9 @@ class World:
                 self._follow()
             if schedule.due:
                 schedule.begin()
-            for act in self._acts:
-                act()
+            if self._acts:
+                for act in self._acts:
+                    act()
             run = end - period
             if run > 1:
                 run = min(run, schedule.next - period, self._longest)

@@ -168,7 +168,7 @@ def _reweighted(residual: Array, round_: int, least: float = _ROUNDING) -> Array
     return 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2) ** 2
 
 
-#: What is left of a fit below this is rounding, which follows the motion and says nothing of noise.
+#: Residuals of a fit below this are rounding, which follows the motion and is no measure of noise.
 #: Source: the last digit of a file with six decimals, a tenth of what cameras resolve. [m], [rad]
 ROUNDED = (2e-6, 4e-6)
 #: Neighbouring samples that the test of whiteness compares. Source: our choice.

@@ -27,7 +27,7 @@ class ScheduleEntry:
 
 
 class Phase(NamedTuple):
-    """What is due at steps that lie alike in the common cycle of all entries.
+    """Acts that are due at one step of the common cycle of all entries.
 
     Attributes:
         looks: called once such a step is reached

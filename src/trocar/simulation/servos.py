@@ -216,9 +216,8 @@ class Servos:
             error += self.errors.error
         np.abs(error, out=error)
         beyond = error > self._tolerance
-        return (
-            np.where(beyond, error, 0.0) if np.count_nonzero(beyond) else None
-        )  # any() takes 1 us
+        some = np.count_nonzero(beyond)  # any() takes 1 us
+        return np.where(beyond, error, 0.0) if some else None
 
     # ------------------------------------------------------------------ write
 

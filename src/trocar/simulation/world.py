@@ -67,7 +67,7 @@ Array = NDArray[np.float64]
 #: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
 #: servos answer with 0.2 mrad. [s]
 GRAVITY_PERIOD_S = 0.02
-#: Physics steps between two calls of observers where there are none.
+#: No bound on a run of physics steps: more than any call of `step` makes.
 MOST_STEPS = 1 << 30
 #: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
 #: overlays are kept whole.
@@ -859,7 +859,7 @@ class World:
     # ------------------------------------------------------------------ inside
 
     def _restart_past(self, verb: str, values: Mapping[str, object]) -> None:
-        """Let go of the commands before one that leads here by itself, with the tools mounted."""
+        """Keep one command, which leads to the present state, and the tool exchanges before it."""
         exchanges = (
             (WORLD, "exchange_tool", {"name": name, "tool": tool}) for name, tool in self._exchanged
         )

@@ -51,7 +51,7 @@ FAR = 4.0
 #: Residuals beyond this are no noise of a pointer. Source: our own choice. [m]
 WRONG_M = 0.01
 #: Readings agree no better than a dVRK's encoders resolve: a step of a PSM's insertion, and of its
-#: yaw and pitch. With readings that agree to rounding, the rounding would decide what is
+#: yaw and pitch. Without this floor, rounding of exact readings decides which offsets are
 #: undetermined. Source: the steps in descriptions/data/errors.toml. [m], [rad]
 RESOLVED_M, RESOLVED_RAD = 1.30e-6, 7.72e-6
 #: Rounds in which readings are weighted by what is left of them.

@@ -20,9 +20,8 @@ from trocar.interfaces.pictures import (
     Packer,
     Pictures,
     Shot,
-    anaglyph,
-    side_by_side,
 )
+from trocar.rendering.frames import anaglyph, side_by_side
 from trocar.simulation import World
 
 from .fake_renderer import FakeRenderer

@@ -69,8 +69,6 @@ SOON_S = 0.005
 LEARNT = 0.1
 #: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
 NICE = 5
-GREY = (77, 150, 29)
-"""Weights of red, green and blue in 256ths. Source: ITU-R BT.601."""
 
 
 class Packer:
@@ -508,19 +506,3 @@ def let_others_go_first() -> None:
     if sys.platform == "linux":  # elsewhere this would concern the whole process
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
-
-
-def side_by_side(left: Picture, right: Picture) -> Picture:
-    """Return both pictures in one, (h, 2 w, 3), the left eye's on the left."""
-    return np.concatenate([left, right], axis=1)
-
-
-def anaglyph(left: Picture, right: Picture) -> Picture:
-    """Return both in one, (h, w, 3), for glasses that are red on the left and cyan on the right.
-
-    The left eye's picture is grey, which hurts less than colours where tissue is red.
-    """
-    found = right.copy()
-    r, g, b = (left[..., k].astype(np.uint16) for k in range(3))
-    found[..., 0] = (GREY[0] * r + GREY[1] * g + GREY[2] * b) >> 8
-    return found

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import InputError, UnknownNameError
-from trocar.interfaces.pictures import anaglyph, side_by_side
+from trocar.rendering.frames import anaglyph, side_by_side
 
 Picture = NDArray[np.uint8]
 Array = NDArray[np.float64]

@@ -10,8 +10,9 @@ from html import escape
 import numpy as np
 import viser
 
-from trocar.interfaces.pictures import Packer, Picture, Pictures, Shot, anaglyph, side_by_side
+from trocar.interfaces.pictures import Packer, Picture, Pictures, Shot
 from trocar.interfaces.viewer.server import when_pressed, when_touched
+from trocar.rendering.frames import anaglyph, side_by_side
 
 RATE_HZ = 30.0
 """Largest rate of pictures on the page. Source: our own choice, as often as the scene."""

@@ -96,7 +96,7 @@ kernels: .venv/.ready-test ## run the tests of fits as other x86-64 processors r
 		echo "OPENBLAS_CORETYPE=$$name"; \
 		OPENBLAS_CORETYPE=$$name OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -q \
 			-m "not browser and not slow" -n $(JOBS) --dist worksteal \
-			tests/fitting tests/apps/calibration tests/apps/identification $(ARGS) || exit; \
+			tests/fitting tests/robot/calibration tests/robot/identification $(ARGS) || exit; \
 	done
 
 check: lint ## format, lint, types, then all tests, the slow ones and the wheel's among them
@@ -165,7 +165,7 @@ clean: ## throw away .venv, .venv-ros1 and the caches
 	$(ROS1_PYTHON) -m venv --system-site-packages --clear .venv-ros1
 	.venv-ros1/bin/python -m pip install --quiet --upgrade --constraint constraints.txt pip
 	$(call install,.venv-ros1,[record$(comma)export$(comma)scope])
-	.venv-ros1/bin/python -m trocar.interfaces.crtk.transports.ros1.packages .venv-ros1/ros
+	.venv-ros1/bin/python -m trocar.ros.transports.ros1.packages .venv-ros1/ros
 	@touch $@
 
 .venv/.created:

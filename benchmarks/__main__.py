@@ -26,9 +26,9 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from pathlib import Path
 
-from trocar.apps.figures import Figure, figure_rows
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
+from trocar.robot.verification.figures import Figure, figure_rows
 
 NAMES = (
     "startup",

@@ -45,9 +45,9 @@ from benchmarks.interface import (
     result,
 )
 from benchmarks.served import Served, served
-from trocar.apps.figures import Figure
 from trocar.cli.output import print_json, table
 from trocar.errors import InputError, TrocarError
+from trocar.robot.verification.figures import Figure
 
 ROOT = Path(__file__).parents[1]
 #: Compared with until there is a release. Source: the speeds that the goals are relative to.

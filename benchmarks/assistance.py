@@ -21,17 +21,17 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 from scipy.stats import t as student
 
-from trocar.apps.drawing import new_figure, png
-from trocar.apps.figures import Figure
-from trocar.apps.fixtures import Fixtures
-from trocar.apps.teleoperation import Teleoperation
-from trocar.apps.teleoperation.masters import ArmMaster
-from trocar.apps.teleoperation.psm import PsmTeleoperation
-from trocar.apps.teleoperation.slave import view_in_world
 from trocar.descriptions.fixtures import Fixture, NeedleArc, Tube, read_fixtures
 from trocar.errors import InputError
-from trocar.interfaces import Loop
+from trocar.live import Loop
+from trocar.plotting.drawing import new_figure, png
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.teleoperation import Teleoperation
+from trocar.teleoperation.masters import ArmMaster
+from trocar.teleoperation.psm import PsmTeleoperation
+from trocar.teleoperation.slave import view_in_world
+from trocar.teleoperation.virtual_fixtures import Fixtures
 
 Array = NDArray[np.float64]
 

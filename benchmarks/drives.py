@@ -14,17 +14,17 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from trocar.apps.figures import Figure
-from trocar.apps.identification import default_filters, excite, filtered, identify, read_motion
-from trocar.apps.identification.drivetrains import labels
-from trocar.apps.identification.logs import Log
-from trocar.apps.identification.regression import Model, predicted_efforts
-from trocar.apps.identification.rigid_body import JointMotion, parameters
 from trocar.descriptions import load_arm
 from trocar.descriptions.calibrated import as_overlay
 from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.descriptions.overlay_records import Dynamics, Overlay
 from trocar.descriptions.records import DynamicsKind
+from trocar.robot.identification import default_filters, excite, filtered, identify, read_motion
+from trocar.robot.identification.drivetrains import labels
+from trocar.robot.identification.logs import Log
+from trocar.robot.identification.regression import Model, predicted_efforts
+from trocar.robot.identification.rigid_body import JointMotion, parameters
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.simulation.jaw import Jaw
 

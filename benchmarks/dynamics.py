@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from trocar.apps.figures import Figure
-from trocar.apps.identification import (
+from trocar.descriptions import load_arm
+from trocar.errors import InputError
+from trocar.robot.identification import (
     Weight,
     cross_validate,
     default_filters,
@@ -15,8 +16,7 @@ from trocar.apps.identification import (
     predict,
     read_motion,
 )
-from trocar.descriptions import load_arm
-from trocar.errors import InputError
+from trocar.robot.verification.figures import Figure
 
 SOURCE = (
     "goal: below the published model (Wang 2019) on an unseen trajectory, as cross-validated by six"

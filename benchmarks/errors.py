@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trocar.apps.figures import Figure
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 
 RIG, ARM = "two_psm_ecm", "PSM1"

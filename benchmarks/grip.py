@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.figures import Figure
 from trocar.descriptions.inertial import STANDARD_GRAVITY
 from trocar.geometry.se3 import inverse, transform
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.simulation.jaw import Jaw
 

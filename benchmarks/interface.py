@@ -24,15 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.served import Served, served
-from trocar.apps.figures import Figure
 from trocar.descriptions.catalogue import DATA
 from trocar.errors import InputError, TrocarError, UnknownNameError
-from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.core import Batch
-from trocar.interfaces.crtk.sample import CONTACTS
-from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.transports.websocket.server import encode
-from trocar.interfaces.loop import Loop
+from trocar.live.loop import Loop
+from trocar.robot.verification.figures import Figure
+from trocar.ros import Core
+from trocar.ros.core import Batch
+from trocar.ros.sample import CONTACTS
+from trocar.ros.transports.memory import MemoryTransport
+from trocar.ros.transports.websocket.server import encode
 from trocar.simulation import World
 
 #: Time of a subscription, and runs. Source: the project's own goal: medians of three runs. [s]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.figures import Figure
 from trocar.descriptions.inertial import STANDARD_GRAVITY
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from trocar.geometry.rotations import matrix_from_quaternion
 from trocar.modeling.build import Draft
 from trocar.modeling.options import ModelOptions
 from trocar.rendering.context import PACKAGES
-from trocar.rendering.portrait import context_class
+from trocar.rendering.stills import context_class
 from trocar.simulation.records import Snapshot
 
 Array = NDArray[np.float64]

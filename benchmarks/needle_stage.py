@@ -42,7 +42,7 @@ SIDE_M, BUMP_M, CELLS = 0.16, 0.0012, 120
 TINTS = ((0.80, 0.47, 0.42), (0.76, 0.40, 0.36), (0.70, 0.33, 0.30), (0.58, 0.22, 0.21))
 PLATE = (0.85, 0.84, 0.80)
 THREAD = (0.25, 0.12, 0.45)
-#: Where the jaws hold a needle, beyond the tip. Source: `trocar.apps.motions.REACH_M`. [m]
+#: Where the jaws hold a needle, beyond the tip. Source: `trocar.tasks.motions.REACH_M`. [m]
 HELD_M = 0.0085
 #: Opening of jaws about a wire of 0.8 mm. Source: a wedge of 8.5 mm. [rad]
 JAW_RAD = 0.05

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.needle_stage import HIDDEN_S, RATE_HZ, Shot, Stage, Style, lying, run
-from trocar.apps.figures import Figure
-from trocar.apps.vision import JAWS, Holder, NeedleTracker
-from trocar.apps.vision.needle_fit import change
-from trocar.apps.vision.scenes import pose_errors
 from trocar.descriptions.needles import Needle
+from trocar.robot.verification.figures import Figure
+from trocar.tasks.vision import JAWS, Holder, NeedleTracker
+from trocar.tasks.vision.needle_fit import change
+from trocar.tasks.vision.scenes import pose_errors
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.tasks import own_scenes
-from trocar.apps.figures import Figure
-from trocar.apps.task import PERIOD_S, Task
-from trocar.apps.tasks import make_task
 from trocar.errors import DivergedError
+from trocar.robot.verification.figures import Figure
+from trocar.tasks import make_task
+from trocar.tasks.task import PERIOD_S, Task
 
 #: Time of an episode, and for which the motors exert what they do: each the most it can, one way
 #: or the other. Source: our own choice. [s]

@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from trocar.apps.figures import Figure
-from trocar.apps.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 from trocar.recording import record
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.simulation.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 
 #: Added processor time of the stepping thread [%], size of a minute [MB].
 #: Source: the project's own goals.

@@ -21,19 +21,19 @@ import numpy as np
 
 from benchmarks.interface import arrivals
 from benchmarks.mujoco_renderer import Reference
-from trocar.apps.figures import Figure
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.errors import TrocarError
 from trocar.geometry.se3 import transform_points
-from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.core import Batch
-from trocar.interfaces.loop import SERVER_TICK_S, Loop
-from trocar.interfaces.pictures import Pictures, Shot
-from trocar.interfaces.viewer import serve
+from trocar.live.images import Pictures, Shot
+from trocar.live.loop import SERVER_TICK_S, Loop
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
+from trocar.robot.verification.figures import Figure
+from trocar.ros import Core
+from trocar.ros.core import Batch
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import DrawnSurface, Snapshot
+from trocar.viewer import serve
 
 #: Sizes, and pairs a second with a graphics card. Source: the project's own goals.
 PRESETS = "dvrk_sd_640x480", "hd_1280x720", "hd_1920x1080"

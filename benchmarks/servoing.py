@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.figures import Figure
-from trocar.apps.vision import ServoSettings, VisualServo
 from trocar.cameras import StereoCalibration
 from trocar.cameras.lens import project
 from trocar.geometry import inverse
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.tasks.vision import ServoSettings, VisualServo
 
 Array = NDArray[np.float64]
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from trocar.apps.drawing import MEASURED, new_figure, png
-from trocar.apps.figures import Figure
-from trocar.apps.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 from trocar.errors import InputError
+from trocar.plotting.drawing import MEASURED, new_figure, png
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.simulation.health import arm_health
+from trocar.simulation.trials import TICK_S, begin_trajectory, paper_sine, periods_per_tick
 
 #: Simulated time of a soak, and of its windows. Source: the project's own goal. [s]
 DURATION_S, WINDOW_S = 3600.0, 60.0

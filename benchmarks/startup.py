@@ -8,7 +8,7 @@ import sys
 import time
 
 from benchmarks.served import served
-from trocar.apps.figures import Figure
+from trocar.robot.verification.figures import Figure
 
 #: Source: the project's own goals. [s]
 HELP_S, FIRST_MOTION_S = 0.3, 5.0

@@ -18,15 +18,15 @@ import mujoco
 import numpy as np
 
 from benchmarks.tasks import wilson
-from trocar.apps.figures import Figure
-from trocar.apps.suturing.planning import Reach
-from trocar.apps.suturing.scene import suturing_scene
-from trocar.apps.suturing.task import Suturing
-from trocar.apps.tasks import run_episode
 from trocar.errors import DivergedError, InputError
 from trocar.geometry.rotations import rotation_z
 from trocar.geometry.se3 import transform
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.tasks import run_episode
+from trocar.tasks.suturing.planning import Reach
+from trocar.tasks.suturing.scene import suturing_scene
+from trocar.tasks.suturing.task import Suturing
 
 #: Ways of a jaw in each episode of random motion, and its speed: that of a stitch. Source: our own
 #: choice. [m/s]

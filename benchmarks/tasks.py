@@ -14,10 +14,10 @@ import numpy as np
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from trocar.apps.figures import Figure
-from trocar.apps.tasks import TASKS, Episode, make_task, run_episode
 from trocar.descriptions.catalogue import load_scene, names
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.tasks import TASKS, Episode, make_task, run_episode
 
 EPISODES = 50
 CONFIDENCE = 0.95
@@ -32,7 +32,7 @@ ONE_SPEED, TWO_SPEED, TRANSFER_S = 15.0, 8.0, 8.1
 
 
 def own_scenes() -> tuple[str, ...]:
-    """Return the built-in scenes of `apps.tasks`; other apps measure theirs."""
+    """Return the built-in scenes; `benchmarks suturing` and `vision` measure theirs."""
     named = {name: load_scene(name).task for name in names("scenes")}
     return tuple(name for name, task in named.items() if not isinstance(TASKS.get(task), str))
 

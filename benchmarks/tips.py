@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.needle_stage import small_error
-from trocar.apps.figures import Figure
-from trocar.apps.vision import find_tip
-from trocar.apps.vision.instruments import instrument_masks
 from trocar.cameras import StereoCalibration
 from trocar.descriptions import load_rig
 from trocar.errors import InputError
 from trocar.geometry import inverse, matrix_from_rotation_vector, transform
 from trocar.rendering import Endoscope, Look
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.tasks.vision import find_tip
+from trocar.tasks.vision.instruments import instrument_masks
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.apps.calibration.camera_views import Views
-from trocar.apps.calibration.hand_eye import Placed, calibrate_camera
-from trocar.apps.figures import Figure
-from trocar.apps.mocap.views import SimulatedViews, ViewSettings, simulate_views
 from trocar.descriptions import load_rig
 from trocar.geometry import inverse, log_transform
+from trocar.robot.calibration.camera_views import Views
+from trocar.robot.calibration.hand_eye import Placed, calibrate_camera
+from trocar.robot.mocap.views import SimulatedViews, ViewSettings, simulate_views
+from trocar.robot.verification.figures import Figure
 
 Array = NDArray[np.float64]
 

@@ -12,20 +12,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from trocar.apps.mocap.robots import perturbed
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import Overlay, overlay_between
 from trocar.descriptions.overlay_records import ClosurePatch, FramePatch
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import TrocarError
 from trocar.geometry import matrix_from_rotation_vector, rpy_from_matrix
+from trocar.robot.mocap.robots import perturbed
 
 SKIPPED = "trocar/skipped"
 ROOT = Path(__file__).parents[1]
 #: As in test_architecture: a package imports only those before it.
 PACKAGES = (
-    "geometry", "kinematics", "fitting", "cameras", "descriptions", "modeling", "simulation",
-    "recording", "rendering", "interfaces", "apps", "cli",
+    "geometry", "kinematics", "fitting", "cameras", "messages", "descriptions", "modeling",
+    "simulation", "recording", "plotting", "rendering", "formats", "live", "ros", "viewer",
+    "teleoperation", "scripts", "tasks", "robot", "cli",
 )  # fmt: skip
 #: Tests of the whole repository that take a second.
 ALWAYS = ("test_architecture.py", "test_repository.py", "test_exports.py", "test_startup.py")

@@ -14,7 +14,7 @@ import pytest
 
 from trocar.cli import main
 from trocar.descriptions import load_arm, load_tool
-from trocar.interfaces.viewer.scene import parts_of
+from trocar.viewer.scene import parts_of
 
 PAGES = Path(__file__).parents[1] / "docs" / "how-to"
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from trocar.apps.dvrk_config import import_dvrk
-from trocar.apps.identification.logs import read_motion
-from trocar.apps.importers import import_file
-from trocar.apps.logs import recorded_joints
 from trocar.cameras import read_calibration
 from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
+from trocar.formats.importers import import_file
+from trocar.robot.dvrk_config import import_dvrk
+from trocar.robot.identification.logs import read_motion
+from trocar.robot.logs import recorded_joints
 
 DIGITS, DEPTH = 5_000, 20_000
 

@@ -16,29 +16,29 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.attack import Tally
-from trocar.apps.calibration import read_tracks
-from trocar.apps.calibration.camera_views import read_views
-from trocar.apps.calibration.touches import read_touches
-from trocar.apps.dvrk_config import import_dvrk
-from trocar.apps.follow import open_bag
-from trocar.apps.identification.logs import read_motion
-from trocar.apps.importers import import_file
-from trocar.apps.importers.meshes import load_surface
-from trocar.apps.logs import read_log, recorded_joints
-from trocar.apps.mocap import MocapSettings, simulate_tracks, write_tracks
-from trocar.apps.mocap.touches import TouchSettings, write_touches
-from trocar.apps.mocap.view_files import write_views
-from trocar.apps.mocap.views import ViewSettings
-from trocar.apps.samples import write_samples
-from trocar.apps.scoring import score_recording
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.cameras import load_camera
 from trocar.descriptions.catalogue import load_scene
 from trocar.descriptions.fixtures import read_fixtures
 from trocar.descriptions.overlay import Overlay, read_overlay, write_overlay
 from trocar.errors import TrocarError
+from trocar.formats.importers import import_file
+from trocar.formats.importers.meshes import load_surface
 from trocar.recording import open_recording, record
+from trocar.robot.calibration import read_tracks
+from trocar.robot.calibration.camera_views import read_views
+from trocar.robot.calibration.touches import read_touches
+from trocar.robot.dvrk_config import import_dvrk
+from trocar.robot.follow import open_bag
+from trocar.robot.identification.logs import read_motion
+from trocar.robot.logs import read_log, recorded_joints
+from trocar.robot.mocap import MocapSettings, simulate_tracks, write_tracks
+from trocar.robot.mocap.touches import TouchSettings, write_touches
+from trocar.robot.mocap.view_files import write_views
+from trocar.robot.mocap.views import ViewSettings
+from trocar.robot.samples import write_samples
 from trocar.simulation import World
+from trocar.tasks.scoring import score_recording
 
 #: A file that takes longer to read or to refuse has failed. Source: the project's goal. [s]
 LONGEST_S = 5.0

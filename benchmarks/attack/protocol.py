@@ -21,25 +21,18 @@ from websockets.protocol import State
 
 from benchmarks.attack import SCENE, Tally
 from benchmarks.attack.commands import ELSEWHERE, EXTREME, OVERLAP, STILL
-from trocar.apps.tasks import make_task
-from trocar.apps.tasks.served import ServedTask
 from trocar.errors import InputError
-from trocar.interfaces import Command, Loop
-from trocar.interfaces.crtk import Core
-from trocar.interfaces.crtk.messages import (
-    blank,
-    cdr_decode,
-    cdr_encode,
-    ros1_decode,
-    ros1_encode,
-    to_json,
-)
-from trocar.interfaces.crtk.topic import Topic
-from trocar.interfaces.crtk.transports.memory import MemoryTransport
-from trocar.interfaces.crtk.transports.websocket.server import Client, Conversation
-from trocar.interfaces.loop import SERVER_TICK_S
-from trocar.interfaces.state import Elapsed
+from trocar.live import Command, Loop
+from trocar.live.loop import SERVER_TICK_S
+from trocar.live.state import Elapsed
+from trocar.messages import blank, cdr_decode, cdr_encode, ros1_decode, ros1_encode, to_json
+from trocar.ros import Core
+from trocar.ros.topic import Topic
+from trocar.ros.transports.memory import MemoryTransport
+from trocar.ros.transports.websocket.server import Client, Conversation
 from trocar.simulation import World
+from trocar.tasks import make_task
+from trocar.tasks.served import ServedTask
 
 RIGS = ("psm", "pegs", SCENE, "full_cart_mtm")
 #: Messages until another rig's turn, and messages of a tick. Source: our own choice.

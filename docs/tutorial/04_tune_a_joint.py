@@ -4,8 +4,8 @@ One sees: the dVRK's gains, which creep; too little D, which swings; gains that 
 what they ask of the motor.
 """
 
-from trocar.apps.tuning import Gains, StepBench, StepTrace, TuneSettings, tune
 from trocar.descriptions import load_arm
+from trocar.robot.tuning import Gains, StepBench, StepTrace, TuneSettings, tune
 
 JOINT = "insertion"
 

@@ -12,10 +12,10 @@ import cv2
 import mujoco
 import numpy as np
 
-from trocar.apps.vision import NeedleTracker
 from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.descriptions.needles import Needle
 from trocar.geometry import inverse, matrix_from_rotation_vector, quaternion_from_matrix, transform
+from trocar.tasks.vision import NeedleTracker
 
 SIZE, FOCAL, BASELINE = (640, 480), 740.0, 0.005
 NEEDLE = Needle(radius=0.01, arc=np.pi, wire=0.001, taper=0.003)

@@ -16,11 +16,11 @@ import pytest
 
 from benchmarks import soak as file
 from benchmarks.soak import Soak, Window, soak
-from trocar.apps.figures import Figure
-from trocar.apps.trials import paper_sine
 from trocar.descriptions import load_rig
 from trocar.errors import InputError
+from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.simulation.trials import paper_sine
 
 
 def by_name(soaked: Soak) -> dict[str, Figure]:

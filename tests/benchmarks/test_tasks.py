@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.random_actions import random_actions
 from benchmarks.tasks import asleep_and_awake, figures, tasks, wilson
-from trocar.apps.tasks import Episode
+from trocar.tasks import Episode
 
 
 def episode(success: bool, time_s: float) -> Episode:

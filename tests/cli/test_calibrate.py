@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.mocap.robots import perturbed
-from trocar.apps.mocap.simulate import MocapSettings, simulate_tracks
-from trocar.apps.mocap.writers import write_tracks
 from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import read_overlay
+from trocar.robot.mocap.robots import perturbed
+from trocar.robot.mocap.simulate import MocapSettings, simulate_tracks
+from trocar.robot.mocap.writers import write_tracks
 
 
 @pytest.fixture(scope="module")

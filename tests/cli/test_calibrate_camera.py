@@ -12,7 +12,7 @@ from trocar.cameras import StereoCalibration, read_calibration
 from trocar.cli import main
 from trocar.descriptions import load_rig
 from trocar.descriptions.overlay import overlay_text, parse_overlay, read_overlay
-from trocar.descriptions.places import Places
+from trocar.descriptions.rig_frames import Places
 from trocar.geometry import inverse
 from trocar.kinematics import pose
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.apps.exports import FORMATS
-from trocar.apps.exports.task import Format, Task
+from trocar.formats.exports import FORMATS
+from trocar.formats.exports.task import Format, Task
 
 
 @pytest.fixture(autouse=True)

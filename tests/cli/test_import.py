@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import Command
+from tests.cli.conftest import Command
 
 pytest.importorskip("lxml", reason="lxml is not installed (extra export)")
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")

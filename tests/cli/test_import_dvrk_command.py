@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from .conftest import Command
+from tests.cli.conftest import Command
 
 PSM = {"kinematic": "kinematic/PSM.json", "generation": "Classic", "hat": 1}
 SYSTEM = {"arms": [{"name": "PSM1", "type": "PSM", "serial": "1", "IO": "IO1"}]}

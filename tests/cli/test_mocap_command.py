@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from trocar.apps.calibration import read_tracks
 from trocar.cli import main
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import closure_patch, write_overlay
 from trocar.descriptions.overlay_records import Overlay
+from trocar.robot.calibration import read_tracks
 
 QUICK = ("--motion", "kinematic", "--duration", "6", "--rate", "20")
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from trocar.apps.mocap import MocapSettings, simulate_tracks, write_tracks
 from trocar.descriptions import load_arm
+from trocar.robot.mocap import MocapSettings, simulate_tracks, write_tracks
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from trocar.cli.serving import add_serving, transport_modules
-from trocar.interfaces.crtk import transports
+from trocar.ros import transports
 
 FOLDER = Path(str(transports.__file__)).parent
 

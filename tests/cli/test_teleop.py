@@ -6,9 +6,9 @@ import gc
 
 import pytest
 
-from trocar.apps.teleoperation.devices import TABLES
 from trocar.cli import main
 from trocar.cli import teleop as command
+from trocar.teleoperation.devices import TABLES
 
 
 @pytest.mark.parametrize("device", TABLES)

@@ -45,9 +45,9 @@ def test_people_read_tables(trocar) -> None:
 def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave one speed to measure, beside a paper's that no machine reaches."""
     one = (("PSM", "psm", "braked", 1e9, 1e9),)
-    monkeypatch.setattr("trocar.apps.verification.tracking.CONFIGURATIONS", one)
-    monkeypatch.setattr("trocar.apps.verification.tracking.PAPER_CAMERA", 1e9)
-    monkeypatch.setattr("trocar.apps.verification.tracking.REALTIME_S", 0.05)
+    monkeypatch.setattr("trocar.robot.verification.tracking.CONFIGURATIONS", one)
+    monkeypatch.setattr("trocar.robot.verification.tracking.PAPER_CAMERA", 1e9)
+    monkeypatch.setattr("trocar.robot.verification.tracking.REALTIME_S", 0.05)
 
 
 def test_figures_without_a_tolerance_are_counted_apart(trocar, monkeypatch) -> None:
@@ -70,7 +70,7 @@ def test_nothing_is_met_where_no_figure_has_a_tolerance(trocar, monkeypatch) -> 
 
 
 def test_a_figure_out_of_tolerance_ends_with_status_1(trocar, monkeypatch) -> None:
-    monkeypatch.setattr("trocar.apps.verification.linkage.TABLE6_SPREAD_M", 1e-4)
+    monkeypatch.setattr("trocar.robot.verification.linkage.TABLE6_SPREAD_M", 1e-4)
     said = trocar("verify", "--only", "axes", "--arm", "psm", "--json")
     assert said.status == 1
     assert said.document["met"] is False

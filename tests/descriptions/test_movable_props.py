@@ -10,7 +10,7 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import RigDescription
 from trocar.errors import DescriptionError
-from trocar.recording.about import rig_fingerprint
+from trocar.recording.metadata import rig_fingerprint
 from trocar.simulation import World
 
 BOX = 'shape = [{ kind = "box", center_mm = [1, 2, 3], size_mm = [10, 20, 30] }]'

@@ -1,7 +1,7 @@
 """How accurate a hinge by itself is under noise, and whether its intervals cover the truth.
 
 The noise is 0.1 mm and 0.05 degrees per axis on every body's pose, 120 Hz, 24 s. The figures to
-reach are those of all hinges of an arm together, see tests/apps/calibration.
+reach are those of all hinges of an arm together, see tests/robot/calibration.
 """
 
 from functools import cache
@@ -9,14 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from trocar.fitting import (
-    axis_distance,
-    fit_hinge,
-    rest_pose,
-)
-from trocar.geometry import inverse, transform, translation
-
-from .simulated import (
+from tests.fitting.simulated import (
     NOISE,
     SAMPLES,
     any_rotation,
@@ -26,6 +19,12 @@ from .simulated import (
     turned,
     unit,
 )
+from trocar.fitting import (
+    axis_distance,
+    fit_hinge,
+    rest_pose,
+)
+from trocar.geometry import inverse, transform, translation
 
 pytestmark = pytest.mark.slow
 WORSE = {"dropout": 0.05, "outliers": 0.01}

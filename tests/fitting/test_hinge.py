@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from tests.fitting.simulated import NOISE, one_hinge, turned, two_hinges
 from trocar.errors import InputError
 from trocar.fitting import axis_distance, fit_hinge
 from trocar.geometry import inverse, point_line_distance, rotation_z, transform, translation
-
-from .simulated import NOISE, one_hinge, turned, two_hinges
 
 
 def test_a_hinge_without_noise_is_found_to_rounding():

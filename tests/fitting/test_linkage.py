@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from tests.fitting.simulated import NOISE, any_rotation, measured, turned, unit
 from trocar.fitting import SharedHinge, axis_distance, fit_hinge, refine_hinges
 from trocar.geometry import inverse, rotation_vector_from_matrix, transform
 from trocar.geometry.se3 import exp_twist
-
-from .simulated import NOISE, any_rotation, measured, turned, unit
 
 SIGMAS = (NOISE["position"], NOISE["rotation"])
 #: Ground, crank, coupler, rocker [m]; between which two bodies each hinge is, the last one a pin.

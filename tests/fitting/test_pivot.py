@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from tests.fitting.simulated import NOISE, about_a_point
 from trocar.errors import InputError, UndeterminedError
 from trocar.fitting import fit_pivot
-
-from .simulated import NOISE, about_a_point
 
 
 def pivot(T, **options):

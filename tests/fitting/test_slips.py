@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.fitting.simulated import NOISE, fit_hinge_least_squares, one_hinge, two_hinges
 from trocar.errors import InputError
 from trocar.fitting import (
     fit_hinge,
@@ -10,8 +11,6 @@ from trocar.fitting import (
     white_noise,
 )
 from trocar.geometry import inverse, matrix_from_quaternion, quaternion_from_matrix
-
-from .simulated import NOISE, fit_hinge_least_squares, one_hinge, two_hinges
 
 
 def misread(T, order):

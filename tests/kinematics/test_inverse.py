@@ -12,9 +12,9 @@ from trocar.descriptions import ArmDescription, load_arm, names
 from trocar.errors import InputError, SingularError, UnreachableError
 from trocar.geometry import exp_twist, pose_difference, transform, translation
 from trocar.kinematics import forward
+from trocar.kinematics.closed_form import fit_chain
 from trocar.kinematics.inverse import inverse_kinematics
 from trocar.kinematics.mechanism import Mechanism
-from trocar.kinematics.structures import fit_chain
 
 Array = NDArray[np.float64]
 

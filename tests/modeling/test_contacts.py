@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.apps.trials import paper_sine
 from trocar.descriptions import load_rig, names
 from trocar.descriptions.catalogue import DATA
 from trocar.modeling.geoms import OBJECTS, contact_masks
 from trocar.simulation import World
+from trocar.simulation.trials import paper_sine
 
 RIGS = names("rigs")
 

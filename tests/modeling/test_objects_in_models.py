@@ -8,11 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.apps.exports import export
 from trocar.descriptions import load_rig
+from trocar.formats.exports import export
+from trocar.formats.links import rig_links
 from trocar.modeling.build import build
 from trocar.modeling.geoms import OBJECTS, contact_masks
-from trocar.modeling.links import rig_links
 
 
 def test_objects_touch_arms_props_and_each_other_and_nothing_else_changes() -> None:

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from trocar.apps.trials import paper_sine
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
 from trocar.kinematics.forward import coordinates
 from trocar.modeling.build import RigModel, build, gpu_model, position_inputs, preset
 from trocar.modeling.options import ModelOptions
+from trocar.simulation.trials import paper_sine
 
 #: Both compute in float64; 2.5e-14 was measured.
 SAME = 1e-13

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rendering import checkerboard as board
 from trocar.cameras import Intrinsics, StereoCalibration
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform
 from trocar.rendering import Endoscope, Look, StereoFrame
-
-from . import checkerboard as board
 
 cv2 = pytest.importorskip("cv2", reason="OpenCV is the judge here")
 pytestmark = pytest.mark.usefixtures("opengl")

@@ -16,11 +16,11 @@ import pytest
 from tests.rendering.scenes import camera, disc, mesh, plate, seen, snapshot, stereo
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import transform
-from trocar.rendering import Channels, Look, Renderer, context, staging
-from trocar.rendering.card import Card
+from trocar.rendering import Channels, Look, Renderer, context, draw_list
+from trocar.rendering.buffers import Scenery
+from trocar.rendering.culling import Boxes, Frustum
+from trocar.rendering.gpu import Card
 from trocar.rendering.painter import Painter
-from trocar.rendering.scenery import Scenery
-from trocar.rendering.sight import Boxes, Frustum
 from trocar.simulation import World
 
 BACK = plate(transform(np.eye(3), [0.0, 0.0, 0.12]), 0.3, 0.3)
@@ -192,7 +192,7 @@ def test_what_is_not_drawn_would_not_be_seen(
     def all_of_it(frusta: Sequence[Frustum], around: Boxes) -> np.ndarray:
         return np.ones((len(frusta), len(around.middles)), dtype=bool)
 
-    monkeypatch.setattr(staging, "inside", all_of_it)
+    monkeypatch.setattr(draw_list, "inside", all_of_it)
     whole, _ = pictures()
     assert (culled == whole).mean() > 0.9999  # order decides which of two touching surfaces wins
 
@@ -236,16 +236,16 @@ def test_simpler_surfaces_change_edge_pixels_only(
         assert frame.ids is not None
         return frame.ids[0]
 
-    levels = staging.chosen_levels
+    levels = draw_list.chosen_levels
 
     def counted(things: Scenery, frustum: Frustum, who: np.ndarray, *others: Any) -> Any:
         level = levels(things, frustum, who, *others)
         drawn.append((things.count[who, level].sum() // 3, things.count[who, 0].sum() // 3))
         return level
 
-    monkeypatch.setattr(staging, "chosen_levels", counted)
+    monkeypatch.setattr(draw_list, "chosen_levels", counted)
     simple = ids()
-    monkeypatch.setattr(staging, "chosen_levels", lambda _t, _f, who, *_: 0 * who)
+    monkeypatch.setattr(draw_list, "chosen_levels", lambda _t, _f, who, *_: 0 * who)
     whole = ids()
     assert drawn[0][0] < 0.6 * drawn[0][1]
     assert (simple == whole).mean() > 0.99

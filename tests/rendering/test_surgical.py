@@ -11,7 +11,7 @@ from tests.rendering.scenes import camera, disc, mesh, snapshot, stereo
 from trocar.errors import InputError
 from trocar.rendering import Channels, Look, Renderer, Series, StereoFrame
 from trocar.rendering.exposure import LEAST, MOST
-from trocar.rendering.structures import tissue
+from trocar.rendering.textures import tissue
 from trocar.simulation.records import Drawing, DrawnCurve, DrawnSurface
 
 SURGICAL = Look(style="surgical", exposure=-1.0)

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.follow import repeat
 from trocar.descriptions import load_arm, load_rig
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.overlay import Overlay, write_overlay
 from trocar.errors import LogError
 from trocar.kinematics.forward import coordinates
 from trocar.recording import record
+from trocar.robot.follow import repeat
 from trocar.simulation import World
 from trocar.simulation.health import arm_health, remote_centre_error, remote_centre_wander
 

@@ -13,7 +13,7 @@ from trocar.descriptions import load_rig
 from trocar.descriptions.cameras import load_camera, load_stereo_camera
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry.se3 import inverse, transform_points
-from trocar.recording.about import rig_fingerprint
+from trocar.recording.metadata import rig_fingerprint
 from trocar.simulation import World
 
 

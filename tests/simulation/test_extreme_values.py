@@ -11,7 +11,7 @@ from benchmarks.attack import Tally
 from benchmarks.attack.commands import EXTREME, SCENES, arguments, attack, outcome, quiet, verbs
 from trocar.descriptions.catalogue import load_scene
 from trocar.errors import InputError
-from trocar.interfaces import Command, Loop
+from trocar.live import Command, Loop
 from trocar.simulation import World
 from trocar.simulation.controllers import CartesianImpedance, HalfPlaneGains
 

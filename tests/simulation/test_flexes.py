@@ -10,13 +10,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from tests.simulation.test_sensors import NEAR, TIP, TOUCH, rig_with, touching, wrench
 from trocar.descriptions import RigDescription
 from trocar.errors import DivergedError
 from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation import World
-
-from .test_sensors import NEAR, TIP, TOUCH, rig_with, touching, wrench
 
 MASS = 0.02
 #: A sheet that lies on the table of the rig `psm`, off the arm.

@@ -156,7 +156,7 @@ def test_motion_does_not_depend_on_how_many_steps_a_call_takes(held: Grip) -> No
 
 
 def test_another_arms_new_tool_leaves_what_is_held() -> None:
-    from trocar.apps.benchmarks.core import holding_a_block
+    from trocar.robot.verification.verb_costs import holding_a_block
 
     world = holding_a_block()
     assert world.grasps()["PSM1"].object == "block2"

@@ -7,7 +7,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
-from trocar.interfaces.inbox import Command
+from trocar.live.inbox import Command
 from trocar.simulation import World
 from trocar.simulation.jaw import DEBOUNCE_S
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trocar.apps.trials import TICK_S, loop_health, paper_sine
 from trocar.descriptions import load_rig
 from trocar.geometry.dh import standard_dh
 from trocar.simulation import World
+from trocar.simulation.trials import TICK_S, loop_health, paper_sine
 
 RIGHT = np.pi / 2
 MASTERS = {"MTML": 0.180, "MTMR": -0.180}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trocar.apps.follow.repeat import repeat
 from trocar.descriptions import load_rig
 from trocar.errors import DivergedError, InputError, UnknownNameError
 from trocar.geometry.rotations import matrix_from_rpy
 from trocar.geometry.se3 import inverse, transform
 from trocar.modeling import naming
 from trocar.recording import record
+from trocar.robot.follow.reproduce import repeat
 from trocar.simulation import World
 
 GRAVITY = 9.81

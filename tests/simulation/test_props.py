@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from benchmarks.laws import laws
-from trocar.apps.exports.task import left_out
-from trocar.apps.follow.repeat import repeat
 from trocar.descriptions import load_rig
 from trocar.errors import DescriptionError, InputError, LogError
-from trocar.modeling.mesh_files import obj
-from trocar.modeling.mjcf import POSITION, mjcf_document
+from trocar.formats.exports.task import left_out
+from trocar.formats.mesh_files import obj
+from trocar.formats.mjcf import POSITION, mjcf_document
 from trocar.recording import record
+from trocar.robot.follow.reproduce import repeat
 from trocar.simulation import Batch, ContactsReading, ProximityReading, World
 from trocar.simulation.scripts import FUNCTION
 

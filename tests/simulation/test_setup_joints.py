@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from trocar.descriptions.places import Places
+from trocar.descriptions.rig_frames import Places
 from trocar.errors import InputError, UnknownNameError
 from trocar.kinematics.forward import pose
 from trocar.simulation import World

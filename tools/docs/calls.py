@@ -6,7 +6,7 @@ import runpy
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROWS = ROOT / "tests" / "interfaces" / "crtk" / "scripts" / "api_rows.py"
+ROWS = ROOT / "tests" / "scripts" / "api_rows.py"
 PAGE = ROOT / "docs" / "script-calls.md"
 TEXT = """\
 # Calls of dVRK scripts

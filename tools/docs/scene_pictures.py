@@ -1,4 +1,4 @@
-"""Draw the scenes of `trocar.apps.tasks`: docs/images/scenes.jpg and scenes.mp4.
+"""Draw the scenes of `trocar.tasks`: docs/images/scenes.jpg and scenes.mp4.
 
 python tools/docs/scene_pictures.py [FOLDER]
 
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from benchmarks.tasks import own_scenes
-from trocar.apps.filming.film import video
-from trocar.apps.task import PERIOD_S
-from trocar.apps.tasks import make_task
 from trocar.cameras.records import CameraDescription
 from trocar.descriptions import load_rig
 from trocar.descriptions.catalogue import load_scene
 from trocar.geometry.se3 import transform
 from trocar.rendering import Endoscope, Look
+from trocar.rendering.film import video
+from trocar.tasks import make_task
+from trocar.tasks.task import PERIOD_S
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: Size of a picture, scenes in a row, quality of the sheet, pictures a second, length [s].

@@ -14,10 +14,10 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.needle_stage import held_pose
-from trocar.apps.tasks import make_task
 from trocar.geometry import inverse, transform
 from trocar.rendering import Endoscope, Look
 from trocar.simulation.records import DrawnCurve, DrawnSurface
+from trocar.tasks import make_task
 
 FILE = Path(__file__).parents[2] / "docs" / "images" / "endoscope-surgical.jpg"
 SIZE, QUALITY = (640, 480), 85

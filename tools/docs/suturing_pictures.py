@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from trocar.apps.filming.film import video
-from trocar.apps.suturing.scene import suturing_scene
-from trocar.apps.suturing.task import Suturing
-from trocar.apps.task import PERIOD_S
 from trocar.descriptions.cameras import load_camera
 from trocar.rendering import Endoscope, Look
+from trocar.rendering.film import video
+from trocar.tasks.suturing.scene import suturing_scene
+from trocar.tasks.suturing.task import Suturing
+from trocar.tasks.task import PERIOD_S
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: The episode; size, rate and quality of the video; quality of the picture.

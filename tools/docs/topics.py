@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TypeVar
 
 from trocar.descriptions import load_rig
-from trocar.interfaces.crtk.compat import TABLES, compatible
-from trocar.interfaces.crtk.core import service_table, topic_table
-from trocar.interfaces.crtk.images import camera_topics
-from trocar.interfaces.crtk.scene import SENSORS
-from trocar.interfaces.crtk.topic import Service, Topic
+from trocar.ros.compat import TABLES, compatible
+from trocar.ros.core import service_table, topic_table
+from trocar.ros.images import camera_topics
+from trocar.ros.scene import SENSORS
+from trocar.ros.topic import Service, Topic
 
 Row = TypeVar("Row", Topic, Service)
 PAGE = Path(__file__).parents[2] / "docs" / "topic-list.md"

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from trocar.apps.filming.film import video
-from trocar.apps.task import PERIOD_S
-from trocar.apps.tasks import make_task
-from trocar.apps.vision.scenes import EndoscopeTask
 from trocar.descriptions.catalogue import load_scene
+from trocar.rendering.film import video
+from trocar.tasks import make_task
+from trocar.tasks.task import PERIOD_S
+from trocar.tasks.vision.scenes import EndoscopeTask
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
 #: Images a second, length [s], size [px] and quality of a video; gap and quality of a picture.

@@ -19,8 +19,8 @@ from trocar.cli.output import print_result, progress_steps, table
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.figures import Figure
-    from trocar.apps.timing import Table9Row
+    from trocar.robot.verification.figures import Figure
+    from trocar.robot.verification.speed import Table9Row
 
 SUMMARY = "benchmark speed against bare MuJoCo, and accuracy"
 ORDER = 200
@@ -58,12 +58,12 @@ def run(args: Namespace) -> int:
             f"got --duration {args.duration:g}, --passes {args.passes}, --poses {args.poses},"
             f" --robots {args.robots}; allowed: above 0"
         )
-    from trocar.apps.benchmarks.core import core
-    from trocar.apps.benchmarks.fidelity import fidelity
-    from trocar.apps.figures import figure_rows
-    from trocar.apps.timing import table9
-    from trocar.cli.unseen_robots import unseen_robots
     from trocar.descriptions.overlay import read_overlay
+    from trocar.robot.verification.fidelity import fidelity
+    from trocar.robot.verification.figures import figure_rows
+    from trocar.robot.verification.speed import table9
+    from trocar.robot.verification.unseen_robots import unseen_robots
+    from trocar.robot.verification.verb_costs import core
 
     for word in args.calibration or ():
         if word in ALL_PARTS:
@@ -117,8 +117,8 @@ def _part(name: str) -> str:
 
 
 def _replayed(log: str) -> list[Figure]:
-    from trocar.apps.figures import Figure
-    from trocar.apps.follow import ReplaySettings, replay
+    from trocar.robot.follow import ReplaySettings, replay
+    from trocar.robot.verification.figures import Figure
 
     report = replay(log, "psm", ReplaySettings())
     found: list[Figure] = []

@@ -20,11 +20,11 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup
 
-    from trocar.apps.calibration.budget import Budget
-    from trocar.apps.calibration.calibrate import Calibration
-    from trocar.apps.calibration.joints import JointsCalibration
-    from trocar.apps.calibration.registration import Base
-    from trocar.apps.calibration.twin import PaperTwin
+    from trocar.robot.calibration.budget import Budget
+    from trocar.robot.calibration.calibrate import Calibration
+    from trocar.robot.calibration.joints import JointsCalibration
+    from trocar.robot.calibration.paper_robot import PaperTwin
+    from trocar.robot.calibration.registration import Base
 
 #: What a plan assumes. Source: sweeps and rate as of `trocar mocap`; OptiTrack PrimeX 22 cameras
 #: were within 0.12 mm across their line of sight (Krumpek, Kroeger, Mohr 2025, arXiv 2502.21189);
@@ -94,17 +94,17 @@ def _add_plan(group: _ArgumentGroup) -> None:
 
 def run(args: Namespace) -> int:
     """Calibrate, write the overlay, print."""
-    from trocar.apps.calibration import (
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file
+    from trocar.robot.calibration import (
         calibrate,
         calibrate_joints,
         has_chain,
         parse_bodies,
         read_tracks,
     )
-    from trocar.apps.calibration.report import check_report, write_report
-    from trocar.descriptions import load_arm
-    from trocar.descriptions.overlay import write_overlay
-    from trocar.outputs import check_file
+    from trocar.robot.calibration.report import check_report, write_report
 
     allow_overwrite(args, "output", "report")
     if not args.plan:
@@ -158,10 +158,10 @@ def run(args: Namespace) -> int:
 
 def _kinematics(args: Namespace) -> int:
     """Register bases and joint offsets from the arms' own readings."""
-    from trocar.apps.calibration.registration import register, registration_dict
-    from trocar.apps.calibration.touches import read_touches
     from trocar.descriptions.table import toml_text
     from trocar.outputs import check_file, write_text
+    from trocar.robot.calibration.registration import register, registration_dict
+    from trocar.robot.calibration.touches import read_touches
 
     _allow_none("--from kinematics", args, ("arm", "rcm", "bodies", "closure", "report"))
     if args.tracks is None:
@@ -227,11 +227,11 @@ def _allow_none(what: str, args: Namespace, options: Sequence[str]) -> None:
 
 def _plan(args: Namespace) -> int:
     """Predict the standard deviations of a recording."""
-    from trocar.apps.calibration import Tracks
-    from trocar.apps.calibration.budget import error_budget, pose_noise, write_budget
-    from trocar.apps.calibration.report import check_report
-    from trocar.apps.mocap import MocapSettings, simulate_tracks
     from trocar.descriptions import load_arm
+    from trocar.robot.calibration import Tracks
+    from trocar.robot.calibration.budget import error_budget, pose_noise, write_budget
+    from trocar.robot.calibration.report import check_report
+    from trocar.robot.mocap import MocapSettings, simulate_tracks
 
     _allow_none("--plan", args, ("tracks", "rcm", "bodies", "closure", "output"))
     if args.source != "tracks":
@@ -268,7 +268,7 @@ def _plan(args: Namespace) -> int:
 
 
 def _budget(found: Budget, budgets: dict[float, Budget]) -> str:
-    from trocar.apps.calibration.budget import budget_rows
+    from trocar.robot.calibration.budget import budget_rows
 
     sweeps = ", ".join(f"{joints} {seconds:g} s" for joints, seconds in found.seconds.items())
     rows = [
@@ -287,10 +287,10 @@ def _budget(found: Budget, budgets: dict[float, Budget]) -> str:
 
 def _paper(args: Namespace) -> int:
     """Fit a geometry to the figures of the paper."""
-    from trocar.apps.calibration.twin import paper_twin
     from trocar.descriptions import load_arm
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file
+    from trocar.robot.calibration.paper_robot import paper_twin
 
     _allow_none("--from paper", args, ("tracks", "rcm", "bodies", "closure", "report"))
     if args.output:

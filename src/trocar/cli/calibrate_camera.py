@@ -16,7 +16,7 @@ from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, optio
 from trocar.cli.output import print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.calibration.hand_eye import HandEye
+    from trocar.robot.calibration.hand_eye import HandEye
 
 SUMMARY = "calibrate an endoscope from views of a board on a tool"
 ORDER = 111
@@ -44,11 +44,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Calibrate, write, print."""
-    from trocar.apps.calibration.camera_views import read_views
-    from trocar.apps.calibration.hand_eye import calibrate_camera
     from trocar.cameras import write_camera
     from trocar.descriptions.overlay import write_overlay
     from trocar.outputs import check_file
+    from trocar.robot.calibration.camera_views import read_views
+    from trocar.robot.calibration.hand_eye import calibrate_camera
 
     allow_overwrite(args, "output", "ros")
     written = [*([args.output] if args.output else []), *(args.ros or [])]

@@ -35,10 +35,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Plan, write and print the condition number."""
-    from trocar.apps.identification import excite, trajectory_csv
     from trocar.descriptions import load_arm
     from trocar.errors import InputError
     from trocar.outputs import check_file, write_text
+    from trocar.robot.identification import excite, trajectory_csv
 
     check_file(args.output, args.overwrite)
     if args.seed < 0:

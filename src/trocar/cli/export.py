@@ -14,7 +14,7 @@ from trocar.cli.arguments import add_calibrations, add_json, add_overwrite, opti
 from trocar.cli.output import print_json, progress_steps, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.exports import Export
+    from trocar.formats.exports import Export
 
 SUMMARY = "export an arm or a rig as URDF, SDF or MJCF"
 ORDER = 160
@@ -46,7 +46,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Export, and print what was written."""
-    from trocar.apps.exports import Options, export, find_rig
+    from trocar.formats.exports import Options, export, find_rig
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
     options = Options(args.package, args.fit_tip, args.sdf_version)

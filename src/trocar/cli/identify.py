@@ -19,7 +19,7 @@ from trocar.cli.output import plain, print_result, progress_steps, table
 if TYPE_CHECKING:
     from argparse import _ActionsContainer
 
-    from trocar.apps.identification import (
+    from trocar.robot.identification import (
         FilteredLog,
         Identified,
         LogSettings,
@@ -72,7 +72,7 @@ def add_log(parser: _ActionsContainer) -> None:
 
 def log_settings(args: Namespace) -> LogSettings:
     """Return the settings from the options of `add_log`."""
-    from trocar.apps.identification import LogSettings
+    from trocar.robot.identification import LogSettings
 
     return LogSettings(args.tool, args.rate, args.wrist, args.topic, args.cutoff)
 
@@ -84,7 +84,7 @@ def allow_log(args: Namespace, *files: str) -> None:
         args: parsed arguments
         files: the logs
     """
-    from trocar.apps.identification import log_kind
+    from trocar.robot.identification import log_kind
 
     kinds = {log_kind(file) for file in files}
     if "bag" not in kinds:
@@ -114,7 +114,7 @@ def weights(
     given: list[tuple[float, str, tuple[float, float, float]]], tip: str
 ) -> list[list[Weight]]:
     """Return the weights of each log; a mass of 0 is none."""
-    from trocar.apps.identification import Weight
+    from trocar.robot.identification import Weight
 
     return [[Weight(kg, frame or tip, point)] if kg else [] for kg, frame, point in given]
 
@@ -131,7 +131,10 @@ def bounds(text: str) -> tuple[float, float]:
 def run(args: Namespace) -> int:
     """Identify, write the overlay, and print what was found."""
     from trocar import __version__
-    from trocar.apps.identification import (
+    from trocar.descriptions import load_arm
+    from trocar.descriptions.overlay import write_overlay
+    from trocar.outputs import check_file, check_folder
+    from trocar.robot.identification import (
         cross_validate,
         default_filters,
         filtered,
@@ -139,10 +142,7 @@ def run(args: Namespace) -> int:
         predict,
         read_motion,
     )
-    from trocar.apps.identification.predict import write_report
-    from trocar.descriptions import load_arm
-    from trocar.descriptions.overlay import write_overlay
-    from trocar.outputs import check_file, check_folder
+    from trocar.robot.identification.predict import write_report
 
     check_file(args.output, args.overwrite)
     if args.report is not None:

@@ -48,7 +48,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.apps.importers import FORMATS, Options, import_file
+    from trocar.formats.importers import FORMATS, Options, import_file
 
     if Path(args.file).suffix.lower() in FORMATS:
         allow(args, "with URDF, SDF or MJCF", "package_path", "passive")

@@ -17,7 +17,7 @@ from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, table, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.dvrk_config import Imported
+    from trocar.robot.dvrk_config import Imported
 
 SUMMARY = "import a lab's dVRK configuration as a rig"
 ORDER = 180
@@ -48,7 +48,7 @@ def _tool(text: str) -> tuple[str, str]:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.apps.dvrk_config import Options, import_dvrk
+    from trocar.robot.dvrk_config import Options, import_dvrk
 
     options = Options(
         tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.overwrite

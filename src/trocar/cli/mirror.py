@@ -29,10 +29,10 @@ from trocar.cli.worlds import add_cameras, add_record, open_pictures, recording
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.follow import BagSource, LiveSource, Mirror, MirrorReport
-    from trocar.interfaces import Loop
-    from trocar.interfaces.origins import PageAccess
-    from trocar.interfaces.pictures import Pictures
+    from trocar.live import Loop
+    from trocar.live.access import PageAccess
+    from trocar.live.images import Pictures
+    from trocar.robot.follow import BagSource, LiveSource, Mirror, MirrorReport
     from trocar.simulation import World
 
 SUMMARY = "mirror a real robot, live or from a recording"
@@ -85,10 +85,10 @@ def run(args: Namespace) -> int:
         allow(args, "without --no-page", "port")
         if args.serve is None:
             allow(args, "without --no-page, or with --serve", "origin", *names_of(add_cameras))
-    from trocar.apps.follow import Mirror
-    from trocar.interfaces import Loop
-    from trocar.interfaces.loop import SERVER_TICK_S
-    from trocar.interfaces.origins import PageAccess
+    from trocar.live import Loop
+    from trocar.live.access import PageAccess
+    from trocar.live.loop import SERVER_TICK_S
+    from trocar.robot.follow import Mirror
     from trocar.simulation import World
 
     access = PageAccess(args.origin)
@@ -121,19 +121,19 @@ def run(args: Namespace) -> int:
 
 
 def _source(args: Namespace) -> BagSource | LiveSource:
-    from trocar.apps.follow import BagSource, LiveSource, open_bag
+    from trocar.robot.follow import BagSource, LiveSource, open_bag
 
     if args.bag:
         return BagSource(open_bag(args.bag))
     if args.websocket:
-        from trocar.interfaces.crtk.transports.websocket.client import WebSocketListener
+        from trocar.ros.transports.websocket.client import WebSocketListener
 
         return LiveSource(WebSocketListener(args.websocket), args.websocket)
     if args.ros1:
-        from trocar.interfaces.crtk.transports.ros1 import Ros1Listener
+        from trocar.ros.transports.ros1 import Ros1Listener
 
         return LiveSource(Ros1Listener(), "ROS 1")
-    from trocar.interfaces.crtk.transports.ros2 import Ros2Listener
+    from trocar.ros.transports.ros2 import Ros2Listener
 
     return LiveSource(Ros2Listener(), "ROS 2")
 
@@ -166,8 +166,8 @@ def _served(
     """Serve the simulated arms' topics with --serve; return the line to print."""
     if args.serve is None:
         return ""
-    from trocar.interfaces.crtk import Core
-    from trocar.interfaces.crtk.transports.websocket import WebSocketTransport
+    from trocar.ros import Core
+    from trocar.ros.transports.websocket import WebSocketTransport
 
     pictures, access = shared
     rate = {} if args.camera_rate is None else {"camera_rate_hz": args.camera_rate}
@@ -185,7 +185,7 @@ def _show(
     args: Namespace,
     more: tuple[Pictures | None, PageAccess, str],
 ) -> None:
-    from trocar.interfaces.viewer import serve
+    from trocar.viewer import serve
 
     pictures, access, address = more
     more_lines = f"\n{address}" if address else ""

@@ -18,8 +18,8 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ArgumentGroup
 
-    from trocar.apps.mocap import SimulatedTracks
     from trocar.descriptions import ArmDescription
+    from trocar.robot.mocap import SimulatedTracks
 
 SUMMARY = "simulate motion capture of an arm"
 ORDER = 80
@@ -101,13 +101,7 @@ def _add_cameras(group: _ArgumentGroup) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.apps.mocap import (
-        MocapSettings,
-        Noise,
-        check_tracks,
-        simulate_tracks,
-        write_tracks,
-    )
+    from trocar.robot.mocap import MocapSettings, Noise, check_tracks, simulate_tracks, write_tracks
 
     settings = MocapSettings(
         motion=args.motion,
@@ -141,8 +135,8 @@ def _robot(args: Namespace) -> tuple[ArmDescription, str]:
     """Return the arm and its label: as drawn, perturbed, or calibrated."""
     from numpy.random import default_rng
 
-    from trocar.apps.mocap import broken, perturbed, worn
     from trocar.descriptions import load_arm
+    from trocar.robot.mocap import broken, perturbed, worn
 
     if not 0.0 <= args.loops_mm <= LOOPS_MM:
         raise InputError(f"--loops-mm: got {args.loops_mm:g}; allowed: 0 to {LOOPS_MM:g} mm")

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from trocar.apps.tasks import Episode, Task
     from trocar.descriptions.scenes import Scene
     from trocar.rendering import Endoscope
+    from trocar.tasks import Episode, Task
 
 SUMMARY = "play a training scene, scripted or by hand"
 ORDER = 15
@@ -98,7 +98,7 @@ def run(args: Namespace) -> int:
     watched = kept or args.register == "image"
     if watched and (args.workers > 1 or args.cluster):
         raise InputError("--record, --video, --register image: allowed with one worker only")
-    from trocar.apps.tasks import play
+    from trocar.tasks import play
 
     found: list[Episode] = []
     duration_s = float("inf") if args.duration is None else args.duration
@@ -147,7 +147,7 @@ def _allow(args: Namespace) -> None:
         allow(args, "without --cluster HOST:PORT", "workers")
     if args.record_images or args.video or args.register == "image":
         return
-    from trocar.apps.tasks.registry import task_class
+    from trocar.tasks.registry import task_class
 
     where = "without --headless, or with --record-images, --video or --register image"
     allow(args, where, "preset")
@@ -164,15 +164,15 @@ def _scene(args: Namespace) -> Scene | str:
         return replace(load_scene(args.scene), look=look) if look else args.scene
     if args.scene != "suturing":
         raise InputError(f"--{next(iter(given))}: got the scene {args.scene}; allowed: suturing")
-    from trocar.apps.suturing.scene import suturing_scene
+    from trocar.tasks.suturing.scene import suturing_scene
 
     return suturing_scene(**given)
 
 
 def _write_plan(args: Namespace) -> None:
     """Write the plan of the first episode's stitches."""
-    from trocar.apps.suturing.task import Suturing
-    from trocar.apps.tasks import make_task
+    from trocar.tasks import make_task
+    from trocar.tasks.suturing.task import Suturing
 
     path = Path(args.plan).expanduser()
     if path.suffix not in (".toml", ".png"):
@@ -191,9 +191,9 @@ def _serve(args: Namespace) -> int:
     """Serve the scene; its policy, or a person or a client drives."""
     if args.register == "image":
         raise InputError("--register image: allowed with --headless only")
-    from trocar.apps.tasks import Task, make_task
-    from trocar.apps.tasks.served import ServedTask
     from trocar.descriptions.catalogue import load_scene
+    from trocar.tasks import Task, make_task
+    from trocar.tasks.served import ServedTask
 
     scene = load_scene(args.scene) if isinstance(args.scene, str) else args.scene
     if args.policy == "none":  # a person or a client may drive every arm
@@ -211,7 +211,7 @@ def _watched(
     args: Namespace, duration_s: float, watch: Callable[[float], None]
 ) -> Iterator[Episode]:
     """Yield episodes that are recorded or filmed, or whose policy sees the wound in images."""
-    from trocar.apps.tasks import make_task, run_episode
+    from trocar.tasks import make_task, run_episode
 
     task = make_task(args.scene)
     with ExitStack() as stack:
@@ -227,9 +227,9 @@ def _watched(
 
 def _register(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Let a task of suturing find its wound in images of the endoscope, its height in points."""
-    from trocar.apps.suturing.task import Suturing
-    from trocar.apps.vision import find_wound
     from trocar.cameras import StereoCalibration
+    from trocar.tasks.suturing.task import Suturing
+    from trocar.tasks.vision import find_wound
 
     if not isinstance(task, Suturing):
         raise InputError(f"--register: got the scene {task.scene.name}; allowed: suturing")
@@ -264,9 +264,9 @@ def _scope(task: Task, args: Namespace, option: str) -> Endoscope:
 
 def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Add the left eye's picture of every 1/25 s to a video."""
-    from trocar.apps.filming.film import video
-    from trocar.apps.filming.layers import picture
     from trocar.outputs import check_file
+    from trocar.rendering.film import video
+    from trocar.rendering.layers import picture
 
     path, world = Path(args.video).expanduser(), task.world
     if path.suffix != ".mp4":

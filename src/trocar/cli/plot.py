@@ -32,7 +32,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Plot, and print the files written."""
-    from trocar.apps.plotting import plot
+    from trocar.plotting import plot
 
     with progress_steps() as watch:
         watch(f"plotting {args.file}")

@@ -16,7 +16,7 @@ from trocar.cli.identify import add_log, allow_log, log_settings, weight, weight
 from trocar.cli.output import plain, print_result, progress_steps, table
 
 if TYPE_CHECKING:
-    from trocar.apps.identification import Prediction
+    from trocar.robot.identification import Prediction
 
 SUMMARY = "predict the efforts along a log"
 ORDER = 53
@@ -44,10 +44,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Predict and print the errors."""
-    from trocar.apps.identification import predict
-    from trocar.apps.identification.predict import write_report
     from trocar.descriptions import load_arm
     from trocar.outputs import check_folder
+    from trocar.robot.identification import predict
+    from trocar.robot.identification.predict import write_report
 
     allow_log(args, args.log)
     allow_overwrite(args, "report")

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from trocar.apps.calibration.rcm import RcmReport
+    from trocar.robot.calibration.rcm import RcmReport
 
     Array = NDArray[np.float64]
 
@@ -37,9 +37,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Print the centre."""
-    from trocar.apps.calibration.rcm import find_rcm
-    from trocar.apps.calibration.tracks import parse_bodies, read_tracks
     from trocar.descriptions import load_arm
+    from trocar.robot.calibration.rcm import find_rcm
+    from trocar.robot.calibration.tracks import parse_bodies, read_tracks
 
     arm = load_arm(args.arm)
     bodies = parse_bodies(args.bodies) if args.bodies else {}

@@ -32,7 +32,7 @@ SUMMARY = "render an image or a video from a camera of a rig"
 ORDER = 20
 
 DURATION_S, RATE_HZ = 10.0, 30.0
-#: As in `trocar.apps.filming`, which is not imported for a list of words.
+#: As in `trocar.rendering.layers`, which is not imported for a list of words.
 EYES = ("both", "left", "right", "anaglyph")
 SHOWN = ("colour", "depth", "ids", "normals")
 MOTIONS = ("instruments", "sine", "still")
@@ -72,8 +72,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Render and write."""
-    from trocar.apps.filming import film, kind_of, take_picture
     from trocar.outputs import check_file
+    from trocar.rendering.film import film, kind_of, take_picture
 
     path = Path(args.out).expanduser()
     kind = kind_of(path)

@@ -18,7 +18,7 @@ from trocar.cli.arguments import add_calibration, add_gains, add_json, allow, op
 from trocar.cli.output import print_json, progress_bar, table
 
 if TYPE_CHECKING:
-    from trocar.apps.follow import RepeatReport, ReplayReport
+    from trocar.robot.follow import RepeatReport, ReplayReport
 
 SUMMARY = "replay a simulation, or a real arm's log on an arm"
 ORDER = 70
@@ -55,8 +55,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Replay and print the report."""
-    from trocar.apps.bags import is_bag
     from trocar.recording import is_recording
+    from trocar.recording.bags import is_bag
 
     if is_recording(args.log):
         real = ("arm", "tool", "calibration", "dynamics", "mode", "window", "rate", "wrist")
@@ -73,7 +73,7 @@ def run(args: Namespace) -> int:
 
 
 def _repeat(args: Namespace) -> int:
-    from trocar.apps.follow import repeat
+    from trocar.robot.follow import repeat
 
     with progress_bar("steps") as watch:
         report = repeat(args.log, args.rig, watch)
@@ -87,7 +87,7 @@ def _repeat(args: Namespace) -> int:
 
 
 def _replay(args: Namespace) -> int:
-    from trocar.apps.follow import ReplaySettings, replay
+    from trocar.robot.follow import ReplaySettings, replay
 
     settings = ReplaySettings(
         mode=args.mode,

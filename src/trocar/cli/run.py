@@ -23,8 +23,8 @@ from trocar.cli.worlds import add_record, add_world, make_world, recording
 from trocar.errors import InputError, TrocarError
 
 if TYPE_CHECKING:
-    from trocar.interfaces import Loop
-    from trocar.interfaces.crtk.scripts import Flow
+    from trocar.live import Loop
+    from trocar.scripts import Flow
     from trocar.simulation import World
 
 SUMMARY = "run a dVRK Python script without ROS"
@@ -76,7 +76,7 @@ def _add_options(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Run the script."""
-    from trocar.interfaces.crtk.scripts import Live, rig_for, run_script
+    from trocar.scripts import Live, rig_for, run_script
 
     if args.timeout is not None and not 0.0 < args.timeout < float("inf"):
         raise InputError(f"--timeout: got {args.timeout:g}; allowed: above 0 s")
@@ -108,9 +108,9 @@ def run(args: Namespace) -> int:
 
 def _flow(world: World, args: Namespace, page: ScriptPage | None) -> Flow:
     """Return the connection between script and simulation, live or stepped."""
-    from trocar.apps.teleoperation import components
-    from trocar.interfaces import Loop
-    from trocar.interfaces.crtk.scripts import Live, Stepped
+    from trocar.live import Loop
+    from trocar.scripts import Live, Stepped
+    from trocar.teleoperation import components
 
     if args.speed == "max":
         return Stepped(world, args.timeout, components, rate_hz=args.rate)
@@ -145,7 +145,7 @@ class ScriptPage:
                 self._thread.join(1.0)
 
     def _serve(self) -> None:
-        from trocar.interfaces.viewer import serve
+        from trocar.viewer import serve
 
         try:
             serve(self._world, port=self._port, loop=self._loop, on_ready=self._ready.set_result)

@@ -33,11 +33,11 @@ def run(args: Namespace) -> int:
     """Write the files, and print the content of each."""
     import numpy as np
 
-    from trocar.apps.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
-    from trocar.apps.mocap.touches import TouchSettings, write_touches
-    from trocar.apps.samples import write_samples
     from trocar.descriptions import load_arm
     from trocar.outputs import whole_folder
+    from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
+    from trocar.robot.mocap.touches import TouchSettings, write_touches
+    from trocar.robot.samples import write_samples
 
     folder = Path(args.folder)
     with whole_folder(folder, args.overwrite) as built, progress_steps() as watch:

@@ -13,7 +13,7 @@ from trocar.cli.arguments import add_json, options
 from trocar.cli.output import fixed, print_result, progress_steps, table, warn
 
 if TYPE_CHECKING:
-    from trocar.apps.scoring import RecordingScore
+    from trocar.tasks.scoring import RecordingScore
 
 SUMMARY = "score a recording: path length, economy, smoothness"
 ORDER = 105
@@ -33,7 +33,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Print the scores."""
-    from trocar.apps.scoring import score_recording
+    from trocar.tasks.scoring import score_recording
 
     with progress_steps() as watch:
         watch(f"scoring {args.file}")

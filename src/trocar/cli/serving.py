@@ -1,6 +1,6 @@
 """Live simulation: its options, and one loop for the web viewer and all transports.
 
-Transports are the modules of `trocar.interfaces.crtk.transports` with `OPTIONS`; what has a
+Transports are the modules of `trocar.ros.transports` with `OPTIONS`; what has a
 `greeting` prints it when the simulation runs.
 """
 
@@ -30,15 +30,15 @@ from trocar.cli.worlds import (
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.fixtures import Fixtures
-    from trocar.apps.tasks.served import ServedTask
-    from trocar.apps.teleoperation.session import Session
-    from trocar.interfaces.crtk import Component, Transport
-    from trocar.interfaces.origins import PageAccess
+    from trocar.live.access import PageAccess
+    from trocar.ros import Component, Transport
     from trocar.simulation import World
+    from trocar.tasks.served import ServedTask
+    from trocar.teleoperation.session import Session
+    from trocar.teleoperation.virtual_fixtures import Fixtures
 
-PACKAGE = "trocar.interfaces.crtk.transports"
-TRANSPORTS = Path(__file__).parents[1] / "interfaces" / "crtk" / "transports"
+PACKAGE = "trocar.ros.transports"
+TRANSPORTS = Path(__file__).parents[1] / "ros" / "transports"
 #: Generation-0 threshold of the garbage collector: messages contain no cycles.
 #: Source: our own choice; with Python's default of 700, every tenth step was 0.4 ms late.
 GC_THRESHOLD = 5_000
@@ -124,9 +124,9 @@ def serve(
         InputError: port, host, token or fixture is not usable, or nothing is served
         DivergedError: the simulation diverged
     """
-    from trocar.interfaces import Loop
-    from trocar.interfaces.loop import SERVER_TICK_S
-    from trocar.interfaces.origins import PageAccess, announced
+    from trocar.live import Loop
+    from trocar.live.access import PageAccess, announced
+    from trocar.live.loop import SERVER_TICK_S
 
     token = os.environ.get("TROCAR_TOKEN") or None if args.token is None else args.token
     access = PageAccess(args.origin, token)
@@ -140,7 +140,7 @@ def serve(
     shared = bool(transports) or session is not None
     _allow_served(args, shared)
     if session is None and shared and not args.no_page:
-        from trocar.apps.teleoperation.session import Session
+        from trocar.teleoperation.session import Session
 
         session = Session()  # pedals in the web viewer
     # Clients need shorter ticks than the web viewer.
@@ -172,8 +172,8 @@ def serve(
             pictures.start()
         record_images(world, pictures, args)
         if shared:
-            from trocar.apps.teleoperation import components as teleoperated
-            from trocar.interfaces.crtk import Core
+            from trocar.ros import Core
+            from trocar.teleoperation import components as teleoperated
 
             sys.setswitchinterval(SWITCH_S)
             given = {"rate_hz": args.rate, "camera_rate_hz": args.camera_rate}
@@ -206,7 +206,7 @@ def serve(
                 loop.wait()
             loop.wait()  # raises what went wrong after Ctrl-C, as with the recording's last chunk
             return
-        from trocar.interfaces.viewer import serve as serve_page
+        from trocar.viewer import serve as serve_page
 
         addresses = (getattr(transport, "viewer_address", None) for transport in transports)
         socket = next(filter(None, addresses), None)
@@ -228,15 +228,15 @@ def _fixtures(world: World, args: Namespace) -> Fixtures | None:
     """Return the virtual fixtures of --fixture."""
     if args.fixture is None:
         return None
-    from trocar.apps.fixtures import Fixtures
     from trocar.descriptions.fixtures import read_fixtures
+    from trocar.teleoperation.virtual_fixtures import Fixtures
 
     return Fixtures(world, read_fixtures(args.fixture))
 
 
 @dataclass(frozen=True)
 class TransportModule:
-    """A module of `trocar.interfaces.crtk.transports`, not imported yet.
+    """A module of `trocar.ros.transports`, not imported yet.
 
     Attributes:
         name: as imported

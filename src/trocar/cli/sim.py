@@ -28,7 +28,7 @@ from trocar.cli.worlds import (
 from trocar.errors import InputError
 
 if TYPE_CHECKING:
-    from trocar.apps.timing import HeadlessReport
+    from trocar.robot.verification.speed import HeadlessReport
 
 SUMMARY = "simulate a rig, live in the browser or headless"
 ORDER = 10
@@ -68,7 +68,7 @@ def run(args: Namespace) -> int:
         world = make_world(args, args.tip_load)
         serve(world, args)
         return 0
-    from trocar.apps.timing import run_headless
+    from trocar.robot.verification.speed import run_headless
 
     with ExitStack() as stack:
         watch = stack.enter_context(progress_steps())

@@ -82,8 +82,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Serve until Ctrl-C or for --duration."""
-    from trocar.apps.teleoperation.devices import table
-    from trocar.apps.teleoperation.session import Session
+    from trocar.teleoperation.devices import table
+    from trocar.teleoperation.session import Session
 
     kind = args.device or _device_of(args.rig)
     if kind == "keyboard" and (args.no_page or args.no_websocket):

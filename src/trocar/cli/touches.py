@@ -37,8 +37,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.apps.mocap.touches import TouchSettings, write_touches
     from trocar.descriptions import load_arm
+    from trocar.robot.mocap.touches import TouchSettings, write_touches
 
     if not args.boards:
         allow(args, "with --boards", "noise_deg")

@@ -2,7 +2,7 @@
 
 Prints where the needle is in the left eye's frame, with standard deviations. Images of a video
 device show both eyes side by side, left first. The needle lies, or moves slowly before the camera;
-for one in the jaws of an arm, use trocar.apps.vision.NeedleTracker with the arm's measured_cp.
+for one in the jaws of an arm, use trocar.tasks.vision.NeedleTracker with the arm's measured_cp.
 See docs/vision.md.
 """
 
@@ -19,8 +19,8 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from trocar.apps.vision import NeedleEstimate
-    from trocar.apps.vision.streams import Pair
+    from trocar.tasks.vision import NeedleEstimate
+    from trocar.tasks.vision.streams import Pair
 
 SUMMARY = "track a needle in images of a real endoscope"
 ORDER = 112
@@ -53,12 +53,12 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Track and print."""
-    from trocar.apps.bags import open_bag
-    from trocar.apps.vision import NeedleTracker
-    from trocar.apps.vision.streams import bag_pairs, eye_topics, video_pairs
     from trocar.cameras import StereoCalibration, read_calibration
     from trocar.descriptions.cameras import load_camera
     from trocar.descriptions.needles import needle_named
+    from trocar.recording.bags import open_bag
+    from trocar.tasks.vision import NeedleTracker
+    from trocar.tasks.vision.streams import bag_pairs, eye_topics, video_pairs
 
     if args.images is not None and args.images < 1:
         raise InputError(f"--images: got {args.images}; allowed: 1 or more")

@@ -15,7 +15,7 @@ from trocar.cli.arguments import add_arm, add_calibration, add_gains, add_json, 
 from trocar.cli.output import print_json, progress_steps, short, table
 
 if TYPE_CHECKING:
-    from trocar.apps.tuning import GainTrial, TuningReport
+    from trocar.robot.tuning import GainTrial, TuningReport
 
 SUMMARY = "measure an arm's step responses and tune its gains"
 ORDER = 50
@@ -34,9 +34,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Tune and print."""
-    from trocar.apps.tuning import TuneSettings, tune
     from trocar.descriptions import load_arm
     from trocar.descriptions.calibrated import selects_cad
+    from trocar.robot.tuning import TuneSettings, tune
 
     dynamics = "cad" if selects_cad(args.calibration) else None
     settings = TuneSettings(tuple(args.joint), args.tool, args.control, args.friction, dynamics)

@@ -16,8 +16,8 @@ from trocar.cli.arguments import add_json, add_overwrite, allow_overwrite, optio
 from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
-    from trocar.apps.figures import Part
-    from trocar.apps.verification import Verification
+    from trocar.robot.verification import Verification
+    from trocar.robot.verification.figures import Part
 
 SUMMARY = "reproduce the experiments of the closed-loop paper"
 ORDER = 190
@@ -41,7 +41,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Verify, print, and return 1 if a figure is out of tolerance."""
-    from trocar.apps.verification import check_report, verify, write_report
+    from trocar.robot.verification import check_report, verify, write_report
 
     allow_overwrite(args, "report")
     if args.report is not None:
@@ -91,7 +91,7 @@ def _tables(found: Verification) -> str:
 
 
 def _block(part: Part) -> str:
-    from trocar.apps.figures import figure_rows
+    from trocar.robot.verification.figures import figure_rows
 
     heading = f"{part.arm}: {part.title}" if part.arm else part.title
     if part.figures:

@@ -46,10 +46,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.apps.boards import Board
-    from trocar.apps.mocap.view_files import write_views
-    from trocar.apps.mocap.views import ViewSettings
     from trocar.descriptions import load_rig
+    from trocar.robot.boards import Board
+    from trocar.robot.mocap.view_files import write_views
+    from trocar.robot.mocap.views import ViewSettings
 
     if args.pictures and args.corner_noise_px is not None:
         raise InputError("--corner-noise-px: allowed without --pictures only")

@@ -23,8 +23,8 @@ from trocar.errors import InputError
 if TYPE_CHECKING:
     from argparse import _ActionsContainer, _ArgumentGroup
 
-    from trocar.interfaces import Loop
-    from trocar.interfaces.pictures import Pictures, Renderer
+    from trocar.live import Loop
+    from trocar.live.images import Pictures, Renderer
     from trocar.rendering import Look, Series
     from trocar.simulation import World
     from trocar.simulation.records import ShapeRecord
@@ -224,7 +224,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
         allow(args, "with cameras", *(set(names_of(add_cameras)) - {"no_cameras"}))
         return None
     from trocar.descriptions.cameras import load_camera
-    from trocar.interfaces.pictures import RATE_HZ, Pictures
+    from trocar.live.images import RATE_HZ, Pictures
 
     eyes = {} if args.preset is None else {scopes[0]: load_camera(eyes_of(args.preset))}
     rate = RATE_HZ if args.camera_rate is None else args.camera_rate
@@ -258,7 +258,7 @@ def record_images(world: World, pictures: Pictures | None, args: Namespace) -> N
     if pictures is None:
         raise InputError(f"--record-images: rig {world.rig.name} has no rendered camera")
     if args.record is not None:
-        from trocar.interfaces.crtk.images import RecordedImages
+        from trocar.ros.images import RecordedImages
 
         pictures.add(RecordedImages(world))
 
@@ -276,8 +276,8 @@ def images_of_headless(world: World, args: Namespace) -> AbstractContextManager[
         raise InputError("--record-images: requires --record FILE")
     if not world.rig.cameras:
         raise InputError(f"--record-images: rig {world.rig.name} has no camera")
-    from trocar.interfaces.crtk.images import images_recorded
-    from trocar.interfaces.pictures import RATE_HZ
+    from trocar.live.images import RATE_HZ
+    from trocar.ros.images import images_recorded
 
     look, rate = look_of(args), RATE_HZ if args.camera_rate is None else args.camera_rate
     return images_recorded(

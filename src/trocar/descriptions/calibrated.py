@@ -13,8 +13,8 @@ import numpy as np
 from trocar.cameras import CameraDescription
 from trocar.descriptions.overlay import Overlay, apply_overlay, overlay_text, read_overlay
 from trocar.descriptions.overlay_records import CameraPatch, FramePatch
-from trocar.descriptions.places import Places
 from trocar.descriptions.records import ArmDescription, RigArm, RigDescription
+from trocar.descriptions.rig_frames import Places
 from trocar.errors import InputError, UnknownNameError
 from trocar.geometry import inverse, matrix_from_rpy, transform
 from trocar.inputs import is_file

@@ -82,7 +82,7 @@ class Scene:
     Attributes:
         name, title, source, file: as in the file
         rig: the rig with the scene's props and start pose
-        task: the class of the task, see `trocar.apps.tasks`
+        task: the class of the task, see `trocar.tasks`
         arms: that a policy drives
         welded: other arms, which stay where they start; empty where a person may drive them
         placements, goals: of objects and tips; goals by stage

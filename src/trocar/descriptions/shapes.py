@@ -14,7 +14,7 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import read_mesh
 from trocar.descriptions.needles import Needle
 from trocar.descriptions.records import Body, Shape, ShapeKind, Touches
-from trocar.descriptions.rounds import cup, ring
+from trocar.descriptions.revolved import cup, ring
 from trocar.descriptions.solids import Solid, read_solid, seen_and_touched, solid_names
 from trocar.descriptions.table import Table
 from trocar.descriptions.threads import ChainThread

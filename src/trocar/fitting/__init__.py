@@ -1,6 +1,6 @@
 """Hinges and remote centres from measured poses: maximum likelihood, robust, with uncertainties."""
 
-from trocar.fitting.causes import likely_cause
+from trocar.fitting.convention_errors import likely_cause
 from trocar.fitting.hinge import (
     LEAST_SPAN,
     SMALL_SPAN,
@@ -13,6 +13,7 @@ from trocar.fitting.hinge import (
     rough_hinge,
 )
 from trocar.fitting.linkage import SharedHinge, expected_hinges, refine_hinges
+from trocar.fitting.moving_rcm import WanderFit, fit_wander
 from trocar.fitting.pivot import (
     LEAST_TURN,
     PivotFit,
@@ -25,7 +26,6 @@ from trocar.fitting.pivot import (
 )
 from trocar.fitting.robust import GROSS_M, not_gross
 from trocar.fitting.slide import SlideFit, fit_slide
-from trocar.fitting.wander import WanderFit, fit_wander
 
 __all__ = [
     "GROSS_M",

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.errors import InputError, UnreachableError
 from trocar.geometry.rotations import matrix_from_rotation_vector
 from trocar.geometry.se3 import check_transform, inverse, log_transform, pose_difference
+from trocar.kinematics.closed_form import Fit, fit_chain
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE, TIP_AT_CENTRE
@@ -29,7 +30,6 @@ from trocar.kinematics.solutions import (
     out_of_limits,
     seed_or_middle,
 )
-from trocar.kinematics.structures import Fit, fit_chain
 
 Array = NDArray[np.float64]
 

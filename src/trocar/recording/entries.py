@@ -23,8 +23,8 @@ from trocar.simulation.grasps import Grasp, GraspState, Hold
 from trocar.simulation.journal import Entry
 from trocar.simulation.masters import GimbalLimits, OrientationLock, PlatformEffort
 from trocar.simulation.moves import Drift, Profile
-from trocar.simulation.pressing import Held
-from trocar.simulation.tissues import TissueState
+from trocar.simulation.tissue.contact import Held
+from trocar.simulation.tissue.tissues import TissueState
 
 #: Arrays with more numbers are written as the bytes of their numbers. Source: our own choice.
 MOST_NUMBERS = 64

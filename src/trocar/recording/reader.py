@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from trocar.descriptions.overlay import Overlay, parse_overlay
 from trocar.errors import InputError, LogError
-from trocar.recording.about import ABOUT, FORMAT
 from trocar.recording.entries import entry_from_json, restored
 from trocar.recording.layout import QUANTITIES, ArmColumns
 from trocar.recording.mcap_file import (
@@ -28,6 +27,7 @@ from trocar.recording.mcap_file import (
     mcap_library,
     unpack,
 )
+from trocar.recording.metadata import ABOUT, FORMAT
 from trocar.simulation.journal import Entry
 
 Array = NDArray[np.float64]

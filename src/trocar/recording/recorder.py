@@ -17,9 +17,9 @@ import numpy as np
 
 from trocar.errors import InputError, RecordingError
 from trocar.outputs import locked_stream
-from trocar.recording.about import world_metadata
 from trocar.recording.layout import STATE, Rows, effective_gains, layout_of
 from trocar.recording.mcap_file import Extra, McapFile, mcap_library
+from trocar.recording.metadata import world_metadata
 from trocar.simulation import World
 from trocar.simulation.journal import Entry
 

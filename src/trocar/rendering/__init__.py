@@ -3,8 +3,8 @@
 from trocar.rendering.endoscope import Endoscope, Series, Stream
 from trocar.rendering.frames import StereoFrame
 from trocar.rendering.look import Look
-from trocar.rendering.portrait import portrait, write_pictures
 from trocar.rendering.renderer import Channels, Renderer
+from trocar.rendering.stills import portrait, write_pictures
 
 __all__ = [
     "Channels",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry.se3 import inverse, transform, transform_points
-from trocar.rendering.sight import Frustum
+from trocar.rendering.culling import Frustum
 
 Array = NDArray[np.float64]
 

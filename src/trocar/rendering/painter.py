@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from trocar.errors import InputError
 from trocar.rendering import context, shaders
-from trocar.rendering.card import SEEN, SHADING, Card
+from trocar.rendering.buffers import KINDS
+from trocar.rendering.draw_list import Stage
+from trocar.rendering.gpu import SEEN, SHADING, Card
 from trocar.rendering.look import Look
 from trocar.rendering.optics import Optics
-from trocar.rendering.scenery import KINDS
-from trocar.rendering.staging import Stage
-from trocar.rendering.structures import BUMP, PLACES, TILE_M, mirrored, tissue
+from trocar.rendering.textures import BUMP, PLACES, TILE_M, mirrored, tissue
 
 if TYPE_CHECKING:
     import moderngl

@@ -18,15 +18,15 @@ from PIL import Image
 from trocar.errors import OvertakenError, TrocarError, UnknownNameError
 from trocar.geometry.rotations import quaternion_from_matrix
 from trocar.geometry.se3 import check_transform, inverse
-from trocar.rendering.card import NOTHING, Card
+from trocar.rendering.buffers import Scenery, drawn_scenery, scenery
 from trocar.rendering.context import driver, load, on_processor, read
+from trocar.rendering.draw_list import Stage, stage
 from trocar.rendering.exposure import ENDLESS, TARGET, aim_at, stops_of, to_be_measured
 from trocar.rendering.frames import Picture, StereoFrame
+from trocar.rendering.gpu import NOTHING, Card
 from trocar.rendering.look import AUTO, Look
 from trocar.rendering.optics import Optics, optics
 from trocar.rendering.painter import Drawn, Painter
-from trocar.rendering.scenery import Scenery, drawn_scenery, scenery
-from trocar.rendering.staging import Stage, stage
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import ShapeRecord, Snapshot
 

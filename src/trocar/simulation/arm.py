@@ -16,12 +16,12 @@ from trocar.descriptions.records import RigArm
 from trocar.errors import InputError, SingularError, TrocarError, UnknownNameError, UnreachableError
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.closed_form import fit_chain
 from trocar.kinematics.inverse import POSE_TOLERANCE, nearest_solution, nearest_start
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM
 from trocar.kinematics.inverse_rcm import DIRECTION_TOLERANCE
 from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
-from trocar.kinematics.structures import fit_chain
 from trocar.simulation.control import (
     LARGEST,
     Clock,

@@ -15,8 +15,8 @@ import numpy as np
 from mujoco.batch import Batch as Rows
 from numpy.typing import ArrayLike, NDArray
 
-from trocar.descriptions.places import Places
 from trocar.descriptions.records import CART, DISPLAY, RigArm, RigDescription
+from trocar.descriptions.rig_frames import Places
 from trocar.errors import (
     DivergedError,
     InputError,

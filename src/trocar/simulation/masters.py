@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from trocar.errors import InputError
 from trocar.geometry.rotations import check_rotation, matrix_from_quaternion
+from trocar.kinematics.closed_form import Fit
 from trocar.kinematics.inverse_gimbal_arm import PLATFORM, gimbal_branches
-from trocar.kinematics.structures import Fit
 from trocar.simulation.controllers import Action, TipState
 
 Array = NDArray[np.float64]

@@ -28,7 +28,6 @@ from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
 from trocar.simulation.drives import Springs, drives_of, spring_fields
-from trocar.simulation.exchange import carry, engaged, keep_settings, warn_of_clipped
 from trocar.simulation.frames import Frames
 from trocar.simulation.grasps import Grasp, Grasps, GraspState
 from trocar.simulation.health import warn_near_singular
@@ -36,8 +35,6 @@ from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.play import Player, fastest
-from trocar.simulation.pressing import jaws_of
 from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.records import (
@@ -54,12 +51,15 @@ from trocar.simulation.records import (
 from trocar.simulation.schedule import Act, Schedule, ScheduleEntry
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
+from trocar.simulation.setpoint_table import Player, fastest
 from trocar.simulation.shapes import band_poses, shape_records
 from trocar.simulation.threads import Thread
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
-from trocar.simulation.tissue_drawings import TissueDrawings
-from trocar.simulation.tissues import SoftTissue, TissueState
+from trocar.simulation.tissue.contact import jaws_of
+from trocar.simulation.tissue.drawings import TissueDrawings
+from trocar.simulation.tissue.tissues import SoftTissue, TissueState
+from trocar.simulation.tool_exchange import carry, engaged, keep_settings, warn_of_clipped
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from types import SimpleNamespace
 
 import rospy
 
-from trocar.interfaces.crtk.scripts.crtk_client import ral
-from trocar.interfaces.crtk.scripts.modules import client_modules
+from trocar.scripts.crtk_client import ral
+from trocar.scripts.modules import client_modules
 
 
 def find(kind, folder):

@@ -1,1 +1,0 @@
-"""What it is for: each folder a leaf that knows none of its siblings."""

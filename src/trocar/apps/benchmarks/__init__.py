@@ -1,1 +1,0 @@
-"""The benchmarks of `trocar bench`: fidelity, and the cost of verbs and readings."""

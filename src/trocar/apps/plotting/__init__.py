@@ -1,5 +1,0 @@
-"""Plots of recordings: joints against their set-points, errors, efforts."""
-
-from trocar.apps.plotting.plot import PlotReport, plot
-
-__all__ = ["PlotReport", "plot"]

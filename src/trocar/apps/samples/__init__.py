@@ -1,5 +1,0 @@
-"""Sample files of a simulated PSM: a log, a rosbag, a URDF and a lab's dVRK configuration."""
-
-from trocar.apps.samples.write import write_samples
-
-__all__ = ["write_samples"]

@@ -1,0 +1,1 @@
+"""URDF, SDF, MJCF and mesh files: write rigs, read robots and objects."""

@@ -1,0 +1,434 @@
+"""Robots and objects as arms and props of ours: judged, and written whole or not at all."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions import load_arm
+from trocar.descriptions.inertial import apparent_inertias
+from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.shapes import impossible
+from trocar.descriptions.table import toml_text
+from trocar.errors import InputError
+from trocar.formats.importers.mechanism import Layout, lay_out
+from trocar.formats.importers.meshes import FORMATS, check_size, hull_of, load_surface, solid_of
+from trocar.formats.importers.mjcf import read_mjcf
+from trocar.formats.importers.model import ImportFileError, Link, LinkShape, Model, mesh_shape
+from trocar.formats.importers.sdf import read_sdf
+from trocar.formats.importers.urdf import read_urdf
+from trocar.formats.importers.xml_tree import read_xml
+from trocar.geometry.rotations import rpy_from_matrix
+from trocar.inputs import is_file
+from trocar.kinematics.mechanism import Frame
+from trocar.outputs import check_folder, whole_folder
+
+Array = NDArray[np.float64]
+Kind = Literal["arm", "prop"]
+
+UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
+#: Density of a mesh whose mass is not given [kg/m^3]. Source: our own choice: hard plastic.
+DENSITY = 1200.0
+#: How fast the servos of an imported arm are [rad/s]: gains P = I w^2, D = 2 I w. Source: our own
+#: choice, slow enough for any arm at 1 ms.
+SERVO_RATE = 30.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of an import.
+
+    Attributes:
+        name: of the arm or prop; the file's own when empty
+        kind: arm, prop, or what the file looks like when None
+        unit: of a mesh's numbers
+        mass: of a mesh [kg]; from DENSITY when None
+        hull: take the convex hull of a mesh
+        packages: folders that hold what package:// names
+        passive: joints that loops determine
+        overwrite: replace existing files
+    """
+
+    name: str = ""
+    kind: Kind | None = None
+    unit: str = "m"
+    mass: float | None = None
+    hull: bool = False
+    packages: tuple[Path, ...] = ()
+    passive: tuple[str, ...] = ()
+    overwrite: bool = False
+
+
+@dataclass(frozen=True)
+class Imported:
+    """An imported arm or prop.
+
+    Attributes:
+        name, kind: what it is now
+        file: the TOML file
+        joints: its public joints
+        links, triangles, pieces: how many links, triangles and colliding convex pieces
+        mass: [kg]
+        warnings: what was mended or passed over
+    """
+
+    name: str
+    kind: Kind
+    file: str
+    joints: tuple[str, ...]
+    links: int
+    triangles: int
+    pieces: int
+    mass: float
+    warnings: tuple[str, ...]
+
+
+def import_file(path: str | Path, folder: str | Path, options: Options | None = None) -> Imported:
+    """Turn a file into a folder with an arm's or a prop's TOML and meshes.
+
+    Args:
+        path: URDF, SDF, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE)
+        folder: a new folder, or an empty one
+        options: see `Options`
+
+    Raises:
+        InputError: a file that cannot be used, a wrong unit, a folder that is not empty
+        MissingExtraError: a library of the extras export or convex is not installed
+    """
+    chosen, source, target = options or Options(), Path(path), Path(folder)
+    check_folder(target, chosen.overwrite)
+    model = _read(source, chosen)
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", chosen.name or model.name).strip("_")
+    if not name:
+        got = chosen.name or model.name
+        raise InputError(f"got the name {got!r}; allowed: letters, digits, _ and -")
+    at = model.poses()
+    corners = [_corners(shape, at[link.name]) for link in model.links for shape in link.shapes]
+    if corners:
+        check_size(float(np.ptp(np.concatenate(corners), axis=0).max()), str(source))
+    head = {
+        "name": name,
+        "title": f"{model.name}, imported",
+        "source": f"{source.name}, sha256 {sha256(source.read_bytes()).hexdigest()}",
+    }
+    kind: Kind = chosen.kind or ("arm" if model.moves else "prop")
+    layout = lay_out(model, chosen.passive) if kind == "arm" else None
+    warnings, joints = list(model.warnings), ()
+    if layout is not None:
+        warnings += layout.warnings
+        joints = layout.mechanism.joint_names
+        carrier = layout.carrier
+        moving = {frame.name for frame in layout.mechanism.frames if frame.motion != "fixed"}
+    else:
+        if model.moves:
+            warnings.append(f"{model.file}: imported as prop: joints are fixed at 0")
+        carrier, moving = {link: ("prop", T) for link, T in at.items()}, set[str]()
+    found = (_body(model, link, *carrier[link.name], moving, warnings) for link in model.links)
+    bodies = [body for body in found if body is not None]
+    shapes = [shape for body in bodies for shape in body.shapes]
+    if layout is None and not shapes:
+        raise ImportFileError(model.file, "has no shapes; allowed: a file with at least one shape")
+    with whole_folder(target, chosen.overwrite) as built:
+        _write(built, head, layout, bodies)
+    return Imported(
+        name,
+        kind,
+        str(target / f"{name}.toml"),
+        joints,
+        len(model.links),
+        sum(len(s.shape.mesh.faces) for s in shapes if s.shape.mesh is not None and s.visible),
+        sum(s.collide for s in shapes),
+        float(sum(body.mass for body in bodies)),
+        tuple(warnings),
+    )
+
+
+def _read(path: Path, options: Options) -> Model:
+    if not is_file(path):
+        raise ImportFileError(str(path), "no such file")
+    suffix = path.suffix.lower()
+    if suffix in FORMATS:
+        return _object(path, options)
+    if suffix == ".sdf":
+        return read_sdf(path, options.packages)
+    if suffix in (".urdf", ".xml", ".mjcf"):
+        root = read_xml(path)
+        if root.tag == "robot":
+            return read_urdf(path, options.packages)
+        if root.tag == "sdf":
+            return read_sdf(path, options.packages)
+        if root.tag == "mujoco":
+            return read_mjcf(path)
+        raise root.fail("is not a robot; allowed: <robot>, <sdf>, <mujoco>")
+    allowed = ", ".join((".urdf", ".sdf", ".xml", ".mjcf", *FORMATS))
+    raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
+
+
+def _object(path: Path, options: Options) -> Model:
+    """Return a mesh as a model of one link."""
+    if options.unit not in UNITS:
+        raise InputError(f"got the unit {options.unit!r}; allowed: {', '.join(UNITS)}")
+    surface = load_surface(path, UNITS[options.unit])
+    check_size(float(np.ptp(surface.vertices, axis=0).max()), str(path))
+    solid = solid_of(surface, str(path), hull=options.hull)
+    mass = DENSITY * solid.volume if options.mass is None else options.mass
+    if not 0.0 < mass < np.inf:
+        raise InputError(f"got a mass of {mass:g} kg; allowed: above 0")
+    seen = LinkShape(mesh_shape(np.eye(4), solid.surface, "casting"), True, False)
+    touched = [
+        LinkShape(mesh_shape(np.eye(4), piece, "casting"), False, True) for piece in solid.convex
+    ]
+    inertia = mass * solid.gyration
+    link = Link(path.stem, mass, solid.com, inertia, (seen, *touched))
+    warnings = (
+        ()
+        if options.mass is not None
+        else (f"{path}: mass from {DENSITY:g} kg/m^3: {mass:.4g} kg",)
+    )
+    return Model(path.stem, str(path), (link,), (), (), warnings)
+
+
+def _write(
+    folder: Path, head: Mapping[str, Any], layout: Layout | None, bodies: Iterable[Body]
+) -> None:
+    """Write an arm, or a prop where there is no layout, and its meshes into a folder."""
+    meshes: dict[str, Mesh] = {}
+    rows = [_body_row(body, meshes) for body in bodies]
+    for name, mesh in meshes.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(obj_text(mesh), encoding="utf-8")
+    file = folder / f"{head['name']}.toml"
+    document = {"schema": 1, **head} | ({} if layout is None else _arm_rows(layout))
+    if layout is not None:
+        # The same speed for each joint, from what its motor feels at home.
+        bare = [{**row, "shape": None} for row in rows]  # without meshes to read
+        file.write_text(toml_text(document | {"body": bare}), encoding="utf-8")
+        arm = load_arm(file)
+        felt = apparent_inertias(arm, arm.pose("home"))
+        control = {
+            "source": "our own choice: what closes each joint's loop in a tenth of a second;"
+            " trocar tune makes better ones",
+            "gravity_compensation": True,
+            "pid": {
+                joint.name: [float(inertia * SERVO_RATE**2), 0.0, float(2.0 * inertia * SERVO_RATE)]
+                for joint, inertia in zip(arm.joints, felt, strict=True)
+            },
+        }
+        document["control"] = {"dvrk": control}
+    file.write_text(toml_text(document | {"body": rows}), encoding="utf-8")
+    if layout is not None:
+        load_arm(file)
+
+
+#: What a moving link weighs that the file gives no mass, and the radius of the ball that it is
+#: taken for. Source: our own choice: too little to be felt.
+NO_MASS_KG, NO_MASS_RADIUS_M = 1e-4, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """A link's mass and shapes in the frame that it moves with."""
+
+    frame: str
+    link: str
+    mass: float
+    com: Array
+    inertia: Array
+    shapes: tuple[LinkShape, ...]
+    source: str
+
+
+def _body(
+    model: Model, link: Link, frame: str, at: Array, moving: set[str], warnings: list[str]
+) -> Body | None:
+    """Return a link's body in the frame that carries it, None of a link that is nothing.
+
+    Args:
+        model: of the link
+        link: as in the file
+        frame, at: the frame and T_frame_link
+        moving: frames that joints move, and so need a mass
+        warnings: takes what was mended
+    """
+    moves = frame in moving
+    mass, source = link.mass, "the file"
+    inertia, com = link.inertia, link.com
+    if mass <= 0.0:
+        if not moves and not link.shapes:
+            return None
+        mass, com = NO_MASS_KG, np.zeros(3)
+        inertia = 0.4 * mass * NO_MASS_RADIUS_M**2 * np.eye(3)
+        source = "placeholder: the file gives no mass"
+        if moves:
+            warnings.append(f"link {link.name}: movable link without mass; set to {mass:g} kg")
+    problem = impossible(inertia)
+    if problem:
+        inertia = mass * _gyration(link)
+        source = f"mass: the file; its inertia is {problem}; that of a box about the shapes"
+        warnings.append(f"link {link.name}: inertia is {problem}; replaced by the inertia of a box")
+    turn = at[:3, :3]
+    return Body(
+        frame,
+        link.name,
+        mass,
+        turn @ com + at[:3, 3],
+        turn @ inertia @ turn.T,
+        tuple(_placed(s, at, f"{model.file}: {link.name}") for s in link.shapes),
+        source,
+    )
+
+
+def _placed(shape: LinkShape, at: Array, where: str) -> LinkShape:
+    """Return a shape at a pose; meshes that touch and are not seen become their convex hull."""
+    own = replace(shape.shape, pose=at @ shape.shape.pose)
+    if own.mesh is not None and shape.collide and not shape.visible:
+        own = replace(own, mesh=hull_of(own.mesh, where))
+    return replace(shape, shape=own)
+
+
+def _gyration(link: Link) -> Array:
+    """Return the inertia of 1 kg of a box about a link's shapes, (3, 3) [m^2]."""
+    reach = [_corners(s) for s in link.shapes] or [np.array([[-0.01] * 3, [0.01] * 3])]
+    corners = np.concatenate(reach)
+    a, b, c = np.maximum(np.ptp(corners, axis=0), 1e-3) / 2.0
+    return np.diag([b * b + c * c, a * a + c * c, a * a + b * b]) / 3.0
+
+
+def _corners(shape: LinkShape, at: Array | None = None) -> Array:
+    own = shape.shape
+    if own.mesh is not None:
+        points = own.mesh.vertices
+    else:
+        a, b, _ = own.size
+        half = own.size if own.kind == "box" else np.array([a, a, a + b])
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+        points = signs * half
+    pose = own.pose if at is None else at @ own.pose
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+MESHES = "meshes"
+
+
+def obj_text(mesh: Mesh) -> str:
+    """Return a mesh as OBJ in millimetres; numbers come back to the last bit or nearly."""
+    corners = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (1e3 * mesh.vertices).tolist())
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in (mesh.faces + 1).tolist())
+    return f"# millimetres\n{corners}{faces}"
+
+
+def _arm_rows(layout: Layout) -> dict[str, Any]:
+    """Return an arm's entries without its bodies."""
+    mechanism = layout.mechanism
+    joints: list[dict[str, Any]] = []
+    for joint in mechanism.joints:
+        unit = "rad" if joint.kind == "revolute" else "m"
+        found = layout.sources[joint.name]
+        row: dict[str, Any] = {"name": joint.name, "kind": joint.kind}
+        row |= {f"lower_{unit}": joint.lower, f"upper_{unit}": joint.upper}
+        if np.isfinite(found.effort):
+            row["effort_max_nm" if unit == "rad" else "effort_max_n"] = found.effort
+        if np.isfinite(found.velocity):
+            row[f"velocity_max_{unit}_s"] = found.velocity
+        joints.append({**row, "drive": dict(joint.drive)})
+    closures = [
+        {
+            "name": closure.name,
+            "frame_a": closure.frame_a,
+            "point_a_m": closure.point_a,
+            "frame_b": closure.frame_b,
+            "point_b_m": closure.point_b,
+            "passive": list(closure.passive),
+        }
+        for closure in mechanism.closures
+    ]
+    friction = _friction(layout)
+    still = np.clip(np.zeros(len(mechanism.joints)), mechanism.lower, mechanism.upper)
+    return {
+        "type": "OTHER",
+        "root": mechanism.reference,
+        "relative_to": mechanism.reference,
+        "tip": mechanism.tip,
+        "joint": joints,
+        "frame": [_frame_row(frame) for frame in mechanism.frames],
+        "closure": closures or None,
+        "friction": {"identified": {"source": "the file", **friction}} if friction else None,
+        "pose": [{"name": "home", "q_rad_m": still}],
+    }
+
+
+def _frame_row(frame: Frame) -> dict[str, Any]:
+    row: dict[str, Any] = {"name": frame.name}
+    if frame.parent is not None:
+        row["parent"] = frame.parent
+    row |= _pose_row("xyz_m", frame.before)
+    if frame.motion != "fixed":
+        row |= {"motion": frame.motion, "q": dict(frame.couplings)}
+    return row
+
+
+def _pose_row(key: str, pose: Array) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    if pose[:3, 3].any():
+        row[key] = pose[:3, 3]
+    if not np.array_equal(pose[:3, :3], np.eye(3)):
+        row["rotation"] = pose[:3, :3]
+    return row
+
+
+def _body_row(body: Body, meshes: dict[str, Mesh]) -> dict[str, Any]:
+    i = body.inertia
+    shapes = [_shape_row(shape, f"{body.link}_{k}", meshes) for k, shape in enumerate(body.shapes)]
+    return {
+        "frame": body.frame,
+        "mass_kg": body.mass,
+        "com_m": body.com,
+        "inertia_kgm2": [i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]],
+        "source": body.source,
+        "shape": shapes or None,
+    }
+
+
+def _shape_row(shape: LinkShape, name: str, meshes: dict[str, Mesh]) -> dict[str, Any]:
+    own = shape.shape
+    row: dict[str, Any] = {"kind": own.kind}
+    turn, at = own.pose[:3, :3], own.pose[:3, 3]
+    if own.mesh is not None:
+        file = f"{MESHES}/{name}.obj"
+        meshes[file] = own.mesh
+        row |= {"file": file, "center_m": at, **_turn(turn)}
+    elif own.kind == "box":
+        row |= {"center_m": at, "size_m": 2.0 * own.size, **_turn(turn)}
+    elif own.kind == "sphere":
+        row |= {"center_m": at, "radius_m": float(own.size[0])}
+    else:
+        along = float(own.size[1]) * turn[:, 2]
+        row |= {"from_m": at - along, "to_m": at + along, "radius_m": float(own.size[0])}
+    row |= {"material": own.material, "collide": shape.collide}
+    return row if shape.visible else {**row, "visible": False}
+
+
+def _turn(turn: Array) -> dict[str, Any]:
+    return {} if np.array_equal(turn, np.eye(3)) else {"rpy_rad": rpy_from_matrix(turn)}
+
+
+def _friction(layout: Layout) -> dict[str, Any]:
+    """Return {joint: its friction} of the joints that have some."""
+    rows: dict[str, Any] = {}
+    for name, joint in layout.sources.items():
+        turns = joint.kind == "revolute"
+        row: dict[str, Any] = {}
+        if joint.friction:
+            row["coulomb_nm" if turns else "coulomb_n"] = joint.friction
+        if joint.damping:
+            row["viscous_nms" if turns else "viscous_ns_per_m"] = joint.damping
+        if row:
+            rows[name] = row
+    return rows

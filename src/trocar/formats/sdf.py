@@ -1,0 +1,478 @@
+"""A rig as an SDF model: links, hinges, and the joints that close its loops.
+
+The model stands as it does where every public joint is at 0 and the loops are closed, which is
+where a reader of the file counts every joint from: a passive joint of a loop that is no
+parallelogram differs by the constant `LinkModel.zero`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.materials import MATERIALS
+from trocar.descriptions.meshes import Mesh
+from trocar.descriptions.records import Shape
+from trocar.errors import UnknownNameError
+from trocar.formats.links import WORLD, Link, LinkJoint, LinkLoop, LinkModel
+from trocar.formats.markup import child, document, element, lxml_etree
+from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
+from trocar.geometry.se3 import transform, translation
+from trocar.modeling.options import CONTACT_FRICTION
+
+Array = NDArray[np.float64]
+
+#: 1.7 is what Gazebo Classic 11 reads, 1.9 Gazebo from Fortress on and Drake, 1.11 Gazebo from
+#: Harmonic on. Source: the table of versions in gazebosim/sdformat's README.
+VERSIONS = ("1.9", "1.7", "1.11")
+#: The link that stands in the world and holds what stands there.
+GROUND = "ground"
+#: Drake's elements. Source: Drake's page "Supported parsing of SDFormat and URDF".
+DRAKE = "http://drake.mit.edu"
+#: Hinges that lean by less have the same direction: rounding. Source: our own choice. [rad]
+PARALLEL = 1e-9
+Z = "0 0 1"
+#: The prop that people stand on, and where the ground is in a rig without one: where rigs whose
+#: arms hang on stands have it [m]. Source: data/rigs.
+FLOOR, FLOOR_Z = "floor", -0.75
+#: Time step of Gazebo's physics. Source: that of our own simulation. [s]
+STEP = 0.001
+#: Where the sun comes from, and how bright it is. Source: our own choice.
+SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
+GREY = (0.7, 0.7, 0.72, 1.0)
+
+
+def check_version(version: str) -> str:
+    """Return a version of SDF that can be written.
+
+    Raises:
+        UnknownNameError: another one
+    """
+    if version not in VERSIONS:
+        raise UnknownNameError("SDF version", version, VERSIONS)
+    return version
+
+
+def model_name(model: LinkModel) -> str:
+    """Return what a rig is called in files: letters, digits and _."""
+    return re.sub(r"\W+", "_", model.name)
+
+
+def sdf(model: LinkModel, version: str = "1.9", meshes: Mapping[Mesh, str] | None = None) -> bytes:
+    """Return a rig as an SDF file of one model.
+
+    A frame without mass is a `frame`, so no link is weightless; what stands still in the world is
+    one link, "ground". Numbers read back as the float64 they are.
+
+    Args:
+        model: the rig
+        version: one of `VERSIONS`
+        meshes: {mesh: its file's name without folder and ending}; absent: each by its own name
+
+    Raises:
+        UnknownNameError: a version that cannot be written
+        MissingExtraError: lxml is not installed
+    """
+    root = sdf_root(version)
+    add_model(root, model, version, meshes)
+    return document(root, f"{model.title}; SI units and radians")
+
+
+def sdf_root(version: str) -> Any:
+    """Return the element that an SDF file consists of.
+
+    Raises:
+        UnknownNameError: a version that cannot be written
+    """
+    spaces = {} if check_version(version) == "1.7" else {"drake": DRAKE}
+    return lxml_etree().Element("sdf", {"version": version}, nsmap=spaces)
+
+
+def add_model(
+    parent: Any, model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = None
+) -> None:
+    """Append a rig as a model."""
+    made = child(parent, "model", {"name": model_name(model)})
+    carriers = rigid_links(model)
+    links = {GROUND: child(made, "link", {"name": GROUND})}
+    add_fixed(made, GROUND, WORLD, GROUND)
+    for joint, link in zip(model.joints, model.links[1:], strict=True):
+        on = GROUND if joint.parent == WORLD else joint.parent
+        if link.mass:
+            links[link.name] = _add_link(made, model, joint, link, on)
+        else:
+            add_pose(child(made, "frame", {"name": link.name, "attached_to": on}), joint.pose)
+        names = meshes if meshes is not None else _own_names(link)
+        carrier, frame = links[carriers[link.name]], "" if link.mass else link.name
+        for k, shape in enumerate(link.shapes):
+            add_shape(carrier, f"{link.name}_{k}", shape, frame, version, names)
+    for joint in model.joints:
+        if joint.child in links:
+            add_joint(made, model, joint, carriers[joint.parent], version)
+    for loop in model.loops:
+        add_loop(made, model, loop)
+    if version != "1.7":
+        add_collision_filters(made, model, carriers)
+        return
+    for joint in model.joints:
+        add_gearbox(made, model, joint, carriers[joint.parent])
+
+
+def world(model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = None) -> bytes:
+    """Return an SDF world with a rig in it, a ground to fall on and a sun.
+
+    The model is in it and not included by name: Gazebo then opens the file wherever it lies.
+
+    Args:
+        model, version, meshes: as for `sdf`
+    """
+    root = sdf_root(version)
+    made = child(root, "world", {"name": f"{model_name(model)}_world"})
+    physics = child(made, "physics", {"name": "millisecond", "type": "ode"})
+    child(physics, "max_step_size", text=exact([STEP]))
+    child(physics, "real_time_factor", text=exact([1.0]))
+    _add_sun(made)
+    _add_ground(made, model)
+    add_model(made, model, version, meshes)
+    return document(root, f"{model.title}, in a world; SI units and radians")
+
+
+def card(model: LinkModel, version: str, file: str) -> bytes:
+    """Return the `model.config` by which Gazebo finds a model's file."""
+    root = element("model")
+    child(root, "name", text=model_name(model))
+    child(root, "version", text="1.0")
+    child(root, "sdf", {"version": version}, file)
+    child(child(root, "author"), "name", text="the trocar authors")
+    child(root, "description", text=model.title)
+    return document(root)
+
+
+def rigid_links(model: LinkModel) -> dict[str, str]:
+    """Return the SDF link that each link is, or is a frame of: {link: SDF link}."""
+    found = {WORLD: GROUND}
+    for joint, link in zip(model.joints, model.links[1:], strict=True):
+        found[link.name] = link.name if link.mass else found[joint.parent]
+    return found
+
+
+def standing(joint: LinkJoint, zero: Mapping[str, float]) -> Array:
+    """Return the pose of a joint's child in its parent as the file has it, (4, 4)."""
+    at = zero.get(joint.name, 0.0)
+    if joint.kind == "prismatic":
+        return joint.pose @ transform(np.eye(3), np.array([0.0, 0.0, at]))
+    return joint.pose @ transform(matrix_from_rpy(0.0, 0.0, at), np.zeros(3))
+
+
+def _own_names(link: Link) -> dict[Mesh, str]:
+    return {s.mesh: s.mesh.name for s in link.shapes if s.mesh is not None}
+
+
+def _add_link(parent: Any, model: LinkModel, joint: LinkJoint, link: Link, on: str) -> Any:
+    made = child(parent, "link", {"name": link.name})
+    add_pose(made, standing(joint, model.zero), on)
+    inertial = child(made, "inertial")
+    add_pose(inertial, transform(np.eye(3), link.com))
+    child(inertial, "mass", text=exact([link.mass]))
+    inertia = child(inertial, "inertia")
+    for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        tag = f"i{'xyz'[row]}{'xyz'[column]}"
+        child(inertia, tag, text=exact([link.inertia[row, column]]))
+    return made
+
+
+def joint_name(name: str) -> str:
+    """Return what a joint is called in the file, where links and joints share their names."""
+    return f"{name}_joint"
+
+
+def add_fixed(parent: Any, name: str, on: str, link: str) -> None:
+    """Append a joint that does not move."""
+    _start(parent, name, "fixed", on, link)
+
+
+def add_joint(parent: Any, model: LinkModel, joint: LinkJoint, on: str, version: str) -> None:
+    """Append what joins a link to its parent.
+
+    Args:
+        parent: the element that gets it
+        model: the rig
+        joint: which; its child has mass
+        on: the link that the joint's parent is, or is a frame of
+        version: of SDF
+    """
+    if joint.kind == "fixed" or joint.hinge is None:
+        add_fixed(parent, joint.name, on, joint.child)
+        return
+    made = _start(parent, joint.name, joint.kind, on, joint.child)
+    axis = child(made, "axis")
+    child(axis, "xyz", text=Z)
+    if joint.follows and not joint.in_loop:
+        _add_coupling(made, axis, model, joint, version)
+    if joint.hinge.armature and version != "1.7" and not joint.in_loop:
+        child(made, f"{{{DRAKE}}}rotor_inertia", text=exact([joint.hinge.armature]))
+    _add_limit(axis, model, joint)
+    _add_dynamics(axis, model, joint)
+
+
+def _start(parent: Any, name: str, kind: str, on: str, link: str) -> Any:
+    made = child(parent, "joint", {"name": joint_name(name), "type": kind})
+    child(made, "parent", text=on)
+    child(made, "child", text=link)
+    return made
+
+
+def _add_limit(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
+    """Append how far a joint goes; what a loop determines, its loop limits, and no motor drives."""
+    limit = child(axis, "limit")
+    if joint.in_loop or joint.hinge is None:
+        child(limit, "effort", text=exact([0.0]))
+        return
+    lower = max(joint.lower, joint.hinge.lower) - model.zero[joint.name]
+    upper = min(joint.upper, joint.hinge.upper) - model.zero[joint.name]
+    child(limit, "lower", text=exact([lower]))
+    child(limit, "upper", text=exact([upper]))
+    child(limit, "effort", text=exact([joint.effort]))
+    if np.isfinite(joint.velocity):
+        child(limit, "velocity", text=exact([joint.velocity]))
+
+
+def _add_dynamics(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
+    hinge = joint.hinge
+    if hinge is None or not (hinge.damping or hinge.frictionloss or hinge.stiffness):
+        return
+    dynamics = child(axis, "dynamics")
+    child(dynamics, "damping", text=exact([hinge.damping]))
+    child(dynamics, "friction", text=exact([hinge.frictionloss]))
+    if hinge.stiffness:
+        rest = hinge.rest - model.zero[joint.name]
+        child(dynamics, "spring_reference", text=exact([rest]))
+        child(dynamics, "spring_stiffness", text=exact([hinge.stiffness]))
+
+
+def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, version: str) -> None:
+    """Write which joint a joint follows, in the elements that readers of the version support."""
+    ((leader, ratio),) = joint.follows
+    offset = joint.offset + ratio * model.zero[leader] - model.zero[joint.name]
+    if version == "1.11":
+        mimic = child(axis, "mimic", {"joint": joint_name(leader)})
+        for tag, value in (("multiplier", ratio), ("offset", offset), ("reference", 0.0)):
+            child(mimic, tag, text=exact([value]))
+    elif version == "1.9":
+        named = {
+            "joint": joint_name(leader),
+            "multiplier": exact([ratio]),
+            "offset": exact([offset]),
+        }
+        child(made, f"{{{DRAKE}}}mimic", named)
+
+
+def add_gearbox(parent: Any, model: LinkModel, joint: LinkJoint, on: str) -> None:
+    """Append the gearbox that ties a hinge to the one it follows, where both sit on one link.
+
+    Gazebo Classic turns the child by -ratio times what the parent turns, both seen from the
+    reference body. Source: the description of `gearbox_ratio` in SDF.
+    """
+    if joint.kind != "revolute" or not joint.follows or joint.in_loop:
+        return
+    ((name, ratio),) = joint.follows
+    leader = model.joint(name)
+    if leader.kind != "revolute" or leader.parent != joint.parent:
+        return
+    sides = leader.child, joint.child
+    made = _start(parent, f"{joint.name}_gear", "gearbox", *sides)
+    child(made, "gearbox_ratio", text=exact([-ratio]))
+    child(made, "gearbox_reference_body", text=on)
+    for tag, link in zip(("axis", "axis2"), sides, strict=True):
+        child(child(made, tag), "xyz", {"expressed_in": link}, Z)
+
+
+def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
+    """Append the joint that closes a loop: a hinge, or a ball where the hinges are skew.
+
+    Four skew hinges could not turn; with a ball and the pin that slides (`descriptions.frames`)
+    they turn as the kinematics say.
+    """
+    kind = "revolute" if _flat(model, loop) else "ball"
+    made = _start(parent, loop.name, kind, loop.link_a, loop.link_b)
+    add_pose(made, translation(loop.point_a), loop.link_a)
+    if kind == "revolute":
+        axis = child(made, "axis")
+        child(axis, "xyz", text=Z)
+        child(child(axis, "limit"), "effort", text=exact([0.0]))
+
+
+def _flat(model: LinkModel, loop: LinkLoop) -> bool:
+    """Return whether every hinge of a loop has the same direction."""
+    above = {joint.child: joint for joint in model.joints}
+
+    def chain(link: str) -> list[LinkJoint]:
+        found: list[LinkJoint] = []
+        while link in above:
+            found.append(above[link])
+            link = found[-1].parent
+        return found
+
+    sides = chain(loop.link_a), chain(loop.link_b)
+    common = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
+    directions: list[np.ndarray] = []
+    for side in sides:
+        turned = np.eye(3)
+        for joint in (j for j in reversed(side) if j.name not in common):
+            # About its own z a hinge turns no direction that is parallel to it.
+            turned = turned @ joint.pose[:3, :3]
+            if joint.kind == "revolute":
+                directions.append(turned[:, 2])
+    return max(float(np.linalg.norm(d - directions[0])) for d in directions) < PARALLEL
+
+
+def add_collision_filters(parent: Any, model: LinkModel, carriers: Mapping[str, str]) -> None:
+    """Append a group for each arm, and which groups it does not touch; other readers skip it.
+
+    As `geoms.contact_masks`: an arm touches other arms and what stands in the world, never itself
+    nor its carrier; carriers (setup joints) touch neither each other nor what stands.
+
+    Args:
+        parent: the model's element
+        model: the rig
+        carriers: {link: the SDF link that it is, or is a frame of}
+    """
+    arm_of = {link.name: link.arm for link in model.links}
+    carried = {
+        (arm_of[joint.parent], arm_of[joint.child])
+        for joint in model.joints
+        if arm_of[joint.parent] and arm_of[joint.parent] != arm_of[joint.child]
+    }
+    ground = carriers[WORLD]
+    setup = {carrier for carrier, _ in carried}
+    arms = list(dict.fromkeys(link.arm for link in model.links if link.arm))
+    _add_group(parent, ground, [ground], [])
+    for arm in arms:
+        members = [link.name for link in model.links if link.arm == arm and link.mass]
+        ignored = [arm, *(ridden for ridden in arms if (arm, ridden) in carried)]
+        if arm in setup:
+            ignored += [ground, *(other for other in arms if other in setup - {arm})]
+        _add_group(parent, arm, members, ignored)
+
+
+def _add_group(parent: Any, name: str, members: list[str], ignored: list[str]) -> None:
+    # Names of links are taken, even for elements that a reader does not support.
+    group = child(parent, f"{{{DRAKE}}}collision_filter_group", {"name": f"{name}_group"})
+    for member in members:
+        child(group, f"{{{DRAKE}}}member", text=member)
+    for other in ignored:
+        child(group, f"{{{DRAKE}}}ignored_collision_filter_group", text=f"{other}_group")
+
+
+def exact(values: Iterable[float]) -> str:
+    """Write numbers so that reading gives the same float64."""
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def add_pose(parent: Any, pose: Array, relative_to: str = "") -> None:
+    """Append a `pose`, unless it is that of the parent itself.
+
+    Args:
+        parent: an element of lxml
+        pose: (4, 4)
+        relative_to: the link or frame that it is given in; "" for what the parent belongs to
+    """
+    if relative_to or not np.array_equal(pose, np.eye(4)):
+        named = {"relative_to": relative_to} if relative_to else {}
+        child(parent, "pose", named, exact([*pose[:3, 3], *rpy_from_matrix(pose[:3, :3])]))
+
+
+def add_shape(
+    link: Any, name: str, shape: Shape, frame: str, version: str, meshes: Mapping[Mesh, str]
+) -> None:
+    """Append the `visual` and the `collision` of a shape.
+
+    Args:
+        link: the element that gets them
+        name: unique in the link
+        shape: what
+        frame: the frame that the shape is in, "" for the link
+        version: of SDF; before 1.8 there is no capsule, which becomes a cylinder with two balls
+        meshes: {mesh: its file's name without folder and ending}
+    """
+    parts = _capsule(shape) if shape.kind == "capsule" and version == "1.7" else (shape,)
+    for k, part in enumerate(parts):
+        own = name if len(parts) == 1 else f"{name}_{k}"
+        if shape.visible:
+            visual = child(link, "visual", {"name": f"{own}_visual"})
+            add_pose(visual, part.pose, frame)
+            _add_geometry(visual, part, meshes)
+            _add_material(visual, shape.material)
+        if shape.collide:
+            collision = child(link, "collision", {"name": f"{own}_collision"})
+            add_pose(collision, part.pose, frame)
+            _add_geometry(collision, part, meshes)
+            _add_friction(collision, shape)
+
+
+def _capsule(shape: Shape) -> tuple[Shape, ...]:
+    """Return the cylinder and the two balls that make a capsule."""
+    radius, half, _ = shape.size
+    made = [Shape("cylinder", shape.pose, shape.size, shape.material)]
+    for end in (-half, half):
+        pose = shape.pose @ transform(np.eye(3), np.array([0.0, 0.0, end]))
+        made.append(Shape("sphere", pose, np.array([radius, 0.0, 0.0]), shape.material))
+    return tuple(made)
+
+
+def _add_geometry(parent: Any, shape: Shape, meshes: Mapping[Mesh, str]) -> None:
+    geometry = child(parent, "geometry")
+    if shape.mesh is not None:
+        made = child(geometry, "mesh")
+        child(made, "uri", text=f"meshes/{meshes[shape.mesh]}.obj")
+        return
+    made = child(geometry, shape.kind)
+    if shape.kind == "box":
+        child(made, "size", text=exact(2.0 * shape.size))
+        return
+    child(made, "radius", text=exact(shape.size[:1]))
+    if shape.kind != "sphere":
+        child(made, "length", text=exact(2.0 * shape.size[1:2]))
+
+
+def _add_material(visual: Any, name: str) -> None:
+    row = MATERIALS[name]
+    material = child(visual, "material")
+    child(material, "ambient", text=exact(row.rgba))
+    child(material, "diffuse", text=exact(row.rgba))
+    child(material, "specular", text=exact([row.gloss] * 3 + [1.0]))
+
+
+def _add_friction(collision: Any, shape: Shape) -> None:
+    slide = CONTACT_FRICTION[0] if shape.friction is None else shape.friction
+    ode = child(child(child(collision, "surface"), "friction"), "ode")
+    for tag in ("mu", "mu2"):
+        child(ode, tag, text=exact([slide]))
+
+
+def _add_sun(parent: Any) -> None:
+    sun = child(parent, "light", {"name": "sun", "type": "directional"})
+    child(sun, "cast_shadows", text="true")
+    add_pose(sun, transform(np.eye(3), np.array([0.0, 0.0, 10.0])))
+    child(sun, "diffuse", text=exact(SUN_COLOUR))
+    child(sun, "specular", text=exact(SUN_COLOUR))
+    child(sun, "direction", text=exact(SUN_DIRECTION))
+
+
+def _add_ground(parent: Any, model: LinkModel) -> None:
+    height = next((j.pose[2, 3] for j in model.joints if j.child == FLOOR), FLOOR_Z)
+    made = child(parent, "model", {"name": "ground_plane"})
+    child(made, "static", text="true")
+    add_pose(made, transform(np.eye(3), np.array([0.0, 0.0, height])))
+    link = child(made, "link", {"name": "plane"})
+    for tag in ("visual", "collision"):
+        part = child(link, tag, {"name": tag})
+        plane = child(child(part, "geometry"), "plane")
+        child(plane, "normal", text=exact([0.0, 0.0, 1.0]))
+        child(plane, "size", text=exact([20.0, 20.0]))
+        if tag == "visual":
+            child(child(part, "material"), "diffuse", text=exact(GREY))

@@ -1,0 +1,508 @@
+"""Images of the cameras for all subscribers: drawn in a thread of its own, of the newest snapshot.
+
+loop's thread --snapshot, if a subscriber and an image are due--> newest only --drawn--> clients
+
+Neither the physics nor a client ever waits for an image: a snapshot that is not drawn yet when the
+next one comes is dropped, and counted.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import sys
+import threading
+import time
+import weakref
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import CancelledError
+from contextlib import suppress
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import IO, TYPE_CHECKING, Any, Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from trocar.errors import InputError, OvertakenError, TrocarError, UnknownNameError
+from trocar.live.loop import Loop
+from trocar.live.state import PATIENT, Elapsed
+
+if TYPE_CHECKING:
+    from trocar.cameras.records import Calibration
+    from trocar.simulation import World
+    from trocar.simulation.cameras import CameraRecord
+    from trocar.simulation.records import Snapshot
+
+_log = logging.getLogger("trocar")
+
+#: Source: the cameras of the da Vinci; paper, section 3.4. [Hz]
+RATE_HZ = 60.0
+#: A picture that is this much early is in time. Source: as the core's beat. [s]
+SLACK_S = 1e-6
+#: Snapshots in a row that may not be drawn: of a rig whose tool was exchanged meanwhile.
+MOST_REFUSED = 5
+#: That drawing is slow is said so often [s]. Source: our own choice.
+COMPLAIN_S = 30.0
+#: How long ending may take: a picture that is being drawn is drawn to its end [s].
+FAREWELL_S = 5.0
+Format = Literal["jpeg", "png"]
+FORMATS: tuple[str, ...] = get_args(Format)
+Picture = NDArray[np.uint8]
+#: Takes a frame and an eye (0 left, 1 right); returns that eye's picture with overlays.
+Overlay = Callable[[Any, int], Picture]
+
+#: Of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.
+QUALITY = 85
+#: Of PNG: quickly rather than small. Source: our own choice.
+LEVEL = 1
+#: Pictures that are known again: both eyes of two cameras. Source: our own choice.
+KNOWN = 4
+#: A snapshot that waits no longer than this to be drawn is taken. Source: our own choice: images
+#: are taken with states, every 4.5 ms, and drawing is not to wait long for the next one. [s]
+SOON_S = 0.005
+#: How much of a new figure the usual one takes over: how long drawing takes. Source: our own
+#: choice.
+LEARNT = 0.1
+#: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
+NICE = 5
+
+
+class Packer:
+    """Packs pictures; in one thread only.
+
+    Pillow lets other threads run while it packs into a file, and not while it packs into memory:
+    a tick of a millisecond would wait for it. So it gets a file that lies in memory.
+
+    A picture that nobody can write to, and that comes again, is not packed again.
+
+    Args:
+        format: "jpeg" or "png"
+
+    Raises:
+        UnknownNameError: another format
+    """
+
+    def __init__(self, format: str = "jpeg") -> None:  # noqa: A002  the word of sensor_msgs
+        if format not in FORMATS:
+            raise UnknownNameError("image format", format, FORMATS)
+        self.format = format
+        self._options = {"quality": QUALITY} if format == "jpeg" else {"compress_level": LEVEL}
+        self._file: IO[bytes] | None = None
+        self._known: deque[tuple[Picture, bytes]] = deque(maxlen=KNOWN)
+
+    def pack(self, picture: Picture) -> bytes:
+        """Return a picture (h, w, 3) or (h, w) as the bytes of a file."""
+        if picture.flags.writeable:
+            return self._packed(picture)
+        for known, data in self._known:
+            if known is picture:
+                return data
+        data = self._packed(picture)
+        self._known.append((picture, data))
+        return data
+
+    def _packed(self, picture: Picture) -> bytes:
+        image = Image.fromarray(picture)
+        file = self._begun()
+        image.save(file, self.format, **self._options)
+        size = file.tell()
+        file.seek(0)
+        return file.read(size)
+
+    def _begun(self) -> IO[bytes]:
+        if self._file is None:
+            self._file = _file_in_memory()
+            weakref.finalize(self, self._file.close)
+        self._file.seek(0)
+        return self._file
+
+
+def _file_in_memory() -> IO[bytes]:
+    """Return a file with a descriptor where the system has such files, else a plain buffer."""
+    make = getattr(os, "memfd_create", None)
+    return io.BytesIO() if make is None else os.fdopen(make("trocar-picture"), "r+b", buffering=0)
+
+
+class Renderer(Protocol):
+    """Draws; made, used and closed in one thread."""
+
+    def render(
+        self,
+        snapshot: Snapshot,
+        cameras: Mapping[str, CameraRecord],
+        camera: str,
+        *,
+        beside: Collection[str] = (),
+    ) -> Any:
+        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None.
+
+        Beside the colours it has "depth" and "ids", where they are asked for.
+        """
+        ...
+
+    def close(self) -> None:
+        """Let go of the graphics library."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Order:
+    """What is to be drawn: a world at one moment.
+
+    Attributes:
+        stamp: what headers say of it, None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
+        snapshot, cameras: where bodies and cameras are, of one moment
+        wanted: names of the cameras that somebody looks through
+        beside: {camera: what is wanted of it beside colours: "depth", "ids"}
+    """
+
+    stamp: tuple[int, int] | None
+    asked_s: float
+    snapshot: Snapshot
+    cameras: Mapping[str, CameraRecord]
+    wanted: frozenset[str]
+    beside: Mapping[str, Collection[str]] = field(default_factory=dict[str, Collection[str]])
+
+
+class Shot:
+    """What one camera saw at one moment.
+
+    Attributes:
+        camera: its name
+        record: where it was and what its lenses are like, as `World.cameras` tells
+        frame: the picture or two, as the renderer made them
+        stamp: what headers say; None where nobody gives stamps
+        asked_s: wall time of the snapshot [s]
+    """
+
+    def __init__(
+        self, camera: str, order: Order, frame: Any, packer: Packer, overlay: Overlay | None = None
+    ) -> None:
+        self.camera, self.record, self.frame = camera, order.cameras[camera], frame
+        self.stamp, self.asked_s, self._packer = order.stamp, order.asked_s, packer
+        self._overlay = overlay
+        self._overlaid: dict[str, Picture] = {}
+        self._packed: dict[tuple[str, bool], bytes] = {}
+
+    @property
+    def format(self) -> str:
+        """What `packed` gives: "jpeg" or "png"."""
+        return self._packer.format
+
+    def eye(self, eye: str, *, overlaid: bool = False) -> Picture:
+        """Return the picture of an eye, (h, w, 3); a camera with one has it on the left.
+
+        Args:
+            eye: "left" or "right"
+            overlaid: with what is drawn into it, if anything is
+
+        Raises:
+            InputError: what draws returned no image of this size
+        """
+        if not overlaid or self._overlay is None:
+            return self.frame.right if eye == "right" else self.frame.left
+        if eye not in self._overlaid:
+            picture = np.asarray(self._overlay(self.frame, int(eye == "right")))
+            if picture.dtype != np.uint8 or picture.shape != self.frame.left.shape:
+                raise InputError(
+                    f"overlay: got an image of {picture.dtype} {picture.shape}; allowed: uint8"
+                    f" {self.frame.left.shape}, as the frame has"
+                )
+            picture.setflags(write=False)
+            self._overlaid[eye] = picture
+        return self._overlaid[eye]
+
+    @property
+    def calibration(self) -> Calibration:
+        """What the eyes are like that saw it; without distortion where it was not asked for."""
+        return self.frame.calibration
+
+    def packed(self, eye: str, *, overlaid: bool = False) -> bytes:
+        """Return the picture of an eye as a file's bytes, packed once for all who ask."""
+        found = self._packed.get((eye, overlaid))
+        if found is None:
+            picture = self.eye(eye, overlaid=overlaid)
+            found = self._packed[eye, overlaid] = self._packer.pack(picture)
+        return found
+
+
+class PictureClient(Protocol):
+    """Receives pictures."""
+
+    def wanted(self) -> Collection[str]:
+        """Return the cameras that are requested now; called in the loop's thread: be quick."""
+        ...
+
+    def take(self, shot: Shot) -> None:
+        """Receive a picture of a requested camera; called in the drawing thread."""
+        ...
+
+
+class DrawSchedule:
+    """Decide in the loop's thread when to draw, from how long the drawing thread takes.
+
+    Attributes:
+        owed: whether a picture was due and is not drawn yet
+    """
+
+    def __init__(self) -> None:
+        self.owed = False
+        self._usual_s = 0.0
+        self._began: float | None = None
+
+    def starts(self, due: bool, free: bool = True) -> bool:
+        """Return whether to draw a picture now.
+
+        Args:
+            due: whether the next one is due since the last call
+            free: whether none waits to be drawn
+        """
+        self.owed = self.owed or due
+        taken = self.owed and free and self._soon_free()
+        self.owed = self.owed and not taken
+        return taken
+
+    def begin(self) -> None:
+        """Note that drawing begins."""
+        self._began = time.perf_counter()
+
+    def end(self) -> None:
+        """Note that it is done."""
+        began, self._began = self._began, None
+        if began is not None:
+            self._usual_s += LEARNT * (time.perf_counter() - began - self._usual_s)
+
+    def _soon_free(self) -> bool:
+        began = self._began
+        return began is None or self._usual_s - (time.perf_counter() - began) < SOON_S
+
+
+class Pictures:
+    """Draws for all clients.
+
+    Args:
+        loop: whose world is drawn
+        open_renderer: makes what draws, called in the drawing thread when somebody first looks
+        rate_hz: how often, above 0
+        format: of packed pictures, "jpeg" or "png"
+        calibrations: {camera: what its eyes are like, other than the rig says}
+
+    Attributes:
+        led: whether somebody else says when, by `shoot`; otherwise it is every 1 / rate_hz
+        overlay: draws into pictures of those who want them so; set before anybody looks
+        made, dropped: pictures drawn and handed on; those that were due and never drawn
+        failure: why nothing is drawn any more, "" while all is well
+    """
+
+    def __init__(
+        self,
+        loop: Loop,
+        open_renderer: Callable[[], Renderer],
+        rate_hz: float = RATE_HZ,
+        format: str = "jpeg",  # noqa: A002  the word of sensor_msgs
+        calibrations: Mapping[str, Calibration] | None = None,
+    ) -> None:
+        if not 0.0 < rate_hz < float("inf"):
+            raise InputError(f"camera rate: got {rate_hz:g} Hz; allowed: above 0")
+        self._loop, self._open, self.rate_hz = loop, open_renderer, rate_hz
+        self._packer = Packer(format)
+        self._calibrations = dict(calibrations or {})
+        self._clients: tuple[PictureClient, ...] = ()
+        self._order: Order | None = None
+        self._changed = threading.Condition()
+        self._stopping = self._drawing = False
+        self._thread: threading.Thread | None = None
+        self._schedule = DrawSchedule()
+        self._unwatch: Callable[[], None] = lambda: None
+        self._count = -1
+        self._refused = 0
+        self._complained = -COMPLAIN_S
+        self.led = False
+        self.overlay: Overlay | None = None
+        self.made = self.dropped = 0
+        self.failure = ""
+
+    # ------------------------------------------------------------------ life
+
+    def start(self) -> None:
+        """Begin: draw when somebody looks."""
+        self._thread = threading.Thread(target=self._run, name="trocar-pictures", daemon=True)
+        self._thread.start()
+        self._unwatch = self._loop.watch(self)
+
+    def close(self) -> None:
+        """End, once the picture in hand is drawn."""
+        self._unwatch()
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread is not None:
+            self._thread.join(FAREWELL_S)
+            self._thread = None
+
+    def add(self, client: PictureClient) -> Callable[[], None]:
+        """Hand pictures to somebody as well, until the function that is returned is called."""
+        self._clients += (client,)
+
+        def leave() -> None:
+            self._clients = tuple(t for t in self._clients if t is not client)
+
+        return leave
+
+    # ------------------------------------------------------------------ the loop's thread
+
+    def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  as every watcher
+        """Let a picture be drawn when one is due and nobody else says when."""
+        count = int((self._loop.now + SLACK_S) * self.rate_hz)  # of the wall, also in a pause
+        due, self._count = count != self._count, count
+        if not self.led and self.takes(due):
+            self.shoot(self._loop.world)
+
+    def refused(self, command: object, reason: str) -> None:
+        """Commands are none of the cameras' business."""
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is drawn now, and nothing waits for it."""
+        with self._changed:
+            return self._order is None and not self._drawing
+
+    def takes(self, due: bool) -> bool:
+        """Tell whether to take a picture now; one that is owed when the next is due is dropped.
+
+        Args:
+            due: whether the next one is due since the last call
+        """
+        if due and self._schedule.owed:
+            self._drop()
+        with self._changed:
+            return self._schedule.starts(due, free=self._order is None)
+
+    @property
+    def wanted(self) -> frozenset[str]:
+        """Names of the cameras that somebody looks through now."""
+        if self.failure:
+            return frozenset()
+        return frozenset[str]().union(*(client.wanted() for client in self._clients))
+
+    def patience(self) -> int:
+        """Return in how many ticks a picture may be due."""
+        return PATIENT if self.led else 1
+
+    def cameras(self, world: World) -> dict[str, CameraRecord]:
+        """Return the cameras of a world with the eyes that they are given here."""
+        found = world.cameras()
+        for name, calibration in self._calibrations.items():
+            if name in found:
+                found[name] = found[name].seeing(calibration)
+        return found
+
+    def shoot(
+        self,
+        world: World,
+        stamp: tuple[int, int] | None = None,
+        beside: Mapping[str, Collection[str]] = MappingProxyType({}),
+    ) -> Mapping[str, CameraRecord]:
+        """Let the world be drawn as it is now; return its cameras, none when nobody looks.
+
+        Args:
+            world: of the loop
+            stamp: what headers say
+            beside: {camera: what is wanted beside its colours: "depth", "ids"}
+        """
+        wanted = self.wanted
+        if not wanted:
+            return {}
+        now, snapshot = time.perf_counter(), world.snapshot(arms=False)
+        order = Order(stamp, now, snapshot, self.cameras(world), wanted, beside)
+        with self._changed:
+            overtaken, self._order = self._order is not None, order
+            self._changed.notify()
+        if overtaken:
+            self._drop()
+        return order.cameras
+
+    def _drop(self) -> None:
+        """Count a picture that was due and is not drawn, and say so once a while."""
+        self.dropped += 1
+        now = time.perf_counter()
+        if not self.led or not self.made:  # the page says it itself; the first takes long
+            return
+        if now - self._complained > COMPLAIN_S:
+            self._complained = now
+            _log.warning(
+                "rendering is slower than %g Hz: %d images dropped so far",
+                self.rate_hz,
+                self.dropped,
+            )
+
+    # ------------------------------------------------------------------ the drawing thread
+
+    def _run(self) -> None:
+        renderer: Renderer | None = None
+        let_others_go_first()
+        try:
+            while (order := self._next()) is not None:
+                if renderer is None:
+                    renderer = self._open()
+                self._draw(renderer, order)
+                self._schedule.end()
+        except CancelledError:  # the loop has ended, and answers no more
+            pass
+        except TrocarError as problem:
+            self._fail(str(problem))
+        except Exception as problem:  # noqa: BLE001  logged whole; the simulation goes on
+            _log.exception("rendering stopped")
+            self._fail(repr(problem))
+        finally:
+            if renderer is not None:
+                renderer.close()
+
+    def _next(self) -> Order | None:
+        """Wait for the newest order; None when all is over."""
+        with self._changed:
+            self._drawing = False
+            self._changed.wait_for(lambda: self._order is not None or self._stopping)
+            order, self._order = self._order, None
+            self._drawing = not self._stopping
+            self._schedule.begin()
+            return None if self._stopping else order
+
+    def _draw(self, renderer: Renderer, order: Order) -> None:
+        """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
+        try:
+            for camera in sorted(order.wanted & order.cameras.keys()):
+                beside = order.beside.get(camera, ())
+                frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
+                shot = Shot(camera, order, frame, self._packer, self.overlay)
+                for client in self._clients:
+                    client.take(shot)
+                self.made += 1
+        except OvertakenError:
+            self._refused += 1
+            self.dropped += 1
+            if self._refused > MOST_REFUSED:
+                raise
+        else:
+            self._refused = 0
+
+    def _fail(self, reason: str) -> None:
+        self.failure = reason
+        with self._changed:
+            self._drawing, self._order = False, None
+        _log.warning("no images: %s", reason)
+
+
+def let_others_go_first() -> None:
+    """Make the calling thread, and those that it starts, less urgent than the physics.
+
+    Without a graphics card drawing takes every core that it gets, and the loop would be late.
+    """
+    if sys.platform == "linux":  # elsewhere this would concern the whole process
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)

@@ -1,0 +1,1 @@
+"""Connect a simulated arm to a real one: calibration, identification, configuration, logs."""

@@ -1,0 +1,320 @@
+"""One robot: its linkage, where markers sit on it, and where they go by the closed kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from trocar.descriptions.frames import pin_frame, pinned
+from trocar.geometry import inverse, skew, transform
+from trocar.kinematics.loops import closed_coordinates, loops_are_parallelograms
+from trocar.kinematics.mechanism import Mechanism
+from trocar.kinematics.tree import frame_poses
+from trocar.robot.calibration.axes import Axes
+from trocar.robot.calibration.linkage import (
+    Linkage,
+    Slot,
+    freedoms,
+    place_rows,
+    rebuilt,
+    shift_rows,
+    slots,
+    unskew,
+)
+from trocar.robot.calibration.zero_pose import Home, in_plane, planar_fit, planar_turn
+
+Array = NDArray[np.float64]
+
+#: Gauss-Newton steps of the first guess, whose planar turn is the only non-linear unknown.
+GUESS_STEPS = 5
+#: The linkage's own remote centre is that over this many positions of a joint, and over this range
+#: about home. Source: our own choice; the sweep that is asked for. [rad]
+POSITIONS, SWEEP_RAD = 17, 0.6
+# Source: our own choice; central differences of smooth functions of order 1 leave 1e-10. [rad]
+STEP = 1e-5
+#: Loops that are no parallelograms are closed at so many positions of a joint and interpolated.
+#: Source: our own choice; over 2 rad splines of smooth functions of order 1 leave 1e-10.
+NODES = 401
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One robot's linkage, and where the markers sit on it.
+
+    Attributes:
+        linkage: the description's
+        moved: displacements of its axes, (n_slots, 2) [m] (see `linkage`)
+        tilts: {frame: small turn of its hinge about the plane's two axes (2,) [rad]}
+        markers: {body: T_frame_markers (4, 4)}, of the body's first frame
+    """
+
+    linkage: Linkage
+    moved: Array
+    tilts: Mapping[str, Array]
+    markers: Mapping[str, Array]
+
+
+def displaced(robot: Robot, basis: Array, tilted: Sequence[str], step: Array) -> Robot:
+    """Return a robot at a step of its geometry's unknowns; its markers stay.
+
+    Args:
+        robot: to start from
+        basis: the free displacements, (2 n_slots, n_free)
+        tilted: frames whose hinges tilt
+        step: of the free displacements, then two of each tilt; more is ignored [m, rad]
+    """
+    free = basis.shape[1]
+    tilts = {
+        name: robot.tilts.get(name, np.zeros(2)) + step[free + 2 * i : free + 2 * i + 2]
+        for i, name in enumerate(tilted)
+    }
+    return replace(robot, moved=robot.moved + (basis @ step[:free]).reshape(-1, 2), tilts=tilts)
+
+
+def first_guess(axes: Axes, home: Home, parallelogram: bool, datum: Array) -> Robot:
+    """Fit a closed linkage to the axes at home.
+
+    What the tracks do not show stays as the description has it. Along the axes, the linkage stands
+    so that the datum, (3,) as `home` has it [m], is level with the origin of the first axis' frame.
+    """
+    linkage = axes.linkage
+    flat, first_plane = in_plane(axes, home)
+    up = first_plane[:3, 2]
+    first_plane[:3, 3] += (up @ (datum - first_plane[:3, 3])) * up
+    keys = list(flat)
+    places = place_rows(linkage)
+    # Of a frame's hinge both bodies have the same place.
+    hinges = [linkage.hinge(name) for name, _ in keys]
+    at = [
+        Slot(h.name, b if h.closure else h.body_a) for h, (_, b) in zip(hinges, keys, strict=True)
+    ]
+    rows = np.vstack([np.kron(places[slot], np.eye(2)) for slot in at])
+    got = np.stack([flat[key] for key in keys])
+    nominal = np.stack([linkage.points[name] for name, _ in keys])
+    basis = freedoms(linkage, parallelogram)
+    angle, shift = planar_fit(got, nominal)
+    free = np.zeros(basis.shape[1])
+    for _ in range(GUESS_STEPS):
+        placed = got @ planar_turn(angle).T + shift
+        turned = np.stack([-placed[:, 1], placed[:, 0]], axis=1)
+        left = np.hstack([
+            rows @ basis,
+            -turned.reshape(-1, 1),
+            -np.tile(np.eye(2), (len(keys), 1)),
+        ])  # fmt: skip
+        right = (placed - nominal).ravel() - rows @ basis @ free
+        step = np.linalg.lstsq(left, right, rcond=1e-10)[0]
+        free = free + step[: len(free)]
+        more = float(step[len(free)])
+        shift = planar_turn(more) @ shift + step[len(free) + 1 :]
+        angle += more
+    moved = (basis @ free).reshape(-1, 2)
+    # T_ground_plane: the measured plane's coordinates, turned and shifted onto the description's.
+    spin = np.eye(3)
+    spin[:2, :2] = planar_turn(angle)
+    onto = transform(linkage.plane @ spin, linkage.plane @ np.append(shift, linkage.level))
+    ground_first = onto @ inverse(first_plane)
+    shifts = shift_rows(linkage)
+    markers: dict[str, Array] = {}
+    for body, pose in home.poses.items():
+        frame = linkage.frames[linkage.bodies[body]].copy()
+        frame[:3, 3] += linkage.plane[:, :2] @ (shifts[body] @ moved)
+        markers[body] = inverse(frame) @ ground_first @ pose
+    return Robot(linkage, moved, {}, markers)
+
+
+def mechanism_of(robot: Robot) -> Mechanism:
+    """Return the linkage of a robot as a mechanism; with tilted axes its closing pins slide."""
+    found = rebuilt(robot.linkage, robot.linkage.mechanism, robot.moved, robot.tilts)
+    return with_pins(found) if robot.tilts else found
+
+
+def with_pins(mechanism: Mechanism) -> Mechanism:
+    """Return a mechanism whose closing pins slide, as axes that lean need."""
+    known = {frame.name: frame for frame in mechanism.frames}
+    return replace(
+        mechanism,
+        frames=(*mechanism.frames, *(pin_frame(closure, known) for closure in mechanism.closures)),
+        closures=tuple(pinned(closure) for closure in mechanism.closures),
+    )
+
+
+def swept(linkage: Linkage, mechanism: Mechanism) -> Array:
+    """Return joint positions over the range of the joints that move the loops, (n, n_joints)."""
+    q = np.tile(linkage.rest, (POSITIONS, 1))
+    for joint in linkage.joints:
+        q[:, joint] = np.linspace(
+            max(mechanism.lower[joint], -SWEEP_RAD),
+            min(mechanism.upper[joint], SWEEP_RAD),
+            POSITIONS,
+        )
+    return q
+
+
+def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
+    """Return the pose of each tracked body's markers in the ground's first frame.
+
+    Args:
+        robot: whose markers
+        mechanism: `mechanism_of(robot)`
+        q: positions of the joints that move the loops, (n, n_moving) [rad]
+
+    Returns:
+        (n, n_bodies, 4, 4), in the order of `robot.markers`
+    """
+    at = body_poses(robot.linkage, mechanism, _coordinates(robot, mechanism, q))
+    return np.stack([at[body] @ X for body, X in robot.markers.items()], axis=1)
+
+
+def body_poses(linkage: Linkage, mechanism: Mechanism, coordinates: Array) -> dict[str, Array]:
+    """Return {body: pose of its first frame in the ground's (n, 4, 4)}.
+
+    Args:
+        linkage: whose bodies
+        mechanism: of the linkage, displaced or not
+        coordinates: of every frame, the loops closed, (n, n_frames)
+    """
+    at, index = frame_poses(mechanism, coordinates), mechanism.frame_index
+    ground = np.linalg.inv(at[index[linkage.bodies[linkage.ground]]])
+    return {body: ground @ at[index[frame]] for body, frame in linkage.bodies.items()}
+
+
+def _coordinates(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
+    """Return every frame's coordinate with the loops closed, (n, n_frames)."""
+
+    def closed(some: Array) -> Array:
+        every = np.tile(robot.linkage.rest, (len(some), 1))
+        every[:, list(robot.linkage.joints)] += some
+        return closed_coordinates(mechanism, every)
+
+    if q.shape[1] != 1 or len(q) < 2 * NODES or loops_are_parallelograms(mechanism):
+        return closed(q)
+    nodes = np.linspace(q.min() - STEP, q.max() + STEP, NODES)
+    return CubicSpline(nodes, closed(nodes[:, None]))(q[:, 0])
+
+
+def marker_rates(robot: Robot, mechanism: Mechanism, q: Array, at: Array) -> Array:
+    """Return how the markers move with the joints, (n, n_bodies, 6, n_moving).
+
+    The rows are the velocity of the markers' origin and the angular velocity, in the ground's axes.
+    """
+    rates = np.zeros((*at.shape[:2], 6, q.shape[1]))
+    for column in range(q.shape[1]):
+        away = STEP * np.eye(q.shape[1])[column]
+        plus, minus = (marker_poses(robot, mechanism, q + s * away) for s in (1.0, -1.0))
+        rates[..., :3, column] = (plus - minus)[..., :3, 3] / (2.0 * STEP)
+        spin = (plus - minus)[..., :3, :3] @ np.swapaxes(at[..., :3, :3], -1, -2) / (2.0 * STEP)
+        rates[..., 3:, column] = unskew(spin)
+    return rates
+
+
+def pose_residuals(measured: Array, expected: Array) -> Array:
+    """Return what turns expected poses into measured ones, (..., 6) [m, rad] in outer axes."""
+    turn = measured[..., :3, :3] @ np.swapaxes(expected[..., :3, :3], -1, -2)
+    sine = unskew(turn)
+    size = np.linalg.norm(sine, axis=-1)
+    cosine = 0.5 * (np.trace(turn, axis1=-2, axis2=-1) - 1.0)
+    angle = np.arctan2(size, cosine)
+    factor = np.where(size > 1e-12, angle / np.maximum(size, 1e-300), 1.0)
+    away = (measured - expected)[..., :3, 3]
+    return np.concatenate([away, sine * factor[..., None]], axis=-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The datum as the markers of one body have it.
+
+    Attributes:
+        body: the ground, or the first that is tracked
+        point: in its markers, at home (3,) [m]
+    """
+
+    body: str
+    point: Array
+
+
+def level_of(robot: Robot, points: Mapping[str, Array]) -> Level:
+    """Return the datum in the markers of the ground where it is tracked, else of another body.
+
+    Args:
+        robot: whose bodies
+        points: {body: the datum in its markers (3,) [m]}
+    """
+    ground = robot.linkage.ground
+    body = ground if ground in points else next(name for name in robot.markers if name in points)
+    return Level(body, points[body])
+
+
+def height(robot: Robot, level: Level) -> float:
+    """Return how far along the axes the datum is from the linkage's plane [m]."""
+    linkage, marker = robot.linkage, robot.markers[level.body]
+    frame = linkage.frames[linkage.bodies[level.body]]
+    at = frame[:3, :3] @ (marker[:3, :3] @ level.point + marker[:3, 3]) + frame[:3, 3]
+    return float(linkage.plane[:, 2] @ at) - linkage.level
+
+
+def height_slope(robot: Robot, level: Level) -> Array:
+    """Return how the height follows a shift and a turn of the body's markers, (6,)."""
+    linkage, turn = robot.linkage, robot.markers[level.body][:3, :3]
+    up = linkage.plane[:, 2] @ linkage.frames[linkage.bodies[level.body]][:3, :3] @ turn
+    return np.concatenate([up, -up @ skew(level.point)])
+
+
+def levelled(robot: Robot, level: Level) -> Robot:
+    """Return the same robot, described by where its axes pierce the plane through the datum.
+
+    Args:
+        robot: with tilted axes
+        level: the datum
+    """
+    linkage, up = robot.linkage, robot.linkage.plane[:, 2]
+    off = height(robot, level)
+    drift = _drifts(robot)
+    moved = robot.moved + off * np.stack([drift[slot] for slot in slots(linkage)])
+    markers = {name: pose.copy() for name, pose in robot.markers.items()}
+    for name, pose in markers.items():
+        pose[:3, 3] -= off * (linkage.frames[linkage.bodies[name]][:3, :3].T @ up)
+    return replace(robot, moved=moved, markers=markers)
+
+
+def _drifts(robot: Robot) -> dict[Slot, Array]:
+    """Return where each axis goes across, in the body that has it, by metre along it, (2,)."""
+    linkage = robot.linkage
+    found: dict[Slot, Array] = {}
+    for slot in slots(linkage):
+        tilt = robot.tilts.get(slot.hinge, np.zeros(2))
+        found[slot] = np.array([tilt[1], -tilt[0]])
+    turns = _swept_turns(robot)
+    for hinge in linkage.hinges:
+        if hinge.closure:
+            line = _pin_line(turns[hinge.body_a], turns[hinge.body_b])
+            found[Slot(hinge.name, hinge.body_a)] = line[:2]
+            found[Slot(hinge.name, hinge.body_b)] = line[2:]
+    return found
+
+
+def _swept_turns(robot: Robot) -> dict[str, Array]:
+    """Return how bodies turn over a sweep, from their drawn home, in the plane's axes (n, 3, 3)."""
+    linkage, mechanism = robot.linkage, mechanism_of(robot)
+    at = body_poses(linkage, mechanism, closed_coordinates(mechanism, swept(linkage, mechanism)))
+    found: dict[str, Array] = {}
+    for body, frame in linkage.bodies.items():
+        home = linkage.frames[frame][:3, :3].T
+        found[body] = linkage.plane.T @ at[body][..., :3, :3] @ home @ linkage.plane
+    return found
+
+
+def _pin_line(a: Array, b: Array) -> Array:
+    """Return the line on which a pin may sit with the same motion: across a, across b, (4,).
+
+    A pin goes up by 1 along the axis of its side b, and slides along that of its side a. Its places
+    on both move across, by v_a and v_b, so that both see it at one place again at every turn. Of
+    parallelograms that are tilted a little, there are such; of others, those that come nearest.
+    """
+    left = np.concatenate([a[:, :2, :2], -b[:, :2, :2]], axis=2).reshape(-1, 4)
+    right = (b[:, :2, 2] - a[:, :2, 2]).ravel()
+    return np.asarray(np.linalg.lstsq(left, right, rcond=1e-6)[0], dtype=np.float64)

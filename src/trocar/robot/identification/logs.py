@@ -1,0 +1,384 @@
+"""Logs of joint positions, velocities and efforts, and their zero-phase filters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from trocar.descriptions import ArmDescription
+from trocar.descriptions.overlay_records import FilterSettings
+from trocar.errors import InputError, LogError
+from trocar.recording import is_recording, open_recording
+from trocar.recording.bags import is_bag
+from trocar.robot.identification.rigid_body import JointMotion
+from trocar.robot.logs import (
+    MOTOR_SIDE,
+    Wrist,
+    actuators_of_recording,
+    check_rows,
+    read_bag,
+    read_log,
+    recorded_joints,
+)
+
+Array = NDArray[np.float64]
+
+#: A log must be longer [s]. Source: our own choice, 1 s beyond what the filters' ends take.
+SHORTEST_S = 3.0
+#: Samples that are cut at both ends, where filters settle [s]. Source:
+#: dvrk_dynamics_identification, 200 samples at 200 Hz.
+CUT_S = 1.0
+#: Time steps of a log with a time column are even within this ratio. Source: our own choice.
+EVEN = 0.5
+#: Slope of velocities against the derivative of positions. Source: our own choice; recorded
+#: velocities are up to 17 % too large, a wrong unit is a factor of 57 or 1000.
+SLOPES = (0.5, 2.0)
+#: Least correlation of velocities with the derivative of positions. Source: our own choice;
+#: recorded ones correlate by 0.8 or more, swapped columns by chance.
+CORRELATION = 0.6
+#: Largest ratio of samples at the effort limit, and at the largest effort in the log, which a lower
+#: limit of one's own may set. Source: our own choice.
+SATURATED = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """Samples at even times, in the arm's public joints.
+
+    Attributes:
+        file: its path, as given
+        rate_hz: samples a second [Hz]
+        q, qd, effort: (k, n) [rad or m, per s, N m or N]; n joints of `recorded_joints`
+        columns: names of the efforts as they are compared: joints, or motors where the log has them
+        joint_from_column: q = joint_from_column @ column positions, (n, n)
+        simulated: whether velocities have no noise, so that their signs are those of the motion
+    """
+
+    file: str
+    rate_hz: float
+    q: Array
+    qd: Array
+    effort: Array
+    columns: tuple[str, ...]
+    joint_from_column: Array
+    simulated: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredLog:
+    """A filtered log of all joints of an arm; its ends are not cut yet.
+
+    Attributes:
+        log: where it is from
+        settings: of the filters
+        motion: filtered, (k, n_joints); joints that the log lacks rest
+        effort: filtered, in the log's columns, (k, n) [N m or N]
+    """
+
+    log: Log
+    settings: FilterSettings
+    motion: JointMotion
+    effort: Array
+
+    def smooth(self, values: Array) -> Array:
+        """Return predictions, (k, ...), filtered as the efforts are, with the ends cut."""
+        return self.cut(low_pass(values, self.settings.cutoff_hz, self.log.rate_hz, self.settings))
+
+    def cut(self, values: Array) -> Array:
+        """Return samples, (k, ...), without those at both ends."""
+        ends = round(CUT_S * self.log.rate_hz)
+        return values[ends:-ends]
+
+
+def default_filters(arm: ArmDescription) -> FilterSettings:
+    """Return the filters for the logs of an arm.
+
+    Source: identified on recordings of a PSM and an MTM (docs/dynamics.md). The cut-offs are those
+    that the published work used in effect: 5.4 and 1.8 rad/s-as-ratio of 200 Hz. Encoders of a
+    PSM's first two joints see vibration of the structure at 10 to 15 Hz that its efforts do not.
+    """
+    names = arm.mechanism.joint_names
+    if arm.type == "MTM":
+        return FilterSettings(cutoff_hz=5.65, differentiated=names[4:7])
+    second = {names[0]: 5.0, names[1]: 5.0} if arm.type == "PSM" else {}
+    return FilterSettings(cutoff_hz=16.96, acceleration_cutoff_hz=second)
+
+
+def log_kind(path: str | Path) -> Literal["recording", "bag", "table", "rows"]:
+    """Return what a log is: a recording of trocar's own, a bag, or CSV with or without a header."""
+    if is_recording(path):
+        return "recording"
+    if is_bag(path):
+        return "bag"
+    return "rows" if _header(path) is None else "table"
+
+
+def read_motion(
+    path: str | Path,
+    arm: ArmDescription,
+    rate_hz: float = 200.0,
+    wrist: Wrist = "motor",
+    topic: str | None = None,
+) -> Log:
+    """Read a log of one arm.
+
+    Args:
+        path: CSV without a header as `trocar replay` reads it; CSV with the header time,
+            JOINT_position, JOINT_velocity, JOINT_effort (SI units, public joints); a bag; or a
+            recording of trocar's own
+        arm: the recorded arm, with the tool that was mounted
+        rate_hz: of a CSV without a header, and of the samples taken from a bag [Hz]
+        wrist: of a CSV without a header: on which side of the coupling coupled joints were recorded
+        topic: of a bag's joint states
+
+    Raises:
+        LogError: no log of this arm, too short, or columns that cannot be what they are called
+        InputError: the rate
+    """
+    if not rate_hz > 0.0:
+        raise InputError(f"rate: got {rate_hz:g} Hz; allowed: more than 0")
+    file, joints = str(path), recorded_joints(arm)
+    columns, matrix = joints, np.eye(len(joints))
+    kind = log_kind(path)
+    if kind == "recording":
+        rows, rate_hz = _own_rows(file, arm)
+    elif kind == "bag":
+        rows, has_efforts = read_bag(path, arm, rate_hz, topic)
+        if not has_efforts:
+            raise LogError(file, "contains no efforts; allowed: joint states with efforts")
+    elif kind == "table" and (header := _header(path)) is not None:
+        rows, rate_hz = _tidy_rows(path, header, joints)
+    else:
+        rows = np.concatenate(list(read_log(path, arm, wrist)) or [np.zeros((0, 3, len(joints)))])
+        if wrist == "motor" and arm.type in MOTOR_SIDE:
+            which, coupling = actuators_of_recording(arm)
+            matrix[np.ix_(which, which)] = coupling.actuator_to_joint
+            columns = tuple(
+                f"motor_{k + 1}" if k in which else name for k, name in enumerate(joints)
+            )
+    check_rows(file, 1, rows, arm)
+    if len(rows) < SHORTEST_S * rate_hz:
+        raise LogError(
+            file, f"lasts {len(rows) / rate_hz:.3g} s; allowed: {SHORTEST_S:g} s or more"
+        )
+    q, qd, effort = (np.ascontiguousarray(rows[:, k]) for k in range(3))
+    log = Log(file, rate_hz, q, qd, effort, columns, matrix, kind == "recording")
+    _check_columns(log, arm)
+    return log
+
+
+def filtered(log: Log, arm: ArmDescription, settings: FilterSettings) -> FilteredLog:
+    """Filter a log forwards and backwards, and differentiate it.
+
+    Source of the order: dvrk_dynamics_identification filters positions, velocities and efforts
+    alike, and differentiates velocities by central differences of five points.
+
+    Raises:
+        InputError: a cut-off at or above half of the log's rate
+    """
+    for cutoff in (settings.cutoff_hz, *settings.acceleration_cutoff_hz.values()):
+        if not cutoff < 0.5 * log.rate_hz:
+            raise InputError(
+                f"{log.file}: cut-off of {cutoff:g} Hz; allowed: below half of the log's"
+                f" {log.rate_hz:g} Hz"
+            )
+
+    def smooth(values: Array) -> Array:
+        return low_pass(values, settings.cutoff_hz, log.rate_hz, settings)
+
+    names = arm.mechanism.joint_names[: log.q.shape[1]]
+    q, qd = smooth(log.q), smooth(log.qd)
+    qdd = smooth(derivative(log.qd, log.rate_hz))
+    for joint in settings.differentiated:
+        k = names.index(joint)
+        qd[:, k] = derivative(q[:, k], log.rate_hz)
+        qdd[:, k] = derivative(qd[:, k], log.rate_hz)
+    for joint, cutoff in settings.acceleration_cutoff_hz.items():
+        k = names.index(joint)
+        qdd[:, k] = low_pass(qdd[:, k], cutoff, log.rate_hz, settings)
+    resting = len(arm.joints) - len(names)
+    rest = np.tile(arm.poses["home"][len(names) :] if resting else np.zeros(0), (len(q), 1))
+    still = np.zeros((len(q), resting))
+    motion = JointMotion(
+        np.hstack([q, rest]),
+        np.hstack([qd, still]),
+        np.hstack([qdd, still]),
+        np.hstack([log.q, rest]),
+        np.hstack([log.qd, still]) if log.simulated else None,
+    )
+    return FilteredLog(log, settings, motion, smooth(log.effort @ log.joint_from_column))
+
+
+def low_pass(values: Array, cutoff_hz: float, rate_hz: float, settings: FilterSettings) -> Array:
+    """Return values, (k, ...), behind a Butterworth filter run forwards and backwards."""
+    sections = butter(settings.order, cutoff_hz, fs=rate_hz, output="sos")
+    return sosfiltfilt(sections, values, axis=0)
+
+
+def derivative(values: Array, rate_hz: float) -> Array:
+    """Return central differences of five points along the first axis, of two at the ends."""
+    found = np.gradient(values, 1.0 / rate_hz, axis=0)
+    ahead, further = values[3:-1] - values[1:-3], values[4:] - values[:-4]
+    found[2:-2] = (8.0 * ahead - further) * (rate_hz / 12.0)
+    return found
+
+
+def constant_joints(log: Log, arm: ArmDescription) -> tuple[str, ...]:
+    """Return the joints that do not move: by less than a thousandth of their range."""
+    count = log.q.shape[1]
+    span = (arm.mechanism.upper - arm.mechanism.lower)[:count]
+    still = np.ptp(log.q, axis=0) < 1e-3 * span
+    return tuple(name for name, s in zip(arm.mechanism.joint_names, still, strict=False) if s)
+
+
+def _own_rows(file: str, arm: ArmDescription) -> tuple[Array, float]:
+    """Return the rows of a recording of trocar's own, (k, 3, n), and their rate [Hz].
+
+    An effort acts during the step that ends at its row: efforts are means of the steps before and
+    after. Half a step of delay would take inertia times jerk for 9 % of a yaw's viscous friction.
+    """
+    recorded = open_recording(file)
+    joints = recorded_joints(arm)
+    known = [recorded.columns(name) for name in recorded.arms]
+    fitting = [c for c in known if c is not None and set(joints) <= set(c.joints)]
+    if len(fitting) != 1:
+        raise LogError(
+            file,
+            f"contains {len(fitting)} arms with the joints of {arm.name}"
+            f" ({', '.join(recorded.arms)}); allowed: one",
+        )
+    every = max(1, round(0.005 / recorded.timestep))
+    states = recorded.states(fitting[0])
+    order = [list(fitting[0].joints).index(name) for name in joints]
+    effort = 0.5 * (states.effort + np.concatenate([states.effort[1:], states.effort[-1:]]))
+    rows = np.stack([states.position, states.velocity, effort], axis=1)
+    return rows[::every, :, order], 1.0 / (every * recorded.timestep)
+
+
+def _header(path: str | Path) -> list[str] | None:
+    """Return the names in a CSV file's first row, None if it has numbers."""
+    where = Path(path).expanduser()
+    if not where.is_file():
+        return None
+    with where.open("rb") as stream:
+        head = stream.read(1 << 14)
+    if head.startswith(b"\x1f\x8b"):
+        return None
+    first = head.splitlines()[0].decode("utf-8-sig", "replace") if head else ""
+    names = [name.strip() for name in first.split(",")]
+    return names if any(name == "time" or name.endswith("_position") for name in names) else None
+
+
+def _tidy_rows(path: str | Path, header: list[str], joints: tuple[str, ...]) -> tuple[Array, float]:
+    """Return the rows of a CSV file with a header, (k, 3, n), and their rate [Hz]."""
+    file = str(path)
+    needed = ["time", *(f"{j}_{what}" for what in ("position", "effort") for j in joints)]
+    lacking = [name for name in needed if name not in header]
+    if lacking:
+        raise LogError(
+            file,
+            f"lacks columns {', '.join(lacking)}; allowed: time, JOINT_position, JOINT_velocity"
+            f" (optional) and JOINT_effort of {', '.join(joints)}",
+            1,
+        )
+    rows: list[list[float]] = []
+    with Path(path).expanduser().open(encoding="utf-8-sig", errors="replace") as stream:
+        next(stream)
+        for number, line in enumerate(stream, 2):
+            fields = line.strip().split(",")
+            try:
+                values = [float(field) for field in fields]
+            except ValueError:
+                values = []
+            if len(values) != len(header) or not np.isfinite(values).all():
+                raise LogError(file, f"got {','.join(fields)[:60]!r}; allowed: finite numbers in"
+                    f" {len(header)} columns", number)  # fmt: skip
+            rows.append(values)
+    if len(rows) < 2:
+        raise LogError(file, f"got {len(rows)} samples; allowed: 2 or more")
+    table = np.array(rows)
+    time = table[:, header.index("time")]
+    steps = np.diff(time)
+    usual = float(np.median(steps))
+    bad = np.flatnonzero(~(np.abs(steps - usual) <= EVEN * usual))
+    if not usual > 0.0 or len(bad):
+        at = int(bad[0]) if len(bad) else 0
+        raise LogError(
+            file,
+            f"time: a step of {steps[at]:.4g} s where the usual one is {usual:.4g} s; allowed: even"
+            f" steps, within {EVEN:.0%}",
+            at + 3,
+        )
+    even = np.linspace(time[0], time[-1], len(time))
+    rate = (len(time) - 1) / (time[-1] - time[0])
+
+    def quantity(what: str) -> Array:
+        columns = [table[:, header.index(f"{joint}_{what}")] for joint in joints]
+        return np.stack([np.interp(even, time, column) for column in columns], axis=1)
+
+    q = quantity("position")
+    has_velocity = all(f"{joint}_velocity" in header for joint in joints)
+    qd = quantity("velocity") if has_velocity else derivative(q, rate)
+    return np.stack([q, qd, quantity("effort")], axis=1), rate
+
+
+def _check_columns(log: Log, arm: ArmDescription) -> None:
+    """Reject columns whose units, signs or order cannot be right.
+
+    Raises:
+        LogError: the test that failed, and the joint
+    """
+    names = arm.mechanism.joint_names
+    if not np.abs(log.effort).max() > 0.0:
+        raise LogError(log.file, "efforts are zero throughout; allowed: recorded efforts")
+    moved = derivative(log.q, log.rate_hz)
+    for k, name in enumerate(names[: log.q.shape[1]]):
+        if name in constant_joints(log, arm):
+            continue
+        size = float(moved[:, k] @ moved[:, k])
+        slope = float(log.qd[:, k] @ moved[:, k]) / size
+        speed = np.linalg.norm(log.qd[:, k])
+        similar = slope * np.sqrt(size) / speed if speed > 0.0 else 0.0
+        if abs(similar) < CORRELATION:
+            raise LogError(
+                log.file,
+                f"velocities: {name}: correlate by {similar:.2f} with the derivative of the"
+                f" positions; allowed: {CORRELATION} or more (are columns swapped, or is the rate"
+                f" not {log.rate_hz:g} Hz?)",
+            )
+        if not SLOPES[0] <= slope <= SLOPES[1]:
+            raise LogError(
+                log.file,
+                f"velocities: {name}: {slope:.3g} times the derivative of the positions; allowed:"
+                f" {SLOPES[0]} to {SLOPES[1]} (unit, sign, or a rate that is not"
+                f" {log.rate_hz:g} Hz?)",
+            )
+        limit = arm.joints[k].effort_max
+        at_limit = float(np.mean(np.abs(log.effort[:, k]) >= 0.999 * limit))
+        if at_limit > SATURATED:
+            raise LogError(
+                log.file,
+                f"efforts: {name}: {at_limit:.0%} of the samples are at or above the limit of"
+                f" {limit:g}; allowed: {SATURATED:.0%} (saturated, or another unit?)",
+            )
+        peak = float(np.abs(log.effort[:, k]).max())
+        clipped = float(np.mean(np.abs(log.effort[:, k]) == peak))
+        if peak > 0.0 and clipped > SATURATED:
+            raise LogError(
+                log.file,
+                f"efforts: {name}: {clipped:.0%} of the samples are {peak:g} in magnitude, the"
+                f" largest of all; allowed: {SATURATED:.0%} (saturated?)",
+            )
+    power = log.effort * log.qd
+    work, exchanged = float(power.sum()), float(np.abs(power).sum())
+    if work < -0.1 * exchanged:
+        raise LogError(
+            log.file,
+            f"efforts: the motors take up {-work / log.rate_hz:.3g} J, but friction dissipates;"
+            " allowed: efforts that drive the joints in their positive directions (sign?)",
+        )

@@ -1,0 +1,158 @@
+"""Run the paper's experiments on the simulation, each figure beside the paper's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from trocar.descriptions import load_arm
+from trocar.descriptions.overlay import apply_overlay, read_overlay
+from trocar.errors import InputError
+from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.formats import formats
+from trocar.robot.verification.linkage import axes, closure
+from trocar.robot.verification.rcm import beside_hardware, has_remote_centre, rcm
+from trocar.robot.verification.subject import (
+    Drive,
+    Subject,
+    Sweep,
+    measured_ranges,
+    sweep,
+    swept_joints,
+)
+from trocar.robot.verification.tracking import realtime, tracking
+
+#: What can be verified, in display order.
+PARTS = ("closure", "rcm", "axes", "tracking", "realtime", "formats")
+#: The arms of the paper's experiments.
+ARMS = ("psm", "ecm")
+Watch = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """What every part found."""
+
+    parts: tuple[Part, ...]
+
+    @property
+    def missed(self) -> tuple[Figure, ...]:
+        """The figures that left their tolerance."""
+        return tuple(f for part in self.parts for f in part.figures if f.met is False)
+
+    @property
+    def judged(self) -> int:
+        """How many figures have a tolerance."""
+        return sum(f.met is not None for part in self.parts for f in part.figures)
+
+    @property
+    def stated(self) -> int:
+        """How many figures have no tolerance."""
+        return sum(f.met is None for part in self.parts for f in part.figures)
+
+    @property
+    def met(self) -> bool | None:
+        """Whether every figure with a tolerance is within it; None if none has one."""
+        return None if not self.judged else not self.missed
+
+    @property
+    def summary(self) -> str:
+        """The counts as a sentence."""
+        if not self.judged:
+            return f"No figure has a tolerance; {self.stated} are stated without."
+        within = self.judged - len(self.missed)
+        counted = f"{within} of {self.judged} figures with a tolerance are within it"
+        return f"{counted}; {self.stated} more have none." if self.stated else f"{counted}."
+
+
+def verify(
+    arms: Sequence[str | Path] = (),
+    calibrations: Sequence[str | Path] = (),
+    parts: Sequence[str] = PARTS,
+    watch: Watch | None = None,
+) -> Verification:
+    """Verify arms.
+
+    Args:
+        arms: built-in arms or TOML files; when omitted those of the calibrations, or PSM and ECM
+        calibrations: overlays, each laid over the arm that it is of
+        parts: what to verify, of PARTS
+        watch: told what is measured next
+
+    Raises:
+        InputError: no such part or arm, an overlay of another arm, or nothing to verify
+        DivergedError: the simulation left the finite numbers
+    """
+    for part in parts:
+        if part not in PARTS:
+            raise InputError(f"part: got {part!r}; allowed: {', '.join(PARTS)}")
+    subjects = _subjects(arms, calibrations)
+    say = watch or (lambda _: None)
+    found = [each for s in subjects for each in _of_arm(s, parts, say)]
+    if "realtime" in parts:
+        found.append(realtime(say))
+    if not any(part.figures for part in found):
+        whom = ", ".join(s.name for s in subjects)
+        raise InputError(f"verify: nothing of {', '.join(parts)} applies to {whom}")
+    order = {part: index for index, part in enumerate(PARTS)}
+    return Verification(tuple(sorted(found, key=lambda part: order[part.name])))
+
+
+def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) -> list[Subject]:
+    """Load every arm with the overlay that is for it.
+
+    Raises:
+        InputError: an overlay of an arm that is not verified, or two of one arm
+    """
+    overlays = {}
+    for file in calibrations:
+        overlay = read_overlay(file)
+        if overlay.arm in overlays:
+            raise InputError(f"{file}: got a second overlay of {overlay.arm}; allowed: one")
+        overlays[overlay.arm] = (overlay, str(file))
+    subjects: list[Subject] = []
+    for name in map(str, arms or list(overlays) or ARMS):
+        arm, nominal = load_arm(name), None
+        words: tuple[str, ...] = ("--arm", name)
+        if arm.name in overlays:
+            overlay, file = overlays.pop(arm.name)
+            nominal, words = arm, (*words, "--calibration", file)
+            arm = apply_overlay(arm, overlay)
+        subjects.append(Subject(name, arm, words, nominal))
+    for other, (_, file) in overlays.items():
+        known = ", ".join(s.arm.name for s in subjects)
+        raise InputError(f"{file}: got an overlay of {other!r}; allowed: one of {known}")
+    return subjects
+
+
+def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part]:
+    """Run what is of one arm."""
+    sweeps: dict[Drive, Sweep] = {}
+    name, centred = subject.name, has_remote_centre(subject.arm.mechanism)
+
+    def swept(drive: Drive) -> Sweep:
+        if drive not in sweeps:
+            say(f"{name}: a sweep, {'servos' if drive == 'servo' else 'no servo error'}")
+            sweeps[drive] = sweep(subject, drive)
+        return sweeps[drive]
+
+    if "closure" in parts:
+        say(f"{name}: closure")
+        yield closure(subject)
+    if "rcm" in parts:
+        able = centred and subject.simulated
+        ranges = measured_ranges(subject) if able else {}
+        if ranges:
+            say(f"{name}: sweeps over the measured range")
+        again = beside_hardware(subject, ranges) if able else []
+        yield rcm(subject, (swept("set"), swept("servo")) if able else (), again)
+    if "axes" in parts:
+        able = subject.simulated and bool(swept_joints(subject.arm.mechanism))
+        yield axes(subject, swept("servo") if able else None)
+    if "tracking" in parts:
+        say(f"{name}: tracking")
+        yield tracking(subject)
+    if "formats" in parts:
+        say(f"{name}: formats")
+        yield formats(subject)

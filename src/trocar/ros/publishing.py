@@ -1,0 +1,151 @@
+"""Messages from samples: states that are wanted, and every event."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from trocar.errors import TrocarError
+from trocar.ros.clock import Beat, Stamp
+from trocar.ros.sample import Event, Figures, Sample
+from trocar.ros.topic import Content, Message, Topic
+from trocar.simulation.readout import Reader
+from trocar.simulation.records import ArmStatus
+
+_log = logging.getLogger("trocar")
+
+#: Source: dVRK 2.4, system_ROS: tf every 20 ms. [Hz]
+TF_RATE_HZ = 50.0
+#: Operating states are published again this often, for late subscribers. Source: our own choice.
+#: [Hz]
+REPEAT_RATE_HZ = 1.0
+
+Out = list[tuple[Topic, Message]]
+
+
+class Publishing:
+    """Turn samples into messages.
+
+    Args:
+        topics: every topic by name
+        prefixes: {arm: prefix of its topics}
+
+    Attributes:
+        latched: {topic: its last message}, of those that late subscribers get
+    """
+
+    def __init__(self, topics: Mapping[str, Topic], prefixes: Mapping[str, str]) -> None:
+        self._topics, self._prefixes = topics, prefixes
+        self._reader: Reader | None = None
+        self._lock = threading.Lock()
+        self._newest: Sample | None = None
+        self._tf, self._repeat = Beat(TF_RATE_HZ), Beat(REPEAT_RATE_HZ)
+        self._before: frozenset[str] = frozenset()
+        self._contents: dict[str, list[tuple[Topic, Content]]] = {}
+        self._first: dict[str, list[tuple[Topic, Content]]] = {}
+        for topic in topics.values():
+            if topic.content:
+                self._contents.setdefault(topic.arm, []).append((topic, topic.content))
+            if topic.first:
+                self._first.setdefault(topic.arm, []).append((topic, topic.first))
+        self._content: dict[str, Message] = {}
+        self._states: dict[str, tuple[str, bool, bool]] = {}
+        self._statuses: dict[str, ArmStatus] = {}
+        self._complained: set[str] = set()
+        self.latched: dict[str, Message] = {}
+
+    def states(self, sample: Sample, wanted: Iterable[frozenset[str]]) -> list[Out]:
+        """Return what is published every period: for each transport, of the topics it wants."""
+        wanted = list(wanted)
+        every = frozenset[str]().union(*wanted)
+        fresh, self._before = every - self._before, every
+        due = self._tf.due(sample.elapsed) or bool(sample.cameras)
+        self._newest = sample
+        made: dict[str, tuple[Topic, Message]] = {}
+        with self._lock:
+            figures = self._figures(sample)
+            for name in every:
+                topic = self._topics.get(name)
+                if topic is None or topic.make is None:
+                    continue
+                if topic.rate == "tf" and not (due or name in fresh):
+                    continue
+                message = self._made(topic, figures, sample.stamp)
+                if message is not None:
+                    made[name] = topic, message
+            figures.readout.let_go()
+        return [[made[name] for name in names if name in made] for names in wanted]
+
+    def last(self, name: str) -> Message | None:
+        """Return the message that a new subscriber gets at once; from any thread.
+
+        It is the last one of a latched topic, and one of the newest sample of a topic that is
+        published every period: the next sample may be too late for a client that reads at once.
+        """
+        topic, sample = self._topics.get(name), self._newest
+        if topic is None or topic.make is None or sample is None:
+            return self.latched.get(name)
+        with self._lock:
+            figures = self._figures(sample)
+            message = self._made(topic, figures, sample.stamp)
+            figures.readout.let_go()
+        return message
+
+    def events(self, sample: Sample) -> Out:
+        """Return what happened since the last sample, with the latched topics that follow."""
+        out: Out = []
+        for event in sample.events:
+            self._add(out, event, sample.stamp)
+        again = self._repeat.due(sample.elapsed)
+        for name, sampled in sample.arms.items():
+            before, arm = self._prefixes[name], sampled.status
+            now = arm.state, arm.homed, arm.busy
+            if again or self._states.get(before) != now:
+                fields: Message = {"state": arm.state, "is_homed": arm.homed, "is_busy": arm.busy}
+                self._add(out, Event(f"{before}/operating_state", fields), sample.stamp)
+            if self._statuses.get(name) is arm:
+                continue
+            self._statuses[name] = arm
+            for topic, content in self._contents.get(name, ()):
+                fields = content(arm)
+                if fields != self._content.get(topic.name):
+                    self._content[topic.name] = fields
+                    self._add(out, Event(topic.name, fields), sample.stamp)
+            for topic, first in self._first.pop(name, ()):
+                if topic.name not in self.latched:
+                    self._add(out, Event(topic.name, first(arm)), sample.stamp)
+        return out
+
+    def _figures(self, sample: Sample) -> Figures:
+        if self._reader is None or self._reader.model is not sample.world.model:
+            self._reader = Reader(sample.world.model)
+        return Figures(sample, self._reader.read(sample.world))
+
+    def _add(self, out: Out, event: Event, stamp: Stamp) -> None:
+        topic = self._topics.get(event.name)
+        if topic is None:
+            return
+        message: dict[str, Any] = dict(event.fields)
+        if topic.stamped and "header" not in message:
+            own = event.stamp or stamp
+            message = {"header": {"stamp": own, "frame_id": ""}, **message}
+        if topic.key == "operating_state":
+            state = message["state"], message["is_homed"], message["is_busy"]
+            self._states[event.name.removesuffix("/operating_state")] = state
+        if topic.latched:
+            self.latched[event.name] = message
+        out.append((topic, message))
+
+    def _made(self, topic: Topic, figures: Figures, stamp: Stamp) -> Message | None:
+        """Make a message; one that cannot be made is left out, and logged once."""
+        try:
+            return topic.make(figures, stamp) if topic.make else None
+        except (TrocarError, np.linalg.LinAlgError) as problem:
+            if topic.name not in self._complained:
+                self._complained.add(topic.name)
+                _log.warning("cannot publish %s: %s", topic.name, problem)
+            return None

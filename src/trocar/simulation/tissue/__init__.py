@@ -1,0 +1,1 @@
+"""Soft tissue: elastic sheets, their contacts with tools, and their drawings."""

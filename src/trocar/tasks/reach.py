@@ -1,0 +1,123 @@
+"""Tasks of tips and of the endoscope: go somewhere, or look at something."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.scenes import Goal
+from trocar.geometry.se3 import transform
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.tasks.motions import Hand, Motion, together
+from trocar.tasks.task import PERIOD_S, Task
+
+Array = NDArray[np.float64]
+
+#: Share of the distance to its goal that the endoscope goes in a period. Source: our own choice.
+GAIN = 0.1
+#: Step of finite differences [rad, m]. Source: our own choice.
+STEP = 1e-5
+#: Half width of the damped inverse near singular poses [m]. Source: our own choice.
+DAMPING = 1e-3
+
+
+class Reach(Task):
+    """Tips go to places, alone or beside objects."""
+
+    def policy(self) -> Iterator[Array]:
+        """Yield the actions of the scripted policy."""
+        motions: dict[str, Motion] = {}
+        for goal, at in self.goals:
+            if self.world.arms[goal.arm].type == "ECM":
+                motions[goal.arm] = self._creep(goal.arm, at)
+            else:
+                place = at + (self.object_pose(goal.object)[:3, 3] if goal.object else 0.0)
+                facing = self.target(goal.arm)[:3, :3]
+                motions[goal.arm] = Hand(self, goal.arm).go(transform(facing, place))
+        return together(self, **motions)
+
+    def _creep(self, arm: str, at: Array) -> Motion:
+        """Yield joint velocities that bring an endoscope's tip to a place, (3,) [m]."""
+        scope = self.world.arms[arm]
+        while not self.done:
+            error = at - scope.tip_in_world().T[:3, 3]
+            yield self.joint_rates(arm, lambda T: T[:3, 3], error)
+
+    def joint_rates(self, arm: str, value: Callable[[Array], Array], error: Array) -> Array:
+        """Return an endoscope's joint velocities that lessen an error of something about its tip.
+
+        Args:
+            arm: name of the endoscope
+            value: function of the tip's pose in the world, (4, 4), whose error it is
+            error: (k,)
+        """
+        scope, base = self.world.arms[arm], self.world.reference_pose(arm)
+        q, tip = scope.positions(), chain_pose(scope.description.mechanism)
+
+        def at(joints: Array) -> Array:
+            return value(base @ tip(joints))
+
+        here = at(q)
+        J = np.array([(at(q + STEP * row) - here) / STEP for row in np.eye(len(q))]).T
+        J[:, -1] = 0.0  # the picture stays upright
+        damped = J @ J.T + DAMPING**2 * np.eye(len(error))
+        return GAIN / PERIOD_S * J.T @ np.linalg.solve(damped, error)
+
+
+class Track(Reach):
+    """The endoscope looks at places: its optical axis passes within `radius` of each goal."""
+
+    def met(self, goal: Goal, at: Array) -> bool:
+        """Return whether the axis passes near a place that lies ahead."""
+        seen = self.seen(self.world.arms[goal.arm].tip_in_world().T, at)
+        return bool(seen[2] > 0.0 and np.hypot(seen[0], seen[1]) <= goal.radius)
+
+    @staticmethod
+    def seen(T: Array, at: Array) -> Array:
+        """Return a place in the frame of a tip, (3,) [m]."""
+        return T[:3, :3].T @ (at - T[:3, 3])
+
+    def policy(self) -> Iterator[Array]:
+        """Yield the actions of the scripted policy."""
+        ((goal, _),) = self.goals
+        return together(self, **{goal.arm: self._follow(goal.arm)})
+
+    def _follow(self, arm: str) -> Motion:
+        while not self.done:
+            at = self.goals[0][1]
+            here = self.seen(self.world.arms[arm].tip_in_world().T, at)[:2]
+            yield self.joint_rates(arm, lambda T, at=at: self.seen(T, at)[:2], -here)
+
+
+class ActiveTrack(Track):
+    """The endoscope follows a target that circles; it is in the middle 95 % of the time."""
+
+    #: Radius of the circle and time of a turn. Source: our own choice. [m, s]
+    CIRCLE_M, TURN_S = 0.03, 12.0
+    #: Share of the time. Source: our own choice.
+    SHARE = 0.95
+    #: Time to find the target at the beginning. Source: our own choice. [s]
+    FIND_S = 2.0
+
+    def _begin(self) -> None:
+        self._middle = self.goals[0][1]
+        self._looks = self._good = 0
+        super()._begin()
+
+    def look(self) -> None:
+        """Move the target, then note what counts."""
+        goal, _ = self.goals[0]
+        angle = 2.0 * np.pi * self.world.time / self.TURN_S
+        at = self._middle + self.CIRCLE_M * np.array([np.cos(angle), np.sin(angle), 0.0])
+        self.goals = ((goal, at),)
+        if self.world.time > self.FIND_S and not self.done:
+            self._looks += 1
+            self._good += self.met(goal, at)
+        super().look()
+        if self.reason == "done":  # not before the end
+            self.done, self.success, self.reason = False, False, ""
+            self._since = None
+        if self.done and self.reason == "time" and self._good >= self.SHARE * self._looks:
+            self.success, self.reason = True, "done"

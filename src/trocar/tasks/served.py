@@ -1,0 +1,168 @@
+"""A task in a running loop: its count, its scripted policy, and both on a topic and on the page."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import TrocarError
+from trocar.live import Loop
+from trocar.live.images import Overlay
+from trocar.live.inbox import Command
+from trocar.live.state import Elapsed
+from trocar.ros import Component, Core
+from trocar.ros.topic import STRING, Topic, served
+from trocar.tasks.task import EVERY, PERIOD_S, Row, Task
+
+Array = NDArray[np.float64]
+
+TOPIC = "task/state"
+#: A message is sent when anything but the time changed, and this often. Source: our own choice. [s]
+REPORT_S = 1.0
+#: What changes with time alone.
+PASSING = ("time_s", "score")
+
+ROW = Topic(
+    TOPIC,
+    STRING,
+    "pub",
+    latched=True,
+    help="score, time, goals met, drops and end of the scene's episode, as JSON",
+)
+
+
+class ServedTask:
+    """Counts what somebody does in a scene, or lets the scripted policy do it.
+
+    The policy's motion is that of an episode without a loop, to the last bit. When somebody resets
+    the world the episode begins anew.
+
+    Args:
+        task: whose world the loop steps; reset here
+        seed: of the episode
+        scripted: whether the policy of the task drives
+    """
+
+    def __init__(self, task: Task, seed: int, *, scripted: bool) -> None:
+        self.task, self._seed, self._scripted = task, seed, scripted
+        self._core: Core | None = None
+        self._sent: dict[str, Any] = {}
+        self._every = EVERY if scripted else round(PERIOD_S / task.world.timestep)
+        self._substeps = 1
+        self._tools = {name: task.world.arms[name].description.tool for name in task.arms}
+        self._ended = ""
+        self._reset()
+
+    def watch(self, loop: Loop) -> None:
+        """Look on, and drive, while a loop runs."""
+        self._substeps = round(loop.tick_s / self.task.world.timestep)
+        loop.watch(self)
+
+    def component(self) -> Component:
+        """Return what a core serves of it."""
+
+        def begin(core: Core) -> Callable[[], None]:
+            self._core = core
+            return lambda: setattr(self, "_core", None)
+
+        more = self.task.topics.items()
+        rows = [Topic(name, STRING, "pub", depth=1, help=text) for name, text in more]
+        return Component(served([ROW, *rows]), begin)
+
+    @property
+    def overlay(self) -> Overlay | None:
+        """What draws into images of the cameras, None for a scene that draws nothing."""
+        return self.task.overlay
+
+    def note(self) -> str:
+        """Return what the page shows of it, HTML."""
+        state = self._state
+        cards = {
+            "score": f"{state['score']:.0f}",
+            "goals": f"{state['met']} of {state['goals']}",
+            "drops": str(state["drops"]),
+            "time": f"{state['time_s']:.1f} s",
+        }
+        made = "".join(
+            f'<div class="card"><span>{k}</span><b>{v}</b></div>' for k, v in cards.items()
+        )
+        who = "scripted policy" if self._scripted else "you drive"
+        end = f": {state['reason']}" if state["done"] else ""
+        return (
+            f'<div class="note">{self.task.scene.title}<br>{who}{end}</div>'
+            f'<div class="cards">{made}</div>'
+        )
+
+    # ------------------------------------------------------------------ a watcher of the loop
+
+    def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002
+        """Count and drive when it is time for it."""
+        periods = self.task.world.periods
+        again = periods < self._periods
+        if again or not self._ended:
+            self._ended = self._exchanged()
+            try:
+                if again and not self._ended:
+                    self._reset()
+                elif periods > self._periods and periods % self._every == 0 and not self._ended:
+                    self._drive()
+            except TrocarError as problem:  # what others command may leave nothing to count
+                self._ended = str(problem)
+            if self._ended:
+                self._rows.clear()
+                self._state = {**self._state, "done": True, "reason": self._ended}
+        self._periods = self.task.world.periods
+        self._report()
+
+    def _exchanged(self) -> str:
+        """Return why the task cannot go on with the instruments of its arms, "" where it can."""
+        arms = self.task.world.arms
+        off = [name for name, tool in self._tools.items() if arms[name].description.tool != tool]
+        names = ", ".join(off)
+        return f"{names}: not the instrument of the scene; put it on and reset" if off else ""
+
+    def patience(self) -> int:
+        """Return how many ticks there are until then."""
+        left = self._every - self.task.world.periods % self._every
+        return max(1, -(-left // self._substeps))
+
+    def refused(self, command: Command, reason: str) -> None:
+        """Leave it to others."""
+
+    # ------------------------------------------------------------------ inside
+
+    def _reset(self) -> None:
+        self.task.reset(self._seed)
+        self._rows: list[Row] = []
+        self._script: Iterator[Array] = self.task.policy() if self._scripted else iter(())
+        self._periods = self.task.world.periods
+        self._state = self.task.state()
+        if self._scripted:
+            self._drive()
+
+    def _drive(self) -> None:
+        task = self.task
+        if not self._rows:
+            if task.world.periods:
+                task.look()
+            for name, content in task.messages().items():
+                if self._core is not None:
+                    self._core.emit(name, {"data": json.dumps(content)})
+            self._state = task.state()
+            if self._scripted and not task.done:
+                action = next(self._script, None)
+                self._rows = task.setpoints(task.stay() if action is None else action)
+        if self._rows:
+            task.drive(self._rows.pop(0))
+
+    def _report(self) -> None:
+        found, sent = self._state, self._sent
+        same = sent and all(found[key] == sent[key] for key in found if key not in PASSING)
+        if self._core is None or (same and 0.0 <= found["time_s"] - sent["time_s"] < REPORT_S):
+            return
+        self._sent = found
+        self._core.emit(TOPIC, {"data": json.dumps(found)})

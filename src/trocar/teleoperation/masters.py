@@ -1,0 +1,354 @@
+"""Masters: what moves a slave. Simulated MTMs, and handles that a keyboard or a gamepad moves.
+
+Everything is called in the loop's thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import radians
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.errors import SingularError, TrocarError, UnreachableError
+from trocar.geometry.rotations import angle_between, matrix_from_rotation_vector
+from trocar.geometry.se3 import inverse, transform, translation
+from trocar.kinematics.chain_pose import chain_pose
+from trocar.kinematics.inverse import inverse_kinematics
+from trocar.teleoperation.devices import STILL, Drive
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+    from trocar.simulation.arm import Arm
+
+Array = NDArray[np.float64]
+
+#: The goal of an alignment is renewed when the slave turned by more. Source: our own choice (the
+#: dVRK renews it each 10 ms). [rad]
+TURNED = np.deg2rad(0.2)
+#: Pause between moves, by as much as it lacks, of a gimbal that friction stopped beside its goal.
+#: Source: our own choice. [s]
+NUDGE_S = 0.1
+#: It has arrived when it lacks less than this. Source: our own choice. [rad]
+CLOSE = np.deg2rad(0.5)
+#: Largest distance that a joint is commanded beyond its goal. Source: our own choice. [rad]
+BEYOND = np.deg2rad(15.0)
+
+#: A device that sends nothing for this long is lost. Source: our own choice: ten times the pause
+#: between two messages of a page. [s]
+SILENCE_S = 0.5
+#: First position of a virtual handle in the surgeon's frame. Source: our own choice. [m]
+PLACE = (0.0, 0.0, 0.3)
+#: Widest opening of a virtual gripper. Source: as a master's. [rad]
+WIDEST = radians(60.0)
+#: Speed of a dragged picture over a tool's. Source: our own choice.
+CAMERA_PACE = 3.0
+#: Distance of each hand on a picture from the middle. Source: our own choice. [m]
+APART = 0.1
+
+
+class MasterLostError(TrocarError):
+    """A master that reports nothing any longer, or cannot move.
+
+    Attributes:
+        master: its name
+        reason: why it is lost
+    """
+
+    def __init__(self, master: str, reason: str) -> None:
+        self.master, self.reason = master, reason
+        super().__init__(f"{master}: {reason}")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A master at a moment.
+
+    Attributes:
+        T: pose of the handle in the surgeon's frame: x left, y up, z away from the eyes, (4, 4)
+        gripper: its opening, None without one [rad]
+        present: whether a hand is known to be there; else it has to move gripper or roll
+        turning: whether it is being aligned, so that no hand turns it
+    """
+
+    T: Array
+    gripper: float | None = None
+    present: bool = False
+    turning: bool = False
+
+
+class Master:
+    """Base of all masters: one that is always ready and has nothing to align or to hold.
+
+    Attributes:
+        name: "MTMR", ...
+    """
+
+    name: str
+    #: Whether a hand feels what `exert` sets.
+    exerts = False
+
+    def objection(self, world: World) -> str:  # noqa: ARG002
+        """Return why it cannot be used, "" when it can."""
+        return ""
+
+    def prepare(self, world: World) -> None:
+        """Ask it to become usable; that may take a while."""
+
+    def read(self, world: World) -> Reading:
+        """Return where it is.
+
+        Raises:
+            MasterLostError: it reports nothing any longer
+        """
+        raise NotImplementedError
+
+    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
+        """Turn towards an orientation (3, 3) in place; return what prevents that, or ""."""
+        return ""
+
+    def match_gripper(self, opening: float) -> None:
+        """Take the opening that fits the jaw's [rad], if no fingers hold the gripper."""
+
+    def step_back(self) -> None:
+        """Return to the reading before, if no hand holds the handle: the slave cannot follow."""
+
+    def release(self, world: World, *, locked: bool) -> None:
+        """Let the hand move it freely; locked: all but its orientation."""
+
+    def exert(self, world: World, force: Array) -> None:
+        """Exert a force on the hand, in axes of the handle, (3,) [N], until the next or `release`.
+
+        Call only while the master is released.
+        """
+
+    def hold(self, world: World) -> None:
+        """Stay where it is."""
+
+
+def arm_objection(arm: Arm) -> str:
+    """Return why an arm cannot be used, "" when it can."""
+    state = arm.operating_state()
+    if state.state != "ENABLED":
+        return f'{arm.name} is not in state "ENABLED" but "{state.state}"'
+    return "" if state.is_homed else f"{arm.name} is not homed"
+
+
+def prepare_arm(arm: Arm) -> None:
+    """Enable and home an arm where it needs that; homing takes a while."""
+    state = arm.operating_state()
+    if state.state == "PAUSED":
+        arm.resume()
+    elif state.state != "ENABLED":
+        arm.enable()
+    if not state.is_homed and not state.is_busy:
+        arm.home()
+
+
+class ArmMaster(Master):
+    """A simulated MTM of the rig.
+
+    Args:
+        name: of the arm
+    """
+
+    exerts = True
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._exerting = False
+        self._base: Array | None = None
+        self._requested: Array | None = None
+        self._goal = self._extra = np.zeros(0)
+        self._place: Array | None = None
+        self._nudged = 0.0
+
+    def objection(self, world: World) -> str:
+        """Return why the arm cannot be used, "" when it can."""
+        return arm_objection(world.arm(self.name))
+
+    def prepare(self, world: World) -> None:
+        """Enable and home the arm where it needs it."""
+        self._base = self._requested = self._place = None
+        prepare_arm(world.arm(self.name))
+
+    def read(self, world: World) -> Reading:
+        """Return where the handle is measured, and its gripper."""
+        arm = world.arm(self.name)
+        if self._base is None:
+            self._base = arm.base_frame()[0]
+        q = arm.readings()[0]
+        opening = float(q[-1]) if arm.description.has_gripper else None
+        T = self._base @ chain_pose(arm.description.mechanism)(q)
+        return Reading(T, opening, turning=arm.busy)
+
+    def align(self, world: World, R: Array) -> str:
+        """Turn the gimbal; the handle stays in its place."""
+        arm, here = world.arm(self.name), self.read(world).T
+        if self._requested is None or angle_between(self._requested, R) > TURNED:
+            return self._begin(arm, here, R)
+        if not arm.busy and world.time - self._nudged > NUDGE_S:
+            self._nudged = world.time
+            if angle_between(here[:3, :3], R) >= CLOSE:
+                own = slice(0, len(self._goal))
+                lacks = self._goal - arm.readings()[0][own]
+                self._extra = np.clip(self._extra + lacks, -BEYOND, BEYOND)
+                arm.move_jp(np.clip(self._goal + self._extra, arm.lower[own], arm.upper[own]))
+        return ""
+
+    def release(self, world: World, *, locked: bool) -> None:
+        """Exert only the links' weight; locked: the gimbal holds its orientation.
+
+        The dVRK commands a wrench of zero in both cases. `free` is that without the platform's
+        null space, which has no hand to give way to here, at a tenth of the cost.
+        """
+        arm = world.arm(self.name)
+        self._requested = self._place = None
+        self._exerting = False
+        arm.use_gravity_compensation(True)
+        if locked:
+            arm.servo_cf(np.zeros(6))
+            arm.lock_orientation()
+        else:
+            arm.free()
+
+    def exert(self, world: World, force: Array) -> None:
+        """Exert a force on the hand, in axes of the handle, (3,) [N]."""
+        arm = world.arm(self.name)
+        if not self._exerting:
+            self._exerting = True
+            arm.set_cf_orientation_absolute(False)  # a client may have switched it
+        arm.servo_cf([*force, 0.0, 0.0, 0.0])
+
+    def hold(self, world: World) -> None:
+        """Stay where it is."""
+        self._requested = self._place = None
+        if not self.objection(world):
+            world.arm(self.name).hold()
+
+    def _begin(self, arm: Arm, here: Array, R: Array) -> str:
+        """Move to the joint positions with the orientation that are nearest to those now."""
+        mechanism = arm.description.mechanism
+        if self._place is None:
+            self._place = here[:3, 3].copy()
+        base = self._base if self._base is not None else np.eye(4)
+        goal = inverse(base) @ transform(R, self._place)
+        try:
+            found = inverse_kinematics(mechanism, "gimbal_arm", goal, arm.readings()[0][:7])
+        except (UnreachableError, SingularError) as problem:
+            return str(problem)
+        self._goal = found[0]
+        self._requested, self._extra = R.copy(), np.zeros(len(self._goal))
+        arm.move_jp(self._goal)
+        return ""
+
+
+class VirtualMaster(Master):
+    """A handle in the air, moved at the speeds of a keyboard, a gamepad or a SpaceMouse.
+
+    Args:
+        name: of the device: "KEYBOARD"
+        now: wall time [s]
+        scale: factor of all its speeds
+
+    Attributes:
+        name, scale: as given
+        drive: the commanded speeds
+    """
+
+    def __init__(self, name: str, now: Callable[[], float], scale: float = 1.0) -> None:
+        self.name, self._now, self.scale = name, now, scale
+        self.drive = STILL
+        self._received: float | None = None
+        self._T = self._before = translation(PLACE)
+        self._gripper = WIDEST
+        self._read_at = -1.0
+
+    @property
+    def alive(self) -> bool:
+        """Whether the device sent something a moment ago."""
+        return self._received is not None and self._now() - self._received <= SILENCE_S
+
+    def receive(self, drive: Drive) -> None:
+        """Take what the device sends."""
+        self.drive, self._received = drive, self._now()
+
+    def put_aside(self) -> None:
+        """Stop, and expect no messages from the device."""
+        self.drive, self._received = STILL, None
+
+    def objection(self, world: World) -> str:  # noqa: ARG002
+        """Return why it cannot be used: the device sends nothing."""
+        return "" if self.alive else f"{self.name} sends nothing"
+
+    def prepare(self, world: World) -> None:
+        """Begin in the middle."""
+        self._T = transform(self._T[:3, :3], PLACE)
+        self._read_at = world.time
+
+    def read(self, world: World) -> Reading:
+        """Move on by the time since the last call, and return where it is.
+
+        Raises:
+            MasterLostError: the device has sent nothing for a while
+        """
+        if self._received is not None and not self.alive:
+            self.put_aside()
+            raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
+        period = self.scale * (world.time - self._read_at)
+        self._read_at = world.time
+        if period > 0.0:
+            drive, pace = self.drive, CAMERA_PACE if self.drive.camera else 1.0
+            turn = matrix_from_rotation_vector(pace * period * drive.angular)
+            place = self._T[:3, 3] + pace * period * drive.linear
+            self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
+            self.match_gripper(self._gripper + period * drive.opening)
+        return Reading(self._T, self._gripper, present=True)
+
+    def align(self, world: World, R: Array) -> str:  # noqa: ARG002
+        """Turn at once: nothing is in the way."""
+        self._T = transform(R, self._T[:3, 3])
+        return ""
+
+    def match_gripper(self, opening: float) -> None:
+        """Take the opening that fits the jaw's [rad]."""
+        self._gripper = min(max(opening, 0.0), WIDEST)
+
+    def step_back(self) -> None:
+        """Go back to the reading before."""
+        self._T = self._before
+
+
+class HandOf(Master):
+    """One of two hands that a virtual master has on the picture.
+
+    Args:
+        master: moves both
+        left: whether it is the left one
+    """
+
+    def __init__(self, master: VirtualMaster, *, left: bool) -> None:
+        self.name = f"{master.name}_{'LEFT' if left else 'RIGHT'}"
+        self._master = master
+        self._offset = np.array([APART if left else -APART, 0.0, 0.0])
+
+    def objection(self, world: World) -> str:
+        """Return why the master cannot be used."""
+        return self._master.objection(world)
+
+    def prepare(self, world: World) -> None:
+        """Begin anew, upright."""
+        self._master.prepare(world)
+        self._master.align(world, np.eye(3))
+
+    def read(self, world: World) -> Reading:
+        """Return where the hand is.
+
+        Raises:
+            MasterLostError: as the master does
+        """
+        T = self._master.read(world).T
+        return Reading(transform(T[:3, :3], T[:3, 3] + T[:3, :3] @ self._offset), present=True)

@@ -1,0 +1,272 @@
+"""One master that moves an instrument: MTM -> PSM."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trocar.descriptions.teleop_records import TeleopDescription
+from trocar.geometry.rotations import angle_between
+from trocar.geometry.se3 import transform
+from trocar.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent
+from trocar.teleoperation.masters import Master, Reading
+from trocar.teleoperation.slave import Slave, base_in_view
+from trocar.teleoperation.virtual_fixtures import Fixtures
+
+if TYPE_CHECKING:
+    from trocar.simulation import World
+
+Array = NDArray[np.float64]
+
+#: Time between two alignments of the master. Source: our own choice (the dVRK: 10 ms). [s]
+ALIGN_S = 0.05
+#: Gripper and jaw have met. Source: SAW mtsIntuitiveResearchKit.h, ToleranceBackFromClutch. [rad]
+MET = math.radians(2.0)
+#: The jaw's opening at the gripper's widest. Source: facts of the dVRK: 60 deg of both. [rad]
+WIDE = math.radians(60.0)
+
+
+@dataclass
+class JawFollower:
+    """Let the jaw follow the gripper, slowly until they have met.
+
+    A ghost of the gripper goes after it, beginning where the jaw is.
+    Source: SAW mtsTeleOperationPSM.cpp, RunEnabled.
+
+    Args:
+        description: openings and speeds
+        lower, upper: limits of the jaw [rad]
+        jaw: the jaw's set-point [rad]
+    """
+
+    description: TeleopDescription
+    lower: float
+    upper: float
+    jaw: float
+
+    def __post_init__(self) -> None:
+        """Begin at the jaw."""
+        self.ghost = self._gripper(self.jaw)
+        self._met = False
+
+    def follow(self, gripper: float, period_s: float) -> float:
+        """Return the jaw's opening after a period [rad]."""
+        self._met = self._met or abs(gripper - self.ghost) < MET
+        rates = self.description.jaw_rate, self.description.jaw_rate_after_clutch
+        most = rates[0 if self._met else 1] * period_s
+        ghost = self.ghost + min(max(gripper - self.ghost, -most), most)
+        opening = (ghost - self.description.gripper_zero) / self._ratio
+        self.jaw = min(max(opening, self.lower), self.upper)
+        self.ghost = ghost if self.jaw == opening else self._gripper(self.jaw)  # no windup
+        return self.jaw
+
+    @property
+    def _ratio(self) -> float:
+        return (self.description.gripper_max - self.description.gripper_zero) / WIDE
+
+    def _gripper(self, jaw: float) -> float:
+        return self.description.gripper_zero + jaw * self._ratio
+
+
+class HandDetector:
+    """Detect a hand at the master by how far gripper and roll went to and fro.
+
+    Source: SAW mtsTeleOperationPSM.cpp, TransitionAligningMTM.
+
+    Args:
+        gripper, roll: range that is enough; 0 of either: a hand is there at once [rad]
+
+    Attributes:
+        present: whether a hand is there
+    """
+
+    def __init__(self, gripper: float, roll: float) -> None:
+        self._enough = (gripper, roll)
+        self.present = False
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget how far both went."""
+        self._lowest, self._highest = [math.inf] * 2, [-math.inf] * 2
+
+    def update(self, gripper: float | None, offset: Array | None) -> bool:
+        """Return whether a hand is there.
+
+        Args:
+            gripper: its opening, None without one [rad]
+            offset: rotation from the handle to its goal, while that is small, (3, 3)
+        """
+        if min(self._enough) <= 0.0:
+            self.present = True
+        roll = None if offset is None else math.atan2(offset[1, 0], offset[0, 0])
+        for index, value in enumerate((gripper, roll)):
+            if value is None:
+                continue
+            self._lowest[index] = min(self._lowest[index], value)
+            self._highest[index] = max(self._highest[index], value)
+            if self._highest[index] - self._lowest[index] >= self._enough[index]:
+                self.present = True
+        return self.present
+
+
+class PsmTeleoperation(TeleopComponent):
+    """An instrument that does what a hand does, smaller.
+
+    Attributes:
+        rotation_locked, translation_locked: what does not follow
+        align: whether the master turns as the tool is turned, before it moves it
+        offset: rotation from the handle to the tip as the surgeon sees both, (3, 3)
+        fixtures: virtual fixtures of the instrument, None without any
+    """
+
+    def __init__(
+        self, world: World, description: TeleopDescription, masters: Sequence[Master]
+    ) -> None:
+        super().__init__(world, description, masters)
+        self.rotation_locked = description.rotation_locked
+        self.translation_locked = description.translation_locked
+        self.align = description.align
+        self.offset = np.eye(3)
+        self.fixtures: Fixtures | None = None
+        self._T_world_view = np.eye(4)
+        self._hand = HandDetector(description.gripper_threshold, description.roll_threshold)
+        self._after_pause = False
+        self._slave: Slave | None = None
+        self._aligned_at = -np.inf
+        self._reason = ""
+
+    # ------------------------------------------------------------------ commands
+
+    def lock_rotation(self, on: bool) -> None:
+        """Keep the instrument's orientation, or turn it with the hand again."""
+        self.rotation_locked = on
+        self.publish("rotation_locked", on)
+        if self.current == ENABLED:
+            if on:
+                self._engage_anew()
+                self.masters[0].release(self.world, locked=True)
+            else:  # the handle was turned in between
+                self._align_anew()
+
+    def lock_translation(self, on: bool) -> None:
+        """Keep the instrument's place, or move it with the hand again."""
+        self.translation_locked = on
+        self.publish("translation_locked", on)
+        self._engage_anew()
+
+    def set_align(self, on: bool) -> None:
+        """Turn the master as the tool is turned before it moves it, or do not."""
+        self.align = on
+        self.publish("align_mtm", on)
+        if self.current == ENABLED:
+            self._align_anew()
+
+    def goal(self, T: Array) -> Array:
+        """Return the tip's pose for the handle at T, as the surgeon sees both, (4, 4)."""
+        p, R = self._to[:3, 3], self._to[:3, :3]
+        if not self.translation_locked:
+            p = p + self.scale * (T[:3, 3] - self._from[:3, 3])
+        if not self.rotation_locked:
+            R = T[:3, :3] @ self.offset
+        return transform(R, p)
+
+    # ------------------------------------------------------------------ states
+
+    def _align(self, readings: Sequence[Reading]) -> None:
+        reading, master = readings[0], self.masters[0]
+        if self._slave is None or self.world.time - self._aligned_at >= ALIGN_S:
+            self._aligned_at = self.world.time
+            self._slave = self._new_slave()
+            if self.align and not self.clutched:
+                self._reason = master.align(self.world, self._slave.T[:3, :3])
+        if self.desired == ALIGNING:
+            return
+        self.offset = reading.T[:3, :3].T @ self._slave.T[:3, :3]
+        error = float(angle_between(np.eye(3), self.offset)) if self.align else 0.0
+        near = error <= self.description.orientation_tolerance
+        gripper = None if self.description.ignore_jaw else reading.gripper
+        rolled = self.offset if near and not reading.turning else None
+        present = self._hand.update(gripper, rolled) or reading.present
+        if near and present:
+            self._hand.present = True
+            self._enable(readings)
+        elif self._report_due():
+            hint = f"unable to align {master.name}: {np.degrees(error):.1f} deg off"
+            if self._reason:
+                hint += f" ({self._reason})"
+            self.report("warning", "pinch or twist the gripper a bit" if near else hint)
+
+    def _new_slave(self) -> Slave:
+        name = self.description.slave
+        return Slave(self.world, name, base_in_view(self.world, name))
+
+    def _engage(self, readings: Sequence[Reading]) -> None:
+        self._slave = self._new_slave()
+        self._from, self._to = readings[0].T, self._slave.T
+        self.offset = self._from[:3, :3].T @ self._to[:3, :3]
+        self._reason, self._jaw = "", None
+        self._T_world_view = self.world.reference_pose(self._slave.name) @ self._slave.T_base_view
+        arm = self.world.arm(self.description.slave)
+        if not self.description.ignore_jaw and arm.jaw is not None:
+            limits = float(arm.lower[-1]), float(arm.upper[-1])
+            self._jaw = JawFollower(self.description, *limits, float(arm.setpoints()[-1]))
+            self.masters[0].match_gripper(self._jaw.ghost)
+
+    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
+        reading = readings[0]
+        if self._slave is None:
+            return
+        goal = self.goal(reading.T)
+        if self.fixtures is not None:
+            goal = self._guided(self.fixtures, reading, goal)
+        reason = self._slave.follow(goal, period_s)
+        if reason:
+            self.masters[0].step_back()
+            if reason != self._reason or self._report_due():
+                self._reason, self._reported = reason, self.world.time
+                self.report("warning", f"{self.description.slave} cannot follow: {reason}")
+        jaw = self.world.arm(self.description.slave).jaw
+        if self._jaw is not None and jaw is not None and reading.gripper is not None:
+            jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
+
+    def _guided(self, fixtures: Fixtures, reading: Reading, goal: Array) -> Array:
+        """Exert the force of fixtures on the hand; return the goal that their filters leave."""
+        slave, T = self.description.slave, self._T_world_view
+        p = T[:3, :3] @ goal[:3, 3] + T[:3, 3]
+        if fixtures.acts_on(slave, "force"):
+            force = np.zeros(3)
+            if not self.translation_locked:
+                force = T[:3, :3].T @ fixtures.force(slave, p, self.scale)
+            self.masters[0].exert(self.world, reading.T[:3, :3].T @ force)
+        return transform(goal[:3, :3], T[:3, :3].T @ (fixtures.filtered(slave, p) - T[:3, 3]))
+
+    def _release_masters(self, *, clutch: bool) -> None:
+        locked = self.rotation_locked or (clutch and self.align)
+        self.masters[0].release(self.world, locked=locked)
+
+    def _after_clutch(self) -> None:
+        self._after_pause = True  # the hand was there already
+
+    def _enter(self, state: str) -> None:
+        if state == SETTING:
+            self._slave = None
+        if state == ALIGNING:
+            self._aligned_at = -np.inf
+            self._hand.restart()
+            self._hand.present = self._hand.present and self._after_pause
+            self._after_pause = False
+        super()._enter(state)
+
+    def _align_anew(self) -> None:
+        self._stop_following()
+        self._after_pause = True
+        self._enter(SETTING)
+
+    def _engage_anew(self) -> None:
+        if self.following:
+            self._engage(self._read())

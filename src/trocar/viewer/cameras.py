@@ -1,0 +1,143 @@
+"""The window of the rig's cameras: one eye, both, or both as an anaglyph."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Mapping
+from html import escape
+
+import numpy as np
+import viser
+
+from trocar.live.images import Packer, Picture, Pictures, Shot
+from trocar.rendering.frames import anaglyph, side_by_side
+from trocar.viewer.server import when_pressed, when_touched
+
+RATE_HZ = 30.0
+"""Largest rate of pictures on the page. Source: our own choice, as often as the scene."""
+
+SPAN = 30
+"""Pictures over which their rate is measured."""
+
+VISIBLE_S = 0.2
+"""Without a refresh for so long nobody looks at the page, and no picture is drawn [s]."""
+
+WIDTH, GAP = 345, 12
+"""Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
+
+LEFT, RIGHT, BOTH, ANAGLYPH, OFF = "left", "right", "both", "anaglyph", "off"
+
+#: client.js finds the picture beside the button; Escape ends the full screen.
+FULL_SCREEN = """<div class="trocar" style="display:flex;gap:8px;align-items:center">
+<button data-trocar="full-screen" style="font:inherit;padding:2px 9px;border-radius:4px;
+border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full screen</button>
+<span style="opacity:.62" data-trocar="scope">{status}</span></div>"""
+
+
+class CameraWindow:
+    """The window; made and refreshed in viser's thread, given pictures in theirs.
+
+    Args:
+        gui: the page's widgets
+        pictures: draws what the cameras see
+        cameras: {name: how many eyes it has}, the first one shown
+
+    Attributes:
+        image, line: the picture, and the line below it
+    """
+
+    def __init__(self, gui: viser.GuiApi, pictures: Pictures, cameras: Mapping[str, int]) -> None:
+        self._pictures, self._cameras = pictures, dict(cameras)
+        self._packer = Packer()
+        self._camera, self._view = next(iter(cameras)), LEFT
+        self._fresh: bytes | None = None
+        self._awaited = False
+        self._came: deque[float] = deque(maxlen=SPAN)
+        self._due = self._seen = 0.0
+        self._status = ""
+        self._overlaid = pictures.overlay is not None
+        window = gui.add_panel()
+        with window.add_tab("Cameras"):
+            if len(cameras) > 1:
+                choice = gui.add_dropdown("Camera", list(cameras))
+                when_touched(choice, self.choose_camera)
+            both = max(cameras.values()) > 1
+            views = (LEFT, RIGHT, BOTH, ANAGLYPH, OFF) if both else (LEFT, OFF)
+            when_pressed(gui.add_button_group("View", views), self.choose_view)
+            if self._overlaid:
+                when_touched(gui.add_checkbox("Overlays", True), self.choose_overlays)
+            self.image = gui.add_image(np.zeros((480, 640, 3), np.uint8), format="jpeg")
+            self.line = gui.add_html(FULL_SCREEN.format(status=""))
+        window.float(x=GAP, y=-GAP, width=WIDTH)  # the arms stay in sight
+        self.leave = pictures.add(self)
+
+    # ------------------------------------------------------------------ viser's thread
+
+    def show(self, now_s: float) -> None:
+        """Show the newest picture; to be called while the page is open."""
+        self._seen = now_s
+        fresh, self._fresh = self._fresh, None
+        if fresh is not None:
+            self.image._data = fresh  # the handle would pack a picture anew, in this thread
+
+    def show_status(self) -> None:
+        """Write how many pictures come, and what went wrong."""
+        status = self._pictures.failure or self._figures()
+        if status != self._status:
+            self._status = status
+            self.line.content = FULL_SCREEN.format(status=escape(status))
+
+    def _figures(self) -> str:
+        if self._view == OFF:
+            return "off"
+        if len(self._came) < 2:
+            return "no image yet"
+        rate = (len(self._came) - 1) / max(self._came[-1] - self._came[0], 1e-9)
+        dropped = self._pictures.dropped
+        return f"{rate:.0f} a second" + (f", {dropped} dropped" if dropped else "")
+
+    def choose_camera(self, camera: str) -> None:
+        """Show another camera."""
+        self._camera = camera
+        self._came.clear()
+        if self._cameras[camera] == 1 and self._view != OFF:
+            self._view = LEFT
+
+    def choose_view(self, view: str) -> None:
+        """Show another view of the camera."""
+        self._view = view
+        self._came.clear()
+
+    def choose_overlays(self, shown: bool) -> None:
+        """Show pictures with or without overlays."""
+        self._overlaid = shown
+
+    # ------------------------------------------------------------------ other threads
+
+    def wanted(self) -> Collection[str]:
+        """Return the chosen camera, if the page is open and a picture is due."""
+        now = time.perf_counter()
+        if self._view == OFF or now - self._seen > VISIBLE_S or now < self._due:
+            return ()
+        self._due = (self._due if now - self._due < 1.0 / RATE_HZ else now) + 1.0 / RATE_HZ
+        self._awaited = True
+        return (self._camera,)
+
+    def take(self, shot: Shot) -> None:
+        """Keep a picture that the page requested; others belong to other clients."""
+        if shot.camera != self._camera or self._view == OFF or not self._awaited:
+            return
+        self._awaited = False
+        self._fresh = self._composed(shot, self._view)
+        self._came.append(time.perf_counter())
+
+    def _composed(self, shot: Shot, view: str) -> bytes:
+        if self._cameras[shot.camera] == 1 or view in (LEFT, RIGHT):
+            eye = RIGHT if view == RIGHT and self._cameras[shot.camera] > 1 else LEFT
+            if shot.format == self._packer.format:
+                return shot.packed(eye, overlaid=self._overlaid)
+            return self._packer.pack(shot.eye(eye, overlaid=self._overlaid))
+        compose: Callable[[Picture, Picture], Picture] = side_by_side if view == BOTH else anaglyph
+        left, right = (shot.eye(eye, overlaid=self._overlaid) for eye in (LEFT, RIGHT))
+        return self._packer.pack(compose(left, right))

@@ -1,0 +1,123 @@
+"""Values that messages carry are checked before anything is done with them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trocar.geometry.rotations import matrix_from_quaternion
+from trocar.ros import fields
+from trocar.ros.fields import RefusedError
+
+NAMES = ("yaw", "pitch", "insertion")
+
+
+def joints(*position, name=()):
+    return {"name": list(name), "position": list(position)}
+
+
+def test_joints_come_in_the_arms_order_or_in_that_of_their_names():
+    plain = fields.joints(joints(1.0, 2.0, 3.0), "position", NAMES)
+    named = joints(3.0, 1.0, 2.0, name=("insertion", "yaw", "pitch"))
+    np.testing.assert_array_equal(plain, [1.0, 2.0, 3.0])
+    np.testing.assert_array_equal(fields.joints(named, "position", NAMES), plain)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (joints(1.0, 2.0), "got 2 numbers in position; allowed: 3, for yaw, pitch, insertion"),
+        (joints(1.0, np.nan, 2.0), r"position\[1\] nan; allowed: finite"),
+        (joints(1.0, 2.0, np.inf), r"position\[2\] inf; allowed: finite"),
+        (joints(1.0, 2.0, 1e9), "magnitude up to 1e"),
+        (joints(1.0, 2.0, "a"), "allowed: a number"),
+        (joints(1.0, 2.0, True), "allowed: a number"),
+        (joints(1.0, 2.0, 3.0, name=("a", "b", "c")), "allowed: yaw, pitch, insertion, or none"),
+        (joints(1.0, 2.0, 3.0, name=("yaw",)), "got joints"),
+        (joints(1.0, 2.0, 3.0, name=("yaw", "yaw", "pitch")), "got joints"),
+        ({"position": "123"}, "allowed: a list of numbers"),
+        ({"position": np.zeros((3, 3))}, "an array of shape"),
+        ({"position": [0.0] * 1000}, "up to 256"),
+        ({}, "position is missing"),
+        (None, "position is missing"),
+        ({"position": [10**6000] * 3}, "a huge number"),
+    ],
+)
+def test_a_joint_vector_that_cannot_be_used_says_what_is_allowed(message, reason):
+    with pytest.raises(RefusedError, match=reason):
+        fields.joints(message, "position", NAMES)
+
+
+def test_a_quaternion_of_another_length_than_one_is_refused():
+    with pytest.raises(RefusedError, match="of norm 0; allowed: 1"):
+        fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0}, "")
+    with pytest.raises(RefusedError, match=r"of norm 1\.01"):
+        fields.rotation({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.01}, "")
+
+
+@given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4))
+def test_quaternions_are_xyzw(values):
+    length = float(np.linalg.norm(values))
+    if length < 1e-3:
+        return
+    x, y, z, w = (v / length for v in values)
+    R = fields.rotation({"x": x, "y": y, "z": z, "w": w}, "")
+    np.testing.assert_allclose(R, matrix_from_quaternion([w, x, y, z]), atol=1e-12)
+
+
+def test_a_pose_is_metres_and_axes():
+    T = fields.pose(
+        {
+            "pose": {
+                "position": {"x": 1.0, "y": 2.0, "z": 3.0},
+                "orientation": {"x": 0.0, "y": 0.0, "z": np.sqrt(0.5), "w": np.sqrt(0.5)},
+            }
+        },
+        "pose",
+    )
+    np.testing.assert_allclose(T[:3, 3], [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(T[:3, :3] @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("buttons", [[], [3], [-1], [True], ["1"], None, [1.0]])
+def test_a_button_is_released_pressed_or_tapped(buttons):
+    assert [fields.button({"buttons": [k]}) for k in (0, 1, 2)] == [0, 1, 2]
+    with pytest.raises(RefusedError, match="tapped"):
+        fields.button({"buttons": buttons})
+
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.binary(),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(
+                ["position", "name", "pose", "orientation", "x", "w", "header", "stamp", "buttons"]
+            ),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=12,
+)
+
+
+@given(anything)
+def test_whatever_a_message_holds_it_is_used_or_refused(message):
+    for read in (
+        lambda m: fields.joints(m, "position", NAMES),
+        lambda m: fields.joints_or_none(m, "position", NAMES),
+        lambda m: fields.pose(m, "pose"),
+        lambda m: fields.wrench(m, "pose"),
+        lambda m: fields.text(m, "name"),
+        lambda m: fields.flag(m, "x"),
+        lambda m: fields.rotation(m, ""),
+        fields.button,
+        fields.stamp,
+    ):
+        try:
+            read(message)
+        except RefusedError as problem:
+            assert 0 < len(str(problem)) < 1000  # noqa: PT017  an error must not repeat a flood

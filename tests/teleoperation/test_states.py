@@ -1,0 +1,181 @@
+"""States of components, over the topics that clients use: what is asked, told and refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from trocar.live import Loop
+from trocar.ros import Core
+from trocar.ros.transports.memory import MemoryTransport
+from trocar.simulation import World
+from trocar.teleoperation import Teleoperation, component
+
+NAME = "MTMR_PSM1"
+
+
+class Served:
+    """A world with its teleoperation behind a core, in the thread of the test."""
+
+    def __init__(self) -> None:
+        self.world = World("full_cart_mtm", setup_joints="locked")
+        self.loop = Loop(self.world, tick_s=0.001, speed="max")
+        self.engine = Teleoperation(self.loop)
+        self.core = Core(self.loop, components=(component(self.engine),), clock="sim")
+        self.transport = MemoryTransport([*self.names(), "system/warning"])
+        self.core.attach(self.transport)
+        self.core.begin()
+        self.run(0.01)
+
+    def names(self) -> list[str]:
+        return [
+            t for t in self.core.topics if t.startswith(("MTMR_", "MTML_", "console", "footpedals"))
+        ]
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / 0.001)):
+            self.loop.tick()
+        self.core.publish_waiting()
+
+    def send(self, topic: str, **fields: object) -> bool:
+        accepted = self.core.receive(topic, fields)
+        self.run(0.01)
+        return accepted
+
+    def published(self, topic: str) -> list[object]:
+        return [m["data"] for m in self.transport.received.get(topic, [])]
+
+    def follow(self) -> None:
+        """Enable, and let a hand pinch."""
+        assert self.send(f"{NAME}/state_command", string="enable")
+        self.run(1.2)
+        for opening in (0.2, 1.0):
+            self.send("MTMR/gripper/servo_jp", position=[opening])
+            self.run(0.3)
+        assert self.published(f"{NAME}/following")[-1] is True
+
+
+@pytest.fixture(scope="module")
+def served() -> Served:
+    return Served()
+
+
+def test_every_row_of_teleoperation_is_served_where_a_rig_has_masters(served: Served) -> None:
+    rows = [t for name, t in served.core.topics.items() if "teleop" in name or NAME in name]
+    assert len(rows) == 24
+    assert not any(row.later for row in served.core.topics.values())
+    for row in rows:
+        if row.direction == "sub":
+            assert row.read is not None
+
+
+def test_what_stands_is_told_when_it_begins(served: Served) -> None:
+    assert served.published(f"{NAME}/current_state")[0] == "DISABLED"
+    assert served.published(f"{NAME}/scale")[0] == 0.2
+    assert served.published("console/teleop/selected")[:3] == [
+        "MTMR_PSM1", "MTML_PSM2", "MTML_MTMR_ECM",
+    ]  # fmt: skip
+    offset = served.transport.last(f"{NAME}/alignment_offset")["quaternion"]
+    assert np.linalg.norm(list(offset.values())) == pytest.approx(1.0)
+
+
+def test_a_component_goes_through_its_states_and_back() -> None:
+    served = Served()
+    served.follow()
+    assert served.published(f"{NAME}/current_state") == [
+        "DISABLED", "SETTING_ARMS_STATE", "ALIGNING_MTM", "ENABLED",
+    ]  # fmt: skip
+    assert served.send(f"{NAME}/set_scale", data=0.5)
+    assert served.published(f"{NAME}/scale")[-1] == 0.5
+    assert served.send(f"{NAME}/lock_rotation", data=True)
+    assert served.world.arm("MTMR").orientation_locked
+    assert served.send(f"{NAME}/lock_translation", data=True)
+    assert served.transport.last(f"{NAME}/translation_locked")["buttons"] == [1]
+    assert served.send(f"{NAME}/state_command", string="disable")
+    assert served.published(f"{NAME}/following")[-1] is False
+    assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
+
+
+@pytest.mark.parametrize(
+    ("topic", "fields", "says"),
+    [
+        (f"{NAME}/state_command", {"string": "fly"}, "allowed: enable, disable, align_mtm"),
+        (f"{NAME}/set_scale", {"data": 0.0}, "above 0 to 1"),
+        (f"{NAME}/lock_rotation", {"data": 3}, "true or false"),
+        ("console/teleop/select", {"data": "MTMX"}, "allowed: MTMR_PSM1"),
+        ("console/teleop/set_scale", {"data": float("nan")}, "finite"),
+    ],
+)
+def test_what_cannot_be_obeyed_is_refused(
+    served: Served, topic: str, fields: dict[str, object], says: str
+) -> None:
+    served.core.forget_refusals()
+    assert not served.send(topic, **fields)
+    assert says in str(served.published("system/warning")[-1])
+
+
+def test_the_console_enables_what_is_selected_while_an_operator_is_there() -> None:
+    served = Served()
+    states = served.engine.components
+    served.send("console/teleop/enable", data=True)
+    assert served.published("console/teleop/enabled")[-1] is True
+    assert states[NAME].desired == "ALIGNING_MTM"
+    assert states["MTML_MTMR_ECM"].desired == "DISABLED"
+    served.send("console/emulate_operator_present", buttons=[1])
+    assert states[NAME].desired == states["MTML_PSM2"].desired == "ENABLED"
+    served.send("console/emulate_camera", buttons=[1])
+    assert states[NAME].desired == "DISABLED"
+    assert states["MTML_MTMR_ECM"].current == "ENABLED"
+    served.send("console/emulate_camera", buttons=[0])
+    assert states["MTML_MTMR_ECM"].current == "DISABLED"
+    served.send("console/teleop/unselect", data="MTML_PSM2")
+    assert states["MTML_PSM2"].current == "DISABLED"
+    assert states[NAME].desired == "ENABLED"
+    served.send("console/teleop/enable", data=False)
+    assert {one.current for one in states.values()} == {"DISABLED"}
+
+
+def test_an_arm_that_fails_disables_teleoperation_and_it_is_said() -> None:
+    served = Served()
+    served.follow()
+    before = served.world.arm("PSM1").setpoints()
+    served.send("MTMR/state_command", string="disable")
+    assert served.published(f"{NAME}/current_state")[-1] == "DISABLED"
+    assert "MTMR is not in state" in str(served.published(f"{NAME}/error")[-1])
+    served.run(0.1)
+    np.testing.assert_allclose(served.world.arm("PSM1").setpoints(), before, atol=1e-3)
+
+
+def test_arms_without_power_are_enabled_and_homed_first() -> None:
+    served = Served()
+    served.send("PSM1/state_command", string="disable")
+    assert served.send(f"{NAME}/state_command", string="enable")
+    assert served.published(f"{NAME}/current_state")[-1] in ("SETTING_ARMS_STATE", "ALIGNING_MTM")
+    served.run(3.0)
+    assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"
+
+
+def test_a_reset_begins_anew() -> None:
+    served = Served()
+    served.follow()
+    served.send("scene/reset")
+    assert served.published(f"{NAME}/following")[-1] is False
+    served.run(1.5)
+    assert served.published(f"{NAME}/current_state")[-1] == "ALIGNING_MTM"  # until a hand is there
+
+
+def test_pedals_of_the_page_are_published_and_act() -> None:
+    served = Served()
+    pedals = served.engine.pedals
+    assert pedals.names[:4] == ["clutch", "camera", "coag", "bicoag"]
+    for name in pedals.names:
+        pedals.press(name, True)
+        served.run(0.01)
+        assert name in pedals.pressed
+        topic = "console/" if name == "operator_present" else "footpedals/"
+        assert served.transport.last(topic + name)["buttons"] == [1]
+    console = served.engine.console
+    assert console.present and console.camera
+    assert served.engine.components[NAME].clutched
+    served.send("console/emulate_clutch", buttons=[0])
+    assert "clutch" not in pedals.pressed and not served.engine.components[NAME].clutched

@@ -1,0 +1,170 @@
+"""The window of the cameras, without a browser: what it asks for, what it shows, what it says."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.live.fake_renderer import FakeRenderer
+from trocar.live import Loop
+from trocar.live.images import Order, Pictures, Shot
+from trocar.simulation import World
+from trocar.viewer.cameras import ANAGLYPH, BOTH, LEFT, OFF, RIGHT, VISIBLE_S, CameraWindow
+from trocar.viewer.page import Page
+from trocar.viewer.server import LocalServer, run_there, serving
+
+LIGHT, DARK = 220, 40
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[LocalServer]:
+    with serving("127.0.0.1", 0, "test") as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World("full_cart")
+
+
+@pytest.fixture
+def window(server: LocalServer, world: World) -> CameraWindow:
+    pictures = Pictures(Loop(world), FakeRenderer)
+    eyes = {"endoscope": 2, "room": 1}
+    return run_there(server, lambda: CameraWindow(server.gui, pictures, eyes))
+
+
+def shot(window: CameraWindow, camera: str = "endoscope") -> Shot:
+    """A light picture on the left, a dark one on the right."""
+    left = np.full((48, 64, 3), LIGHT, np.uint8)
+    right = np.full((48, 64, 3), DARK, np.uint8) if camera == "endoscope" else None
+    frame = SimpleNamespace(left=left, right=right, calibration=None)
+    nowhere: Any = {camera: None}
+    nothing: Any = None
+    order = Order(None, 0.0, nothing, nowhere, frozenset([camera]))
+    return Shot(camera, order, frame, window._pictures._packer)
+
+
+def shown(server: LocalServer, window: CameraWindow) -> np.ndarray:
+    run_there(server, lambda: window.show(time.perf_counter()))
+    data = window.image._data
+    assert data is not None
+    return np.asarray(Image.open(io.BytesIO(data))).astype(int)
+
+
+@pytest.mark.parametrize(
+    ("view", "size", "red", "blue"),
+    [
+        (LEFT, (64, 48), LIGHT, LIGHT),
+        (RIGHT, (64, 48), DARK, DARK),
+        (ANAGLYPH, (64, 48), LIGHT, DARK),
+        (BOTH, (128, 48), (LIGHT + DARK) / 2, (LIGHT + DARK) / 2),
+    ],
+)
+def test_a_view_shows_the_eyes_that_it_says(
+    view: str,
+    size: tuple[int, int],
+    red: float,
+    blue: float,
+    server: LocalServer,
+    window: CameraWindow,
+) -> None:
+    window.choose_view(view)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("endoscope",)
+    window.take(shot(window))
+    image = shown(server, window)
+    assert image.shape[:2] == size[::-1]
+    assert image[..., 0].mean() == pytest.approx(red, abs=6)
+    assert image[..., 2].mean() == pytest.approx(blue, abs=6)
+
+
+def test_nothing_is_asked_for_unless_somebody_looks(
+    server: LocalServer, window: CameraWindow
+) -> None:
+    assert window.wanted() == ()
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("endoscope",)
+    assert window.wanted() == ()  # 30 a second are enough
+    window.take(shot(window))
+    first, window._fresh = window._fresh, None
+    window.take(shot(window))  # another one's: it is not packed for nobody
+    assert first is not None and window._fresh is None
+    run_there(server, lambda: window.show(time.perf_counter() - 2 * VISIBLE_S))
+    window._due = 0.0
+    assert window.wanted() == ()
+
+
+def test_off_is_off(server: LocalServer, window: CameraWindow) -> None:
+    window.choose_view(OFF)
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ()
+    window.take(shot(window))
+    assert window._fresh is None
+    run_there(server, window.show_status)
+    assert ">off<" in window.line.content
+
+
+def test_another_camera_can_be_looked_through(server: LocalServer, window: CameraWindow) -> None:
+    window.choose_view(BOTH)
+    window.choose_camera("room")
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.wanted() == ("room",)
+    window.take(shot(window))
+    assert window._fresh is None
+    window.take(shot(window, "room"))
+    assert shown(server, window).shape == (48, 64, 3)
+
+
+def test_the_line_says_how_many_come_and_what_went_wrong(
+    server: LocalServer, window: CameraWindow
+) -> None:
+    run_there(server, window.show_status)
+    assert "no image yet" in window.line.content
+    window._came.extend(np.arange(31) / 25.0)
+    window._pictures.dropped = 3
+    run_there(server, window.show_status)
+    assert "25 a second, 3 dropped" in window.line.content
+    window._pictures.failure = "no OpenGL <b>"
+    run_there(server, window.show_status)
+    assert "no OpenGL &lt;b&gt;" in window.line.content
+
+
+def test_the_page_has_the_window_and_shows_what_is_drawn(
+    server: LocalServer, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop = Loop(world, speed="max")
+    pictures = Pictures(loop, FakeRenderer)
+    pictures.start()
+    page = run_there(server, lambda: Page(server, world, loop, pictures))
+    monkeypatch.setattr(server, "get_clients", lambda: {0: None})
+    assert page.cameras is not None
+    before = page.cameras.image._data
+    end = time.monotonic() + 20
+    while page.cameras.image._data is before:
+        assert time.monotonic() < end
+        run_there(server, page.refresh)
+        loop.run(0.02)
+    pictures.close()
+    assert run_there(server, lambda: Page(server, world, loop)).cameras is None
+
+
+def test_overlays_are_shown_until_they_are_switched_off(server: LocalServer, world: World) -> None:
+    pictures = Pictures(Loop(world), FakeRenderer)
+    pictures.overlay = lambda frame, eye: np.full_like((frame.left, frame.right)[eye], 120)
+    window = run_there(server, lambda: CameraWindow(server.gui, pictures, {"endoscope": 2}))
+    window.show(time.perf_counter())
+    for switched, brightness in ((True, 120), (False, LIGHT)):
+        run_there(server, lambda on=switched: window.choose_overlays(on))
+        window._awaited = True
+        one = shot(window)
+        one._overlay = pictures.overlay
+        window.take(one)
+        assert np.abs(shown(server, window) - brightness).max() < 4

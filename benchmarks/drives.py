@@ -22,7 +22,7 @@ from trocar.descriptions.records import DynamicsKind
 from trocar.robot.identification import default_filters, excite, filtered, identify, read_motion
 from trocar.robot.identification.drivetrains import labels
 from trocar.robot.identification.logs import Log
-from trocar.robot.identification.regression import Model, predicted_efforts
+from trocar.robot.identification.regression import EffortModel, predicted_efforts
 from trocar.robot.identification.rigid_body import JointMotion, parameters
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
@@ -173,7 +173,7 @@ def masters() -> list[Figure]:
     return found
 
 
-def _parameters(model: Model, overlay: Overlay) -> Array:
+def _parameters(model: EffortModel, overlay: Overlay) -> Array:
     """Return an overlay's parameters in the order of a model's, 0 where it has none, (p,)."""
     dynamics = cast(Dynamics, overlay.dynamics)
     arm = load_arm("psm", calibration=overlay)

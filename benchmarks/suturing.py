@@ -24,7 +24,7 @@ from trocar.geometry.se3 import transform
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
 from trocar.tasks import run_episode
-from trocar.tasks.suturing.planning import Reach
+from trocar.tasks.suturing.planning import TipWorkspace
 from trocar.tasks.suturing.scene import suturing_scene
 from trocar.tasks.suturing.task import Suturing
 
@@ -241,7 +241,7 @@ def _random_motion(task: Suturing, seed: int) -> Row:
     """Move a jaw at random in tissue; return whether it diverged, and the deepest dent."""
     world, deepest, end = task.world, 0.0, "done"
     tissue, size = task.tissue, task.tissue.tissue
-    reach, arm = Reach(world, "PSM1"), world.arms["PSM1"]
+    reach, arm = TipWorkspace(world, "PSM1"), world.arms["PSM1"]
     rng = np.random.default_rng([seed, 3])
     world.reset(seed)
     turn = rotation_z(rng.uniform(-0.5, 0.5)) @ np.diag([1.0, -1.0, -1.0])

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from trocar.descriptions import load_rig
 from trocar.geometry import inverse, log_transform
-from trocar.robot.calibration.camera_views import Views
+from trocar.robot.calibration.camera_views import BoardViews
 from trocar.robot.calibration.hand_eye import Placed, calibrate_camera
 from trocar.robot.mocap.views import SimulatedViews, ViewSettings, simulate_views
 from trocar.robot.verification.figures import Figure
@@ -66,11 +66,11 @@ def simulated(seed: int, offset_deg: float) -> SimulatedViews:
     return simulate_views(load_rig("two_psm_ecm"), settings)
 
 
-def as_views(made: SimulatedViews) -> Views:
+def as_views(made: SimulatedViews) -> BoardViews:
     """Return what `trocar calibrate-camera` would read of them."""
     rig = load_rig("two_psm_ecm")
     count = len(made.pixels)
-    return Views(
+    return BoardViews(
         file="simulated",
         size=made.calibration.left.size,
         start=None,

@@ -278,6 +278,15 @@ def test_the_witnesses_need_numpy_alone_open_no_file_and_name_no_robot() -> None
     assert not bad, "\n".join(bad)
 
 
+def test_each_class_name_is_defined_once() -> None:
+    found: dict[str, list[str]] = {}
+    for here, source in SOURCES.items():
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, []).append(f"{here}:{node.lineno}")
+    assert not {name: places for name, places in found.items() if len(places) > 1}
+
+
 def test_below_rendering_there_is_no_wall_clock_and_no_network() -> None:
     bad = [
         f"{here}:{found.line}: {found.name}"

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from trocar.formats.exports import FORMATS
-from trocar.formats.exports.task import Format, Task
+from trocar.formats.exports.task import ExportTask, Format
 
 
 @pytest.fixture(autouse=True)
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("lxml", reason="exports need the extra 'export'")
 
-    def write(task: Task) -> tuple[str, ...]:
+    def write(task: ExportTask) -> tuple[str, ...]:
         text = f"{task.options.package or 'no'} package, SDF {task.options.sdf_version}\n"
         (task.folder / "model.txt").write_text(text, encoding="utf-8")
         return ("straight lines",)
@@ -30,7 +30,7 @@ def test_an_export_says_what_it_wrote_and_warns_on_stderr(trocar, tmp_path):
 
 
 def test_meshes_are_counted_and_not_listed(trocar, tmp_path, monkeypatch):
-    def write(task: Task) -> tuple[str, ...]:
+    def write(task: ExportTask) -> tuple[str, ...]:
         for name in ("parts/a.obj", "parts/b.obj", "parts/colours.mtl", "model.txt"):
             (task.folder / name).parent.mkdir(exist_ok=True)
             (task.folder / name).write_text("", encoding="utf-8")

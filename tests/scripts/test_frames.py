@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from trocar.geometry.rotations import matrix_from_quaternion, matrix_from_rpy
-from trocar.scripts.kdl import Equal, Frame, Rotation, Vector, dot
+from trocar.scripts.kdl import Equal, KdlFrame, Rotation, Vector, dot
 
 RNG = np.random.default_rng(5)
 
@@ -17,16 +17,16 @@ def numbers(rotation: Rotation) -> np.ndarray:
     return np.array([[rotation[i, j] for j in range(3)] for i in range(3)])
 
 
-def some_frame() -> Frame:
+def some_frame() -> KdlFrame:
     q = RNG.normal(size=4)
-    return Frame(Rotation.Quaternion(*(q / np.linalg.norm(q))), Vector(*RNG.normal(size=3)))
+    return KdlFrame(Rotation.Quaternion(*(q / np.linalg.norm(q))), Vector(*RNG.normal(size=3)))
 
 
 def test_products_and_inverses_keep_the_laws_of_a_group():
     for _ in range(20):
         a, b, c, v = some_frame(), some_frame(), some_frame(), Vector(*RNG.normal(size=3))
         assert Equal((a * b) * c, a * (b * c), 1e-12)
-        assert Equal(a * a.Inverse(), Frame.Identity(), 1e-12)
+        assert Equal(a * a.Inverse(), KdlFrame.Identity(), 1e-12)
         assert Equal((a * b) * v, a * (b * v), 1e-12)
         assert Equal(a.M.Inverse(a.M * v), v, 1e-12)
         assert Equal((a * b).Inverse(), b.Inverse() * a.Inverse(), 1e-12)
@@ -68,7 +68,7 @@ def test_turning_about_its_own_axis_multiplies_from_the_right(axis: str):
 
 
 def test_what_is_assigned_is_copied_and_what_is_read_is_not():
-    start, goal = some_frame(), Frame()
+    start, goal = some_frame(), KdlFrame()
     goal.p, goal.M = start.p, start.M
     before = Vector(start.p)
     goal.p[0] += 1.0
@@ -76,7 +76,7 @@ def test_what_is_assigned_is_copied_and_what_is_read_is_not():
     assert start.p == before
     assert goal.p[0] == pytest.approx(before[0] + 1.0)
     assert not Equal(goal.M, start.M)
-    copy = Frame(start)
+    copy = KdlFrame(start)
     copy.p.x(9.0)
     assert start.p == before
 
@@ -98,7 +98,7 @@ def test_vectors_add_scale_and_multiply():
 
 
 def test_entries_are_found_by_row_and_column():
-    frame = Frame(Rotation.RotZ(0.1), Vector(4.0, 5.0, 6.0))
+    frame = KdlFrame(Rotation.RotZ(0.1), Vector(4.0, 5.0, 6.0))
     assert [frame[i, 3] for i in range(3)] == [4.0, 5.0, 6.0]
     assert frame[1, 0] == frame.M[1, 0] == pytest.approx(math.sin(0.1))
     frame.M[0, 0] = 0.5
@@ -107,6 +107,6 @@ def test_entries_are_found_by_row_and_column():
 
 def test_what_is_no_frame_is_refused():
     with pytest.raises(TypeError, match="allowed: a Rotation, a Vector"):
-        Frame(3.0)
+        KdlFrame(3.0)
     with pytest.raises(TypeError, match="allowed: none, 9, or 3 vectors"):
         Rotation(1.0, 2.0)

@@ -17,7 +17,7 @@ from trocar.teleoperation.devices import (
     AXES,
     PEDAL_KEYS,
     TABLES,
-    Drive,
+    DeviceCommand,
     from_keys,
     from_pad,
     from_spacemouse,
@@ -66,7 +66,7 @@ class Session:
         assert self.core.receive("teleop/gamepad", {"axes": axes, "buttons": buttons})
         self.run(seconds)
 
-    def drive(self, drive: Drive, seconds: float = 0.4) -> None:
+    def drive(self, drive: DeviceCommand, seconds: float = 0.4) -> None:
         self.device.receive(drive)
         self.run(seconds)
 
@@ -174,7 +174,7 @@ LEFT, DOWN = (-1, 0, 0), (0, -1, 0)
     ],
 )
 def test_arrows_stick_and_cap_turn_the_jaws_their_way_in_the_picture(
-    drive: Drive, way: tuple[int, ...]
+    drive: DeviceCommand, way: tuple[int, ...]
 ) -> None:
     session = Session()
     session.press()
@@ -195,7 +195,7 @@ def test_arrows_stick_and_cap_turn_the_jaws_their_way_in_the_picture(
         (from_spacemouse((0, 0, 0), (0.0, -1.0, 0.0), ()), 1),  # its right edge is pressed
     ],
 )
-def test_rolling_right_is_clockwise_in_the_picture(drive: Drive, clockwise: int) -> None:
+def test_rolling_right_is_clockwise_in_the_picture(drive: DeviceCommand, clockwise: int) -> None:
     session = Session()
     session.press()
     before = session.tip_in_image()[:3, :3]
@@ -395,7 +395,7 @@ def test_a_pad_and_a_spacemouse_move_as_the_tables_say() -> None:
         (from_spacemouse((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), ()), 17, 52),
     ],
 )
-def test_speeds_are_those_of_the_documentation(drive: Drive, mm_s: int, deg_s: int) -> None:
+def test_speeds_are_those_of_the_documentation(drive: DeviceCommand, mm_s: int, deg_s: int) -> None:
     assert round(1e3 * np.linalg.norm(drive.linear)) == mm_s
     assert round(np.degrees(np.linalg.norm(drive.angular))) == deg_s
 

@@ -23,14 +23,14 @@ from trocar.simulation import World
 from trocar.teleoperation import devices, engine_and_components
 from trocar.teleoperation.devices import (
     STILL,
-    Drive,
+    DeviceCommand,
     Poll,
     Source,
     SpaceMouse,
     from_keys,
     from_spacemouse,
 )
-from trocar.teleoperation.motion import Motion, Player
+from trocar.teleoperation.motion import MasterMotion, MotionPlayer
 from trocar.teleoperation.session import Session
 
 REMOTE = """
@@ -76,7 +76,7 @@ def test_a_recorded_motion_carries_the_masters_again(tmp_path: Path) -> None:
     core.begin()
     assert session.engine is not None
     player = session.engine.players[0]
-    assert isinstance(player, Player)
+    assert isinstance(player, MotionPlayer)
     before = loop.world.arm("PSM1").setpoint_cp().T[:3, 3]
     while not player.over:
         assert loop.world.time < 15.0
@@ -96,7 +96,7 @@ def test_a_reset_lets_a_recorded_motion_begin_anew_once_its_master_is_aligned() 
     times = np.linspace(0.0, 1.0, 101)
     joints = np.tile(rest, (len(times), 1))
     joints[:, 0] += 0.1 * np.sin(times)
-    player = Player(bench.engine, Motion(times, {"MTMR": joints}))
+    player = MotionPlayer(bench.engine, MasterMotion(times, {"MTMR": joints}))
     bench.engine.players.append(player)
     bench.console.enable(True)
     bench.console.set_operator_present(True)
@@ -287,9 +287,9 @@ class Pauses(list):
         return len(self) > self._count
 
 
-def polled(source: Source, count: int) -> tuple[list[Drive], Pauses]:
+def polled(source: Source, count: int) -> tuple[list[DeviceCommand], Pauses]:
     """Return what a device says in so many looks, and the pauses before each of them."""
-    heard: list[Drive] = []
+    heard: list[DeviceCommand] = []
     pauses = Pauses(count)
     Poll(source, heard.append, pauses.wait).run()
     return heard, pauses
@@ -298,13 +298,13 @@ def polled(source: Source, count: int) -> tuple[list[Drive], Pauses]:
 class Moody:
     """A device that does in turn as it is told: says something, is not there or cannot be read."""
 
-    def __init__(self, *moods: Drive | OSError | None) -> None:
+    def __init__(self, *moods: DeviceCommand | OSError | None) -> None:
         self.moods, self.opened = list(moods), 0
 
     def open(self) -> None:
         self.opened += 1
 
-    def poll(self) -> Drive | None:
+    def poll(self) -> DeviceCommand | None:
         mood = self.moods.pop(0)
         if isinstance(mood, OSError):
             raise mood

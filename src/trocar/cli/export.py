@@ -46,10 +46,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Export, and print what was written."""
-    from trocar.formats.exports import Options, export, find_rig
+    from trocar.formats.exports import ExportOptions, export, find_rig
 
     rig = find_rig(args.subject, args.tool, args.calibration or ())
-    options = Options(args.package, args.fit_tip, args.sdf_version)
+    options = ExportOptions(args.package, args.fit_tip, args.sdf_version)
     with progress_steps() as watch:
         watch(f"exporting {args.subject} as {args.format}")
         done = export(rig, args.format, args.out, options, overwrite=args.overwrite)

@@ -48,13 +48,13 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.formats.importers import FORMATS, Options, import_file
+    from trocar.formats.importers import FORMATS, ImportOptions, import_file
 
     if Path(args.file).suffix.lower() in FORMATS:
         allow(args, "with URDF, SDF or MJCF", "package_path", "passive")
     else:
         allow(args, "with a mesh", "unit", "mass", "hull")
-    options = Options(
+    options = ImportOptions(
         args.name,
         args.kind,
         args.unit,

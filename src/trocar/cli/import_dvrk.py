@@ -17,7 +17,7 @@ from trocar.cli.arguments import add_json, add_overwrite, options
 from trocar.cli.output import print_json, table, warn
 
 if TYPE_CHECKING:
-    from trocar.robot.dvrk_config import Imported
+    from trocar.robot.dvrk_config import ImportedRig
 
 SUMMARY = "import a lab's dVRK configuration as a rig"
 ORDER = 180
@@ -48,9 +48,9 @@ def _tool(text: str) -> tuple[str, str]:
 
 def run(args: Namespace) -> int:
     """Read, write, print."""
-    from trocar.robot.dvrk_config import Options, import_dvrk
+    from trocar.robot.dvrk_config import RigImportOptions, import_dvrk
 
-    options = Options(
+    options = RigImportOptions(
         tuple(Path(folder) for folder in args.share), tuple(args.tool), args.literal, args.overwrite
     )
     found = import_dvrk(args.system, args.output, options)
@@ -82,7 +82,7 @@ def run(args: Namespace) -> int:
     return 0
 
 
-def _document(found: Imported) -> dict[str, object]:
+def _document(found: ImportedRig) -> dict[str, object]:
     arms = [
         {
             "name": arm.name,

@@ -101,7 +101,13 @@ def _add_cameras(group: _ArgumentGroup) -> None:
 
 def run(args: Namespace) -> int:
     """Simulate, write, and print what was written."""
-    from trocar.robot.mocap import MocapSettings, Noise, check_tracks, simulate_tracks, write_tracks
+    from trocar.robot.mocap import (
+        MarkerNoise,
+        MocapSettings,
+        check_tracks,
+        simulate_tracks,
+        write_tracks,
+    )
 
     settings = MocapSettings(
         motion=args.motion,
@@ -109,7 +115,7 @@ def run(args: Namespace) -> int:
         duration_s=args.duration,
         amplitude=args.amplitude,
         rate_hz=args.rate,
-        noise=Noise(
+        noise=MarkerNoise(
             1e-3 * args.noise_mm,
             math.radians(args.noise_deg),
             args.dropout,

@@ -35,7 +35,13 @@ def run(args: Namespace) -> int:
 
     from trocar.descriptions import load_arm
     from trocar.outputs import whole_folder
-    from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks, write_tracks
+    from trocar.robot.mocap import (
+        MarkerNoise,
+        MocapSettings,
+        perturbed,
+        simulate_tracks,
+        write_tracks,
+    )
     from trocar.robot.mocap.touches import TouchSettings, write_touches
     from trocar.robot.samples import write_samples
 
@@ -45,7 +51,7 @@ def run(args: Namespace) -> int:
         files = write_samples(built)
         watch("writing tracks.csv")
         arm = perturbed(load_arm("psm"), np.random.default_rng(SEED))
-        noise = Noise(NOISE_M, NOISE_RAD)
+        noise = MarkerNoise(NOISE_M, NOISE_RAD)
         settings = MocapSettings(
             motion="kinematic", duration_s=SWEEP_S, rate_hz=RATE_HZ, noise=noise, seed=SEED
         )

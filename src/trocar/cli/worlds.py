@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from argparse import _ActionsContainer, _ArgumentGroup
 
     from trocar.live import Loop
-    from trocar.live.images import Pictures, Renderer
+    from trocar.live.images import ImageRenderer, Pictures
     from trocar.rendering import Look, Series
     from trocar.simulation import World
     from trocar.simulation.records import ShapeRecord
@@ -230,7 +230,7 @@ def open_pictures(loop: Loop, args: Namespace) -> Pictures | None:
     rate = RATE_HZ if args.camera_rate is None else args.camera_rate
     look = look_of(args)
 
-    def renderer() -> Renderer:
+    def renderer() -> ImageRenderer:
         return _series(look, lambda ask: loop.ask(ask).result())
 
     return Pictures(loop, renderer, rate, args.image_format, eyes)

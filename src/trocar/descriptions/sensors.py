@@ -299,7 +299,7 @@ class TwistReading(SensorReading):
 
 
 @dataclass(frozen=True, eq=False)
-class Twist(PlacedSensor):
+class TwistSensor(PlacedSensor):
     """The velocity of a place on a link."""
 
     kind: ClassVar[str] = "twist"
@@ -492,7 +492,7 @@ class Tension(SensorDescription):
 
 # ------------------------------------------------------------------ all of them
 
-_CLASSES = (JointEffort, TipWrench, Contacts, Proximity, Imu, Twist, Tension)
+_CLASSES = (JointEffort, TipWrench, Contacts, Proximity, Imu, TwistSensor, Tension)
 #: {kind: its class}, in the order in which errors list them.
 KINDS = {kind.kind: kind for kind in _CLASSES}
 

@@ -148,12 +148,12 @@ def _read_material(table: Table) -> str:
     return f"color_{colour[1:].lower()}"
 
 
-class _Surface(TypedDict):
+class _RevolvedSurface(TypedDict):
     friction: float | None
     stiffness: float | None
 
 
-def _read_surface(table: Table) -> _Surface:
+def _read_surface(table: Table) -> _RevolvedSurface:
     """Return what a shape gives of its contacts."""
     friction = table.number("friction") if "friction" in table else None
     table.raw("friction")

@@ -127,7 +127,7 @@ def _file_in_memory() -> IO[bytes]:
     return io.BytesIO() if make is None else os.fdopen(make("trocar-picture"), "r+b", buffering=0)
 
 
-class Renderer(Protocol):
+class ImageRenderer(Protocol):
     """Draws; made, used and closed in one thread."""
 
     def render(
@@ -302,7 +302,7 @@ class Pictures:
     def __init__(
         self,
         loop: Loop,
-        open_renderer: Callable[[], Renderer],
+        open_renderer: Callable[[], ImageRenderer],
         rate_hz: float = RATE_HZ,
         format: str = "jpeg",  # noqa: A002  the word of sensor_msgs
         calibrations: Mapping[str, Calibration] | None = None,
@@ -444,7 +444,7 @@ class Pictures:
     # ------------------------------------------------------------------ the drawing thread
 
     def _run(self) -> None:
-        renderer: Renderer | None = None
+        renderer: ImageRenderer | None = None
         let_others_go_first()
         try:
             while (order := self._next()) is not None:
@@ -473,7 +473,7 @@ class Pictures:
             self._schedule.begin()
             return None if self._stopping else order
 
-    def _draw(self, renderer: Renderer, order: Order) -> None:
+    def _draw(self, renderer: ImageRenderer, order: Order) -> None:
         """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
         try:
             for camera in sorted(order.wanted & order.cameras.keys()):

@@ -20,7 +20,7 @@ from trocar.errors import DivergedError, InputError, TrocarError, UnknownNameErr
 from trocar.live.commanders import Commanders
 from trocar.live.inbox import Command, Inbox
 from trocar.live.pace import Clock, Pace, Wakeup, WallClock, nearest_tick, whole_steps
-from trocar.live.state import Elapsed, LoopState, Publisher, Watcher
+from trocar.live.state import Elapsed, LoopState, StatePublisher, Watcher
 from trocar.simulation.journal import WORLD
 from trocar.simulation.rate_limit import RateLimit, burst, suffix
 
@@ -99,7 +99,7 @@ class Loop:
         self._paused = False
         self._refused = 0
         self._ticks = self._stepped = 0
-        self._publisher = Publisher(world, self._clock)
+        self._publisher = StatePublisher(world, self._clock)
         self._watchers: tuple[Watcher, ...] = ()
         self._rate_limit = RateLimit()
         self.commanders = Commanders(self._clock.now)

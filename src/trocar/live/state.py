@@ -88,7 +88,7 @@ class Watcher(Protocol):
         ...
 
 
-class Publisher:
+class StatePublisher:
     """Replace the loop's state for its readers, at a monitor's rate however fast the ticks come.
 
     What nobody reads is not made: to look everywhere takes as long as several ticks.

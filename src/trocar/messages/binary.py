@@ -89,7 +89,7 @@ class Codec:
 
 
 def _encoder(kind: MessageType, wire: Wire) -> Callable[[Message], bytes]:
-    script, label = Writer(wire), f"encoder of {kind.name}"
+    script, label = WriterSource(wire), f"encoder of {kind.name}"
     script.names["PREFIX"] = wire.prefix
     script.add(f"parts = [PREFIX]; put = parts.append; p = {wire.origin}")
     script.message(kind, "m")
@@ -108,7 +108,7 @@ def _encoder(kind: MessageType, wire: Wire) -> Callable[[Message], bytes]:
 
 
 def _decoder(kind: MessageType, wire: Wire) -> Callable[[bytes], Message]:
-    script, label = Reader(wire), f"decoder of {kind.name}"
+    script, label = ReaderSource(wire), f"decoder of {kind.name}"
     script.add(f"p = {wire.origin}")
     value = script.message(kind)
     script.flush()
@@ -325,7 +325,7 @@ class Script:
         return ""
 
 
-class Writer(Script):
+class WriterSource(Script):
     """Collects runs of scalars, and puts what has no fixed size between them."""
 
     def __init__(self, wire: Wire) -> None:
@@ -464,7 +464,7 @@ def check_clock(seconds: int, rest: int) -> None:
     raise WireError(f"got {seconds} s and {rest} ns; allowed: a time in 1970 to 2038")
 
 
-class Reader(Script):
+class ReaderSource(Script):
     """Collects runs of scalars; each field becomes an expression of what was read."""
 
     def __init__(self, wire: Wire) -> None:

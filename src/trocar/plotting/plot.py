@@ -79,7 +79,7 @@ def units_of(kind: str) -> Units:
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """One quantity of a joint over time.
 
     Attributes:
@@ -94,17 +94,19 @@ class Curve:
     held: bool = False
 
 
-def curves_of(states: ArmStates, joint: int) -> tuple[list[Curve], list[Curve], list[Curve]]:
+def curves_of(
+    states: ArmStates, joint: int
+) -> tuple[list[PlotCurve], list[PlotCurve], list[PlotCurve]]:
     """Return the curves of a joint's position, error and effort, in the units of its kind."""
     factors = units_of(states.arm.kinds[joint]).factors
     position, setpoint = states.position[:, joint], states.setpoint[:, joint]
     return (
         [
-            Curve("set-point", SETPOINT, factors[0] * setpoint, held=True),
-            Curve("measured", MEASURED, factors[0] * position),
+            PlotCurve("set-point", SETPOINT, factors[0] * setpoint, held=True),
+            PlotCurve("measured", MEASURED, factors[0] * position),
         ],
-        [Curve("error", ERROR, factors[1] * (setpoint - position))],
-        [Curve("effort", EFFORT, factors[2] * states.effort[:, joint])],
+        [PlotCurve("error", ERROR, factors[1] * (setpoint - position))],
+        [PlotCurve("effort", EFFORT, factors[2] * states.effort[:, joint])],
     )
 
 
@@ -264,7 +266,7 @@ def arm_figure(
     return figure
 
 
-def _draw(axis: Any, time: Array, curve: Curve) -> None:
+def _draw(axis: Any, time: Array, curve: PlotCurve) -> None:
     """Draw a curve: steps of what is held, a mean over a pale range of what is dense."""
     style = {"color": curve.color, "linewidth": 1.1}
     if curve.held:

@@ -33,6 +33,8 @@ YOUNGER = {"movable", "friction", "density", "stiffness", "joint", "bands", "pro
 YOUNGER |= {"errors"}
 #: Fields that name Python files, whose content counts; left out likewise.
 SCRIPTS = {"script", "extension"}
+#: Records that were renamed: the names in the fingerprints of older recordings.
+FIRST_NAMES = {"TwistSensor": "Twist"}
 #: Fields that motion does not depend on: origins, titles, cameras.
 REMARKS = {"file", "source", "title", "calibration", "overlay", "cameras"}
 #: Dynamics are in the bodies, and in overlays, which are kept whole.
@@ -84,7 +86,8 @@ def _pieces(value: object) -> list[bytes]:
     """Return the parts of a value as bytes, in an order that does not depend on the run."""
     if dataclasses.is_dataclass(value):
         fields = [f.name for f in dataclasses.fields(value) if f.name not in REMARKS]
-        found = [type(value).__name__.encode()]
+        name = type(value).__name__
+        found = [FIRST_NAMES.get(name, name).encode()]
         for name in fields:
             part = getattr(value, name)
             if name in YOUNGER | SCRIPTS and part in (None, (), "", "friction+stick"):

@@ -39,7 +39,7 @@ MOVES_BASES = ("set_base_frame", "set_reference_arm", "reset", "load")
 Entries = tuple[tuple[int, Entry], ...]
 
 
-class Sampler:
+class StateSampler:
     """Observes a world: copies its state after every step, and hands on blocks of rows.
 
     Args:
@@ -153,7 +153,7 @@ class Recorder:
         self._queue: queue.SimpleQueue[tuple[Rows, Entries] | Extra | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="trocar-recording", daemon=True)
         self._thread.start()
-        self._sampler = Sampler(world, self._take)
+        self._sampler = StateSampler(world, self._take)
         _recorders[world] = self
         atexit.register(self._stop_at_exit)
 

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.errors import UnknownNameError
-from trocar.rendering.primitives import CELLS, Surface, drawn_surface, joined, levels, surface
+from trocar.rendering.primitives import (
+    CELLS,
+    TriangleSurface,
+    drawn_surface,
+    joined,
+    levels,
+    surface,
+)
 from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 
 Array = NDArray[np.float64]
@@ -148,7 +155,7 @@ def linear(rgb: Sequence[float]) -> Array:
 
 
 def _packed(
-    surfaces: list[list[tuple[float, Surface]]],
+    surfaces: list[list[tuple[float, TriangleSurface]]],
     looks: Sequence[ShapeRecord | Drawing],
     bodies: Ints,
     ids: Ints,

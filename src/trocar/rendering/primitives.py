@@ -28,7 +28,7 @@ CORNER = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class TriangleSurface:
     """Triangles, outside seen anticlockwise.
 
     Attributes:
@@ -42,7 +42,7 @@ class Surface:
     faces: Ints
 
 
-def surface(shape: ShapeRecord) -> Surface:
+def surface(shape: ShapeRecord) -> TriangleSurface:
     """Return a shape's surface in the frame of the body that carries it.
 
     Raises:
@@ -50,10 +50,10 @@ def surface(shape: ShapeRecord) -> Surface:
     """
     own = _own_surface(shape)
     turn, shift = shape.pose[:3, :3], shape.pose[:3, 3]
-    return Surface(own.points @ turn.T + shift, own.normals @ turn.T, own.faces)
+    return TriangleSurface(own.points @ turn.T + shift, own.normals @ turn.T, own.faces)
 
 
-def drawn_surface(drawing: Drawing) -> Surface:
+def drawn_surface(drawing: Drawing) -> TriangleSurface:
     """Return the surface of a drawing, in the world.
 
     Raises:
@@ -69,31 +69,31 @@ def drawn_surface(drawing: Drawing) -> Surface:
         faces = faces.astype(np.int64)
         if drawing.rest is not None:
             check_numbers(drawing.rest, points.shape, f"{where}: rest [m]")
-        return Surface(points, vertex_normals(points, faces), faces)
+        return TriangleSurface(points, vertex_normals(points, faces), faces)
     points = check_numbers(drawing.points, (-1, 3), f"{where}: points [m]")
     if len(points) < 2:
         raise InputError(f"{where}: points [m]: got one; allowed: two or more")
     check_numbers(drawing.radius, (), f"{where}: radius [m]", 1e-6, 1.0)
-    return Surface(*tube(points, drawing.radius))
+    return TriangleSurface(*tube(points, drawing.radius))
 
 
-def joined(parts: list[Surface]) -> Surface:
+def joined(parts: list[TriangleSurface]) -> TriangleSurface:
     """Return many surfaces as one."""
     starts = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
-    return Surface(
+    return TriangleSurface(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.normals for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
     )
 
 
-def _own_surface(shape: ShapeRecord) -> Surface:
+def _own_surface(shape: ShapeRecord) -> TriangleSurface:
     size = np.asarray(shape.size, dtype=np.float64)
     if shape.triangles is not None:
         points, faces = shape.triangles
         if shape.normals is None:
             return _faceted(points[faces])
-        return Surface(points, shape.normals, faces)
+        return TriangleSurface(points, shape.normals, faces)
     if shape.kind == "box":
         return _rounded_box(size, shape.rounding) if shape.rounding > 0.0 else _box(size)
     if shape.kind == "cylinder":
@@ -106,18 +106,18 @@ def _own_surface(shape: ShapeRecord) -> Surface:
                      "sphere, mesh")  # fmt: skip
 
 
-def _faceted(corners: Floats) -> Surface:
+def _faceted(corners: Floats) -> TriangleSurface:
     """Return triangles (m, 3, 3) that are flat each."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = normals / np.where(length > 0.0, length, 1.0)
     count = 3 * len(corners)
-    return Surface(
+    return TriangleSurface(
         corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), np.arange(count).reshape(-1, 3)
     )
 
 
-def _box(half: Floats) -> Surface:
+def _box(half: Floats) -> TriangleSurface:
     corners: list[Floats] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -128,7 +128,7 @@ def _box(half: Floats) -> Surface:
     return _faceted(np.stack(corners) * half)
 
 
-def _rounded_box(half: Floats, edge: float) -> Surface:
+def _rounded_box(half: Floats, edge: float) -> TriangleSurface:
     edge = min(edge, 0.999 * float(half.min()))
     quarter = np.linspace(0.0, 0.5 * np.pi, CORNER)
     angle = np.concatenate([quarter + k * 0.5 * np.pi for k in range(4)])
@@ -136,7 +136,9 @@ def _rounded_box(half: Floats, edge: float) -> Surface:
     return _shell(angle, signs * (half[:2] - edge), float(half[2]) - edge, edge, CORNER - 1)
 
 
-def _shell(angle: Floats, corners: Floats, half: float, radius: float, rings: int) -> Surface:
+def _shell(
+    angle: Floats, corners: Floats, half: float, radius: float, rings: int
+) -> TriangleSurface:
     """Carry a sphere's points outwards: (n,) angles to their corners (n, 2), and up or down."""
     up = np.linspace(0.0, 0.5 * np.pi, rings + 1)
     latitude = np.concatenate([-up[::-1], up])[:, None]
@@ -148,25 +150,25 @@ def _shell(angle: Floats, corners: Floats, half: float, radius: float, rings: in
         [corners[:, 0] * np.ones_like(z), corners[:, 1] * np.ones_like(z), lift + 0.0 * z], axis=-1
     )
     points = shift + radius * normals
-    return Surface(
+    return TriangleSurface(
         points.reshape(-1, 3), normals.reshape(-1, 3), _grid_faces(latitude.size, angle.size)
     )
 
 
-def _cylinder(radius: float, half: float) -> Surface:
+def _cylinder(radius: float, half: float) -> TriangleSurface:
     angle = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
     round_ = np.stack([np.cos(angle), np.sin(angle), np.zeros(AROUND)], axis=1)
-    parts: list[Surface] = []
+    parts: list[TriangleSurface] = []
     rim = [radius * round_ + [0.0, 0.0, z] for z in (-half, half)]
     around = np.arange(AROUND)
     after = (around + 1) % AROUND
     sides = [[around, after, after + AROUND], [around, after + AROUND, around + AROUND]]
     faces = np.concatenate([np.stack(side, axis=1) for side in sides])
-    parts.append(Surface(np.concatenate(rim), np.concatenate([round_, round_]), faces))
+    parts.append(TriangleSurface(np.concatenate(rim), np.concatenate([round_, round_]), faces))
     fan = np.stack([np.zeros(AROUND - 2, int), around[1:-1], around[2:]], axis=1)
     for edge, sign in zip(rim, (-1.0, 1.0), strict=True):
         cap = fan if sign > 0.0 else fan[:, ::-1]
-        parts.append(Surface(edge, np.tile([0.0, 0.0, sign], (AROUND, 1)), cap))
+        parts.append(TriangleSurface(edge, np.tile([0.0, 0.0, sign], (AROUND, 1)), cap))
     return joined(parts)
 
 
@@ -190,7 +192,7 @@ WORTH = 0.8
 MOVES = 0.9
 
 
-def coarser(surface: Surface, cell: float) -> Surface:
+def coarser(surface: TriangleSurface, cell: float) -> TriangleSurface:
     """Return a surface whose points within a cell of this edge [m] are one."""
     place = np.floor(surface.points / cell).astype(np.int64)
     _, of_cell = np.unique(place, axis=0, return_inverse=True)
@@ -211,10 +213,10 @@ def coarser(surface: Surface, cell: float) -> Surface:
         & (corners[:, 2] != corners[:, 0])
     )
     faces = of_point[surface.faces[alive]]
-    return Surface(points[where], normals / np.where(length > 0.0, length, 1.0), faces)
+    return TriangleSurface(points[where], normals / np.where(length > 0.0, length, 1.0), faces)
 
 
-def levels(surface: Surface) -> list[tuple[float, Surface]]:
+def levels(surface: TriangleSurface) -> list[tuple[float, TriangleSurface]]:
     """Return [(by how much its points may be off [m], surface)], the whole one first."""
     found = [(0.0, surface)]
     for cell in CELLS:

@@ -71,7 +71,7 @@ def _sub(name: str, arm: str, text: str, read: Read, kind: str = JOINTS) -> Topi
     return Topic(name, kind, "sub", depth=depth, unit=unit, help=text, arm=arm, key=key, read=read)
 
 
-class Joint(NamedTuple):
+class CompatJoint(NamedTuple):
     """A joint of dvrk_env.
 
     Attributes:
@@ -91,24 +91,24 @@ class Joint(NamedTuple):
 
 JOINTS_OF = {
     "PSM": (
-        Joint("yaw_joint", "yaw"),
-        Joint("pitch_back_joint", "pitch", looped=True),
-        Joint("pitch_bottom_joint", "pitch", -1.0, driven=False),
-        Joint("pitch_end_joint", "pitch", driven=False),
-        Joint("main_insertion_joint", "insertion"),
-        Joint("tool_roll_joint", "roll"),
-        Joint("tool_pitch_joint", "wrist_pitch"),
-        Joint("tool_yaw_joint", "wrist_yaw"),
-        Joint("tool_gripper1_joint", "jaw", 0.5),
-        Joint("tool_gripper2_joint", "jaw", 0.5),
-        Joint("pitch_top_joint", "pitch", -1.0, driven=False),
-        Joint("pitch_front_joint", "pitch", driven=False),
+        CompatJoint("yaw_joint", "yaw"),
+        CompatJoint("pitch_back_joint", "pitch", looped=True),
+        CompatJoint("pitch_bottom_joint", "pitch", -1.0, driven=False),
+        CompatJoint("pitch_end_joint", "pitch", driven=False),
+        CompatJoint("main_insertion_joint", "insertion"),
+        CompatJoint("tool_roll_joint", "roll"),
+        CompatJoint("tool_pitch_joint", "wrist_pitch"),
+        CompatJoint("tool_yaw_joint", "wrist_yaw"),
+        CompatJoint("tool_gripper1_joint", "jaw", 0.5),
+        CompatJoint("tool_gripper2_joint", "jaw", 0.5),
+        CompatJoint("pitch_top_joint", "pitch", -1.0, driven=False),
+        CompatJoint("pitch_front_joint", "pitch", driven=False),
     ),
     "ECM": (
-        Joint("yaw_joint", "yaw"),
-        Joint("pitch_front_joint", "pitch", looped=True),
-        Joint("main_insertion_joint", "insertion"),
-        Joint("tool_joint", "roll"),
+        CompatJoint("yaw_joint", "yaw"),
+        CompatJoint("pitch_front_joint", "pitch", looped=True),
+        CompatJoint("main_insertion_joint", "insertion"),
+        CompatJoint("tool_joint", "roll"),
     ),
 }
 VERBS = {
@@ -118,7 +118,7 @@ VERBS = {
 }
 
 
-def joints_of(arm: ArmDescription) -> tuple[Joint, ...]:
+def joints_of(arm: ArmDescription) -> tuple[CompatJoint, ...]:
     """Return the joints that dvrk_env has of an arm, those that this arm has too."""
     names = arm.mechanism.joint_names
     return tuple(joint for joint in JOINTS_OF.get(arm.type, ()) if joint.own in names)
@@ -149,7 +149,7 @@ def _joint_states(rig: Figures, stamp: Stamp) -> Message:
     return build.joints(stamp, names, q, v, effort)
 
 
-def _joint_read(arm: str, joint: Joint, verb: str, post: Post) -> Read:
+def _joint_read(arm: str, joint: CompatJoint, verb: str, post: Post) -> Read:
     def read(message: Mapping[str, Any], _: object) -> Command:
         value = float(message.get("data", np.nan))
         if not np.isfinite(value):

@@ -25,7 +25,7 @@ from trocar.cameras.records import Calibration
 from trocar.cameras.rectification import camera_infos
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.live.images import SLACK_S, Order, Packer, Pictures, Renderer, Shot
+from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot
 from trocar.messages import cdr_encode, message_type
 from trocar.recording import Extra, recorder_of
 from trocar.ros.build import header
@@ -326,7 +326,7 @@ class RecordedImages:
 @contextmanager
 def images_recorded(
     world: World,
-    open_renderer: Callable[[], Renderer],
+    open_renderer: Callable[[], ImageRenderer],
     rate_hz: float,
     image_format: str = "jpeg",
 ) -> Iterator[None]:

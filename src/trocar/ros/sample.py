@@ -48,7 +48,7 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class SceneSample:
     """Objects, contacts and sensors at one moment.
 
     Attributes:
@@ -71,7 +71,7 @@ class Scene:
         return dict(zip(self.objects.names, at, strict=True))
 
 
-def look(world: World, wanted: frozenset[str]) -> Scene:
+def look(world: World, wanted: frozenset[str]) -> SceneSample:
     """Copy a scene, in the thread that steps it.
 
     Args:
@@ -79,7 +79,7 @@ def look(world: World, wanted: frozenset[str]) -> Scene:
         wanted: topics with subscribers; contacts and sensors are computed only for these
     """
     sensors = [name for name in world.sensors if sensor_topic(name) in wanted]
-    return Scene(
+    return SceneSample(
         world.object_states() if world.objects else None,
         world.contact_table() if CONTACTS in wanted else None,
         {name: world.sensor(name) for name in sensors},
@@ -105,7 +105,7 @@ class Sample:
     elapsed: float
     world: WorldSample
     events: tuple[Event, ...] = ()
-    scene: Scene = field(default_factory=Scene)
+    scene: SceneSample = field(default_factory=SceneSample)
     cameras: Mapping[str, Any] = field(default_factory=dict[str, Any])
     due_s: float | None = None
 

@@ -370,7 +370,7 @@ class Reading:
 MOVE_S = 30.0
 
 
-class OperatingState:
+class OperatingStateClient:
     """Subscribes to `operating_state`, and sends `state_command`.
 
     Args:
@@ -585,8 +585,8 @@ class utils:  # noqa: N801  as scripts call it
     def _add_operating_state(self) -> None:
         if self._stateful is not None:
             raise RuntimeWarning(f"over writting operating state for {self._ral.namespace()}")
-        state = OperatingState(self._ral)
-        for name in OperatingState.METHODS:
+        state = OperatingStateClient(self._ral)
+        for name in OperatingStateClient.METHODS:
             setattr(self._instance, name, getattr(state, name))
         self._stateful = self._instance
 

@@ -258,7 +258,7 @@ class Rotation:
         return "[" + ";\n ".join(", ".join(f"{n:12.6g}" for n in row) for row in self._R) + "]"
 
 
-class Frame:
+class KdlFrame:
     """A pose: where its origin is, and how its axes stand.
 
     Attributes:
@@ -272,7 +272,7 @@ class Frame:
     def __init__(self, *parts: Any) -> None:
         self._M, self._p = Rotation(), Vector()
         for part in parts:
-            if isinstance(part, Frame):
+            if isinstance(part, KdlFrame):
                 self.M, self.p = part.M, part.p
             elif isinstance(part, Rotation):
                 self.M = part
@@ -284,7 +284,7 @@ class Frame:
                 )
 
     @classmethod
-    def Identity(cls) -> Frame:
+    def Identity(cls) -> KdlFrame:
         """Return the identity."""
         return cls()
 
@@ -306,14 +306,14 @@ class Frame:
     def M(self, value: Rotation) -> None:
         self._M = Rotation(value)
 
-    def Inverse(self) -> Frame:
+    def Inverse(self) -> KdlFrame:
         """Return the inverse."""
         M = self._M.Inverse()
-        return Frame(M, -(M * self._p))
+        return KdlFrame(M, -(M * self._p))
 
     def __mul__(self, other: Any) -> Any:
-        if isinstance(other, Frame):
-            return Frame(self._M * other._M, self * other._p)
+        if isinstance(other, KdlFrame):
+            return KdlFrame(self._M * other._M, self * other._p)
         if isinstance(other, Vector):
             return self._M * other + self._p
         return NotImplemented
@@ -323,7 +323,7 @@ class Frame:
         return self._p[row] if column == 3 else self._M[row, column]
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Frame) and Equal(self, other)
+        return isinstance(other, KdlFrame) and Equal(self, other)
 
     def __repr__(self) -> str:
         return f"[{self._M!r}\n{self._p!r}]"
@@ -344,6 +344,10 @@ def _numbers(value: Any) -> Array:
         return value._v
     if isinstance(value, Rotation):
         return value._R
-    if isinstance(value, Frame):
+    if isinstance(value, KdlFrame):
         return np.column_stack([value.M._R, value.p._v])
     return np.asarray(value, dtype=np.float64)
+
+
+#: PyKDL's name.
+Frame = KdlFrame

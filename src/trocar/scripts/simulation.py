@@ -78,7 +78,7 @@ class Subscription:
             self._busy = False
 
 
-class Bus:
+class MessageBus:
     """Carries messages between the core and a script, and from the script to itself.
 
     Args:
@@ -232,7 +232,7 @@ class Stepped:
             setpoint_timeout_s=0.0,  # as on the dVRK: a script ends with its simulation
             **rates,
         )
-        self.bus = Bus(self._later)
+        self.bus = MessageBus(self._later)
         self.core.attach(self.bus)
         self._beat = Beat(self.core.rate_hz)
         self._calls: deque[Callable[[], None]] = deque()
@@ -360,7 +360,7 @@ class Live:
         self.loop = Loop(world, tick_s=nearest_tick(SERVER_TICK_S, world.timestep))
         components = parts(self.loop)
         self.core = Core(self.loop, components=components, setpoint_timeout_s=0.0, **rates)
-        self.bus = Bus(self._later)
+        self.bus = MessageBus(self._later)
         self.core.attach(self.bus)
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="trocar-callbacks", daemon=True)

@@ -204,11 +204,11 @@ class Lock:
         self.release()
 
 
-class Thread:
+class VirtualThread:
     """A thread that runs while the others wait."""
 
     scheduler: Scheduler
-    started: list[Thread]
+    started: list[VirtualThread]
     numbers: Iterable[int]
 
     def __init__(
@@ -278,7 +278,7 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     lock = type("Lock", (Lock,), {"scheduler": scheduler})
     thread = type(
         "Thread",
-        (Thread,),
+        (VirtualThread,),
         {"scheduler": scheduler, "started": [], "numbers": itertools.count(1)},
     )
     names: dict[str, Any] = {
@@ -295,14 +295,14 @@ def thread_classes(scheduler: Scheduler) -> dict[str, Any]:
     ]
     exec(compile(ast.Module(chosen, []), str(threading.__file__), "exec"), names)
 
-    class Event(names["Event"]):
+    class VirtualEvent(names["Event"]):
         """An event; a look at it may let time pass."""
 
         def is_set(self) -> bool:
             scheduler.look()
             return super().is_set()
 
-    names["Event"] = Event
+    names["Event"] = VirtualEvent
     own = ("Lock", "RLock", "Thread", *(name for name in ON_LOCKS if not name.startswith("_")))
     return {name: names[name] for name in own}
 

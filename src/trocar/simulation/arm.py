@@ -24,7 +24,7 @@ from trocar.kinematics.jacobian import jacobian_body, jacobian_spatial
 from trocar.kinematics.solutions import LIMIT_TOLERANCE
 from trocar.simulation.control import (
     LARGEST,
-    Clock,
+    ArmWorld,
     ControlState,
     Homing,
     JointControl,
@@ -36,7 +36,7 @@ from trocar.simulation.controllers import (
     CartesianImpedance,
     Controller,
     ControllerError,
-    Registered,
+    RegisteredController,
     TipState,
     WrenchFrame,
 )
@@ -150,7 +150,7 @@ class Arm:
         journal: receives its commands and events
     """
 
-    def __init__(self, rig_arm: RigArm, motors: Motors, clock: Clock) -> None:
+    def __init__(self, rig_arm: RigArm, motors: Motors, clock: ArmWorld) -> None:
         self.name, self.type = rig_arm.name, rig_arm.arm.type
         self.journal = self._journal = clock.journal
         self._source, self._prefix = rig_arm.name, ""
@@ -396,7 +396,7 @@ class Arm:
             raise InputError(f"controller {name}: got {settings!r}: {what}") from problem
         if not callable(getattr(controller, "act", None)):
             raise InputError(f"controller {name}: got {controller!r}; allowed: with act(now)")
-        return self._run_controller(Registered(str(name), controller), "use_controller")
+        return self._run_controller(RegisteredController(str(name), controller), "use_controller")
 
     # ------------------------------------------------------------------ states
 

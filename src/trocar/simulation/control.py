@@ -30,7 +30,7 @@ LARGEST = 1e6
 log = logging.getLogger("trocar")
 
 
-class Clock(Protocol):
+class ArmWorld(Protocol):
     """What an arm needs of its world."""
 
     @property
@@ -165,7 +165,7 @@ class JointControl:
     """
 
     def __init__(
-        self, name: str, motors: Motors, clock: Clock, before: JointControl | None = None
+        self, name: str, motors: Motors, clock: ArmWorld, before: JointControl | None = None
     ) -> None:
         """Control motors; `before` is what controlled those of the tool that was mounted before."""
         arm = motors.arm

@@ -66,7 +66,7 @@ class ControllerError(TrocarError):
 
 
 @dataclass(frozen=True, eq=False)
-class Registered:
+class RegisteredController:
     """A controller of an installed package, whose answers are checked.
 
     Attributes:

@@ -63,7 +63,7 @@ class ContactTable:
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class ProbeSite:
     """A place on a body: T_body_site (4, 4)."""
 
     body: int
@@ -273,11 +273,11 @@ class Probes:
         stretch = max(0.0, length - described.rest_length)
         return length, described.stiffness * stretch + described.damping * rate
 
-    def _site(self, place: Place) -> Site:
+    def _site(self, place: Place) -> ProbeSite:
         if not place.arm:
-            return Site(self._model.body(place.frame).id, place.pose)
+            return ProbeSite(self._model.body(place.frame).id, place.pose)
         body, at = self._table.arms[place.arm].carrier(self._rig.arm(place.arm), place.frame)
-        return Site(body, at @ place.pose)
+        return ProbeSite(body, at @ place.pose)
 
     def _now(self) -> mujoco.MjData:
         """Return the state as it stands, with its positions and velocities worked out."""

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 RANK = 1e-9
 
 
-class Views(NamedTuple):
+class PoseViews(NamedTuple):
     """Where the public poses of arms are seen from, arm by arm.
 
     Attributes:
@@ -73,7 +73,7 @@ class Reader:
         self.columns = max((arm.arm.own_joints for arm in movers), default=0)
         self._tips = [frames.tip_view(name) for name in self.names]
         self._sites = np.array(self._tips + [frames.own_view(name) for name in self.names])
-        self._views: dict[str, Views] = {}
+        self._views: dict[str, PoseViews] = {}
         self._unposed = np.tile(np.eye(4), (len(self._sites), 1, 1))
         self._turns = np.zeros((len(movers), 6, mj.nv))
         # Columns of the moving arms' joints among those of the table, one of zeros behind them.
@@ -99,7 +99,7 @@ class Reader:
         q = {name: arm.setpoint_q for name, arm in sample.arms.items()}
         return self._poses(self._frames.posed(q, self._posed))
 
-    def views(self, sample: WorldSample) -> Views:
+    def views(self, sample: WorldSample) -> PoseViews:
         """Return where public poses are seen from."""
         if self._registration is not sample.registration:
             self._registration = sample.registration
@@ -114,7 +114,7 @@ class Reader:
             own = origins == np.arange(len(each), 2 * len(each))
             before = np.array([T for _, T, _ in each])
             local = bool(own.all() and (before == np.eye(4)).all())
-            found = Views(origins, own, before, tuple(frame for _, _, frame in each), local)
+            found = PoseViews(origins, own, before, tuple(frame for _, _, frame in each), local)
             self._views[sample.reference_arm] = found
         return found
 
@@ -221,7 +221,7 @@ class Readout:
         return self.bases @ self.setpoint
 
     @cached_property
-    def _views(self) -> Views:
+    def _views(self) -> PoseViews:
         return self.reader.views(self.sample)
 
     @cached_property

@@ -33,7 +33,7 @@ def fastest(arm: ArmDescription) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class SetpointTable:
     """Checked set-points of every servo, (k, n_servos, 2), and efforts, (k, n_servos) or None."""
 
     setpoints: Array
@@ -42,7 +42,7 @@ class Table:
     clipped: dict[str, int]
 
 
-class Player:
+class SetpointPlayer:
     """Writes tables into the servos and samples what comes of it."""
 
     def __init__(
@@ -62,7 +62,7 @@ class Player:
         positions: Mapping[str, Array],
         velocities: Mapping[str, Array],
         efforts: Mapping[str, Array],
-    ) -> Table:
+    ) -> SetpointTable:
         """Check and clip set-points of some arms; the others hold theirs.
 
         Raises:
@@ -109,11 +109,11 @@ class Player:
             if name in efforts:
                 effort = _checked(name, efforts[name], target.shape, "efforts")
                 open_loop[:, used] = effort
-        return Table(setpoints, open_loop if efforts else None, tuple(positions), clipped)
+        return SetpointTable(setpoints, open_loop if efforts else None, tuple(positions), clipped)
 
     def run(
         self,
-        table: Table,
+        table: SetpointTable,
         every: int,
         record: bool,
         advance: Callable[[int], None],

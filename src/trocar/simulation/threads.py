@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 POINTS = 4
 
 
-class Thread:
+class ThreadProp:
     """A prop that is a thread.
 
     Args:

@@ -51,9 +51,9 @@ from trocar.simulation.records import (
 from trocar.simulation.schedule import Act, Schedule, ScheduleEntry
 from trocar.simulation.scripts import Scripts
 from trocar.simulation.servos import Servos
-from trocar.simulation.setpoint_table import Player, fastest
+from trocar.simulation.setpoint_table import SetpointPlayer, fastest
 from trocar.simulation.shapes import band_poses, shape_records
-from trocar.simulation.threads import Thread
+from trocar.simulation.threads import ThreadProp
 from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
 from trocar.simulation.tissue.contact import jaws_of
@@ -223,8 +223,8 @@ class World:
             if prop.tissue is not None and self.options.collisions
         }
         #: Threads that jaws can grasp, by name; they are among the objects, too.
-        self.threads: dict[str, Thread] = {
-            prop.name: Thread(prop, prop.thread) for prop in self.rig.objects if prop.thread
+        self.threads: dict[str, ThreadProp] = {
+            prop.name: ThreadProp(prop, prop.thread) for prop in self.rig.objects if prop.thread
         }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
@@ -902,7 +902,7 @@ class World:
     def _wire(self) -> None:
         """Make what looks into the physics and keeps nothing of its own."""
         model, data = self._model, self._data
-        self._player = Player(model, data, self.servos, self.arms)
+        self._player = SetpointPlayer(model, data, self.servos, self.arms)
         self._load = TipLoad(model, data, self.rig, self.joints, self._true, self._tip_load_n)
         self._probes = Probes(self.rig, self.joints, model, data, self.arms, self._load)
         self._sensors = Sensors(self.rig, self._probes)

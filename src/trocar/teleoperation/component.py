@@ -15,7 +15,7 @@ from trocar.errors import InputError, UnknownNameError
 from trocar.teleoperation.masters import (
     Master,
     MasterLostError,
-    Reading,
+    MasterReading,
     arm_objection,
     prepare_arm,
 )
@@ -168,15 +168,15 @@ class TeleopComponent:
 
     # ------------------------------------------------------------------ of each kind
 
-    def _align(self, readings: Sequence[Reading]) -> None:
+    def _align(self, readings: Sequence[MasterReading]) -> None:
         """Do what comes before the slave follows; then `_enable`."""
         raise NotImplementedError
 
-    def _engage(self, readings: Sequence[Reading]) -> None:
+    def _engage(self, readings: Sequence[MasterReading]) -> None:
         """Note where masters and slave are: from here on it follows."""
         raise NotImplementedError
 
-    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
+    def _follow(self, readings: Sequence[MasterReading], period_s: float) -> None:
         """Move the slave as the masters moved."""
         raise NotImplementedError
 
@@ -187,7 +187,7 @@ class TeleopComponent:
     def _after_clutch(self) -> None:
         """Prepare for aligning again."""
 
-    def _enable(self, readings: Sequence[Reading]) -> None:
+    def _enable(self, readings: Sequence[MasterReading]) -> None:
         self._enter(ENABLED)
         if self.clutched:
             self._disengage()
@@ -205,7 +205,7 @@ class TeleopComponent:
 
     # ------------------------------------------------------------------ inside
 
-    def _read(self) -> list[Reading]:
+    def _read(self) -> list[MasterReading]:
         return [master.read(self.world) for master in self.masters]
 
     def _objection(self) -> str:

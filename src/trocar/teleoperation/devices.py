@@ -35,7 +35,7 @@ STICK = FAST**0.5
 
 
 @dataclass(frozen=True)
-class Drive:
+class DeviceCommand:
     """Speeds and choices that a device without a pose commands.
 
     Attributes:
@@ -76,7 +76,7 @@ class Drive:
         return self.pace * GRIP * self.grip
 
 
-STILL = Drive()
+STILL = DeviceCommand()
 
 #: {key as a browser calls its place: (which of a drive, index, by how much)}. Source: KeyboardEvent
 #: code values of W3C UI Events, which name places and not letters.
@@ -116,7 +116,7 @@ DEAD = 0.12
 
 
 @dataclass(frozen=True)
-class Line:
+class DeviceBinding:
     """A line of a table: key, stick or button, and its effect."""
 
     touch: str
@@ -124,39 +124,39 @@ class Line:
 
 
 KEYBOARD = (
-    Line("A  D", "left, right"),
-    Line("W  S", "up, down"),
-    Line("R  F", "away, closer"),
-    Line("arrows", "turn up, down, left, right"),
-    Line("Q  E", "roll left, right"),
-    Line("C  O", "close, open the jaw"),
-    Line("X (held)", f"fine: {FINE:g} of the speed"),
-    Line("Shift (held)", f"fast: {FAST:g} times the speed"),
-    Line("1  2 ...", "select the first, second ... instrument"),
-    Line("V (held)", "camera pedal: move the endoscope instead"),
-    Line("K (held)", "clutch: hold the tool"),
-    Line("G  B  M (held)", "pedals coag, bicoag, mono"),
-    Line("Y  U (held)", "pedals cam -, cam +"),
+    DeviceBinding("A  D", "left, right"),
+    DeviceBinding("W  S", "up, down"),
+    DeviceBinding("R  F", "away, closer"),
+    DeviceBinding("arrows", "turn up, down, left, right"),
+    DeviceBinding("Q  E", "roll left, right"),
+    DeviceBinding("C  O", "close, open the jaw"),
+    DeviceBinding("X (held)", f"fine: {FINE:g} of the speed"),
+    DeviceBinding("Shift (held)", f"fast: {FAST:g} times the speed"),
+    DeviceBinding("1  2 ...", "select the first, second ... instrument"),
+    DeviceBinding("V (held)", "camera pedal: move the endoscope instead"),
+    DeviceBinding("K (held)", "clutch: hold the tool"),
+    DeviceBinding("G  B  M (held)", "pedals coag, bicoag, mono"),
+    DeviceBinding("Y  U (held)", "pedals cam -, cam +"),
 )
 GAMEPAD = (
-    Line("left stick", "left, right, up, down"),
-    Line("right, left trigger", "away, closer"),
-    Line("right stick", "turn left, right, up, down"),
-    Line("left, right shoulder", "roll left, right"),
-    Line("A  B", "close, open the jaw"),
-    Line("X (held)", f"fine: {FINE:g} of the speed"),
-    Line("Y (held)", "move the endoscope instead"),
-    Line("left, right on the D-pad", "select the previous, next instrument"),
+    DeviceBinding("left stick", "left, right, up, down"),
+    DeviceBinding("right, left trigger", "away, closer"),
+    DeviceBinding("right stick", "turn left, right, up, down"),
+    DeviceBinding("left, right shoulder", "roll left, right"),
+    DeviceBinding("A  B", "close, open the jaw"),
+    DeviceBinding("X (held)", f"fine: {FINE:g} of the speed"),
+    DeviceBinding("Y (held)", "move the endoscope instead"),
+    DeviceBinding("left, right on the D-pad", "select the previous, next instrument"),
 )
 SPACEMOUSE = (
-    Line("push the cap", "left, right, up, down, away, closer"),
-    Line("turn the cap", "turn about the same axes"),
-    Line("left, right button", "close, open the jaw"),
+    DeviceBinding("push the cap", "left, right, up, down, away, closer"),
+    DeviceBinding("turn the cap", "turn about the same axes"),
+    DeviceBinding("left, right button", "close, open the jaw"),
 )
 MASTERS = (
-    Line("rings and arrows", "drag the simulated masters in the web viewer"),
-    Line("gripper sliders", "pinch to start teleoperation; the jaw follows"),
-    Line("K  V  G  B  M  Y  U  P", "press and release pedals, as labelled"),
+    DeviceBinding("rings and arrows", "drag the simulated masters in the web viewer"),
+    DeviceBinding("gripper sliders", "pinch to start teleoperation; the jaw follows"),
+    DeviceBinding("K  V  G  B  M  Y  U  P", "press and release pedals, as labelled"),
 )
 TABLES = {
     "keyboard": KEYBOARD,
@@ -166,21 +166,21 @@ TABLES = {
 }
 
 
-def table(device: str, instruments: Sequence[str]) -> list[Line]:
+def table(device: str, instruments: Sequence[str]) -> list[DeviceBinding]:
     """Return the table of a device for a rig with these instruments, one or more."""
-    lines: list[Line] = []
+    lines: list[DeviceBinding] = []
     for line in TABLES[device]:
         if "instrument" not in line.does:
             lines.append(line)
         elif len(instruments) > 1 and device == "keyboard":
             keys = "  ".join(str(k + 1) for k in range(len(instruments)))
-            lines.append(Line(keys, f"select {', '.join(instruments)}"))
+            lines.append(DeviceBinding(keys, f"select {', '.join(instruments)}"))
         elif len(instruments) > 1:
             lines.append(line)
     return lines
 
 
-def from_keys(held: Collection[str]) -> Drive:
+def from_keys(held: Collection[str]) -> DeviceCommand:
     """Return the command of the keys that are held; others do nothing."""
     sums = {"move": [0.0] * 3, "turn": [0.0] * 3, "grip": [0.0]}
     for key in held:
@@ -193,10 +193,10 @@ def from_keys(held: Collection[str]) -> Drive:
     pedals = frozenset(name for name, key in PEDAL_KEYS.items() if f"Key{key}" in held)
     own = pedals - {"camera", "operator_present"}  # who holds keys is the operator
     camera = "camera" in pedals
-    return Drive(move, turn, sums["grip"][0], pace, tool, 0, camera, own)  # type: ignore[arg-type]  three each
+    return DeviceCommand(move, turn, sums["grip"][0], pace, tool, 0, camera, own)  # type: ignore[arg-type]  three each
 
 
-def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
+def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> DeviceCommand:
     """Return the command of a gamepad.
 
     Args:
@@ -214,7 +214,7 @@ def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
     def pulled(trigger: int) -> float:
         return axis(4 + trigger) if len(axes) >= 6 else _beyond_rest(pressed(6 + trigger))
 
-    return Drive(
+    return DeviceCommand(
         move=(axis(0), -axis(1), pulled(1) - pulled(0)),
         turn=(-axis(3), -axis(2), pressed(5) - pressed(4)),
         grip=pressed(1) - pressed(0),
@@ -224,7 +224,9 @@ def from_pad(axes: Sequence[float], buttons: Sequence[float]) -> Drive:
     )
 
 
-def from_spacemouse(push: Sequence[float], turn: Sequence[float], buttons: Sequence[bool]) -> Drive:
+def from_spacemouse(
+    push: Sequence[float], turn: Sequence[float], buttons: Sequence[bool]
+) -> DeviceCommand:
     """Return the command of a SpaceMouse.
 
     Args:
@@ -236,7 +238,7 @@ def from_spacemouse(push: Sequence[float], turn: Sequence[float], buttons: Seque
     right, near, down = (soft(v) for v in push)
     about_right, about_near, about_down = (soft(v) for v in turn)
     left_button, right_button = (*buttons, False, False)[:2]
-    return Drive(
+    return DeviceCommand(
         move=(right, -down, -near),
         turn=(about_right, -about_down, -about_near),
         grip=float(right_button) - float(left_button),
@@ -261,7 +263,7 @@ class Source(Protocol):
         """
         ...
 
-    def poll(self) -> Drive | None:
+    def poll(self) -> DeviceCommand | None:
         """Return its command now, None while it is not there.
 
         Raises:
@@ -327,7 +329,7 @@ class Gamepad:
         except self._pygame.error as problem:
             raise OSError(str(problem)) from problem
 
-    def poll(self) -> Drive | None:
+    def poll(self) -> DeviceCommand | None:
         """Return the command of sticks and buttons; None while it is unplugged.
 
         Raises:
@@ -343,7 +345,7 @@ class Gamepad:
         self._one = None
         self._sdl.quit()
 
-    def _read(self) -> Drive | None:
+    def _read(self) -> DeviceCommand | None:
         self._pygame.event.pump()
         if self._one is None or not self._one.attached():
             self._find()
@@ -415,7 +417,7 @@ class SpaceMouse:
         device.set_nonblocking(True)
         self._device = device
 
-    def poll(self) -> Drive | None:
+    def poll(self) -> DeviceCommand | None:
         """Return the command of cap and buttons; None while it is unplugged.
 
         Raises:
@@ -499,7 +501,7 @@ class Poll:
     def __init__(
         self,
         source: Source,
-        receive: Callable[[Drive], object],
+        receive: Callable[[DeviceCommand], object],
         wait: Callable[[float], bool] | None = None,
     ) -> None:
         self._source, self._receive = source, receive
@@ -529,7 +531,7 @@ class Poll:
         finally:
             self._source.close()
 
-    def _poll(self) -> Drive | None:
+    def _poll(self) -> DeviceCommand | None:
         try:
             if not self._opened:
                 self._source.open()

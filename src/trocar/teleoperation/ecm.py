@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.teleoperation.component import TeleopComponent
-from trocar.teleoperation.masters import Reading
+from trocar.teleoperation.masters import MasterReading
 
 if TYPE_CHECKING:
     from trocar.simulation.arm import Arm
@@ -33,7 +33,7 @@ class Hands:
     up: Array
 
     @staticmethod
-    def of(readings: Sequence[Reading]) -> Hands:
+    def of(readings: Sequence[MasterReading]) -> Hands:
         """Return where two hands are, the left one first."""
         left, right = (reading.T[:3, 3] for reading in readings)
         middle = 0.5 * (left + right)
@@ -76,15 +76,15 @@ class EcmTeleoperation(TeleopComponent):
         change = np.array([right * c + up * s, right * s - up * c, near, -clockwise])
         return np.clip(self._joints + change, arm.lower, arm.upper)
 
-    def _align(self, readings: Sequence[Reading]) -> None:
+    def _align(self, readings: Sequence[MasterReading]) -> None:
         self._enable(readings)
 
-    def _engage(self, readings: Sequence[Reading]) -> None:
+    def _engage(self, readings: Sequence[MasterReading]) -> None:
         arm = self.world.arm(self.description.slave)
         self._hands = Hands.of(readings)
         self._joints = self._commanded = arm.setpoints()[: arm.description.own_joints]
 
-    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
+    def _follow(self, readings: Sequence[MasterReading], period_s: float) -> None:
         arm = self.world.arm(self.description.slave)
         q = self.goal(arm, Hands.of(readings))
         arm.servo_jp(q, (q - self._commanded) / period_s)

@@ -212,7 +212,7 @@ class Pedals:
         return [t for t in (f"console/{name}", f"footpedals/{name}") if t in self._topics]
 
 
-class Player(Protocol):
+class MasterDriver(Protocol):
     """Moves masters by itself."""
 
     def tick(self, period_s: float) -> None:
@@ -274,7 +274,7 @@ class Teleoperation:
             for name, master in self.masters.items()
             if isinstance(master, ArmMaster)
         }
-        self.players: list[Player] = []
+        self.players: list[MasterDriver] = []
         self.console = Console(self.components)
         self.pedals = Pedals(self.console, self.call)
         self._periods = self.world.periods

@@ -18,7 +18,7 @@ from trocar.geometry.rotations import angle_between, matrix_from_rotation_vector
 from trocar.geometry.se3 import inverse, transform, translation
 from trocar.kinematics.chain_pose import chain_pose
 from trocar.kinematics.inverse import inverse_kinematics
-from trocar.teleoperation.devices import STILL, Drive
+from trocar.teleoperation.devices import STILL, DeviceCommand
 
 if TYPE_CHECKING:
     from trocar.simulation import World
@@ -64,7 +64,7 @@ class MasterLostError(TrocarError):
 
 
 @dataclass(frozen=True, eq=False)
-class Reading:
+class MasterReading:
     """A master at a moment.
 
     Attributes:
@@ -98,7 +98,7 @@ class Master:
     def prepare(self, world: World) -> None:
         """Ask it to become usable; that may take a while."""
 
-    def read(self, world: World) -> Reading:
+    def read(self, world: World) -> MasterReading:
         """Return where it is.
 
         Raises:
@@ -175,7 +175,7 @@ class ArmMaster(Master):
         self._base = self._requested = self._place = None
         prepare_arm(world.arm(self.name))
 
-    def read(self, world: World) -> Reading:
+    def read(self, world: World) -> MasterReading:
         """Return where the handle is measured, and its gripper."""
         arm = world.arm(self.name)
         if self._base is None:
@@ -183,7 +183,7 @@ class ArmMaster(Master):
         q = arm.readings()[0]
         opening = float(q[-1]) if arm.description.has_gripper else None
         T = self._base @ chain_pose(arm.description.mechanism)(q)
-        return Reading(T, opening, turning=arm.busy)
+        return MasterReading(T, opening, turning=arm.busy)
 
     def align(self, world: World, R: Array) -> str:
         """Turn the gimbal; the handle stays in its place."""
@@ -272,7 +272,7 @@ class VirtualMaster(Master):
         """Whether the device sent something a moment ago."""
         return self._received is not None and self._now() - self._received <= SILENCE_S
 
-    def receive(self, drive: Drive) -> None:
+    def receive(self, drive: DeviceCommand) -> None:
         """Take what the device sends."""
         self.drive, self._received = drive, self._now()
 
@@ -289,7 +289,7 @@ class VirtualMaster(Master):
         self._T = transform(self._T[:3, :3], PLACE)
         self._read_at = world.time
 
-    def read(self, world: World) -> Reading:
+    def read(self, world: World) -> MasterReading:
         """Move on by the time since the last call, and return where it is.
 
         Raises:
@@ -306,7 +306,7 @@ class VirtualMaster(Master):
             place = self._T[:3, 3] + pace * period * drive.linear
             self._before, self._T = self._T, transform(turn @ self._T[:3, :3], place)
             self.match_gripper(self._gripper + period * drive.opening)
-        return Reading(self._T, self._gripper, present=True)
+        return MasterReading(self._T, self._gripper, present=True)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Turn at once: nothing is in the way."""
@@ -344,11 +344,13 @@ class HandOf(Master):
         self._master.prepare(world)
         self._master.align(world, np.eye(3))
 
-    def read(self, world: World) -> Reading:
+    def read(self, world: World) -> MasterReading:
         """Return where the hand is.
 
         Raises:
             MasterLostError: as the master does
         """
         T = self._master.read(world).T
-        return Reading(transform(T[:3, :3], T[:3, 3] + T[:3, :3] @ self._offset), present=True)
+        return MasterReading(
+            transform(T[:3, :3], T[:3, 3] + T[:3, :3] @ self._offset), present=True
+        )

@@ -27,7 +27,7 @@ PINCH, PINCH_S = 0.2, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MasterMotion:
     """The recorded motion of masters.
 
     Attributes:
@@ -39,7 +39,7 @@ class Motion:
     joints: Mapping[str, Array]
 
     @staticmethod
-    def read(path: str) -> Motion:
+    def read(path: str) -> MasterMotion:
         """Read the masters of a recording.
 
         Raises:
@@ -57,7 +57,7 @@ class Motion:
         if not found:
             arms = ", ".join(recorded.arms)
             raise InputError(f"{path}: contains no master; got arms {arms}; allowed: an MTM")
-        return Motion(times, found)
+        return MasterMotion(times, found)
 
     def at(self, name: str, time: float) -> Array:
         """Return a master's joints at a time, (n,)."""
@@ -72,7 +72,7 @@ class Motion:
         return (1.0 - ratio) * rows[after - 1] + ratio * rows[after]
 
 
-class Player:
+class MotionPlayer:
     """Carry masters as recorded, from where they are, once their slaves follow.
 
     Args:
@@ -83,7 +83,7 @@ class Player:
         InputError: the rig has none of the recorded masters
     """
 
-    def __init__(self, engine: Teleoperation, motion: Motion) -> None:
+    def __init__(self, engine: Teleoperation, motion: MasterMotion) -> None:
         self._engine, self._motion = engine, motion
         self._names = [name for name in motion.joints if name in engine.carriers]
         if not self._names:

@@ -14,7 +14,7 @@ from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.geometry.rotations import angle_between
 from trocar.geometry.se3 import transform
 from trocar.teleoperation.component import ALIGNING, ENABLED, SETTING, TeleopComponent
-from trocar.teleoperation.masters import Master, Reading
+from trocar.teleoperation.masters import Master, MasterReading
 from trocar.teleoperation.slave import Slave, base_in_view
 from trocar.teleoperation.virtual_fixtures import Fixtures
 
@@ -177,7 +177,7 @@ class PsmTeleoperation(TeleopComponent):
 
     # ------------------------------------------------------------------ states
 
-    def _align(self, readings: Sequence[Reading]) -> None:
+    def _align(self, readings: Sequence[MasterReading]) -> None:
         reading, master = readings[0], self.masters[0]
         if self._slave is None or self.world.time - self._aligned_at >= ALIGN_S:
             self._aligned_at = self.world.time
@@ -205,7 +205,7 @@ class PsmTeleoperation(TeleopComponent):
         name = self.description.slave
         return Slave(self.world, name, base_in_view(self.world, name))
 
-    def _engage(self, readings: Sequence[Reading]) -> None:
+    def _engage(self, readings: Sequence[MasterReading]) -> None:
         self._slave = self._new_slave()
         self._from, self._to = readings[0].T, self._slave.T
         self.offset = self._from[:3, :3].T @ self._to[:3, :3]
@@ -217,7 +217,7 @@ class PsmTeleoperation(TeleopComponent):
             self._jaw = JawFollower(self.description, *limits, float(arm.setpoints()[-1]))
             self.masters[0].match_gripper(self._jaw.ghost)
 
-    def _follow(self, readings: Sequence[Reading], period_s: float) -> None:
+    def _follow(self, readings: Sequence[MasterReading], period_s: float) -> None:
         reading = readings[0]
         if self._slave is None:
             return
@@ -234,7 +234,7 @@ class PsmTeleoperation(TeleopComponent):
         if self._jaw is not None and jaw is not None and reading.gripper is not None:
             jaw.servo_jp([self._jaw.follow(reading.gripper, period_s)])
 
-    def _guided(self, fixtures: Fixtures, reading: Reading, goal: Array) -> Array:
+    def _guided(self, fixtures: Fixtures, reading: MasterReading, goal: Array) -> Array:
         """Exert the force of fixtures on the hand; return the goal that their filters leave."""
         slave, T = self.description.slave, self._T_world_view
         p = T[:3, :3] @ goal[:3, 3] + T[:3, 3]

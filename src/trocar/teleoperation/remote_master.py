@@ -27,7 +27,7 @@ from trocar.ros.topic import (
     served,
 )
 from trocar.teleoperation.engine import Teleoperation
-from trocar.teleoperation.masters import TURNED, Master, MasterLostError, Reading
+from trocar.teleoperation.masters import TURNED, Master, MasterLostError, MasterReading
 from trocar.teleoperation.topics import component, reading
 from trocar.teleoperation.virtual_fixtures import Fixtures
 
@@ -112,18 +112,18 @@ class RemoteMaster(Master):
         if self._T is not None and self.objection(world):
             self.publish("state_command", {"string": "home"})
 
-    def read(self, world: World) -> Reading:  # noqa: ARG002
+    def read(self, world: World) -> MasterReading:  # noqa: ARG002
         """Return its last pose and gripper.
 
         Raises:
             MasterLostError: it has published nothing for a while
         """
         if self._T is None or self._received is None:
-            return Reading(np.eye(4))
+            return MasterReading(np.eye(4))
         if self._now() - self._received > SILENCE_S:
             self._T = self._received = None
             raise MasterLostError(self.name, f"no message for {SILENCE_S:g} s")
-        return Reading(self._T, self._gripper)
+        return MasterReading(self._T, self._gripper)
 
     def align(self, world: World, R: Array) -> str:  # noqa: ARG002
         """Ask it to turn where it is."""

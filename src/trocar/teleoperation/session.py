@@ -13,10 +13,18 @@ from trocar.descriptions.teleop_records import TeleopDescription
 from trocar.errors import InputError, UnknownNameError
 from trocar.ros import Component
 from trocar.teleoperation.component import DISABLED, ENABLED
-from trocar.teleoperation.devices import PEDAL_KEYS, SOURCES, TABLES, Drive, Line, Poll, table
+from trocar.teleoperation.devices import (
+    PEDAL_KEYS,
+    SOURCES,
+    TABLES,
+    DeviceBinding,
+    DeviceCommand,
+    Poll,
+    table,
+)
 from trocar.teleoperation.engine import Teleoperation
 from trocar.teleoperation.masters import HandOf, Master, VirtualMaster
-from trocar.teleoperation.motion import Motion, Player
+from trocar.teleoperation.motion import MasterMotion, MotionPlayer
 from trocar.teleoperation.remote_master import engine_and_components
 from trocar.teleoperation.topics import KEYS, PAD, component, input_component, pedal_component
 from trocar.teleoperation.virtual_fixtures import Fixtures
@@ -84,7 +92,7 @@ class Device:
         """The arms that it moves one at a time."""
         return [self.engine.components[tool].description.slave for tool in self.tools]
 
-    def receive(self, drive: Drive | None) -> None:
+    def receive(self, drive: DeviceCommand | None) -> None:
         """Take a command of the device, None: it is put aside; in the loop's thread."""
         console, was_alive = self.engine.console, self.master.alive
         self._press(frozenset() if drive is None else drive.pedals)
@@ -114,7 +122,7 @@ class Device:
             self.engine.pedals.press(name, name in pedals)
         self._held = pedals
 
-    def _choose(self, drive: Drive) -> None:
+    def _choose(self, drive: DeviceCommand) -> None:
         """Use another instrument, once for each time that a key is pressed."""
         before, self._choice = self._choice, (drive.tool, drive.step)
         if before == self._choice:
@@ -191,7 +199,7 @@ class Session:
             raise InputError("--motion: allowed with --device masters only")
         self._kind, self._arm, self._scale = kind, arm, scale
         self._source = SOURCES[kind]() if kind in SOURCES else None
-        self._motion = None if motion is None else Motion.read(motion)
+        self._motion = None if motion is None else MasterMotion.read(motion)
         self.device: Device | None = None
         self.engine: Teleoperation | None = None
         self._poll: Poll | None = None
@@ -281,7 +289,7 @@ class Session:
             engine.console.set_operator_present(True)
             engine.pedals.note("operator_present", True)
         if self._motion is not None:
-            engine.players.append(Player(engine, self._motion))
+            engine.players.append(MotionPlayer(engine, self._motion))
         return parts
 
 
@@ -291,7 +299,7 @@ def _pedal(engine: Teleoperation, name: str) -> Pedal:
     return Pedal(label, press, lambda: name in pedals.pressed, PEDAL_KEYS[name])
 
 
-def _rows(lines: Sequence[Line]) -> list[tuple[str, str]]:
+def _rows(lines: Sequence[DeviceBinding]) -> list[tuple[str, str]]:
     return [(line.touch, line.does) for line in lines]
 
 

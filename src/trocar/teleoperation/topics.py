@@ -14,7 +14,7 @@ from trocar.ros.console import BUTTONS, teleop_topics
 from trocar.ros.fields import Message, RefusedError, button, flag, number, text, vector
 from trocar.ros.topic import JOY, STRING, Make, Read, command, served
 from trocar.teleoperation.component import COMMANDS, TeleopComponent
-from trocar.teleoperation.devices import Drive, from_keys, from_pad
+from trocar.teleoperation.devices import DeviceCommand, from_keys, from_pad
 from trocar.teleoperation.engine import Teleoperation
 from trocar.teleoperation.psm import PsmTeleoperation
 
@@ -137,7 +137,7 @@ def component(engine: Teleoperation) -> Component:
 
 
 def input_component(
-    engine: Teleoperation, name: str, receive: Callable[[Drive | None], object]
+    engine: Teleoperation, name: str, receive: Callable[[DeviceCommand | None], object]
 ) -> Component:
     """Return what a core serves of keys and sticks.
 
@@ -153,12 +153,12 @@ def input_component(
     return Component(served(INPUTS, reads), lambda _: lambda: None)
 
 
-def _read_keys(message: Message) -> Drive | None:
+def _read_keys(message: Message) -> DeviceCommand | None:
     held = text(message, "data").split()
     return None if held == [ASIDE] else from_keys(held)
 
 
-def _read_pad(message: Message) -> Drive | None:
+def _read_pad(message: Message) -> DeviceCommand | None:
     axes = vector(message, "axes")
     buttons = vector(message, "buttons")
     if not axes.size and not buttons.size:

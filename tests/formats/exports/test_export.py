@@ -15,7 +15,7 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.formats.exports import FORMATS, export, find_rig
-from trocar.formats.exports.task import Format, Options, Task, write_meshes
+from trocar.formats.exports.task import ExportOptions, ExportTask, Format, write_meshes
 from trocar.formats.links import rig_links
 from trocar.formats.mesh_files import mesh_names, obj
 
@@ -25,13 +25,13 @@ def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """Register a format that writes two small files and a folder."""
     pytest.importorskip("lxml", reason="exports need the extra 'export'")
 
-    def write(task: Task) -> tuple[str, ...]:
+    def write(task: ExportTask) -> tuple[str, ...]:
         (task.folder / "model.txt").write_text(f"{len(task.model.links)}\n", encoding="utf-8")
         (task.folder / "parts").mkdir()
         (task.folder / "parts" / "part.txt").write_text("part\n", encoding="utf-8")
         return ("it is only a test",)
 
-    def fail(task: Task) -> tuple[str, ...]:
+    def fail(task: ExportTask) -> tuple[str, ...]:
         write(task)
         raise TrocarError("half way")
 
@@ -222,11 +222,11 @@ def test_no_meshes_make_no_folder(tmp_path, rig):
 
 def test_an_option_for_another_format_is_refused(tmp_path, rig):
     with pytest.raises(InputError, match=r"--package: got 'p' with --format sdf; allowed: .*urdf"):
-        export(rig, "sdf", tmp_path / "new", Options(package="p"))
+        export(rig, "sdf", tmp_path / "new", ExportOptions(package="p"))
     with pytest.raises(InputError, match=r"--sdf-version: got '1.7' .*allowed: with --format sdf"):
-        export(rig, "plain", tmp_path / "new", Options(sdf_version="1.7"))
+        export(rig, "plain", tmp_path / "new", ExportOptions(sdf_version="1.7"))
     assert everything(tmp_path) == []
 
 
 def test_options_have_the_common_values():
-    assert Options() == Options(package="", sdf_version="1.9")
+    assert ExportOptions() == ExportOptions(package="", sdf_version="1.9")

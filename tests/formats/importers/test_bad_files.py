@@ -11,7 +11,7 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 
 from tests.formats.importers.texts import MJCF, SDF, URDF
 from trocar.errors import InputError
-from trocar.formats.importers import Options, import_file
+from trocar.formats.importers import ImportOptions, import_file
 
 FAULTS = [
     (
@@ -116,4 +116,4 @@ def test_files_that_nobody_knows_are_refused(tmp_path: Path) -> None:
 def test_a_passive_joint_that_is_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.sdf").write_text(SDF.format(block=0.0, rest=0.1), encoding="utf-8")
     with pytest.raises(InputError, match="passive joint 'elbow'; known: crank, rocker, top"):
-        import_file(tmp_path / "robot.sdf", tmp_path / "out", Options(passive=("elbow",)))
+        import_file(tmp_path / "robot.sdf", tmp_path / "out", ImportOptions(passive=("elbow",)))

@@ -14,12 +14,12 @@ pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
 from tests.formats.importers.texts import MJCF, SDF, URDF
 from trocar.descriptions import load_arm
 from trocar.descriptions.lone_arm import lone_arm_rig
-from trocar.formats.importers import Imported, Options, import_file
+from trocar.formats.importers import Imported, ImportOptions, import_file
 from trocar.kinematics.forward import coordinates, poses
 from trocar.simulation import World
 
 
-def brought(text: str, suffix: str, folder: Path, order: Options | None = None) -> Imported:
+def brought(text: str, suffix: str, folder: Path, order: ImportOptions | None = None) -> Imported:
     file = folder / f"robot{suffix}"
     file.write_text(text, encoding="utf-8")
     return import_file(file, folder / "out", order)
@@ -116,7 +116,7 @@ def test_a_model_of_sdf_stands_in_its_own_frame(tmp_path) -> None:
 
 
 def test_a_passive_joint_can_be_named(tmp_path) -> None:
-    order = Options(passive=("crank", "top"))
+    order = ImportOptions(passive=("crank", "top"))
     found = brought(SDF.format(block=0.0, rest=0.1), ".sdf", tmp_path, order)
     assert found.joints == ("rocker",)
 

@@ -11,7 +11,7 @@ import pytest
 from trocar.descriptions import load_rig
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.formats.importers import Options, import_file
+from trocar.formats.importers import ImportOptions, import_file
 from trocar.simulation import World
 
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed (extra convex)")
@@ -46,7 +46,7 @@ def rig_with(prop: str, folder: Path) -> RigDescription:
 def test_a_bracket_is_taken_apart_and_stands_in_a_rig(suffix: str, tmp_path: Path) -> None:
     pytest.importorskip("manifold3d", reason="trimesh needs manifold3d to draw the bracket")
     bracket().export(tmp_path / f"bracket{suffix}")
-    found = import_file(tmp_path / f"bracket{suffix}", tmp_path / "thing", Options(mass=0.4))
+    found = import_file(tmp_path / f"bracket{suffix}", tmp_path / "thing", ImportOptions(mass=0.4))
     assert (found.kind, found.mass) == ("prop", 0.4)
     assert 2 <= found.pieces <= 8
     rig = rig_with("thing/bracket.toml", tmp_path)
@@ -93,7 +93,7 @@ def test_units_are_told_or_noticed(tmp_path: Path) -> None:
     ):
         import_file(tmp_path / "needle.stl", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    found = import_file(tmp_path / "needle.stl", tmp_path / "out", Options(unit="mm"))
+    found = import_file(tmp_path / "needle.stl", tmp_path / "out", ImportOptions(unit="mm"))
     assert found.mass == pytest.approx(1200.0 * np.pi * 4e-4**2 * 0.1, rel=0.02)
 
 
@@ -104,7 +104,7 @@ def test_a_surface_with_a_hole_is_refused_and_its_hull_offered(tmp_path: Path) -
     with pytest.raises(InputError, match=r"not watertight: 4 edges .* --hull takes the convex"):
         import_file(tmp_path / "box.stl", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    found = import_file(tmp_path / "box.stl", tmp_path / "out", Options(hull=True))
+    found = import_file(tmp_path / "box.stl", tmp_path / "out", ImportOptions(hull=True))
     assert found.mass == pytest.approx(1.2, rel=1e-6)
     assert found.pieces == 1
 
@@ -113,7 +113,7 @@ def test_a_flat_surface_has_no_hull_either(tmp_path: Path) -> None:
     flat = trimesh.Trimesh([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]], [[0, 1, 2]])
     flat.export(tmp_path / "flat.stl")
     with pytest.raises(InputError, match="the convex hull has no volume"):
-        import_file(tmp_path / "flat.stl", tmp_path / "out", Options(hull=True))
+        import_file(tmp_path / "flat.stl", tmp_path / "out", ImportOptions(hull=True))
 
 
 def test_nothing_is_written_over(tmp_path: Path) -> None:
@@ -124,5 +124,5 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not empty"):
         import_file(tmp_path / "box.stl", out)
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
-    import_file(tmp_path / "box.stl", out, Options(overwrite=True))
+    import_file(tmp_path / "box.stl", out, ImportOptions(overwrite=True))
     assert sorted(p.name for p in out.iterdir()) == ["box.toml", "meshes", "mine.txt"]

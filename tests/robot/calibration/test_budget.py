@@ -16,7 +16,7 @@ from trocar.robot.calibration.budget import Budget, error_budget, expected_sigma
 from trocar.robot.calibration.calibrate import planned_figures
 from trocar.robot.calibration.linkage import linkage
 from trocar.robot.calibration.zero_pose import betas, find_datum, find_home
-from trocar.robot.mocap import MocapSettings, Noise, SimulatedTracks, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, SimulatedTracks, simulate_tracks
 from trocar.robot.mocap.simulate import Parts, spoil
 
 POSE = (1e-4, float(np.radians(0.05)))
@@ -26,7 +26,7 @@ RATE_HZ = 20.0
 @cache
 def motion(parts: Parts = "axes") -> SimulatedTracks:
     return simulate_tracks(
-        load_arm("psm"), MocapSettings("kinematic", parts, 8.0, 0.6, RATE_HZ, Noise(), 2)
+        load_arm("psm"), MocapSettings("kinematic", parts, 8.0, 0.6, RATE_HZ, MarkerNoise(), 2)
     )
 
 
@@ -35,7 +35,7 @@ def tracks(seed: int | None = None, parts: Parts = "axes") -> Tracks:
     made, poses = motion(parts), motion(parts).poses
     if seed is not None:
         rng = np.random.default_rng(seed)
-        poses = {body: spoil(T, Noise(*POSE), rng) for body, T in poses.items()}
+        poses = {body: spoil(T, MarkerNoise(*POSE), rng) for body, T in poses.items()}
     return Tracks("x", "", made.times, poses, made.rate_hz)
 
 

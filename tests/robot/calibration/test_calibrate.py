@@ -16,10 +16,10 @@ from trocar.kinematics import poses
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.robot.calibration import Calibration, Tracks, calibrate, read_tracks
 from trocar.robot.mocap.robots import perturbed
-from trocar.robot.mocap.simulate import MocapSettings, Noise, SimulatedTracks, simulate_tracks
+from trocar.robot.mocap.simulate import MarkerNoise, MocapSettings, SimulatedTracks, simulate_tracks
 from trocar.robot.mocap.writers import write_tracks
 
-WHITE = Noise(position=1e-4, rotation=np.deg2rad(0.05))
+WHITE = MarkerNoise(position=1e-4, rotation=np.deg2rad(0.05))
 
 
 @functools.cache
@@ -31,7 +31,7 @@ def nominal(name: str) -> ArmDescription:
 def simulated(
     name: str,
     seed: int,
-    noise: Noise | None = None,
+    noise: MarkerNoise | None = None,
     parts: Any = "both",
     duration: float = 8.0,
     motion: Literal["dynamic", "kinematic"] = "kinematic",
@@ -41,7 +41,7 @@ def simulated(
         parts=parts,
         duration_s=duration,
         rate_hz=60.0,
-        noise=noise or Noise(),
+        noise=noise or MarkerNoise(),
         seed=seed,
     )
     arm = nominal(name)
@@ -155,7 +155,7 @@ def test_the_masters_forearm_is_measured_the_same_way() -> None:
 
 
 def test_noise_stays_inside_its_own_figures() -> None:
-    made = simulated("psm", 4, Noise(WHITE.position, WHITE.rotation, 0.05, 0.01))
+    made = simulated("psm", 4, MarkerNoise(WHITE.position, WHITE.rotation, 0.05, 0.01))
     found = calibrate(tracks_of(made), nominal("psm"))
     for label, wanted in made.truth["axis_distances_m"].items():
         value = found.axis_distances[label]

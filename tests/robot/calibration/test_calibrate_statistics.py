@@ -14,16 +14,16 @@ from trocar.geometry.se3 import exp_twist
 from trocar.robot.calibration import Tracks, calibrate
 from trocar.robot.calibration.axes import Value, distances, measure_axes
 from trocar.robot.calibration.linkage import linkage
-from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks
 from trocar.robot.mocap.simulate import Parts, spoil
 
 ROBOTS = 20
 POSITION, ROTATION = 1e-4, float(np.deg2rad(0.05))
-FULL = Noise(POSITION, ROTATION, 0.05, 0.01)
+FULL = MarkerNoise(POSITION, ROTATION, 0.05, 0.01)
 #: A quarter of the samples of 120 Hz with half of the noise of `FULL` tell as much.
 RATE_HZ = 30.0
-WHITE = Noise(0.5 * POSITION, 0.5 * ROTATION)
-WORSE = Noise(0.5 * POSITION, 0.5 * ROTATION, 0.05, 0.01)
+WHITE = MarkerNoise(0.5 * POSITION, 0.5 * ROTATION)
+WORSE = MarkerNoise(0.5 * POSITION, 0.5 * ROTATION, 0.05, 0.01)
 
 
 @functools.cache
@@ -32,7 +32,7 @@ def robot(seed: int) -> ArmDescription:
 
 
 def seen(
-    seed: int, amplitude: float, parts: Parts, noise: Noise, rate_hz: float = RATE_HZ
+    seed: int, amplitude: float, parts: Parts, noise: MarkerNoise, rate_hz: float = RATE_HZ
 ) -> tuple[Tracks, Mapping]:
     """Return sweeps of 24 s, and the truth."""
     settings = MocapSettings("kinematic", parts, 24.0, amplitude, rate_hz, noise, seed)
@@ -126,7 +126,7 @@ def test_intervals_of_the_remote_centre_cover_it() -> None:
     for seed in range(ROBOTS):
         made = simulate_tracks(
             robot(seed),
-            MocapSettings("kinematic", "rcm", 24.0, 0.6, 30.0, Noise(), seed),
+            MocapSettings("kinematic", "rcm", 24.0, 0.6, 30.0, MarkerNoise(), seed),
         )
         truth = np.array(made.truth["rcm"]["position_in_base_body_m"])
         exact = np.stack([made.poses[name] for name in ("psm_base", "psm_pitch_end")])

@@ -13,17 +13,17 @@ from trocar.descriptions.overlay import apply_overlay
 from trocar.errors import FarFromNominalError, InputError, LabelsError, TracksError
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.robot.calibration import JointsCalibration, Tracks, calibrate, calibrate_joints
-from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks
 from trocar.robot.verification.unseen_robots import last_link
 
-NOISE = Noise(1e-4, float(np.radians(0.05)))
+NOISE = MarkerNoise(1e-4, float(np.radians(0.05)))
 
 
 @cache
-def take(name: str, seed: int, noise: Noise | None = None, rate_hz: float = 30.0):
+def take(name: str, seed: int, noise: MarkerNoise | None = None, rate_hz: float = 30.0):
     """Return the robot, its tracks and the truth."""
     robot = perturbed(load_arm(name), np.random.default_rng(seed))
-    settings = MocapSettings("kinematic", noise=noise or Noise(), seed=seed, rate_hz=rate_hz)
+    settings = MocapSettings("kinematic", noise=noise or MarkerNoise(), seed=seed, rate_hz=rate_hz)
     made = simulate_tracks(robot, settings)
     return robot, Tracks("x.csv", "", made.times, made.poses, made.rate_hz), made.truth["joints"]
 

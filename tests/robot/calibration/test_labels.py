@@ -13,10 +13,10 @@ import pytest
 from trocar.descriptions import load_arm
 from trocar.errors import FarFromNominalError, InputError, LabelsError
 from trocar.robot.calibration import Tracks, calibrate
-from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks
 from trocar.robot.mocap.simulate import Parts
 
-NOISE = Noise(1e-4, float(np.deg2rad(0.05)))
+NOISE = MarkerNoise(1e-4, float(np.deg2rad(0.05)))
 LINKS = {
     "psm": ("base", "yaw", "pitch_back", "pitch_front", "pitch_bottom", "pitch_top", "pitch_end"),
     "ecm": ("base", "yaw", "pitch_front", "pitch_back", "pitch_bottom", "pitch_top", "pitch_end"),

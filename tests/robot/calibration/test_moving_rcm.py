@@ -15,8 +15,8 @@ from trocar.kinematics import poses
 from trocar.robot.calibration import Tracks
 from trocar.robot.calibration.rcm import RcmReport, find_rcm
 from trocar.robot.mocap import (
+    MarkerNoise,
     MocapSettings,
-    Noise,
     SimulatedTracks,
     broken,
     perturbed,
@@ -33,7 +33,9 @@ ROBOTS = [("psm", 0), ("psm", 1), ("psm", 2), ("ecm", 0), ("ecm", 4)]
 def made(name: str, seed: int) -> SimulatedTracks:
     """Return exact tracks of a worn robot: 2 s of rest, then 6 s about the remote centre."""
     robot = worn(load_arm(name), np.random.default_rng(seed))
-    return simulate_tracks(robot, MocapSettings("kinematic", "rcm", 8.0, 0.6, 120.0, Noise(), seed))
+    return simulate_tracks(
+        robot, MocapSettings("kinematic", "rcm", 8.0, 0.6, 120.0, MarkerNoise(), seed)
+    )
 
 
 def told(name: str, poses: Mapping[str, Any]) -> RcmReport:
@@ -56,7 +58,7 @@ def test_exact_tracks_tell_all_of_the_wander(name: str, seed: int) -> None:
 @pytest.mark.parametrize(("name", "seed"), ROBOTS)
 def test_noise_is_told_from_the_wander(name: str, seed: int) -> None:
     rng, exact = np.random.default_rng(seed), made(name, seed)
-    noise = Noise(POSITION, ROTATION)
+    noise = MarkerNoise(POSITION, ROTATION)
     found = told(name, {body: spoil(T, noise, rng) for body, T in exact.poses.items()})
     assert found.noise_rms > 2e-4  # of the wander's own size
     assert found.wander_rms == pytest.approx(truth(name, seed), rel=0.05)
@@ -113,7 +115,7 @@ def broken_robot(name: str, seed: int) -> ArmDescription:
     return broken(perturbed(load_arm(name), rng), rng, 1e-3)
 
 
-def seen(name: str, seed: int, noise: Noise) -> tuple[SimulatedTracks, RcmReport]:
+def seen(name: str, seed: int, noise: MarkerNoise) -> tuple[SimulatedTracks, RcmReport]:
     """Return the whole take of a robot whose loops are broken by 1 mm, and its centre."""
     settings = MocapSettings("kinematic", "both", 24.0, 0.6, 30.0, noise, seed)
     tracks = simulate_tracks(broken_robot(name, seed), settings)
@@ -143,7 +145,7 @@ def true_curve(name: str, seed: int, made: SimulatedTracks, pitch: np.ndarray) -
 def test_exact_tracks_of_broken_loops_give_the_point_of_smallest_error_and_its_curve(
     name: str,
 ) -> None:
-    made, report = seen(name, 1, Noise())
+    made, report = seen(name, 1, MarkerNoise())
     assert report.wander is not None and report.fit.rms > 5e-4
     place = np.array(made.truth["rcm"]["position_in_base_body_m"])
     # The truth is that of 400 samples of the sweep, weighted as they lie in time.
@@ -155,7 +157,7 @@ def test_exact_tracks_of_broken_loops_give_the_point_of_smallest_error_and_its_c
 
 @pytest.mark.slow
 def test_intervals_of_a_wandering_centre_and_of_its_curve_cover_them() -> None:
-    noise = Noise(0.5 * POSITION, 0.5 * ROTATION)
+    noise = MarkerNoise(0.5 * POSITION, 0.5 * ROTATION)
     places, curves, errors = [], [], []
     for name in ("psm", "ecm"):
         for seed in range(20):
@@ -173,10 +175,13 @@ def test_intervals_of_a_wandering_centre_and_of_its_curve_cover_them() -> None:
 
 @pytest.mark.slow
 def test_slow_noise_is_no_wander_and_widens_the_intervals() -> None:
-    settings = MocapSettings("kinematic", "both", 24.0, 0.6, 30.0, Noise(), 3)
+    settings = MocapSettings("kinematic", "both", 24.0, 0.6, 30.0, MarkerNoise(), 3)
     slow, white = (
         find_rcm(Tracks("x", "", made.times, made.poses, 30.0), load_arm("psm"))
-        for noise in (Noise(POSITION, ROTATION, correlation_s=0.8), Noise(POSITION, ROTATION))
+        for noise in (
+            MarkerNoise(POSITION, ROTATION, correlation_s=0.8),
+            MarkerNoise(POSITION, ROTATION),
+        )
         for made in [simulate_tracks(load_arm("psm"), replace(settings, noise=noise))]
     )
     assert slow.wander is None and white.wander is None

@@ -14,7 +14,7 @@ from trocar.descriptions.paper import TABLE6, TABLE7
 from trocar.errors import InputError
 from trocar.robot.calibration import Tracks, calibrate
 from trocar.robot.calibration.paper_robot import paper_twin
-from trocar.robot.mocap import MocapSettings, Noise, simulate_tracks, worn
+from trocar.robot.mocap import MarkerNoise, MocapSettings, simulate_tracks, worn
 from trocar.robot.verification import verify
 
 
@@ -56,7 +56,7 @@ def test_the_papers_robot_is_simulated_to_a_millimetre(name: str, tmp_path: Path
 def test_tracks_of_a_robot_that_wanders_give_one_that_wanders_alike(tmp_path: Path) -> None:
     psm = load_arm("psm")
     robot = worn(psm, np.random.default_rng(5), 0.0005, 0.002)
-    settings = MocapSettings("kinematic", duration_s=8.0, noise=Noise(1e-4, np.radians(0.05)))
+    settings = MocapSettings("kinematic", duration_s=8.0, noise=MarkerNoise(1e-4, np.radians(0.05)))
     made = simulate_tracks(robot, settings)
     tracks = Tracks("simulated", "", made.times, made.poses, made.rate_hz)
     found = calibrate(tracks, psm, closure="general")

@@ -13,19 +13,19 @@ from trocar.robot.calibration.placement import calibrated
 from trocar.robot.calibration.rcm import find_rcm
 from trocar.robot.calibration.rcm_frame import Table7, centre_links, own_centre
 from trocar.robot.calibration.rcm_split import Split, lengths_only, split_centre
-from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks, worn
+from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks, worn
 from trocar.robot.mocap.simulate import spoil
 
-SETTINGS = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, Noise(), 3)
+SETTINGS = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, MarkerNoise(), 3)
 
 
-def calibration(real: ArmDescription, noise: Noise | None = None) -> Calibration:
-    made = simulate_tracks(real, replace(SETTINGS, noise=noise or Noise()))
+def calibration(real: ArmDescription, noise: MarkerNoise | None = None) -> Calibration:
+    made = simulate_tracks(real, replace(SETTINGS, noise=noise or MarkerNoise()))
     tracks = Tracks("x", "", made.times, made.poses, made.rate_hz)
     return calibrate(tracks, load_arm(real.name), closure="general")
 
 
-def split(real: ArmDescription, noise: Noise | None = None) -> tuple[Split, Table7]:
+def split(real: ArmDescription, noise: MarkerNoise | None = None) -> tuple[Split, Table7]:
     found = calibration(real, noise)
     assert found.centre is not None
     report = found.centre
@@ -44,7 +44,7 @@ ARMS = ["psm", pytest.param("ecm", marks=pytest.mark.slow)]
 @pytest.mark.parametrize("name", ARMS)
 def test_the_parts_add_up(name: str) -> None:
     arm = worn(load_arm(name), np.random.default_rng(2))
-    parts, seen = split(arm, Noise(1e-4, 8.7e-4))
+    parts, seen = split(arm, MarkerNoise(1e-4, 8.7e-4))
     np.testing.assert_allclose(sum(parts.place.values()), seen.position, atol=1e-12)
     np.testing.assert_allclose(sum(parts.clouds.values()), parts.cloud, atol=1e-12)
     left = np.mean(parts.clouds["left"] ** 2, axis=0)
@@ -94,7 +94,7 @@ def seen(body: str, seed: int) -> Table7:
     """Return Table 7 of a PSM one of whose bodies is measured with noise."""
     made = simulate_tracks(load_arm("psm"), SETTINGS)
     poses = dict(made.poses)
-    poses[body] = spoil(poses[body], Noise(1e-4, 8.7e-4), np.random.default_rng(seed))
+    poses[body] = spoil(poses[body], MarkerNoise(1e-4, 8.7e-4), np.random.default_rng(seed))
     found = find_rcm(Tracks("x", "", made.times, poses, made.rate_hz), load_arm("psm")).table7
     assert found is not None
     return found

@@ -16,9 +16,9 @@ from trocar.robot.calibration import calibrate, read_tracks
 from trocar.robot.calibration.rcm import centre_samples
 from trocar.robot.calibration.rcm_frame import centre_links, own_centre
 from trocar.robot.calibration.report import write_report
-from trocar.robot.mocap import MocapSettings, Noise, simulate_tracks, worn, write_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, simulate_tracks, worn, write_tracks
 
-SETTINGS = MocapSettings("kinematic", "both", 6.0, 0.6, 30.0, Noise(1e-4, 8.7e-4), 3)
+SETTINGS = MocapSettings("kinematic", "both", 6.0, 0.6, 30.0, MarkerNoise(1e-4, 8.7e-4), 3)
 
 
 @pytest.mark.parametrize("name", ["psm", "ecm"])
@@ -57,7 +57,7 @@ def test_a_calibrated_arms_own_centre_wanders_as_the_worn_arms_did(
     name: str, tmp_path: Path
 ) -> None:
     arm = load_arm(name)
-    settings = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, Noise(), 4)
+    settings = MocapSettings("kinematic", "both", 8.0, 0.6, 30.0, MarkerNoise(), 4)
     real = worn(arm, np.random.default_rng(8))
     write_tracks(tmp_path / "tracks.csv", simulate_tracks(real, settings), "tidy")
     found = calibrate(read_tracks(tmp_path / "tracks.csv"), arm, closure="general")

@@ -21,11 +21,11 @@ from trocar.robot.calibration.robot import (
     marker_poses,
     mechanism_of,
 )
-from trocar.robot.mocap import MocapSettings, Noise, SimulatedTracks, simulate_tracks, worn
+from trocar.robot.mocap import MarkerNoise, MocapSettings, SimulatedTracks, simulate_tracks, worn
 
-WHITE = Noise(1e-4, float(np.deg2rad(0.05)))
+WHITE = MarkerNoise(1e-4, float(np.deg2rad(0.05)))
 #: As good as none, so that rounds end where nothing that the tracks show moves any more.
-FAINT = Noise(1e-9, 1e-8)
+FAINT = MarkerNoise(1e-9, 1e-8)
 WORN = [
     ("psm", 0),
     pytest.param("psm", 7, marks=pytest.mark.slow),
@@ -34,7 +34,7 @@ WORN = [
 
 
 @functools.cache
-def made(name: str, seed: int, noise: Noise, lengths: float = 3e-4) -> SimulatedTracks:
+def made(name: str, seed: int, noise: MarkerNoise, lengths: float = 3e-4) -> SimulatedTracks:
     """Return tracks of a robot with axes that lean by up to 1 mrad, and sides off by `lengths`."""
     robot = worn(load_arm(name), np.random.default_rng(seed), lengths, 1e-3)
     rate = 60.0 if noise == WHITE else 20.0
@@ -79,7 +79,7 @@ def test_measured_lengths_to_pins_that_slide_are_within_their_deviations(
 
 @pytest.mark.parametrize(("name", "seed"), WORN)
 def test_the_calibrated_twin_moves_as_the_worn_robot_does(name: str, seed: int) -> None:
-    exact, robot = made(name, seed, Noise()), found_of(name, seed).refined.robot
+    exact, robot = made(name, seed, MarkerNoise()), found_of(name, seed).refined.robot
     poses = np.stack([exact.poses[body] for body in robot.markers], axis=1)[::4]
     seen = np.ones(poses.shape[:2], dtype=bool)
     still = np.zeros(len(poses), dtype=bool)

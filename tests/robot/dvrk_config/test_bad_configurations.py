@@ -12,7 +12,7 @@ import pytest
 
 from tests.robot.dvrk_config import configurations as lab
 from trocar.errors import DescriptionError, InputError, UnknownNameError
-from trocar.robot.dvrk_config import Options, import_dvrk
+from trocar.robot.dvrk_config import RigImportOptions, import_dvrk
 
 System = dict[str, Any]
 Change = Callable[[System], object]
@@ -263,11 +263,11 @@ def test_nothing_is_written_over_unless_asked_for(tmp_path: Path) -> None:
     import_dvrk(path, tmp_path / "rig.toml")
     with pytest.raises(InputError, match="exists already; allowed: a new file, or --overwrite"):
         import_dvrk(path, tmp_path / "rig.toml")
-    import_dvrk(path, tmp_path / "rig.toml", Options(overwrite=True))
+    import_dvrk(path, tmp_path / "rig.toml", RigImportOptions(overwrite=True))
     with pytest.raises(InputError, match=r"a rig file with extension .toml"):
         import_dvrk(path, tmp_path / "rig.json")
     with pytest.raises(InputError, match="no such file"):
         import_dvrk(tmp_path / "no.json", tmp_path / "other.toml")
     with pytest.raises(UnknownNameError, match="unknown PSM 'PSM9'"):
-        import_dvrk(path, tmp_path / "o.toml", Options(tools=(("PSM9", "none"),)))
+        import_dvrk(path, tmp_path / "o.toml", RigImportOptions(tools=(("PSM9", "none"),)))
     assert [p.name for p in tmp_path.glob(".import*")] == []

@@ -12,7 +12,7 @@ from tests.robot.dvrk_config import configurations as lab
 from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
 from trocar.kinematics.inverse import inverse_kinematics
-from trocar.robot.dvrk_config import Imported, Options, import_dvrk
+from trocar.robot.dvrk_config import ImportedRig, RigImportOptions, import_dvrk
 from trocar.robot.dvrk_config.agreement import agreement
 from trocar.robot.dvrk_config.system import read_system
 from trocar.simulation import World
@@ -47,7 +47,7 @@ def one(folder: Path, **ecm: str) -> Path:
     return lab.write(folder, files)
 
 
-def imported(folder: Path, scope: str) -> Imported:
+def imported(folder: Path, scope: str) -> ImportedRig:
     return import_dvrk(one(folder / "in", endoscope=scope), folder / "rig.toml")
 
 
@@ -136,7 +136,7 @@ def test_older_names_are_read_and_said(tmp_path: Path, older: str, now: str) -> 
     found = imported(tmp_path, older)
     assert f"ECM: endoscope {older!r} is taken as {now}" in found.notes
     newer = import_dvrk(
-        one(tmp_path, endoscope=now), tmp_path / "rig.toml", Options(overwrite=True)
+        one(tmp_path, endoscope=now), tmp_path / "rig.toml", RigImportOptions(overwrite=True)
     )
     assert newer.agreement["tips"] == found.agreement["tips"]
     assert newer.rig.cameras[0].angle == found.rig.cameras[0].angle

@@ -15,7 +15,7 @@ from tests.robot.dvrk_config import configurations as lab
 from trocar.descriptions import RigDescription, load_rig
 from trocar.errors import DescriptionError
 from trocar.kinematics.forward import pose
-from trocar.robot.dvrk_config import Options, import_dvrk
+from trocar.robot.dvrk_config import RigImportOptions, import_dvrk
 from trocar.robot.dvrk_config.agreement import agreement
 from trocar.robot.dvrk_config.system import read_system
 from trocar.simulation import World
@@ -137,7 +137,7 @@ def test_masters_stand_under_the_display_as_the_file_says(tmp_path: Path) -> Non
 
 
 def test_angles_are_exact_unless_they_are_asked_for_as_printed(tmp_path: Path) -> None:
-    order = Options(literal=True)
+    order = RigImportOptions(literal=True)
     found = import_dvrk(lab.lab(tmp_path / "in"), tmp_path / "rig.toml", order)
     suj = found.rig.arm("SUJ_ECM").arm.mechanism
     rng = np.random.default_rng(2)
@@ -220,7 +220,7 @@ def test_arms_that_no_file_places_stand_apart(tmp_path: Path) -> None:
         for n in ("PSM1", "PSM2")
     ]
     path = lab.write(tmp_path / "in", {"system-lab.json": {"arms": arms}})
-    order = Options(tools=(("PSM2", "PROGRASP_FORCEPS:400093"),))
+    order = RigImportOptions(tools=(("PSM2", "PROGRASP_FORCEPS:400093"),))
     rig = import_dvrk(path, tmp_path / "rig.toml", order).rig
     apart = rig.arm("PSM1").pose[:3, 3] - rig.arm("PSM2").pose[:3, 3]
     assert np.linalg.norm(apart) > 0.4

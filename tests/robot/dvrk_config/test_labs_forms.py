@@ -15,7 +15,7 @@ import pytest
 
 from tests.robot.dvrk_config import configurations as lab
 from trocar.errors import DescriptionError
-from trocar.robot.dvrk_config import Options, import_dvrk
+from trocar.robot.dvrk_config import RigImportOptions, import_dvrk
 
 
 def version_1(name: str, kind: str, kinematic: str) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def test_a_snake_like_instrument_is_not_supported_and_says_so(tmp_path: Path) ->
             path = lab.write(tmp_path / tool[0] / folder, files | more)
             with pytest.raises(DescriptionError, match=r"snake-like wrist.*--tool PSM1=TOOL"):
                 import_dvrk(path, path.parent / "rig.toml")
-            other = Options(tools=(("PSM1", "PROGRASP_FORCEPS:400093"),))
+            other = RigImportOptions(tools=(("PSM1", "PROGRASP_FORCEPS:400093"),))
             found = import_dvrk(path, path.parent / "rig.toml", other)
             assert found.rig.arm("PSM1").arm.tool == "PROGRASP_FORCEPS:400093"
 

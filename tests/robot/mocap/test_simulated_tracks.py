@@ -10,7 +10,7 @@ import pytest
 
 from trocar.descriptions import load_arm
 from trocar.errors import InputError
-from trocar.robot.mocap import MocapSettings, Noise, simulate_tracks, write_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, simulate_tracks, write_tracks
 
 QUICK = MocapSettings(motion="kinematic", duration_s=8.0, rate_hz=50.0)
 
@@ -68,7 +68,7 @@ def test_a_mechanism_with_one_loop_is_swept_joint_by_joint():
 
 def test_noise_is_as_large_as_asked_for_and_nothing_else_changes():
     clean = simulate_tracks(load_arm("psm"), QUICK)
-    noise = Noise(position=1e-4, rotation=1e-3)
+    noise = MarkerNoise(position=1e-4, rotation=1e-3)
     noisy = simulate_tracks(load_arm("psm"), MocapSettings(**{**vars(QUICK), "noise": noise}))
     for body, pose in clean.poses.items():
         off = np.linalg.inv(pose) @ noisy.poses[body]
@@ -79,7 +79,7 @@ def test_noise_is_as_large_as_asked_for_and_nothing_else_changes():
 
 def test_bodies_are_lost_in_bursts_and_gross_errors_are_20_mm_off():
     clean = simulate_tracks(load_arm("psm"), QUICK)
-    noise = Noise(dropout=0.2, outliers=0.05)
+    noise = MarkerNoise(dropout=0.2, outliers=0.05)
     spoiled = simulate_tracks(load_arm("psm"), MocapSettings(**{**vars(QUICK), "noise": noise}))
     lost = np.stack([np.isnan(pose[:, 0, 0]) for pose in spoiled.poses.values()])
     assert lost.mean() == pytest.approx(0.2, abs=0.08)
@@ -108,7 +108,7 @@ def test_the_simulated_arm_lags_a_little_and_its_loops_hold(name):
 
 
 def test_the_same_seed_writes_the_same_file_and_nothing_is_left_over(tmp_path):
-    noise = Noise(position=1e-4, rotation=1e-3, dropout=0.05, outliers=0.01)
+    noise = MarkerNoise(position=1e-4, rotation=1e-3, dropout=0.05, outliers=0.01)
     settings = MocapSettings(**{**vars(QUICK), "noise": noise, "seed": 3})
     for name in "ab":
         write_tracks(tmp_path / name, simulate_tracks(load_arm("psm"), settings))
@@ -155,7 +155,7 @@ def test_settings_that_cannot_be_used_are_refused(changes, said):
 
 def test_noise_out_of_range_and_arms_without_loops_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"noise, dropout: got 1.5; allowed: 0 to 0.9"):
-        Noise(dropout=1.5)
+        MarkerNoise(dropout=1.5)
     with pytest.raises(InputError, match="has no closed loop"):
         simulate_tracks(load_arm("suj_psm1"), replace(QUICK, parts="axes"))
     with pytest.raises(InputError, match=r'psm: parts: got "chain"; allowed: axes, rcm, both'):

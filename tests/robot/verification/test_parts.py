@@ -22,8 +22,8 @@ from trocar.robot.verification.figures import Figure, Part
 from trocar.robot.verification.formats import formats
 from trocar.robot.verification.linkage import axes, closure, fold
 from trocar.robot.verification.rcm import beside_hardware, cloud, rcm
-from trocar.robot.verification.subject import Subject, Sweep, exact, measured_ranges, sweep
-from trocar.robot.verification.tracking import Track, delays, realtime, tracking
+from trocar.robot.verification.subject import Subject, SweepResult, exact, measured_ranges, sweep
+from trocar.robot.verification.tracking import TrackedJoints, delays, realtime, tracking
 from trocar.simulation.trials import compiled_poses
 
 #: What Table 7 should have: the distance of the pitch axis from the remote centre in Tables 4, 5.
@@ -40,7 +40,7 @@ def subject(request: pytest.FixtureRequest) -> Subject:
 
 
 @pytest.fixture(scope="module")
-def moved(subject: Subject) -> Sweep:
+def moved(subject: Subject) -> SweepResult:
     return sweep(subject, "servo")
 
 
@@ -99,7 +99,7 @@ def test_distances_are_the_paper_s_to_its_own_spread(subject: Subject) -> None:
         assert abs(figure.value - measured) <= 1.31e-3
 
 
-def test_distances_in_motion_are_the_description_s(subject: Subject, moved: Sweep) -> None:
+def test_distances_in_motion_are_the_description_s(subject: Subject, moved: SweepResult) -> None:
     part = axes(subject, moved)
     found = {f.name: f.value for f in part.figures}
     for label in TABLE6[subject.arm.type]:
@@ -168,13 +168,17 @@ def test_skew_axes_are_judged_by_where_the_kinematics_has_them() -> None:
 # ------------------------------------------------------------------ remote centre
 
 
-def test_the_remote_centre_is_where_the_linkage_has_it(subject: Subject, moved: Sweep) -> None:
+def test_the_remote_centre_is_where_the_linkage_has_it(
+    subject: Subject, moved: SweepResult
+) -> None:
     found = cloud(subject, exact(subject, moved))
     np.testing.assert_allclose(found.centre, EXPECTED[subject.name], atol=1e-9)
     assert found.rms_distance < 1e-9
 
 
-def test_the_estimate_is_that_of_the_paper_s_equation_4(subject: Subject, moved: Sweep) -> None:
+def test_the_estimate_is_that_of_the_paper_s_equation_4(
+    subject: Subject, moved: SweepResult
+) -> None:
     """Plain least squares of R tip - post = -p, in the root."""
     at = moved.link_poses(subject.arm.mechanism)["pitch_end"]
     rows = np.concatenate([at[:, :3, :3], -np.tile(np.eye(3), (len(at), 1, 1))], axis=2)
@@ -293,7 +297,9 @@ def test_a_joint_that_is_late_has_that_delay() -> None:
     time = np.arange(0.0, 10.0, 0.005)
     late = 0.013
     told, done = (np.sin(0.6 * (time - t))[:, None] for t in (0.0, late))
-    found = delays(Track("paper", ("a",), ("revolute",), ((1.0, 0.0, 0.0),), time, told, done))
+    found = delays(
+        TrackedJoints("paper", ("a",), ("revolute",), ((1.0, 0.0, 0.0),), time, told, done)
+    )
     # the wave is no whole number of periods: its own curvature counts as 1 % of a delay
     assert found[0] == pytest.approx(late, rel=2e-2)
 

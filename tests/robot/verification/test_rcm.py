@@ -12,9 +12,9 @@ from trocar.errors import InputError, TracksError, UndeterminedError
 from trocar.robot.calibration.rcm import find_rcm
 from trocar.robot.calibration.rcm_frame import about_hinges, centre_links
 from trocar.robot.calibration.tracks import Tracks
-from trocar.robot.mocap import MocapSettings, Noise, perturbed, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, perturbed, simulate_tracks
 
-NOISE = Noise(1e-4, np.radians(0.05))
+NOISE = MarkerNoise(1e-4, np.radians(0.05))
 QUICK = MocapSettings(motion="kinematic", duration_s=12.0, rate_hz=60.0)
 
 

@@ -11,7 +11,12 @@ import pytest
 
 from trocar.errors import InputError
 from trocar.ros.transports.ros1 import MissingRospyError, master, transport
-from trocar.ros.transports.ros1.master import Master, MasterError, find_master, settle_address
+from trocar.ros.transports.ros1.master import (
+    MasterError,
+    RosMasterClient,
+    find_master,
+    settle_address,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -59,7 +64,7 @@ def test_a_master_is_asked_by_name() -> None:
         server.register_function(lambda who, key: (1, "ok", f"{who} {key}"), "getParam")
         thread = threading.Thread(target=server.handle_request)
         thread.start()
-        found = Master(f"http://127.0.0.1:{server.server_address[1]}", True)
+        found = RosMasterClient(f"http://127.0.0.1:{server.server_address[1]}", True)
         assert found.ask("getParam", "/run_id") == (1, "ok", "/trocar /run_id")
         thread.join()
 
@@ -78,7 +83,7 @@ def test_it_listens_on_loopback_unless_it_is_told_otherwise(
 ) -> None:
     if name:
         monkeypatch.setenv("ROS_HOSTNAME", name)
-    assert told in settle_address(Master(uri, True))
+    assert told in settle_address(RosMasterClient(uri, True))
     assert master.os.environ.get("ROS_HOSTNAME") == kept
 
 

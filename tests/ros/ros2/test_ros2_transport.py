@@ -21,7 +21,7 @@ from trocar.ros import services
 from trocar.ros.topic import Topic
 from trocar.ros.transports.ros2 import Ros2Transport
 from trocar.ros.transports.ros2.dds import DdsSample
-from trocar.ros.transports.ros2.transport import CALLER, Service, service_kinds
+from trocar.ros.transports.ros2.transport import CALLER, Ros2Service, service_kinds
 
 JOINTS = Topic("PSM1/measured_js", "sensor_msgs/JointState", "pub", "state")
 IMAGES = Topic("stereo/left/image_raw", "sensor_msgs/Image", "pub", "camera", depth=2)
@@ -159,7 +159,7 @@ def answered(call, *requests: bytes) -> list[bytes]:
     kind, ends = service_type("crtk_msgs/QueryForwardKinematics"), Ends()
     name = "PSM1/forward_kinematics"
     answer = partial(services.answered, call, name, kind, timeout_s=5.0)
-    service = Service(ends, name, service_kinds(kind), 1, answer)  # type: ignore[arg-type]
+    service = Ros2Service(ends, name, service_kinds(kind), 1, answer)  # type: ignore[arg-type]
     for request in requests:
         service.answer(DdsSample(request, 1, 0))
     return ends.written

@@ -14,7 +14,7 @@ from websockets.protocol import State
 from trocar.live import Loop
 from trocar.ros import Core
 from trocar.ros.transports.websocket.protocol import OPERATIONS, ROSAPI, UNSUPPORTED, Subscribe
-from trocar.ros.transports.websocket.server import Client, Conversation, Frame
+from trocar.ros.transports.websocket.server import Client, Conversation, EncodedMessage
 from trocar.simulation import World
 
 REQUESTS = 3000
@@ -106,7 +106,7 @@ def test_thousands_of_random_requests_raise_nothing_and_move_nothing(
 
 
 def test_a_message_is_encoded_once_for_everybody(core: Core) -> None:
-    frame = Frame(core.topics["PSM1/status"], {"data": "hello"})
+    frame = EncodedMessage(core.topics["PSM1/status"], {"data": "hello"})
     assert frame.named("/PSM1/status") is frame.named("/PSM1/status")
     assert b'"msg":{"data":"hello"}' in frame.named("PSM1/status")
 
@@ -117,7 +117,7 @@ def test_the_last_of_a_throttled_topic_comes_in_the_end(core: Core) -> None:
     topic = core.topics["PSM1/status"]
     client.subscribe(topic.name, Subscribe(topic="/PSM1/status", throttle_rate=1000.0))
     for moment, text in ((10.0, "one"), (10.1, "two"), (10.2, "three")):
-        client.deliver([Frame(topic, {"data": text})], [], moment)
+        client.deliver([EncodedMessage(topic, {"data": text})], [], moment)
     client.tend(10.9)
     assert [text for text in (b"one", b"two", b"three") if text in b"".join(wire.written)] == [
         b"one"

@@ -16,10 +16,10 @@ from trocar.geometry.se3 import transform
 from trocar.modeling.tissues import PLACES
 from trocar.simulation import World
 from trocar.simulation.journal import Entry
-from trocar.simulation.tissue.contact import Surface, compliance_of, press, underside
+from trocar.simulation.tissue.contact import TissueSurface, compliance_of, press, underside
 from trocar.simulation.tissue.elastic import pad_of
 from trocar.simulation.tissue.tissues import SoftTissue, default_plan
-from trocar.tasks.suturing.planning import Reach
+from trocar.tasks.suturing.planning import TipWorkspace
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Finger:
 
     def __init__(self, world: World, x: float, y: float, jaw: float, turn: float = 0.0) -> None:
         world.reset()
-        self.world, self.arm, self.reach = world, world.arms["PSM1"], Reach(world, "PSM1")
+        self.world, self.arm, self.reach = world, world.arms["PSM1"], TipWorkspace(world, "PSM1")
         self.tissue: SoftTissue = world.tissues["pad"]
         across, down = np.array([-np.sin(turn), np.cos(turn), 0.0]), np.array([0.0, 0.0, -1.0])
         facing = np.column_stack([np.cross(across, down), across, down])
@@ -119,7 +119,7 @@ def test_a_sphere_sinks_into_a_deep_block_as_the_mesh_and_hertz_have_it() -> Non
     tissue = described(text.replace("element_mm = 1.5", "element_mm = 1"))
     pad, radius, deep = pad_of(tissue), 5e-3, 3e-4
     condensed = pad.condense(default_plan(tissue)[0])
-    surface = Surface(tissue, pad, condensed.response, condensed.stiffness)
+    surface = TissueSurface(tissue, pad, condensed.response, condensed.stiffness)
     middle = np.array([0.0, 0.5 * tissue.gap + 0.5 * tissue.width])
     free = surface.compliance[0] + surface.rise[0] @ np.linalg.inv(condensed.stiffness) @ (
         surface.rise[0].T

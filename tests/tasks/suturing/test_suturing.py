@@ -21,7 +21,7 @@ from trocar.tasks.suturing.planning import (
     APART_M,
     Grip,
     Plan,
-    Reach,
+    TipWorkspace,
     circle_height,
     clearance,
     load_plan,
@@ -112,7 +112,7 @@ def test_a_stitch_that_the_endoscope_does_not_see_is_refused(task: Suturing) -> 
 def test_shafts_that_would_meet_are_near_and_those_of_plans_are_not(task: Suturing) -> None:
     plan = plan_at(task, 0.0)
     (stitch,) = plan.stitches
-    reaches = {name: Reach(task.world, name) for name in ("PSM1", "PSM2")}
+    reaches = {name: TipWorkspace(task.world, name) for name in ("PSM1", "PSM2")}
     assert clearance(stitch, plan.needle, reaches, []) > APART_M
     tip = stitch.needle_pose(plan.needle, stitch.start) @ stitch.grips[0].pose(plan.needle)
     scope = tip[:3, 3], tip[:3, 3] + [0.0, 0.0, 0.1]  # one that stands on the instrument's tip

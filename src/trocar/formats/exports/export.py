@@ -13,7 +13,7 @@ from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.errors import InputError, UnknownNameError
 from trocar.formats.exports.mjcf import write_mjcf
 from trocar.formats.exports.sdf import write_sdf
-from trocar.formats.exports.task import Format, Options, Task
+from trocar.formats.exports.task import ExportOptions, ExportTask, Format
 from trocar.formats.exports.urdf import write_urdf
 from trocar.formats.links import rig_links
 from trocar.formats.markup import lxml_etree
@@ -56,7 +56,7 @@ def export(
     rig: RigDescription,
     format: str,  # noqa: A002 - what the option is called
     folder: str | Path,
-    options: Options | None = None,
+    options: ExportOptions | None = None,
     *,
     overwrite: bool = False,
 ) -> Export:
@@ -66,7 +66,7 @@ def export(
         rig: what
         format: one of `FORMATS`
         folder: where; a new folder, or an empty one
-        options: see `Options`
+        options: see `ExportOptions`
         overwrite: replace what the folder has under the same names
 
     Raises:
@@ -77,9 +77,9 @@ def export(
     """
     if format not in FORMATS:
         raise UnknownNameError("format", format, FORMATS)
-    chosen = options or Options()
+    chosen = options or ExportOptions()
     for name, value in asdict(chosen).items():
-        if value != getattr(Options(), name) and name not in FORMATS[format].takes:
+        if value != getattr(ExportOptions(), name) and name not in FORMATS[format].takes:
             takers = [known for known, one in FORMATS.items() if name in one.takes]
             raise InputError(
                 f"--{name.replace('_', '-')}: got {value!r} with --format {format}; allowed: with"
@@ -89,7 +89,7 @@ def export(
     lxml_etree()
     model = rig_links(rig)
     with whole_folder(folder, overwrite) as built:
-        task = Task(model, rig, built, mesh_names(model), chosen)
+        task = ExportTask(model, rig, built, mesh_names(model), chosen)
         warnings = FORMATS[format].write(task)
         files = sorted(p.relative_to(built).as_posix() for p in built.rglob("*") if p.is_file())
     return Export(

@@ -10,7 +10,7 @@ from pathlib import Path
 from trocar import __version__
 from trocar.descriptions.records import ArmDescription
 from trocar.errors import TrocarError
-from trocar.formats.exports.task import Task, filled, markdown_table, readme, write_meshes
+from trocar.formats.exports.task import ExportTask, filled, markdown_table, readme, write_meshes
 from trocar.formats.mjcf import (
     MESH_FOLDER,
     MJX,
@@ -31,7 +31,7 @@ INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "
 PICTURE = (800, 600)
 
 
-def write_mjcf(task: Task) -> tuple[str, ...]:
+def write_mjcf(task: ExportTask) -> tuple[str, ...]:
     """Fill a folder with a rig's MJCF files and what goes with them; return warnings."""
     name, folder = file_name(task.rig), task.folder
     for variant in VARIANTS:
@@ -48,7 +48,7 @@ def write_mjcf(task: Task) -> tuple[str, ...]:
     return (*blind, *_lost(task))
 
 
-def _draw(task: Task, path: Path) -> tuple[str, ...]:
+def _draw(task: ExportTask, path: Path) -> tuple[str, ...]:
     """Draw the rig; return why there is no picture, or nothing."""
     try:
         (drawn,) = write_pictures(task.rig, path.parent, ("three_quarter",), PICTURE)
@@ -58,7 +58,7 @@ def _draw(task: Task, path: Path) -> tuple[str, ...]:
     return ()
 
 
-def _lost(task: Task) -> tuple[str, ...]:
+def _lost(task: ExportTask) -> tuple[str, ...]:
     """Return what the files do not have of the description."""
     warnings = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
     warnings += [
@@ -75,7 +75,7 @@ def _lost(task: Task) -> tuple[str, ...]:
     return tuple(warnings)
 
 
-def _changelog(task: Task) -> str:
+def _changelog(task: ExportTask) -> str:
     arms = [
         f"- {place.name}: `{place.arm.name}`"
         + (f" with {place.arm.tool}" if place.arm.tool else "")
@@ -95,7 +95,7 @@ def _changelog(task: Task) -> str:
     )
 
 
-def _readme(task: Task, *, picture: bool) -> str:
+def _readme(task: ExportTask, *, picture: bool) -> str:
     """Return the README; the folder has the model already, whose option block is quoted."""
     name, arms = file_name(task.rig), task.rig.arms
     text = (task.folder / f"{name}.xml").read_text(encoding="utf-8")
@@ -128,7 +128,7 @@ def _readme(task: Task, *, picture: bool) -> str:
     return readme(task, "mjcf", body + _sources(task))
 
 
-def _sources(task: Task) -> str:
+def _sources(task: ExportTask) -> str:
     """Return sections with the sources of each description and instrument of a rig."""
     found: dict[str, str] = {}
     for place in task.rig.arms:

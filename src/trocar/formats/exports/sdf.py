@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from trocar.formats.exports.task import Task, filled, left_out, markdown_table, readme, write_meshes
+from trocar.formats.exports.task import (
+    ExportTask,
+    filled,
+    left_out,
+    markdown_table,
+    readme,
+    write_meshes,
+)
 from trocar.formats.links import LinkJoint, LinkModel
 from trocar.formats.sdf import card, check_version, model_name, sdf, world
 
 MODEL = "model.sdf"
 
 
-def write_sdf(task: Task) -> tuple[str, ...]:
+def write_sdf(task: ExportTask) -> tuple[str, ...]:
     """Fill a folder, and return what plain SDF cannot say of this rig.
 
     Raises:
@@ -50,7 +57,7 @@ def _warnings(model: LinkModel, version: str) -> tuple[str, ...]:
     )
 
 
-def _readme(task: Task, version: str, world_file: str) -> str:
+def _readme(task: ExportTask, version: str, world_file: str) -> str:
     model = task.model
     loops = ", ".join(f"`{loop.name}_joint`" for loop in model.loops)
     rows: list[tuple[str, str]] = []

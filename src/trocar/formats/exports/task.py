@@ -17,7 +17,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 @dataclass(frozen=True)
-class Options:
+class ExportOptions:
     """Options that only some formats take.
 
     Attributes:
@@ -32,7 +32,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class ExportTask:
     """A rig and the folder that a format writes it into.
 
     Attributes:
@@ -47,7 +47,7 @@ class Task:
     rig: RigDescription
     folder: Path
     meshes: Mapping[Mesh, str]
-    options: Options
+    options: ExportOptions
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,11 @@ class Format:
     Attributes:
         title: for people
         write: fills the task's folder and returns warnings
-        takes: names of the `Options` that it uses
+        takes: names of the `ExportOptions` that it uses
     """
 
     title: str
-    write: Callable[[Task], tuple[str, ...]]
+    write: Callable[[ExportTask], tuple[str, ...]]
     takes: tuple[str, ...] = ()
 
 
@@ -111,7 +111,7 @@ def filled(template: str, **values: object) -> str:
     return re.sub(r"\{\{(\w+)\}\}", lambda match: str(values[match[1]]), text)
 
 
-def readme(task: Task, format: str, body: str) -> str:  # noqa: A002 - what the option is called
+def readme(task: ExportTask, format: str, body: str) -> str:  # noqa: A002 - what the option is called
     """Return a README in Markdown: what all formats say around the sections of one."""
     model = task.model
     rows: list[Sequence[str]] = []

@@ -11,7 +11,14 @@ import numpy as np
 
 from trocar import __version__
 from trocar.errors import InputError
-from trocar.formats.exports.task import Task, filled, left_out, markdown_table, readme, write_meshes
+from trocar.formats.exports.task import (
+    ExportTask,
+    filled,
+    left_out,
+    markdown_table,
+    readme,
+    write_meshes,
+)
 from trocar.formats.links import LinkModel, link_poses
 from trocar.formats.mesh_files import seen_materials
 from trocar.formats.tip_chain import fit_tips
@@ -32,7 +39,7 @@ PACKAGE_FILES = """
 | `package.xml`, `CMakeLists.txt` | a ROS package, for ROS 1 (catkin) and ROS 2 (ament) |"""
 
 
-def write_urdf(task: Task) -> tuple[str, ...]:
+def write_urdf(task: ExportTask) -> tuple[str, ...]:
     """Fill a folder with a rig's URDF.
 
     Raises:
@@ -75,7 +82,7 @@ def _write(path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
 
-def _warnings(task: Task) -> tuple[str, ...]:
+def _warnings(task: ExportTask) -> tuple[str, ...]:
     found = list(left_out(task.rig))
     fitted = task.options.fit_tip
     how = "helper joints fit the chain to the tip" if fitted else "passive joints mimic linearly"
@@ -95,7 +102,7 @@ def _warnings(task: Task) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _readme(task: Task, name: str, warnings: tuple[str, ...]) -> str:
+def _readme(task: ExportTask, name: str, warnings: tuple[str, ...]) -> str:
     package = task.options.package
     joints = [
         (joint.arm, joint.hinge.joint.name, f"`{joint.name}`", f"{joint.hinge.weight:g}")

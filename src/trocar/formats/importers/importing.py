@@ -18,10 +18,16 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.shapes import impossible
 from trocar.descriptions.table import toml_text
 from trocar.errors import InputError
-from trocar.formats.importers.mechanism import Layout, lay_out
+from trocar.formats.importers.mechanism import MechanismLayout, lay_out
 from trocar.formats.importers.meshes import FORMATS, check_size, hull_of, load_surface, solid_of
 from trocar.formats.importers.mjcf import read_mjcf
-from trocar.formats.importers.model import ImportFileError, Link, LinkShape, Model, mesh_shape
+from trocar.formats.importers.model import (
+    ImportFileError,
+    LinkShape,
+    SourceLink,
+    SourceModel,
+    mesh_shape,
+)
 from trocar.formats.importers.sdf import read_sdf
 from trocar.formats.importers.urdf import read_urdf
 from trocar.formats.importers.xml_tree import read_xml
@@ -42,7 +48,7 @@ SERVO_RATE = 30.0
 
 
 @dataclass(frozen=True)
-class Options:
+class ImportOptions:
     """Options of an import.
 
     Attributes:
@@ -90,19 +96,21 @@ class Imported:
     warnings: tuple[str, ...]
 
 
-def import_file(path: str | Path, folder: str | Path, options: Options | None = None) -> Imported:
+def import_file(
+    path: str | Path, folder: str | Path, options: ImportOptions | None = None
+) -> Imported:
     """Turn a file into a folder with an arm's or a prop's TOML and meshes.
 
     Args:
         path: URDF, SDF, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE)
         folder: a new folder, or an empty one
-        options: see `Options`
+        options: see `ImportOptions`
 
     Raises:
         InputError: a file that cannot be used, a wrong unit, a folder that is not empty
         MissingExtraError: a library of the extras export or convex is not installed
     """
-    chosen, source, target = options or Options(), Path(path), Path(folder)
+    chosen, source, target = options or ImportOptions(), Path(path), Path(folder)
     check_folder(target, chosen.overwrite)
     model = _read(source, chosen)
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", chosen.name or model.name).strip("_")
@@ -150,7 +158,7 @@ def import_file(path: str | Path, folder: str | Path, options: Options | None = 
     )
 
 
-def _read(path: Path, options: Options) -> Model:
+def _read(path: Path, options: ImportOptions) -> SourceModel:
     if not is_file(path):
         raise ImportFileError(str(path), "no such file")
     suffix = path.suffix.lower()
@@ -171,7 +179,7 @@ def _read(path: Path, options: Options) -> Model:
     raise ImportFileError(str(path), f"unknown format {suffix!r}; allowed: {allowed}")
 
 
-def _object(path: Path, options: Options) -> Model:
+def _object(path: Path, options: ImportOptions) -> SourceModel:
     """Return a mesh as a model of one link."""
     if options.unit not in UNITS:
         raise InputError(f"got the unit {options.unit!r}; allowed: {', '.join(UNITS)}")
@@ -186,17 +194,20 @@ def _object(path: Path, options: Options) -> Model:
         LinkShape(mesh_shape(np.eye(4), piece, "casting"), False, True) for piece in solid.convex
     ]
     inertia = mass * solid.gyration
-    link = Link(path.stem, mass, solid.com, inertia, (seen, *touched))
+    link = SourceLink(path.stem, mass, solid.com, inertia, (seen, *touched))
     warnings = (
         ()
         if options.mass is not None
         else (f"{path}: mass from {DENSITY:g} kg/m^3: {mass:.4g} kg",)
     )
-    return Model(path.stem, str(path), (link,), (), (), warnings)
+    return SourceModel(path.stem, str(path), (link,), (), (), warnings)
 
 
 def _write(
-    folder: Path, head: Mapping[str, Any], layout: Layout | None, bodies: Iterable[Body]
+    folder: Path,
+    head: Mapping[str, Any],
+    layout: MechanismLayout | None,
+    bodies: Iterable[ImportedBody],
 ) -> None:
     """Write an arm, or a prop where there is no layout, and its meshes into a folder."""
     meshes: dict[str, Mesh] = {}
@@ -233,7 +244,7 @@ NO_MASS_KG, NO_MASS_RADIUS_M = 1e-4, 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class ImportedBody:
     """A link's mass and shapes in the frame that it moves with."""
 
     frame: str
@@ -246,8 +257,13 @@ class Body:
 
 
 def _body(
-    model: Model, link: Link, frame: str, at: Array, moving: set[str], warnings: list[str]
-) -> Body | None:
+    model: SourceModel,
+    link: SourceLink,
+    frame: str,
+    at: Array,
+    moving: set[str],
+    warnings: list[str],
+) -> ImportedBody | None:
     """Return a link's body in the frame that carries it, None of a link that is nothing.
 
     Args:
@@ -274,7 +290,7 @@ def _body(
         source = f"mass: the file; its inertia is {problem}; that of a box about the shapes"
         warnings.append(f"link {link.name}: inertia is {problem}; replaced by the inertia of a box")
     turn = at[:3, :3]
-    return Body(
+    return ImportedBody(
         frame,
         link.name,
         mass,
@@ -293,7 +309,7 @@ def _placed(shape: LinkShape, at: Array, where: str) -> LinkShape:
     return replace(shape, shape=own)
 
 
-def _gyration(link: Link) -> Array:
+def _gyration(link: SourceLink) -> Array:
     """Return the inertia of 1 kg of a box about a link's shapes, (3, 3) [m^2]."""
     reach = [_corners(s) for s in link.shapes] or [np.array([[-0.01] * 3, [0.01] * 3])]
     corners = np.concatenate(reach)
@@ -324,7 +340,7 @@ def obj_text(mesh: Mesh) -> str:
     return f"# millimetres\n{corners}{faces}"
 
 
-def _arm_rows(layout: Layout) -> dict[str, Any]:
+def _arm_rows(layout: MechanismLayout) -> dict[str, Any]:
     """Return an arm's entries without its bodies."""
     mechanism = layout.mechanism
     joints: list[dict[str, Any]] = []
@@ -383,7 +399,7 @@ def _pose_row(key: str, pose: Array) -> dict[str, Any]:
     return row
 
 
-def _body_row(body: Body, meshes: dict[str, Mesh]) -> dict[str, Any]:
+def _body_row(body: ImportedBody, meshes: dict[str, Mesh]) -> dict[str, Any]:
     i = body.inertia
     shapes = [_shape_row(shape, f"{body.link}_{k}", meshes) for k, shape in enumerate(body.shapes)]
     return {
@@ -419,7 +435,7 @@ def _turn(turn: Array) -> dict[str, Any]:
     return {} if np.array_equal(turn, np.eye(3)) else {"rpy_rad": rpy_from_matrix(turn)}
 
 
-def _friction(layout: Layout) -> dict[str, Any]:
+def _friction(layout: MechanismLayout) -> dict[str, Any]:
     """Return {joint: its friction} of the joints that have some."""
     rows: dict[str, Any] = {}
     for name, joint in layout.sources.items():

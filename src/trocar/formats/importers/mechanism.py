@@ -9,7 +9,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.formats.importers.model import ImportFileError, Loop, Model, ModelJoint
+from trocar.formats.importers.model import ImportFileError, LoopPoint, ModelJoint, SourceModel
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.loops import residual_jacobian, residuals
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
@@ -27,7 +27,7 @@ WHOLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MechanismLayout:
     """Frames and what moves them.
 
     Attributes:
@@ -43,7 +43,7 @@ class Layout:
     warnings: tuple[str, ...]
 
 
-def lay_out(model: Model, passive: Sequence[str] = ()) -> Layout:
+def lay_out(model: SourceModel, passive: Sequence[str] = ()) -> MechanismLayout:
     """Return the mechanism that a model means.
 
     Args:
@@ -84,7 +84,7 @@ def lay_out(model: Model, passive: Sequence[str] = ()) -> Layout:
     mechanism = Mechanism(model.name, tuple(public), tuple(frames), tuple(closures), root, tip)
     mechanism = _with_loop_ratios(model.file, mechanism)
     sources = {joint.name: joint for joint in free}
-    return Layout(mechanism, carrier, sources, tuple(warnings))
+    return MechanismLayout(mechanism, carrier, sources, tuple(warnings))
 
 
 def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
@@ -139,7 +139,7 @@ def _coupling(
 
 
 def _passive(
-    model: Model, joints: Sequence[ModelJoint], named: Sequence[str]
+    model: SourceModel, joints: Sequence[ModelJoint], named: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
     """Choose the two joints that each loop determines: those nearest to it without a motor."""
     above = {joint.child: joint for joint in joints}
@@ -179,7 +179,7 @@ def _above(link: str, above: Mapping[str, ModelJoint]) -> list[ModelJoint]:
 
 
 def _closure(
-    loop: Loop, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
+    loop: LoopPoint, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
 ) -> Closure:
     (frame_a, at_a), (frame_b, at_b) = carrier[loop.link_a], carrier[loop.link_b]
     return Closure(

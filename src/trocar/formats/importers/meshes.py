@@ -35,7 +35,7 @@ SMALLEST_M, LARGEST_M = 5e-4, 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class MeshSolid:
     """A body of triangles.
 
     Attributes:
@@ -93,7 +93,7 @@ def load_surface(path: Path, scale: Array | float = 1.0) -> Mesh:
     return Mesh(*welded(vertices, faces))
 
 
-def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> Solid:
+def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> MeshSolid:
     """Return a surface as a body.
 
     Args:
@@ -129,7 +129,7 @@ def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> Solid:
     else:
         convex = _decomposed(body)
     shown = _mesh(body) if hull else surface
-    return Solid(shown, float(body.volume), np.asarray(body.center_mass), gyration, convex)
+    return MeshSolid(shown, float(body.volume), np.asarray(body.center_mass), gyration, convex)
 
 
 def hull_of(surface: Mesh, file: str) -> Mesh:

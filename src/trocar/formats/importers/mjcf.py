@@ -18,11 +18,11 @@ from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.formats.importers.model import (
     ImportFileError,
-    Link,
     LinkShape,
-    Loop,
-    Model,
+    LoopPoint,
     ModelJoint,
+    SourceLink,
+    SourceModel,
     as_tree,
     mesh_shape,
     nearest_material,
@@ -61,7 +61,7 @@ MOST_MADE = {
 MOST_OF_SIZE = 10_000
 
 
-def read_mjcf(path: Path) -> Model:
+def read_mjcf(path: Path) -> SourceModel:
     """Read a model.
 
     Raises:
@@ -74,7 +74,7 @@ def read_mjcf(path: Path) -> Model:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as problem:
         raise ImportFileError(str(path), f"rejected by MuJoCo: {problem}") from problem
-    return _Reader(model, str(path)).read(path.stem)
+    return _MjcfReader(model, str(path)).read(path.stem)
 
 
 def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path]) -> None:
@@ -108,17 +108,17 @@ def _product(text: str) -> float:
     return product
 
 
-class _Reader:
+class _MjcfReader:
     def __init__(self, model: Any, file: str) -> None:
         self._m, self._file = model, file
-        self._links: list[Link] = []
+        self._links: list[SourceLink] = []
         self._joints: list[ModelJoint] = []
         self._warnings: list[str] = []
         kinds = mujoco.mjtTrn
         hinged = model.actuator_trntype == int(kinds.mjTRN_JOINT)
         self._driven = {int(k) for k in model.actuator_trnid[hinged, 0]} if model.nu else None
 
-    def read(self, name: str) -> Model:
+    def read(self, name: str) -> SourceModel:
         m = self._m
         for count, what in ((m.ntendon, "tendons"), (m.nflex, "flexes"), (m.nskin, "skins")):
             if count:
@@ -128,7 +128,7 @@ class _Reader:
         links, joints = as_tree(self._file, self._links, self._joints)
         loops, joints = self._equalities(joints)
         found = str(m.names[: m.names.index(b"\0")].decode()) or name
-        return Model(found, self._file, links, joints, loops, tuple(self._warnings))
+        return SourceModel(found, self._file, links, joints, loops, tuple(self._warnings))
 
     def _name(self, kind: Any, index: int, default: str) -> str:
         return mujoco.mj_id2name(self._m, int(kind), index) or default
@@ -139,7 +139,7 @@ class _Reader:
     def _body(self, body: int) -> None:
         m, name = self._m, self._link_name(body)
         turn = matrix_from_quaternion(m.body_iquat[body])
-        link = Link(
+        link = SourceLink(
             name,
             float(m.body_mass[body]),
             np.array(m.body_ipos[body]),
@@ -162,7 +162,7 @@ class _Reader:
             last = k == first + count - 1
             child = name if last else f"{name}_{joint}"
             if not last:
-                self._links.append(Link(child))
+                self._links.append(SourceLink(child))
             if int(m.jnt_type[k]) == int(mujoco.mjtJoint.mjJNT_FREE):
                 self._warnings.append(f"{self._file}: {joint}: free joint imported as fixed")
                 self._joints.append(ModelJoint(joint, "fixed", parent, child, pose))
@@ -250,9 +250,9 @@ class _Reader:
 
     def _equalities(
         self, joints: tuple[ModelJoint, ...]
-    ) -> tuple[tuple[Loop, ...], tuple[ModelJoint, ...]]:
+    ) -> tuple[tuple[LoopPoint, ...], tuple[ModelJoint, ...]]:
         m, kinds = self._m, mujoco.mjtEq
-        loops: dict[tuple[str, ...], Loop] = {}
+        loops: dict[tuple[str, ...], LoopPoint] = {}
         by_name = {joint.name: joint for joint in joints}
         for e in range(m.neq):
             name = self._name(mujoco.mjtObj.mjOBJ_EQUALITY, e, f"equality_{e}")
@@ -269,7 +269,7 @@ class _Reader:
                 )
         return tuple(loops.values()), tuple(by_name.values())
 
-    def _connect(self, e: int, name: str) -> Loop:
+    def _connect(self, e: int, name: str) -> LoopPoint:
         m = self._m
         one, two = int(m.eq_obj1id[e]), int(m.eq_obj2id[e])
         if int(m.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE):
@@ -279,7 +279,7 @@ class _Reader:
             bodies = [one, max(two, 0)]
             points = [np.array(m.eq_data[e, :3]), np.array(m.eq_data[e, 3:6])]
         names = [self._link_name(body) for body in bodies]
-        return Loop(name, names[0], points[0], names[1], points[1])
+        return LoopPoint(name, names[0], points[0], names[1], points[1])
 
     def _couple(self, e: int, name: str, by_name: dict[str, ModelJoint]) -> None:
         """Take a joint equality for a mimic; one inside a loop only guards its branch."""

@@ -46,7 +46,7 @@ class LinkShape:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class SourceLink:
     """A rigid body.
 
     Attributes:
@@ -106,7 +106,7 @@ class ModelJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Loop:
+class LoopPoint:
     """A point that two links share, (3,) in each [m]."""
 
     name: str
@@ -117,14 +117,14 @@ class Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class SourceModel:
     """A tree of links with what closes loops; `links` has parents before children."""
 
     name: str
     file: str
-    links: tuple[Link, ...]
+    links: tuple[SourceLink, ...]
     joints: tuple[ModelJoint, ...]
-    loops: tuple[Loop, ...]
+    loops: tuple[LoopPoint, ...]
     warnings: tuple[str, ...]
 
     @property
@@ -141,8 +141,8 @@ class Model:
 
 
 def as_tree(
-    file: str, links: Sequence[Link], joints: Sequence[ModelJoint]
-) -> tuple[tuple[Link, ...], tuple[ModelJoint, ...]]:
+    file: str, links: Sequence[SourceLink], joints: Sequence[ModelJoint]
+) -> tuple[tuple[SourceLink, ...], tuple[ModelJoint, ...]]:
     """Return links and joints with parents first.
 
     Raises:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from trocar.formats.importers.model import (
     KINDS,
     ImportFileError,
-    Link,
     LinkShape,
-    Loop,
-    Model,
+    LoopPoint,
     ModelJoint,
+    SourceLink,
+    SourceModel,
     as_tree,
     nearest_material,
 )
@@ -46,7 +46,7 @@ LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velo
 WORLD = "world"
 
 
-def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
+def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
     """Read a model.
 
     Raises:
@@ -67,7 +67,7 @@ def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     if numbers is None:
         raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
     major, minor = map(int, numbers.groups())
-    return _Model(models[0], str(path), (major, minor), packages).read(path)
+    return _SdfModel(models[0], str(path), (major, minor), packages).read(path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class _Place:
     to: str
 
 
-class _Model:
+class _SdfModel:
     def __init__(
         self, node: XmlNode, file: str, version: tuple[int, ...], packages: tuple[Path, ...]
     ) -> None:
@@ -122,14 +122,14 @@ class _Model:
         place = self._places[name]
         return self.at(place.to, node, (*seen, name)) @ place.pose
 
-    def read(self, path: Path) -> Model:
+    def read(self, path: Path) -> SourceModel:
         """Return links, the joints of a tree, and what closes loops."""
         links = [self._link(node) for node in self._node.children("link")]
         nodes = self._node.children("joint")
         if any(node.need("parent").text() == WORLD for node in nodes):
-            links.insert(0, Link(WORLD))
+            links.insert(0, SourceLink(WORLD))
         tree: list[ModelJoint] = []
-        loops: list[Loop] = []
+        loops: list[LoopPoint] = []
         warnings = [
             f"{self._file}: <{tag}> is ignored"
             for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
@@ -146,15 +146,17 @@ class _Model:
                 inverse(self.at(name, node)) @ np.append(at, 1.0)
                 for name in (joint.parent, joint.child)
             ]
-            loops.append(Loop(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3]))
+            loops.append(
+                LoopPoint(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3])
+            )
         try:
             ordered, joints = as_tree(str(path), links, tree)
         except ImportFileError as problem:
             raise self._node.fail(str(problem).partition(": ")[2]) from problem
         name = self._node.attribute("name")
-        return Model(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
+        return SourceModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
 
-    def _link(self, node: XmlNode) -> Link:
+    def _link(self, node: XmlNode) -> SourceLink:
         node.check((*LINK, *LINK_PASSED_OVER, "sensor", "light"))
         shapes: list[LinkShape] = []
         for visual in node.children("visual"):
@@ -175,7 +177,7 @@ class _Model:
                     True,
                 )
             )
-        link = Link(node.attribute("name"), shapes=tuple(shapes))
+        link = SourceLink(node.attribute("name"), shapes=tuple(shapes))
         inertial = node.child("inertial")
         if inertial is None:  # the format's own default; what is nothing and stands still has none
             nothing = not shapes and link.name in self._still

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from trocar.formats.importers.model import (
     KINDS,
     ImportFileError,
-    Link,
     LinkShape,
-    Model,
     ModelJoint,
+    SourceLink,
+    SourceModel,
     as_tree,
     nearest_material,
 )
@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 PASSED_OVER = ("gazebo", "transmission", "mujoco")
 
 
-def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
+def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
     """Read a robot.
 
     Args:
@@ -59,7 +59,7 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> Model:
     _check_mimics(str(path), order)
     passed = sorted({n.tag for n in root.children() if n.tag in PASSED_OVER})
     warnings = tuple(f"{path}: <{tag}> is ignored" for tag in passed)
-    return Model(root.attribute("name"), str(path), tree, order, (), warnings)
+    return SourceModel(root.attribute("name"), str(path), tree, order, (), warnings)
 
 
 def _colour(node: XmlNode) -> Array | None:
@@ -68,7 +68,7 @@ def _colour(node: XmlNode) -> Array | None:
     return None if colour is None else colour.numbers(4, colour.attribute("rgba"))
 
 
-def _link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -> Link:
+def _link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -> SourceLink:
     node.check(("inertial", "visual", "collision", *PASSED_OVER))
     shapes: list[LinkShape] = []
     for visual in node.children("visual"):
@@ -95,7 +95,7 @@ def _link(node: XmlNode, colours: dict[str, Array | None], finder: MeshFinder) -
             )
         )
     inertial = node.child("inertial")
-    link = Link(node.attribute("name"), shapes=tuple(shapes))
+    link = SourceLink(node.attribute("name"), shapes=tuple(shapes))
     if inertial is None:
         return link
     inertial.check(("origin", "mass", "inertia"))

@@ -27,7 +27,7 @@ from trocar.fitting import (
     refine_hinges,
 )
 from trocar.geometry import inverse
-from trocar.robot.calibration.linkage import APART_M, Hinge, Linkage
+from trocar.robot.calibration.linkage import APART_M, HingeAxis, LoopedPart
 from trocar.robot.calibration.tracks import Tracks, check_together
 
 Array = NDArray[np.float64]
@@ -94,7 +94,7 @@ class Axes:
         warnings: what a user should know
     """
 
-    linkage: Linkage
+    linkage: LoopedPart
     fits: Mapping[str, HingeFit]
     signs: Mapping[str, float]
     warnings: tuple[str, ...]
@@ -130,7 +130,7 @@ def _noise(fits: Mapping[str, HingeFit]) -> tuple[float, float]:
 
 def measure_axes(
     tracks: Tracks,
-    linkage: Linkage,
+    linkage: LoopedPart,
     watch: Callable[[str], None] = lambda _: None,
     *,
     sliding: bool = False,
@@ -176,7 +176,7 @@ def measure_axes(
     return Axes(linkage, fits, _signs(linkage, fits), warnings)
 
 
-def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
+def _fit(tracks: Tracks, hinge: HingeAxis, slides: bool) -> HingeFit:
     check_together(tracks, hinge.body_a, hinge.body_b, LEAST_SAMPLES)
     poses = inverse(tracks.poses[hinge.body_a]) @ tracks.poses[hinge.body_b]
     fit = fit_hinge(poses, slides=slides)
@@ -186,7 +186,7 @@ def _fit(tracks: Tracks, hinge: Hinge, slides: bool) -> HingeFit:
     return fit
 
 
-def check_span(file: str, hinge: Hinge, span: float) -> None:
+def check_span(file: str, hinge: HingeAxis, span: float) -> None:
     """Refuse a sweep that is too small to fix an axis.
 
     Raises:
@@ -200,7 +200,9 @@ def check_span(file: str, hinge: Hinge, span: float) -> None:
         )
 
 
-def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, HingeFit]:
+def _jointly(
+    tracks: Tracks, linkage: LoopedPart, fits: Mapping[str, HingeFit]
+) -> dict[str, HingeFit]:
     """Weigh all hinges together: each body's poses tell of every hinge that it carries."""
     bodies, shared = joined_hinges(linkage, fits)
     poses = np.stack([tracks.poses[body] for body in bodies], axis=1)
@@ -209,7 +211,7 @@ def _jointly(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> 
 
 
 def joined_hinges(
-    linkage: Linkage, fits: Mapping[str, HingeFit]
+    linkage: LoopedPart, fits: Mapping[str, HingeFit]
 ) -> tuple[list[str], list[SharedHinge]]:
     """Return the bodies that hinges join, and each hinge by the places of its two among them."""
     hinges = [linkage.hinge(name) for name in fits]
@@ -220,7 +222,7 @@ def joined_hinges(
     ]
 
 
-def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]) -> None:
+def _check_hinges(tracks: Tracks, linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> None:
     """Refuse motion that is no turn about an axis, and name the likely cause."""
     bad = [n for n, fit in fits.items() if _wrong(fit, tracks, linkage.hinge(n))]
     if not bad:
@@ -241,7 +243,7 @@ def _check_hinges(tracks: Tracks, linkage: Linkage, fits: Mapping[str, HingeFit]
     )
 
 
-def _wrong(fit: HingeFit, tracks: Tracks, hinge: Hinge) -> bool:
+def _wrong(fit: HingeFit, tracks: Tracks, hinge: HingeAxis) -> bool:
     kept = int(fit.used.sum())
     if fit.residual_position > WRONG_M:
         return True
@@ -254,7 +256,7 @@ def _wrong(fit: HingeFit, tracks: Tracks, hinge: Hinge) -> bool:
     return int(far.sum()) > 0.3 * (kept + fit.outliers)
 
 
-def _signs(linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, float]:
+def _signs(linkage: LoopedPart, fits: Mapping[str, HingeFit]) -> dict[str, float]:
     """Give all directions one sense; which of the two is up to `home`."""
     found: dict[str, float] = {}
     for start in fits:
@@ -276,7 +278,7 @@ def _signs(linkage: Linkage, fits: Mapping[str, HingeFit]) -> dict[str, float]:
     return found
 
 
-def _direction(fit: HingeFit, hinge: Hinge, body: str) -> Array:
+def _direction(fit: HingeFit, hinge: HingeAxis, body: str) -> Array:
     return fit.direction_a if body == hinge.body_a else fit.direction_b
 
 
@@ -328,7 +330,7 @@ def slid(axis: Axis, through: Array, normal: Array) -> Axis:
     return Axis(axis.point + s * axis.direction, axis.direction, np.hstack([dg + s * dd, dd]))
 
 
-def shared_body(linkage: Linkage, one: str, two: str) -> str | None:
+def shared_body(linkage: LoopedPart, one: str, two: str) -> str | None:
     """Return the body that carries both hinges, None when there is none."""
     return next(
         (b for b in linkage.bodies if one in linkage.carried(b) and two in linkage.carried(b)), None

@@ -29,7 +29,14 @@ from trocar.robot.calibration.checks import (
     scale_of,
 )
 from trocar.robot.calibration.labels import check_loops, fitting_labels, labels_error, relabelled
-from trocar.robot.calibration.linkage import ClosureKind, Linkage, Slot, home_points, linkage, slots
+from trocar.robot.calibration.linkage import (
+    ClosureKind,
+    LoopedPart,
+    Slot,
+    home_points,
+    linkage,
+    slots,
+)
 from trocar.robot.calibration.placement import (
     Centre,
     calibrated,
@@ -239,7 +246,7 @@ class Asked:
     """
 
     arm: ArmDescription
-    loops: Linkage
+    loops: LoopedPart
     centre: Centre | None
     closure: ClosureKind
     pairs: Mapping[str, Pair]
@@ -418,7 +425,7 @@ def _cautions(found: Calibration, datum: Datum, has_betas: bool, has_centre: boo
 
 
 def chosen_bodies(
-    tracks: Tracks, loops: Linkage, centre: Centre | None, names: Mapping[str, str]
+    tracks: Tracks, loops: LoopedPart, centre: Centre | None, names: Mapping[str, str]
 ) -> tuple[Tracks, tuple[str, ...]]:
     """Select the bodies of the linkage, with a warning that names missing ones.
 

@@ -31,7 +31,7 @@ COLUMNS = ("view", "eye", "corner", "u_px", "v_px")
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
+class BoardViews:
     """Views of boards on the tools of PSMs, by the camera of an ECM.
 
     Attributes:
@@ -61,7 +61,7 @@ class Views:
     q: Mapping[str, Array]
     pixels: Array
 
-    def chosen(self, index: Sequence[int]) -> Views:
+    def chosen(self, index: Sequence[int]) -> BoardViews:
         """Return some of the views."""
         at = list(index)
         return replace(
@@ -73,7 +73,7 @@ class Views:
         )
 
 
-def read_views(path: str | Path, watch: Callable[[str], None] = lambda _: None) -> Views:
+def read_views(path: str | Path, watch: Callable[[str], None] = lambda _: None) -> BoardViews:
     """Read views, and find the corners in their pictures where no file has them.
 
     Args:
@@ -124,7 +124,7 @@ def read_views(path: str | Path, watch: Callable[[str], None] = lambda _: None) 
             for eye, file in enumerate(files):
                 watch(file)
                 pixels[i, eye] = find_corners(folder / file, board, size)
-    return Views(table.file, size, start, arms, ecms[0], psms, board.corners, tuple(names),
+    return BoardViews(table.file, size, start, arms, ecms[0], psms, board.corners, tuple(names),
                  tuple(holders), q, pixels)  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from trocar.descriptions import ArmDescription
 from trocar.descriptions.axis_lines import home_lines, line_angle
 from trocar.descriptions.calibration_plan import Pair
 from trocar.errors import FarFromNominalError
-from trocar.robot.calibration.linkage import Linkage
+from trocar.robot.calibration.linkage import LoopedPart
 from trocar.robot.calibration.rcm import RcmReport
 from trocar.robot.calibration.rcm_frame import centre_links, own_centre
 
@@ -137,7 +137,7 @@ def _scaled(distances: Mapping[str, tuple[float, float]], bound: float) -> str:
 
 
 def check_centre(
-    file: str, seen: RcmReport, arm: ArmDescription, linkage: Linkage, names: str
+    file: str, seen: RcmReport, arm: ArmDescription, linkage: LoopedPart, names: str
 ) -> None:
     """Reject a remote centre that is not where any robot of this kind has it.
 

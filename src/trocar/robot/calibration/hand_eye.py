@@ -31,7 +31,7 @@ from trocar.geometry.rotations import rotation_x, rotation_z, rpy_from_matrix
 from trocar.geometry.se3 import exp_twist, log_transform
 from trocar.kinematics import jacobian_body, pose
 from trocar.robot.calibration.axes import Value
-from trocar.robot.calibration.camera_views import Views
+from trocar.robot.calibration.camera_views import BoardViews
 from trocar.robot.calibration.registration import OFFSET_M, OFFSET_RAD, OPEN_PART, hand_eye
 
 Array = NDArray[np.float64]
@@ -195,7 +195,7 @@ class HandEye:
 
 
 def calibrate_camera(
-    views: Views,
+    views: BoardViews,
     joint_noise: float,
     offsets: bool = False,
     watch: Callable[[str], None] = lambda _: None,
@@ -262,7 +262,7 @@ class _State:
         pixel: noise of a corner per axis [px]
     """
 
-    views: Views
+    views: BoardViews
     left: Array
     stereo: Array
     eyes: Array
@@ -544,7 +544,7 @@ def _inverted(square: Array) -> Array:
     return np.asarray(inverted / np.outer(scale, scale))
 
 
-def _candidates(views: Views) -> list[tuple[str, int]]:
+def _candidates(views: BoardViews) -> list[tuple[str, int]]:
     names = (views.ecm, *views.psms)
     return [(name, joint) for name in names for joint in range(views.arms[name].own_joints)]
 
@@ -589,7 +589,7 @@ def _named_offsets(fit: _Fit) -> list[str]:
     return named or ["of several joints"]
 
 
-def _slides(views: Views, arm: str, joint: str) -> bool:
+def _slides(views: BoardViews, arm: str, joint: str) -> bool:
     return next(j.kind == "prismatic" for j in views.arms[arm].joints if j.name == joint)
 
 
@@ -684,12 +684,12 @@ def _result(fit: _Fit, warnings: tuple[str, ...]) -> HandEye:
     )
 
 
-def _intrinsics(views: Views, eye: Array) -> Intrinsics:
+def _intrinsics(views: BoardViews, eye: Array) -> Intrinsics:
     K = np.array([[eye[0], 0.0, eye[2]], [0.0, eye[1], eye[3]], [0.0, 0.0, 1.0]])
     return Intrinsics(*views.size, K, eye[4:])
 
 
-def _start(views: Views, joint_noise: float) -> _State:
+def _start(views: BoardViews, joint_noise: float) -> _State:
     """Return a first guess: lenses and board poses by homographies, then the arms' poses."""
     eyes, seen = [], []
     for eye in range(2):
@@ -744,7 +744,7 @@ def _start(views: Views, joint_noise: float) -> _State:
 
 
 def _arms_start(
-    views: Views, A_e: Array, left: Array, seen: Mapping[int, Array]
+    views: BoardViews, A_e: Array, left: Array, seen: Mapping[int, Array]
 ) -> tuple[Array, list[tuple[Array, Array]], float]:
     """Return T_ecm_left, (T_base_psm, T_tip_board) of each PSM, and what is left [m]."""
     pairs: list[tuple[Array, Array]] = []
@@ -781,7 +781,7 @@ def _mean_pose(poses: Sequence[Array]) -> Array:
     return transform(nearest_rotation(mean[:3, :3]), mean[:3, 3])
 
 
-def _planes(views: Views, eye: int) -> dict[int, Array]:
+def _planes(views: BoardViews, eye: int) -> dict[int, Array]:
     """Return homographies, board to pixels, of the views that show four corners, {view: (3, 3)}."""
     found: dict[int, Array] = {}
     for i, pixels in enumerate(views.pixels[:, eye]):
@@ -806,7 +806,7 @@ def _planes(views: Views, eye: int) -> dict[int, Array]:
     return found
 
 
-def _focal_lengths(views: Views, planes: Mapping[int, Array]) -> Array:
+def _focal_lengths(views: BoardViews, planes: Mapping[int, Array]) -> Array:
     """Return K with the principal point in the middle and focal lengths from homographies.
 
     Source: Zhang, "A flexible new technique for camera calibration", 2000: h1' w h2 = 0 and

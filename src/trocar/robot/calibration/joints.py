@@ -191,7 +191,7 @@ def calibrate_joints(
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class TrackedChain:
     """Every joint of a chain as the tracks show it.
 
     Attributes:
@@ -285,7 +285,7 @@ def _measure(
     joints: tuple[SerialJoint, ...],
     nominal: Mapping[str, Mapping[str, float]],
     watch: Callable[[str], None],
-) -> Chain:
+) -> TrackedChain:
     """Fit every joint, and compare the chain with its description.
 
     Raises:
@@ -314,7 +314,7 @@ def _measure(
     effects = tuple(_effect(fit, T[0], T[1], count, i, len(fits))
                     for i, (fit, T) in enumerate(zip(fits, home, strict=True)))  # fmt: skip
     signs = tuple(j.sense * _sense(fit, still) for j, fit in zip(joints, fits, strict=True))
-    chain = Chain(joints, tuple(fits), tuple(T for T, _ in home), effects, signs, np.eye(4),
+    chain = TrackedChain(joints, tuple(fits), tuple(T for T, _ in home), effects, signs, np.eye(4),
                   np.zeros((6, 0)))  # fmt: skip
     lines, _ = chain.lines()
     onto = _laid(lines, joints)
@@ -432,7 +432,7 @@ def _effect(
     return effect
 
 
-def _check(file: str, chain: Chain, nominal: Mapping[str, Mapping[str, float]]) -> None:
+def _check(file: str, chain: TrackedChain, nominal: Mapping[str, Mapping[str, float]]) -> None:
     """Reject a chain that is none of this kind.
 
     Raises:
@@ -482,7 +482,7 @@ def _mislabelled(
     return None
 
 
-def _overlay(arm: ArmDescription, chain: Chain, loops: Calibration | None) -> Overlay:
+def _overlay(arm: ArmDescription, chain: TrackedChain, loops: Calibration | None) -> Overlay:
     """Return the overlay whose frames stand on the measured axes, with standard deviations."""
     base = Overlay(arm.name) if loops is None else loops.overlay
     drawn = arm if loops is None else apply_overlay(arm, base)
@@ -527,7 +527,7 @@ def _overlay(arm: ArmDescription, chain: Chain, loops: Calibration | None) -> Ov
 
 
 def _anchor(
-    arm: ArmDescription, drawn: ArmDescription, chain: Chain, loops: Calibration | None
+    arm: ArmDescription, drawn: ArmDescription, chain: TrackedChain, loops: Calibration | None
 ) -> tuple[int, Array] | None:
     """Return a link of calibrated loops and where its markers are at home, T_root_markers."""
     if loops is None:
@@ -543,7 +543,7 @@ def _anchor(
 
 def _placed(
     mechanism: Mechanism,
-    chain: Chain,
+    chain: TrackedChain,
     steps: Array,
     held: set[str],
     anchor: tuple[int, Array] | None,

@@ -15,7 +15,7 @@ from trocar.fitting import LEAST_SPAN, SMALL_SPAN, rough_hinge
 from trocar.geometry import inverse
 from trocar.robot.calibration.axes import LEAST_SAMPLES, WRONG_M, check_span, shared_body
 from trocar.robot.calibration.checks import check_axes, distance_bound
-from trocar.robot.calibration.linkage import APART_M, Linkage
+from trocar.robot.calibration.linkage import APART_M, LoopedPart
 from trocar.robot.calibration.tracks import Tracks, thinned
 
 Labels = Mapping[str, str]
@@ -75,7 +75,7 @@ def rough_hinges(
 
 def check_loops(
     tracks: Tracks,
-    linkage: Linkage,
+    linkage: LoopedPart,
     nominal: Mapping[str, float],
     pairs: Mapping[str, Pair],
     names: str,
@@ -115,7 +115,7 @@ def check_loops(
 
 def fitting_labels(
     tracks: Tracks,
-    linkage: Linkage,
+    linkage: LoopedPart,
     nominal: Mapping[str, float],
     pairs: Mapping[str, Pair],
     base: str,
@@ -160,7 +160,7 @@ def fitting_labels(
     return list(_permuted(bodies, wanted, {}))
 
 
-def _ends(linkage: Linkage, pair: Pair) -> tuple[str, str, str] | None:
+def _ends(linkage: LoopedPart, pair: Pair) -> tuple[str, str, str] | None:
     """Return the body that carries two hinges, and the other body of each."""
     body = shared_body(linkage, *pair)
     if body is None:

@@ -34,7 +34,7 @@ APART_M = 1e-3
 
 
 @dataclass(frozen=True)
-class Hinge:
+class HingeAxis:
     """An axis about which two bodies turn.
 
     Attributes:
@@ -52,7 +52,7 @@ class Hinge:
 
 
 @dataclass(frozen=True, eq=False)
-class Linkage:
+class LoopedPart:
     """The part of a mechanism that its loops move.
 
     Attributes:
@@ -76,7 +76,7 @@ class Linkage:
     arm: str
     mechanism: Mechanism
     bodies: Mapping[str, str]
-    hinges: tuple[Hinge, ...]
+    hinges: tuple[HingeAxis, ...]
     joints: tuple[int, ...]
     rest: Array
     frames: Mapping[str, Array]
@@ -89,7 +89,7 @@ class Linkage:
     known: frozenset[str]
 
     @property
-    def tree(self) -> tuple[Hinge, ...]:
+    def tree(self) -> tuple[HingeAxis, ...]:
         """The hinges of the tree, from the ground up."""
         return tuple(hinge for hinge in self.hinges if not hinge.closure)
 
@@ -98,7 +98,7 @@ class Linkage:
         """The body that every loop hangs on."""
         return next(iter(self.bodies))
 
-    def hinge(self, name: str) -> Hinge:
+    def hinge(self, name: str) -> HingeAxis:
         """Return the hinge with this name."""
         return next(hinge for hinge in self.hinges if hinge.name == name)
 
@@ -128,7 +128,7 @@ class Linkage:
         return tuple(h.name for h in self.hinges if body in (h.body_a, h.body_b))
 
 
-def linkage(arm: ArmDescription) -> Linkage:
+def linkage(arm: ArmDescription) -> LoopedPart:
     """Return the loops of an arm as bodies and hinges.
 
     Raises:
@@ -152,7 +152,7 @@ def linkage(arm: ArmDescription) -> Linkage:
     labels = {} if plan is None else {frame: label for label, frame in plan.axes.items()}
     joined = [(n, body_of[str(whole.frame(n).parent)], body_of[n], False) for n in names]
     joined += [(c.name, body_of[c.frame_a], body_of[c.frame_b], True) for c in whole.closures]
-    hinges = tuple(Hinge(n, labels.get(n, n), a, b, closure) for n, a, b, closure in joined)
+    hinges = tuple(HingeAxis(n, labels.get(n, n), a, b, closure) for n, a, b, closure in joined)
     present = {body for hinge in hinges for body in (hinge.body_a, hinge.body_b)}
     bodies: dict[str, str] = {}
     for frame in whole.frames:
@@ -173,7 +173,7 @@ def linkage(arm: ArmDescription) -> Linkage:
     plane = plane_across(along)
     first = next(iter((plan or default_plan(whole)).axes.values()))
     joints = sorted({c for n in names for c in np.flatnonzero(core.ratios[core.frame_index[n]])})
-    return Linkage(
+    return LoopedPart(
         arm=core.name,
         mechanism=core,
         bodies=bodies,
@@ -222,7 +222,7 @@ def plane_across(along: Array) -> Array:
 
 
 def _turns(
-    core: Mechanism, hinges: tuple[Hinge, ...], signs: Mapping[str, float]
+    core: Mechanism, hinges: tuple[HingeAxis, ...], signs: Mapping[str, float]
 ) -> dict[str, Array]:
     """Return how each body turns in the plane by the couplings alone, from the ground up."""
     found = {hinges[0].body_a: np.zeros(len(core.joints))}
@@ -242,7 +242,7 @@ class Slot:
     body: str
 
 
-def slots(linkage: Linkage) -> tuple[Slot, ...]:
+def slots(linkage: LoopedPart) -> tuple[Slot, ...]:
     """Return the places that the displacements belong to, in their order."""
     found: list[Slot] = []
     for hinge in linkage.hinges:
@@ -252,7 +252,7 @@ def slots(linkage: Linkage) -> tuple[Slot, ...]:
     return tuple(found)
 
 
-def shift_rows(linkage: Linkage) -> dict[str, Array]:
+def shift_rows(linkage: LoopedPart) -> dict[str, Array]:
     """Return how displacements move each body at home, {body: (n_slots,)} of zeros and ones."""
     unit = np.eye(len(slots(linkage)))
     rows = {linkage.ground: 0.0 * unit[0]}
@@ -261,13 +261,13 @@ def shift_rows(linkage: Linkage) -> dict[str, Array]:
     return rows
 
 
-def place_rows(linkage: Linkage) -> dict[Slot, Array]:
+def place_rows(linkage: LoopedPart) -> dict[Slot, Array]:
     """Return how displacements move each place at home, {place: (n_slots,)}."""
     rows, places = shift_rows(linkage), slots(linkage)
     return {slot: rows[slot.body] + u for slot, u in zip(places, np.eye(len(places)), strict=True)}
 
 
-def home_points(linkage: Linkage, moved: Array) -> dict[Slot, Array]:
+def home_points(linkage: LoopedPart, moved: Array) -> dict[Slot, Array]:
     """Return where each body has its hinges at home.
 
     Args:
@@ -284,7 +284,7 @@ def home_points(linkage: Linkage, moved: Array) -> dict[Slot, Array]:
     return found
 
 
-def displacements(linkage: Linkage, points: Mapping[Slot, Array]) -> Array:
+def displacements(linkage: LoopedPart, points: Mapping[Slot, Array]) -> Array:
     """Return the displacements that put the hinges at these places, (n_slots, 2) [m]."""
     places, rows = slots(linkage), place_rows(linkage)
     away = np.stack([points[slot] - linkage.points[slot.hinge] for slot in places])
@@ -292,7 +292,7 @@ def displacements(linkage: Linkage, points: Mapping[Slot, Array]) -> Array:
     return np.asarray(found, dtype=np.float64)
 
 
-def closing_rows(linkage: Linkage, parallelogram: bool) -> Array:
+def closing_rows(linkage: LoopedPart, parallelogram: bool) -> Array:
     """Return the rows that vanish on displacements of a linkage that closes, (m, n_slots).
 
     With `parallelogram` it closes by the couplings at every joint position: the links that turn
@@ -314,7 +314,7 @@ def closing_rows(linkage: Linkage, parallelogram: bool) -> Array:
     return np.stack(rows)
 
 
-def gauge_rows(linkage: Linkage) -> Array:
+def gauge_rows(linkage: LoopedPart) -> Array:
     """Return three rows that hold the ground still, (3, 2 n_slots).
 
     The first hinge of the ground stays, and the direction from there to the ground's next one, or
@@ -337,7 +337,7 @@ def gauge_rows(linkage: Linkage) -> Array:
     return np.asarray(held, dtype=np.float64)
 
 
-def freedoms(linkage: Linkage, parallelogram: bool) -> Array:
+def freedoms(linkage: LoopedPart, parallelogram: bool) -> Array:
     """Return an orthonormal basis of the displacements that close, (2 n_slots, n_free)."""
     closing = np.kron(closing_rows(linkage, parallelogram), np.eye(2))
     held = np.vstack([closing, gauge_rows(linkage)])
@@ -346,7 +346,10 @@ def freedoms(linkage: Linkage, parallelogram: bool) -> Array:
 
 
 def rebuilt(
-    linkage: Linkage, mechanism: Mechanism, moved: Array, tilts: Mapping[str, Array] | None = None
+    linkage: LoopedPart,
+    mechanism: Mechanism,
+    moved: Array,
+    tilts: Mapping[str, Array] | None = None,
 ) -> Mechanism:
     """Return a mechanism with its axes displaced.
 
@@ -386,12 +389,12 @@ def rebuilt(
     )
 
 
-def in_frame(linkage: Linkage, frame: str, across: Array) -> Array:
+def in_frame(linkage: LoopedPart, frame: str, across: Array) -> Array:
     """Return a vector in the plane as a frame has it at home, (3,)."""
     return linkage.frames[frame][:3, :3].T @ linkage.plane[:, :2] @ across
 
 
-def leading(linkage: Linkage, body: str) -> list[Slot]:
+def leading(linkage: LoopedPart, body: str) -> list[Slot]:
     """Return the places of the hinges that lead from the ground to a body."""
     above = {hinge.body_b: Slot(hinge.name, hinge.body_a) for hinge in linkage.tree}
     found: list[Slot] = []

@@ -22,7 +22,7 @@ from trocar.kinematics.loops import closed_coordinates
 from trocar.kinematics.mechanism import Frame, Mechanism
 from trocar.robot.calibration.axes import BaseAxis, slopes
 from trocar.robot.calibration.linkage import (
-    Linkage,
+    LoopedPart,
     Slot,
     bodies_of,
     displacements,
@@ -65,7 +65,7 @@ class Centre:
     axis: BaseAxis | None = None
 
 
-def remote_centre_of(arm: ArmDescription, linkage: Linkage) -> Centre | None:
+def remote_centre_of(arm: ArmDescription, linkage: LoopedPart) -> Centre | None:
     """Return the remote centre that a description is built for, None where there is none."""
     mechanism, body_of = arm.mechanism, bodies_of(arm)
     q = swept(linkage, mechanism)

@@ -17,7 +17,7 @@ from scipy.ndimage import median_filter
 from scipy.optimize import least_squares
 
 from trocar.geometry import inverse, matrix_from_rotation_vector, skew
-from trocar.robot.calibration.linkage import Linkage, freedoms
+from trocar.robot.calibration.linkage import LoopedPart, freedoms
 from trocar.robot.calibration.robot import (
     Level,
     Robot,
@@ -74,7 +74,7 @@ class Samples:
 
 
 @dataclass(frozen=True, eq=False)
-class Registered:
+class RegisteredSamples:
     """Every sample at its own best camera pose and joint positions.
 
     Attributes:
@@ -111,7 +111,7 @@ class Groups:
     home: Mask
 
 
-def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registered:
+def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> RegisteredSamples:
     """Fit camera pose and joint positions of each sample by weighted least squares.
 
     Args:
@@ -144,7 +144,7 @@ def register(robot: Robot, samples: Samples, camera: Array, q: Array) -> Registe
     usual = np.nanmedian(np.where(samples.seen, squared, np.nan), axis=0)
     near = median_filter(np.where(samples.seen, squared, usual), (NEIGHBOURS, 1), mode="nearest")
     most = FAR_SQUARED * np.maximum(np.maximum(near, usual) / MEDIAN_SQUARED, 1.0)
-    return Registered(camera, q, residuals, samples.seen & (squared <= most))
+    return RegisteredSamples(camera, q, residuals, samples.seen & (squared <= most))
 
 
 def nuisance_slopes(expected: Array, rates: Array) -> Array:
@@ -167,7 +167,7 @@ def _small_pose(step: Array) -> Array:
     return moved
 
 
-def compress(robot: Robot, samples: Samples, found: Registered) -> Groups:
+def compress(robot: Robot, samples: Samples, found: RegisteredSamples) -> Groups:
     """Gather samples by joint positions and by which bodies they have."""
     enough = found.seen.sum(axis=1) >= min(LEAST_BODIES, found.seen.shape[1])
     q, seen, home = found.q[enough], found.seen[enough], samples.home[enough]
@@ -445,11 +445,11 @@ def refine(
 def _lower(
     problem: Problem,
     samples: Samples,
-    found: Registered,
+    found: RegisteredSamples,
     step: Array,
     before: float,
     tries: int,
-) -> tuple[Robot, Registered] | None:
+) -> tuple[Robot, RegisteredSamples] | None:
     """Return the robot at so much of a step that chi-squared falls, None where it never does."""
     for halved in range(tries):
         robot = problem.moved(0.5**halved * step)
@@ -459,13 +459,13 @@ def _lower(
     return None
 
 
-def _left(robot: Robot, samples: Samples, found: Registered, level: Level) -> float:
+def _left(robot: Robot, samples: Samples, found: RegisteredSamples, level: Level) -> float:
     """Return what is left of all samples, chi-squared, and of the datum's height."""
     share = found.residuals * samples.weights * samples.seen[..., None]
     return float(np.sum(share**2)) + (height(robot, level) / HEIGHT_M) ** 2
 
 
-def may_tilt(linkage: Linkage) -> tuple[str, ...]:
+def may_tilt(linkage: LoopedPart) -> tuple[str, ...]:
     """Return the frames whose hinges may tilt: all but the first."""
     return tuple(hinge.name for hinge in linkage.hinges if not hinge.closure)[1:]
 
@@ -505,7 +505,7 @@ def first_cameras(robot: Robot, samples: Samples, q: Array) -> Array:
     return samples.poses[each, body] @ inverse(expected[each, body])
 
 
-def _result(problem: Problem, found: Registered, widened: float) -> Refined:
+def _result(problem: Problem, found: RegisteredSamples, widened: float) -> Refined:
     taken = eliminate(problem)
     here = np.zeros(problem.free + 6 * len(problem.robot.markers))
     jacobian, left_over = slopes(problem, taken, here), rows(problem, taken, here)

@@ -33,7 +33,7 @@ from trocar.geometry.rotations import rpy_from_matrix
 from trocar.kinematics.forward import pose
 from trocar.robot.calibration.axes import Value, slopes
 from trocar.robot.calibration.robot import pose_residuals
-from trocar.robot.calibration.touches import Readings
+from trocar.robot.calibration.touches import TouchReadings
 
 Array = NDArray[np.float64]
 
@@ -110,7 +110,7 @@ class Base:
 
 
 def register(
-    readings: Mapping[str, Readings], watch: Callable[[str], None] = lambda _: None
+    readings: Mapping[str, TouchReadings], watch: Callable[[str], None] = lambda _: None
 ) -> dict[str, Base]:
     """Find the base of each arm, and its joint offsets, {name of the arm: base}.
 
@@ -171,10 +171,10 @@ def _placed(T: Array, covariance: Array) -> dict[str, Any]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class _Unknowns:
     """Unknowns of one arm: its base (6), the tip (3), the board (6), or neither; then offsets."""
 
-    readings: Readings
+    readings: TouchReadings
     base: Array
     tip: Array
 
@@ -212,7 +212,7 @@ class _Model:
         return pose_residuals(cast(Array, self.readings.boards), expected)
 
 
-def _base(name: str, mine: Readings) -> Base:
+def _base(name: str, mine: TouchReadings) -> Base:
     arm = mine.arm
     model, x, covariance, left = _fit(name, _start(name, mine))
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -266,7 +266,7 @@ def _base(name: str, mine: Readings) -> Base:
     )  # fmt: skip
 
 
-def _fit(name: str, model: _Model) -> tuple[_Model, Array, Array, Array]:
+def _fit(name: str, model: _Unknowns) -> tuple[_Unknowns, Array, Array, Array]:
     """Fit an arm's unknowns; of boards, position and rotation are weighted by what is left.
 
     Returns:
@@ -305,12 +305,12 @@ def _fit(name: str, model: _Model) -> tuple[_Model, Array, Array, Array]:
     return model, x, np.asarray(covariance, dtype=np.float64), model.left(x)
 
 
-def _start(name: str, mine: Readings) -> _Model:
+def _start(name: str, mine: TouchReadings) -> _Unknowns:
     """Return a model at a first guess of base and tip, without offsets."""
     at = pose(mine.arm.mechanism, mine.q)
     if mine.boards is not None:
         base, tip = hand_eye(at, mine.boards)
-        return _Model(mine, base, tip)
+        return _Unknowns(mine, base, tip)
     points = cast(Array, mine.points)
     tip = np.eye(4)
     tip[:3, 3] = np.zeros(3) if mine.tip is None else mine.tip
@@ -321,7 +321,7 @@ def _start(name: str, mine: Readings) -> _Model:
             f"{name}: touched {len(distinct)} points that lie on a line or coincide; required: at"
             " least three that do not"
         )
-    return _Model(mine, _onto((at @ tip)[:, :3, 3], points), tip)
+    return _Unknowns(mine, _onto((at @ tip)[:, :3, 3], points), tip)
 
 
 def _onto(points: Array, others: Array) -> Array:

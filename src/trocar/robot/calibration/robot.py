@@ -16,7 +16,7 @@ from trocar.kinematics.mechanism import Mechanism
 from trocar.kinematics.tree import frame_poses
 from trocar.robot.calibration.axes import Axes
 from trocar.robot.calibration.linkage import (
-    Linkage,
+    LoopedPart,
     Slot,
     freedoms,
     place_rows,
@@ -52,7 +52,7 @@ class Robot:
         markers: {body: T_frame_markers (4, 4)}, of the body's first frame
     """
 
-    linkage: Linkage
+    linkage: LoopedPart
     moved: Array
     tilts: Mapping[str, Array]
     markers: Mapping[str, Array]
@@ -143,7 +143,7 @@ def with_pins(mechanism: Mechanism) -> Mechanism:
     )
 
 
-def swept(linkage: Linkage, mechanism: Mechanism) -> Array:
+def swept(linkage: LoopedPart, mechanism: Mechanism) -> Array:
     """Return joint positions over the range of the joints that move the loops, (n, n_joints)."""
     q = np.tile(linkage.rest, (POSITIONS, 1))
     for joint in linkage.joints:
@@ -170,7 +170,7 @@ def marker_poses(robot: Robot, mechanism: Mechanism, q: Array) -> Array:
     return np.stack([at[body] @ X for body, X in robot.markers.items()], axis=1)
 
 
-def body_poses(linkage: Linkage, mechanism: Mechanism, coordinates: Array) -> dict[str, Array]:
+def body_poses(linkage: LoopedPart, mechanism: Mechanism, coordinates: Array) -> dict[str, Array]:
     """Return {body: pose of its first frame in the ground's (n, 4, 4)}.
 
     Args:

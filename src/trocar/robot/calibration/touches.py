@@ -31,7 +31,7 @@ BEYOND = 0.2
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class TouchReadings:
     """Readings of one arm.
 
     Attributes:
@@ -53,7 +53,7 @@ class Readings:
     tip: Array | None
 
 
-def read_touches(path: str | Path) -> dict[str, Readings]:
+def read_touches(path: str | Path) -> dict[str, TouchReadings]:
     """Read the readings of all arms, {name of the arm: its own}.
 
     Raises:
@@ -84,7 +84,7 @@ def _readings(
     rows: CsvRows,
     arms: Mapping[str, tuple[ArmDescription, Array | None]],
     points: Mapping[str, Array],
-) -> dict[str, Readings]:
+) -> dict[str, TouchReadings]:
     if len(rows.cells) < 2:
         raise TracksError(rows.file, "has no readings; allowed: a header and a row for each")
     head = [cell.strip() for cell in rows.cells[0]]
@@ -103,7 +103,7 @@ def _readings(
     for index, owner in enumerate(owners):
         if owner not in arms:
             raise body.error(f"arm: got {owner!r}; allowed: {', '.join(arms)}", index)
-    found: dict[str, Readings] = {}
+    found: dict[str, TouchReadings] = {}
     for name, (arm, tip) in arms.items():
         mine = [i for i, owner in enumerate(owners) if owner == name]
         own = CsvRows(rows.file, [body.lines[i] for i in mine], [padded[i] for i in mine])
@@ -111,7 +111,7 @@ def _readings(
             raise TracksError(rows.file, f"no row of arm {name}; allowed: readings of each arm")
         q = _positions(own, head, arm)
         touched = () if posed else _touched(own, head, points)
-        found[name] = Readings(
+        found[name] = TouchReadings(
             arm=arm,
             q=q,
             points=None if posed else np.stack([points[point] for point in touched]),

@@ -19,7 +19,7 @@ from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.forward import pose
 from trocar.robot.dvrk_config.arms import largest_gap, last_row
 from trocar.robot.dvrk_config.setup_joints import CART
-from trocar.robot.dvrk_config.system import TOOL_TIP, Chain, Lab, LabArm, SetupArm
+from trocar.robot.dvrk_config.system import TOOL_TIP, DhRows, Lab, LabArm, SetupArm
 
 Array = NDArray[np.float64]
 
@@ -103,7 +103,7 @@ def _largest(by_name: Mapping[str, list[Array]]) -> Gap:
     return Gap(len(by_name), metres, radians)
 
 
-def _limit_gap(chain: Chain, rig: RigDescription, name: str) -> Array:
+def _limit_gap(chain: DhRows, rig: RigDescription, name: str) -> Array:
     """Return how far limits of joints are from those of the rows, (2,) [m, rad]."""
     gap, rows = np.zeros(2), [row for row in chain.rows if row.moves]
     for row, joint in zip(rows, rig.arm(name).arm.joints, strict=False):
@@ -123,7 +123,7 @@ def _tip(arm: LabArm, rig: RigDescription, q: Array) -> Array:
     if arm.endoscope is not None:
         return row @ arm.endoscope.T_row_tip
     if arm.instrument is not None:
-        tool = Chain("modified", arm.instrument.rows[:3])
+        tool = DhRows("modified", arm.instrument.rows[:3])
         return row @ tool.tip(q[own.own_joints - 3 : own.own_joints]) @ np.array(TOOL_TIP)
     return pose(own.mechanism, q)
 

@@ -23,7 +23,7 @@ from trocar.geometry.se3 import inverse, pose_difference, transform, transform_p
 from trocar.kinematics.forward import pose, poses
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.dvrk_config.files import DhRow
-from trocar.robot.dvrk_config.system import SAME_LENGTH, Chain, Gains, Instrument, LabArm
+from trocar.robot.dvrk_config.system import SAME_LENGTH, DhRows, Gains, Instrument, LabArm
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
@@ -291,7 +291,7 @@ def largest_gap(one: Array, other: Array) -> Array:
     return np.array([float(np.max(part)) for part in pose_difference(one, other)])
 
 
-def _same_chain(chain: Chain, own: ArmDescription) -> bool:
+def _same_chain(chain: DhRows, own: ArmDescription) -> bool:
     if chain.moving != own.own_joints:
         return False
     lower, upper = own.mechanism.lower, own.mechanism.upper

@@ -46,11 +46,11 @@ Four = tuple[float, float, float, float]
 Matrix4 = tuple[Four, Four, Four, Four]
 
 
-class Entries(msgspec.Struct):
+class JsonRecord(msgspec.Struct):
     """An object of a JSON file; names are keys in lower case with underscores."""
 
 
-class DhRow(Entries):
+class DhRow(JsonRecord):
     """A row of Denavit-Hartenberg parameters and the limits of its joint [m, rad, N, N m].
 
     `read_chain` adds the offset to d or theta, and leaves revolute or prismatic as type.
@@ -75,7 +75,7 @@ class DhRow(Entries):
         return self.mode == "active"
 
 
-class Dh(Entries):
+class Dh(JsonRecord):
     """A kinematic chain; older files say `links`."""
 
     convention: Literal["modified", "standard"] | None = None
@@ -83,13 +83,13 @@ class Dh(Entries):
     links: tuple[DhRow, ...] = ()
 
 
-class KinematicFile(Entries):
+class KinematicFile(JsonRecord):
     """kinematic/*.json, and the files of version 1 that hold an arm with its instrument."""
 
     dh: Dh
 
 
-class Jaw(Entries):
+class InstrumentJaw(JsonRecord):
     """Limits of an instrument's jaw [rad, N m]."""
 
     qmin: float
@@ -97,22 +97,22 @@ class Jaw(Entries):
     ftmax: float = 0.0
 
 
-class Coupling(Entries):
+class InstrumentCoupling(JsonRecord):
     """Coupling of an instrument's discs and joints."""
 
     actuator_to_joint: Matrix4 = msgspec.field(name="actuatortojointposition")
 
 
-class ToolFile(Entries):
+class ToolFile(JsonRecord):
     """tool/*.json: an instrument."""
 
     dh: Dh
     tooltip_offset: Matrix4
-    jaw: Jaw
-    coupling: Coupling
+    jaw: InstrumentJaw
+    coupling: InstrumentCoupling
 
 
-class Gain(Entries):
+class Gain(JsonRecord):
     """PID gains of one joint."""
 
     index: int
@@ -121,27 +121,27 @@ class Gain(Entries):
     d_gain: NotNegative = 0.0
 
 
-class PidFile(Entries):
+class PidFile(JsonRecord):
     """pid/sawControllersPID-*.json."""
 
     pid: tuple[Gain, ...] = ()
 
 
-class Placement(Entries):
+class PoseEntry(JsonRecord):
     """A pose as translation [m] and rotation matrix."""
 
     translation: Three
     rotation: tuple[Three, Three, Three]
 
 
-class SetupEntry(Entries):
+class SetupEntry(JsonRecord):
     """The setup joints of one arm."""
 
     name: str
     simulated_position: tuple[float, ...] | None = None
     dh: Dh | None = None
-    world_origin_to_suj: Placement | None = None
-    suj_tip_to_tool_origin: Placement | None = None
+    world_origin_to_suj: PoseEntry | None = None
+    suj_tip_to_tool_origin: PoseEntry | None = None
     measured_cp: Matrix4 | None = None
     primary_offsets: tuple[float, ...] | None = None
     primary_scales: tuple[float, ...] | None = None
@@ -149,14 +149,14 @@ class SetupEntry(Entries):
     secondary_scales: tuple[float, ...] | None = None
 
 
-class SetupFile(Entries):
+class SetupFile(JsonRecord):
     """arm/suj*.json: the setup joints of a cart."""
 
     arms: tuple[SetupEntry, ...] = ()
     reference_arm: str = ""
 
 
-class ArmFile(Entries):
+class ArmFile(JsonRecord):
     """An arm's own file: NAME-SERIAL.json."""
 
     kinematic: str
@@ -166,7 +166,7 @@ class ArmFile(Entries):
     endoscope: str = ""
 
 
-class BaseFrame(Entries):
+class BaseFrameEntry(JsonRecord):
     """Where an arm stands: in a frame, or on what a component holds."""
 
     transform: Matrix4 | None = None
@@ -175,7 +175,7 @@ class BaseFrame(Entries):
     interface: str | None = None
 
 
-class ArmEntry(Entries):
+class ArmEntry(JsonRecord):
     """An arm of a system. Systems of version 1 have `kinematic` in place of a file of its own."""
 
     name: str
@@ -186,18 +186,18 @@ class ArmEntry(Entries):
     arm: str | None = None
     kinematic: str | None = None
     pid_file: str | None = None
-    base_frame: BaseFrame | None = None
+    base_frame: BaseFrameEntry | None = None
     component: str = ""
 
 
-class GripperScaling(Entries):
+class GripperScaling(JsonRecord):
     """Angles of a master's gripper [rad]."""
 
     zero: float | None = None
     max: float | None = None
 
 
-class TeleopParameters(Entries):
+class TeleopParameters(JsonRecord):
     """Parameters of a teleoperation, called as in a rig. Source: schema dvrk-teleop-PSM."""
 
     scale: Annotated[float, msgspec.Meta(gt=0.0, le=1.0)] | None = None
@@ -222,7 +222,7 @@ class TeleopParameters(Entries):
     gripper_scaling: GripperScaling | None = None
 
 
-class TeleopEntry(Entries):
+class TeleopEntry(JsonRecord):
     """A pair of arms; older files say `master` and `slave`."""
 
     mtm: str | None = None
@@ -239,7 +239,7 @@ class TeleopEntry(Entries):
     configure_parameter: TeleopParameters | None = None
 
 
-class Console(Entries):
+class ConsoleEntry(JsonRecord):
     """Teleoperations of a console; version 2.3 and before have them in the system."""
 
     teleop_psms: tuple[TeleopEntry, ...] = ()
@@ -248,30 +248,30 @@ class Console(Entries):
     ecm_teleop: TeleopEntry | None = None
 
 
-class Component(Entries):
+class ComponentEntry(JsonRecord):
     """A component that the system creates."""
 
     class_name: str = ""
     constructor_arg: Any = None
 
 
-class ComponentManager(Entries):
+class ComponentManager(JsonRecord):
     """Components that the system creates; none of them is simulated."""
 
-    components: tuple[Component, ...] = ()
+    components: tuple[ComponentEntry, ...] = ()
 
 
-class Settings(Entries):
+class Settings(JsonRecord):
     """Settings of a system."""
 
     path: tuple[str, ...] = ()
 
 
-class SystemFile(Console):
+class SystemFile(ConsoleEntry):
     """system-*.json, or console-*.json of version 2.3 and before."""
 
     arms: tuple[ArmEntry, ...] = ()
-    consoles: tuple[Console, ...] = ()
+    consoles: tuple[ConsoleEntry, ...] = ()
     settings: Settings | None = None
     component_manager: ComponentManager | None = None
 
@@ -482,7 +482,7 @@ def converted(name: str, data: Any, kind: type[T]) -> T:
     Args:
         name: of the file, for messages
         data: as `parse_json` returns it
-        kind: a child of `Entries`
+        kind: a child of `JsonRecord`
 
     Raises:
         DescriptionError: file, key, what was got, what is allowed
@@ -514,7 +514,7 @@ def converted(name: str, data: Any, kind: type[T]) -> T:
 
 
 def _is_record(expected: Any) -> bool:
-    return isinstance(expected, type) and issubclass(expected, Entries)
+    return isinstance(expected, type) and issubclass(expected, JsonRecord)
 
 
 def _hints(kind: Any) -> dict[str, Any]:

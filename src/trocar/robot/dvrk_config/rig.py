@@ -52,7 +52,7 @@ LOW = 0.3
 
 
 @dataclass(frozen=True)
-class Options:
+class RigImportOptions:
     """Options of an import.
 
     Attributes:
@@ -69,7 +69,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Imported:
+class ImportedRig:
     """An imported rig.
 
     Attributes:
@@ -91,19 +91,21 @@ class Imported:
     agreement: Mapping[str, Gap]
 
 
-def import_dvrk(system: str | Path, target: str | Path, options: Options | None = None) -> Imported:
+def import_dvrk(
+    system: str | Path, target: str | Path, options: RigImportOptions | None = None
+) -> ImportedRig:
     """Turn a dVRK system's configuration into a rig, with files of the arms that differ.
 
     Args:
         system: system-*.json
         target: RIG.toml
-        options: see `Options`
+        options: see `RigImportOptions`
 
     Raises:
         DescriptionError: a file is broken, missing or contradicts itself: file, key, got, allowed
         InputError: a target that is there already, or cannot be written
     """
-    chosen, path, file = options or Options(), Path(system), Path(target).expanduser()
+    chosen, path, file = options or RigImportOptions(), Path(system), Path(target).expanduser()
     _check_target(file, chosen.overwrite)
     if not is_file(path):
         raise InputError(f"{system}: no such file; allowed: a dVRK system-*.json or console-*.json")
@@ -128,7 +130,7 @@ def import_dvrk(system: str | Path, target: str | Path, options: Options | None 
             " collision are used"
         )
     notes = tuple(dict.fromkeys((*lab.notes, *files.notes)))
-    return Imported(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)
+    return ImportedRig(load_rig(file), written, notes, lab.warnings, lab.idle, lab.unknown, gap)
 
 
 def _check_target(file: Path, overwrite: bool) -> None:

@@ -86,7 +86,7 @@ SAME_LENGTH = 1e-7
 
 
 @dataclass(frozen=True)
-class Chain:
+class DhRows:
     """Rows from the base outward, and their convention."""
 
     convention: Literal["modified", "standard"]
@@ -131,7 +131,7 @@ class SetupArm:
     name: str
     file: str
     generation: Generation
-    chain: Chain | None
+    chain: DhRows | None
     column: Array
     tool_origin: Array
     q: Array | None
@@ -182,7 +182,7 @@ class LabArm:
     type: Literal["PSM", "ECM", "MTM"]
     generation: Generation
     file: str
-    chain: Chain | None
+    chain: DhRows | None
     tool: str
     instrument: Instrument | None
     endoscope: EndoscopeType | None
@@ -242,10 +242,10 @@ def read_system(
     Raises:
         DescriptionError: naming file, key, what was got and what is allowed
     """
-    return _Reader(path, share, literal, tools).read()
+    return _SystemReader(path, share, literal, tools).read()
 
 
-class _Reader:
+class _SystemReader:
     """Reads one system."""
 
     def __init__(
@@ -432,7 +432,7 @@ class _Reader:
         self._sources.absent.append(file_name)
         return JsonFile(file_name, own, converted(file_name, own, ArmFile))
 
-    def _chain(self, file: JsonFile[ArmFile], kind: str) -> tuple[Chain | None, str]:
+    def _chain(self, file: JsonFile[ArmFile], kind: str) -> tuple[DhRows | None, str]:
         """Return the chain, None where it is not here, and trocar's arm that has the dVRK's."""
         file_name = file.entries.kinematic
         own, path = published.own_arm(file_name), self._sources.find(file_name)
@@ -721,7 +721,7 @@ def _setup_arm(at: JsonFile[Any], arm: SetupEntry, kind: str, literal: bool) -> 
     return replace(own, file=at.name, q=q, potentiometers=pots)
 
 
-def _classic_chain(at: JsonFile[Any], chain: Chain, count: int) -> Chain:
+def _classic_chain(at: JsonFile[Any], chain: DhRows, count: int) -> DhRows:
     """Return a chain of which just the first rows move."""
     if len(chain.rows) < count:
         raise at.fail("dh", f"has {len(chain.rows)} rows; allowed: {count} or more")
@@ -730,7 +730,7 @@ def _classic_chain(at: JsonFile[Any], chain: Chain, count: int) -> Chain:
     return replace(chain, rows=tuple(rows))
 
 
-def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool) -> Chain:
+def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool) -> DhRows:
     """Return the rows of a chain in SI.
 
     Args:
@@ -754,7 +754,7 @@ def read_chain(file: JsonFile[Any], key: str, dh: Dh, literal: bool) -> Chain:
             problem = f"got {row.qmin:g}; allowed: less than qmax, {row.qmax:g}"
             raise file.fail(f"{key}.{given}[{k}].qmin", problem)
     convention = cast(Literal["modified", "standard"], conventions[0])
-    return Chain(convention, tuple(_row(row, literal) for row in rows))
+    return DhRows(convention, tuple(_row(row, literal) for row in rows))
 
 
 def _row(row: DhRow, literal: bool) -> DhRow:

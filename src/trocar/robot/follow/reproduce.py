@@ -19,7 +19,7 @@ from trocar.recording.entries import Unknown
 from trocar.recording.layout import QUANTITIES, Rows, joint_values
 from trocar.recording.mcap_file import digest, single
 from trocar.recording.metadata import rig_fingerprint, versions
-from trocar.recording.recorder import Entries, Sampler
+from trocar.recording.recorder import Entries, StateSampler
 from trocar.simulation import World
 from trocar.simulation.journal import Entry, apply_command
 
@@ -98,7 +98,7 @@ def repeat(
         _repeat(world, entry, str(file))
     _step_to(world, int(recorded.about["start_period"]))
     comparison = _Comparison(recorded)
-    sampler = Sampler(world, comparison.take)
+    sampler = StateSampler(world, comparison.take)
     commands = 0
     try:
         for entry in recorded.entries:

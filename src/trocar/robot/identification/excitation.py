@@ -13,7 +13,7 @@ from trocar.descriptions import ArmDescription
 from trocar.errors import InputError
 from trocar.robot.identification.drivetrains import structure
 from trocar.robot.identification.fit import Compressed, base_condition
-from trocar.robot.identification.regression import Model, moving_bodies
+from trocar.robot.identification.regression import EffortModel, moving_bodies
 from trocar.robot.identification.rigid_body import JointMotion
 from trocar.robot.logs import recorded_joints
 
@@ -88,7 +88,7 @@ def excite(
         )
     joints = recorded_joints(arm)
     count = len(joints)
-    model = Model(arm, moving_bodies(arm, joints), structure(arm))
+    model = EffortModel(arm, moving_bodies(arm, joints), structure(arm))
     rng = np.random.default_rng(seed)
     best = _random(rng, count)
     condition, rank = _judge(model, best, period_s)
@@ -187,7 +187,7 @@ def _middle(arm: ArmDescription, series: Array, period_s: float) -> Array:
     return _series(arm, series, period, period_s)[0].mean(axis=0)
 
 
-def _judge(model: Model, series: Array, period_s: float) -> tuple[float, int]:
+def _judge(model: EffortModel, series: Array, period_s: float) -> tuple[float, int]:
     """Return the condition number and the number of base parameters that a series excites."""
     time = np.linspace(0.0, period_s, JUDGED, endpoint=False)
     parts = _series(model.arm, series, time, period_s)

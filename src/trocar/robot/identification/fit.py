@@ -26,7 +26,7 @@ from trocar.robot.identification.bounds import MASS_RATIOS, BodyBounds, all_boun
 from trocar.robot.identification.drivetrains import labels, structure, weights, with_coefficients
 from trocar.robot.identification.logs import FilteredLog, constant_joints
 from trocar.robot.identification.regression import (
-    Model,
+    EffortModel,
     Weight,
     filtered_regressor,
     loaded,
@@ -168,7 +168,7 @@ class Identified:
         logs: files
     """
 
-    model: Model
+    model: EffortModel
     bounds: Mapping[str, BodyBounds]
     parameters: Array
     sigma: Array
@@ -241,7 +241,9 @@ def identify(
                 f"efforts of {', '.join(idle)} are zero throughout; allowed: recorded efforts",
             )
     names = arm.mechanism.joint_names[: logs[0].log.q.shape[1]]
-    model = Model(arm, moving_bodies(arm, names), structure(arm, [log.motion.q for log in logs]))
+    model = EffortModel(
+        arm, moving_bodies(arm, names), structure(arm, [log.motion.q for log in logs])
+    )
     bounds = all_bounds(arm, model.frames, mass_ratios)
     parts: list[tuple[Array, Array]] = []
     for log, load in zip(logs, strapped, strict=True):
@@ -275,7 +277,7 @@ def identify(
     return found
 
 
-def _stuck(model: Model, log: FilteredLog) -> NDArray[np.bool_]:
+def _stuck(model: EffortModel, log: FilteredLog) -> NDArray[np.bool_]:
     """Return samples of a simulated log that say nothing of a joint's effort, (k, n).
 
     Where a drivetrain sticks its dry friction has no sign: it is what the other forces leave, and
@@ -331,7 +333,7 @@ def effort_scale(logs: Sequence[FilteredLog]) -> Array:
 
 
 def reweighted(
-    model: Model,
+    model: EffortModel,
     bounds: Mapping[str, BodyBounds],
     parts: Sequence[tuple[Array, Array]],
     logs: Sequence[FilteredLog],
@@ -379,7 +381,7 @@ def compressed_rows(
 
 
 def solved(
-    model: Model,
+    model: EffortModel,
     bounds: Mapping[str, BodyBounds],
     rows: Compressed,
     logs: Sequence[FilteredLog],
@@ -415,7 +417,7 @@ def solved(
 
 
 def dynamics_of(
-    model: Model, values: Array, covariance: Array, logs: Sequence[FilteredLog]
+    model: EffortModel, values: Array, covariance: Array, logs: Sequence[FilteredLog]
 ) -> Dynamics:
     """Return parameters as bodies and drivetrains, with standard deviations."""
     bodies: dict[str, BodyDynamics] = {}
@@ -439,7 +441,7 @@ def dynamics_of(
 
 
 def base_parameters(
-    model: Model, rows: Compressed, values: Array, covariance: Array
+    model: EffortModel, rows: Compressed, values: Array, covariance: Array
 ) -> BaseParameters:
     """Return the combinations of parameters that the rows determine.
 
@@ -491,7 +493,7 @@ def _pivoted(
     return length, used, triangle, order, int(np.sum(diagonal > least * diagonal[0]))
 
 
-def _prior_sigma(model: Model, bounds: Mapping[str, BodyBounds], rows: Compressed) -> Array:
+def _prior_sigma(model: EffortModel, bounds: Mapping[str, BodyBounds], rows: Compressed) -> Array:
     """Return one standard deviation of each parameter before any log, (p,)."""
     found: list[Array] = []
     for frame in model.frames:
@@ -505,7 +507,7 @@ def _prior_sigma(model: Model, bounds: Mapping[str, BodyBounds], rows: Compresse
 
 
 def _solve(
-    model: Model,
+    model: EffortModel,
     bounds: Mapping[str, BodyBounds],
     rows: Compressed,
     start: Array,
@@ -552,7 +554,9 @@ def _solve(
     return np.array(solution.x) * spread
 
 
-def _linear_constraints(model: Model, bounds: Mapping[str, BodyBounds]) -> tuple[Array, Array]:
+def _linear_constraints(
+    model: EffortModel, bounds: Mapping[str, BodyBounds]
+) -> tuple[Array, Array]:
     """Return G, h of G x <= h: mass bounds, hulls, boxes and signs."""
     count = len(model.names)
     rows: list[Array] = []

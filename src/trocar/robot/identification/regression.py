@@ -71,7 +71,7 @@ class Weight:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class EffortModel:
     """Parameters to identify: ten of each body, then the coefficients of each drivetrain.
 
     Attributes:
@@ -156,7 +156,7 @@ def loaded(arm: ArmDescription, known: Sequence[Weight]) -> ArmDescription:
     return replace(arm, bodies=(*arm.bodies, *(weight.body(arm) for weight in known)))
 
 
-def filtered_regressor(model: Model, log: FilteredLog) -> tuple[Array, Array]:
+def filtered_regressor(model: EffortModel, log: FilteredLog) -> tuple[Array, Array]:
     """Return the regressor and the known efforts in a log's columns, filtered and cut.
 
     Returns:

@@ -13,7 +13,7 @@ from trocar.robot.identification.bounds import MASS_RATIOS, all_bounds
 from trocar.robot.identification.drivetrains import structure
 from trocar.robot.identification.fit import reweighted
 from trocar.robot.identification.logs import FilteredLog
-from trocar.robot.identification.regression import Model, filtered_regressor, moving_bodies
+from trocar.robot.identification.regression import EffortModel, filtered_regressor, moving_bodies
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def cross_validate(
     All repeats of a block are held out together, with a gap on both sides.
     """
     names = arm.mechanism.joint_names[: log.log.q.shape[1]]
-    model = Model(arm, moving_bodies(arm, names), structure(arm, [log.motion.q]))
+    model = EffortModel(arm, moving_bodies(arm, names), structure(arm, [log.motion.q]))
     bounds = all_bounds(arm, model.frames, mass_ratios)
     matrix, rest = filtered_regressor(model, log)
     effort = log.cut(log.effort)

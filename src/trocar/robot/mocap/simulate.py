@@ -48,7 +48,7 @@ ON_LINK_M, IN_ROOM_M = 0.15, 2.0
 
 
 @dataclass(frozen=True)
-class Noise:
+class MarkerNoise:
     """How bad the cameras are.
 
     Attributes:
@@ -73,7 +73,9 @@ class Noise:
                 raise InputError(f"noise, {name}: got {got!r}; allowed: 0 to {most:g}")
 
 
-def spoil(poses: Array, noise: Noise, rng: np.random.Generator, rate_hz: float = 120.0) -> Array:
+def spoil(
+    poses: Array, noise: MarkerNoise, rng: np.random.Generator, rate_hz: float = 120.0
+) -> Array:
     """Return one body's poses as cameras tell them, NaN where it is lost, (n, 4, 4).
 
     As many random numbers are drawn whatever the noise is, so that each kind can be had alone.
@@ -213,7 +215,7 @@ class MocapSettings:
     duration_s: float = 24.0
     amplitude: float = 0.6
     rate_hz: float = 120.0
-    noise: Noise = field(default_factory=Noise)
+    noise: MarkerNoise = field(default_factory=MarkerNoise)
     seed: int = 0
 
 

@@ -22,7 +22,7 @@ from trocar.kinematics.loops import (
 )
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.verification.figures import Figure, Part
-from trocar.robot.verification.subject import MARKERS, Subject, Sweep, exact
+from trocar.robot.verification.subject import MARKERS, Subject, SweepResult, exact
 from trocar.simulation.health import arm_health
 from trocar.simulation.trials import TICK_S, loop_health, paper_sine, periods_per_tick, whole_pitch
 
@@ -165,7 +165,7 @@ Array = NDArray[np.float64]
 SEEN_M = 1e-5
 
 
-def axes(subject: Subject, motion: Sweep | None) -> Part:
+def axes(subject: Subject, motion: SweepResult | None) -> Part:
     """Compare the distances of axes with Table 6.
 
     Args:
@@ -228,7 +228,9 @@ def _in_motion(label: str, seen: float, wanted: float, paper: float | None) -> F
                   upper=wanted + SEEN_M, source=source)  # fmt: skip
 
 
-def _hinges(mechanism: Mechanism, labels: Mapping[str, str], motion: Sweep) -> dict[str, HingeFit]:
+def _hinges(
+    mechanism: Mechanism, labels: Mapping[str, str], motion: SweepResult
+) -> dict[str, HingeFit]:
     """Find every axis from the motion of the two links that it joins."""
     at = motion.link_poses(mechanism)
     found: dict[str, HingeFit] = {}

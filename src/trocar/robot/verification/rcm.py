@@ -16,7 +16,7 @@ from trocar.fitting import PivotFit, fit_hinge, fit_pivot
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.mechanism import Mechanism
 from trocar.robot.verification.figures import Figure, Part
-from trocar.robot.verification.subject import MARKERS, Drive, Ranges, Subject, Sweep, sweep
+from trocar.robot.verification.subject import MARKERS, Drive, Ranges, Subject, SweepResult, sweep
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ def has_remote_centre(mechanism: Mechanism) -> bool:
     return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
 
 
-def rcm(subject: Subject, sweeps: tuple[Sweep, ...], beside: Sequence[Figure] = ()) -> Part:
+def rcm(subject: Subject, sweeps: tuple[SweepResult, ...], beside: Sequence[Figure] = ()) -> Part:
     """Estimate the remote centre from the motion of the link that carries the insertion.
 
     Args:
@@ -97,7 +97,7 @@ def rcm(subject: Subject, sweeps: tuple[Sweep, ...], beside: Sequence[Figure] = 
     return Part("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
 
 
-def cloud(subject: Subject, motion: Sweep) -> Cloud:
+def cloud(subject: Subject, motion: SweepResult) -> Cloud:
     """Fit the pivot of one sweep."""
     mechanism = subject.arm.mechanism
     at = motion.link_poses(mechanism)
@@ -122,7 +122,9 @@ def cloud(subject: Subject, motion: Sweep) -> Cloud:
     )
 
 
-def _table7_frame(subject: Subject, motion: Sweep, at: dict[str, Array], centre: Array) -> Array:
+def _table7_frame(
+    subject: Subject, motion: SweepResult, at: dict[str, Array], centre: Array
+) -> Array:
     """Return the root in Table 7's frame, T_table7_root (4, 4), as motion shows the two axes.
 
     Its origin is the point of the pitch axis nearest to the yaw axis; both axes are found from the
@@ -144,7 +146,7 @@ def _driven(mechanism: Mechanism, joint: str) -> str:
     return mechanism.joints[mechanism.joint_index[joint]].drive[0][0]
 
 
-def _rising(direction: Array, angles: Array, motion: Sweep, mechanism: Mechanism) -> Array:
+def _rising(direction: Array, angles: Array, motion: SweepResult, mechanism: Mechanism) -> Array:
     """Return the direction about which the pitch turns as it grows, right-handed."""
     pitch = motion.actual[:, mechanism.joint_index["pitch"]]
     used = np.isfinite(angles)
@@ -202,7 +204,7 @@ def _figures(subject: Subject, found: Cloud) -> list[Figure]:
     return figures
 
 
-def swept_ranges(subject: Subject, motion: Sweep) -> str:
+def swept_ranges(subject: Subject, motion: SweepResult) -> str:
     """Return between which positions yaw and pitch were told to go."""
     index = subject.arm.mechanism.joint_index
     told = {name: motion.commanded[:, index[name]] for name in ("yaw", "pitch")}

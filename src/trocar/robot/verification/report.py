@@ -20,7 +20,7 @@ from trocar.robot.verification.linkage import Fold
 from trocar.robot.verification.rcm import TOLD as RUNS
 from trocar.robot.verification.rcm import Cloud
 from trocar.robot.verification.tracking import TOLD as GAINS
-from trocar.robot.verification.tracking import Track
+from trocar.robot.verification.tracking import TrackedJoints
 from trocar.robot.verification.verify import Verification
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ MOST_DOTS = 500
 PLANES = ((0, 1), (0, 2), (1, 2))
 
 
-def figure10(found: Track) -> Drawing:
+def figure10(found: TrackedJoints) -> Drawing:
     """Draw commanded and actual positions left and the error right, a row per joint."""
     figure = new_figure(10.5, 1.45 * len(found.joints) + 0.8, PURPOSE)
     axes: Any = figure.subplots(len(found.joints), 2, sharex=True, squeeze=False)

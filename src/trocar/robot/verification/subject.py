@@ -103,7 +103,7 @@ MARKERS = transform(matrix_from_rpy(0.4, -0.3, 0.7), np.array([0.05, 0.03, 0.04]
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep:
+class SweepResult:
     """What an arm did while yaw and pitch swept their ranges.
 
     Attributes:
@@ -134,13 +134,13 @@ def swept_joints(mechanism: Mechanism) -> tuple[int, ...]:
     return tuple(dict.fromkeys(index[f.joint] for f in flattenings(mechanism)))[:2]
 
 
-def exact(subject: Subject, motion: Sweep) -> Sweep:
+def exact(subject: Subject, motion: SweepResult) -> SweepResult:
     """Return a sweep with its loops closed as the kinematics closes them."""
     found = forward.coordinates(subject.arm.mechanism, motion.actual)
     return replace(motion, coordinates=found)
 
 
-def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> Sweep:
+def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> SweepResult:
     """Sweep joints; all other joints rest in the middle of their ranges.
 
     Args:
@@ -158,7 +158,7 @@ def sweep(subject: Subject, drive: Drive, ranges: Ranges | None = None) -> Sweep
         actual, coordinates = played.positions[name][kept], played.coordinates[name][kept]
     else:
         actual, coordinates = _set(world, name, q[kept], v[kept])
-    return Sweep(drive, time[kept], q[kept], actual, coordinates)
+    return SweepResult(drive, time[kept], q[kept], actual, coordinates)
 
 
 def _set(world: World, name: str, q: Array, v: Array) -> tuple[Array, Array]:

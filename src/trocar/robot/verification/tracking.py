@@ -32,7 +32,7 @@ TOLD: dict[Model, str] = {"paper": "Table 8's gains", "dvrk": "the dVRK's gains"
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TrackedJoints:
     """What the joints were told and did with one set of gains.
 
     Attributes:
@@ -85,7 +85,7 @@ def tracking(subject: Subject) -> Part:
     return Part("tracking", subject.name, title, tuple(figures), command, notes, tracks)
 
 
-def track(subject: Subject, model: Model, compensated: bool = True) -> Track:
+def track(subject: Subject, model: Model, compensated: bool = True) -> TrackedJoints:
     """Play the sine once, with gravity compensated or not."""
     world, arm = subject.world(model), subject.arm
     sine = paper_sine(world.rig, DURATION_S, TICK_S)
@@ -94,7 +94,7 @@ def track(subject: Subject, model: Model, compensated: bool = True) -> Track:
     played = world.play(sine.positions, sine.velocities, every=periods_per_tick(world))
     name, own = subject.place, arm.own_joints
     joints = arm.joints[:own]
-    return Track(
+    return TrackedJoints(
         model,
         tuple(j.name for j in joints),
         tuple(j.kind for j in joints),
@@ -105,7 +105,7 @@ def track(subject: Subject, model: Model, compensated: bool = True) -> Track:
     )
 
 
-def delays(found: Track) -> Array:
+def delays(found: TrackedJoints) -> Array:
     """Return by how much each joint lags behind its set-point, least squares, (n,) [s].
 
     A joint that is late by t is off by -t times its speed.
@@ -115,7 +115,7 @@ def delays(found: Track) -> Array:
     return -np.sum(error * speed, axis=0) / np.sum(speed**2, axis=0)
 
 
-def _figures(found: Track) -> list[Figure]:
+def _figures(found: TrackedJoints) -> list[Figure]:
     figures: list[Figure] = []
     error = found.error[found.counted]
     rms, most = np.sqrt(np.mean(error**2, axis=0)), np.abs(error).max(axis=0)
@@ -137,7 +137,7 @@ def _figures(found: Track) -> list[Figure]:
     return figures
 
 
-def _hanging(found: Track) -> list[Figure]:
+def _hanging(found: TrackedJoints) -> list[Figure]:
     """State what the paper's gains alone come to, gravity and all."""
     rms = np.sqrt(np.mean(found.error[found.counted] ** 2, axis=0))
     source = "closed-loop paper 4.3 and 3.5.1: no gravity compensation; stated"

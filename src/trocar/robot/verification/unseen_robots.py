@@ -21,7 +21,7 @@ from trocar.kinematics.forward import poses
 from trocar.robot.calibration import Tracks, calibrate, calibrate_joints
 from trocar.robot.calibration.axes import Value
 from trocar.robot.calibration.rcm import find_rcm
-from trocar.robot.mocap import MocapSettings, Noise, broken, perturbed, simulate_tracks
+from trocar.robot.mocap import MarkerNoise, MocapSettings, broken, perturbed, simulate_tracks
 from trocar.robot.mocap.simulate import Parts
 from trocar.robot.verification import verify
 from trocar.robot.verification.figures import Figure
@@ -30,7 +30,7 @@ from trocar.simulation import World
 Array = NDArray[np.float64]
 
 #: Source: `trocar mocap`.
-NOISE = Noise(1e-4, float(np.radians(0.05)))
+NOISE = MarkerNoise(1e-4, float(np.radians(0.05)))
 #: Goals of every sample seen, with this noise: axis distance, median and 95 %, and remote centre,
 #: median. Source: our own choice. [m]
 GOALS = (6e-6, 18e-6, 13e-6)
@@ -101,7 +101,7 @@ class Errors:
 
 
 def take(
-    arm: ArmDescription, parts: Parts, noise: Noise, seed: int, rate_hz: float = 120.0
+    arm: ArmDescription, parts: Parts, noise: MarkerNoise, seed: int, rate_hz: float = 120.0
 ) -> tuple[Tracks, Mapping]:
     """Return 24 s of each sweep, 0.6 rad, and the truth."""
     settings = MocapSettings("kinematic", parts, noise=noise, seed=seed, rate_hz=rate_hz)
@@ -121,7 +121,7 @@ def draws(robots: int) -> Iterator[tuple[ArmDescription, int]]:
 
 
 def accuracy(
-    robots: int, noise: Noise, title: str, covered: tuple[float, float]
+    robots: int, noise: MarkerNoise, title: str, covered: tuple[float, float]
 ) -> Iterator[Figure]:
     """Calibrate perturbed robots."""
     distances, betas, centres = Errors(), Errors(), Errors()

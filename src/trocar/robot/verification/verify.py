@@ -16,7 +16,7 @@ from trocar.robot.verification.rcm import beside_hardware, has_remote_centre, rc
 from trocar.robot.verification.subject import (
     Drive,
     Subject,
-    Sweep,
+    SweepResult,
     measured_ranges,
     sweep,
     swept_joints,
@@ -128,10 +128,10 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
 
 def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part]:
     """Run what is of one arm."""
-    sweeps: dict[Drive, Sweep] = {}
+    sweeps: dict[Drive, SweepResult] = {}
     name, centred = subject.name, has_remote_centre(subject.arm.mechanism)
 
-    def swept(drive: Drive) -> Sweep:
+    def swept(drive: Drive) -> SweepResult:
         if drive not in sweeps:
             say(f"{name}: a sweep, {'servos' if drive == 'servo' else 'no servo error'}")
             sweeps[drive] = sweep(subject, drive)

@@ -225,7 +225,7 @@ class NoAnswerError(Exception):
     """Raised by a service's callback so that rclpy answers nothing; the reason is logged."""
 
 
-class Node:
+class RclpyNode:
     """A node and the thread of its callbacks, one, since rclpy's for several costs much more.
 
     Args:
@@ -303,7 +303,7 @@ class RclpyTransport:
         self.lost = 0
         self.greeting = ""
         self._context: Any = None
-        self._nodes: list[Node] = []
+        self._nodes: list[RclpyNode] = []
         self._publishers: dict[str, Any] = {}
         self._subscribed: frozenset[str] = frozenset()
         self._lacking: dict[str, int] = {}
@@ -351,9 +351,9 @@ class RclpyTransport:
         self._context = context = self._ros.context.Context()
         with kept_local(os.environ):  # a context of our own leaves the process its signals
             self._ros.rclpy.init(args=[], context=context)
-        topics = Node(self._ros, context, self.node, parameters=True)
+        topics = RclpyNode(self._ros, context, self.node, parameters=True)
         self._nodes.append(topics)
-        services = Node(self._ros, context, f"{self.node}_services")
+        services = RclpyNode(self._ros, context, f"{self.node}_services")
         self._nodes.append(services)
         self._parameters = Parameters(core)
         self._gains = set(self._parameters.names()) - {MODEL, SIMULATED}

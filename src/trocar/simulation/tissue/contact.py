@@ -49,7 +49,7 @@ GEOM = int(mujoco.mjtObj.mjOBJ_GEOM)
 
 
 @dataclass(frozen=True)
-class Jaw:
+class JawFingers:
     """The fingers of an arm.
 
     Attributes:
@@ -98,9 +98,9 @@ def compliance_of(tissue: Tissue) -> tuple[Index, Array]:
     return top, 0.5 * (found + found.T)
 
 
-def jaws_of(rig: RigDescription, model: mujoco.MjModel) -> list[Jaw]:
+def jaws_of(rig: RigDescription, model: mujoco.MjModel) -> list[JawFingers]:
     """Return the jaws of a rig whose fingers touch as one box each."""
-    found: list[Jaw] = []
+    found: list[JawFingers] = []
     for arm in rig.arms:
         bodies = [model.body(naming.scoped(arm.name, name)).id for name in arm.arm.fingers]
         boxes = [
@@ -112,11 +112,11 @@ def jaws_of(rig: RigDescription, model: mujoco.MjModel) -> list[Jaw]:
             and (model.geom_contype[g] or model.geom_conaffinity[g])
         ]
         if len(bodies) == len(boxes) == 2:
-            found.append(Jaw(arm.name, (bodies[0], bodies[1]), (boxes[0], boxes[1])))
+            found.append(JawFingers(arm.name, (bodies[0], bodies[1]), (boxes[0], boxes[1])))
     return found
 
 
-class Surface:
+class TissueSurface:
     """The upper surface of both halves, as it yields to vertical forces.
 
     Args:
@@ -210,7 +210,9 @@ class Tools:
         jaws: fingers that can touch it
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, jaws: Sequence[Jaw]) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, jaws: Sequence[JawFingers]
+    ) -> None:
         self._model, self._data, self.jaws = model, data, tuple(jaws)
         self._geoms = [geom for jaw in jaws for geom in jaw.geoms]
         self._bodies = [body for jaw in jaws for body in jaw.bodies]
@@ -247,7 +249,12 @@ class Tools:
         return found
 
     def look(
-        self, pose: Array, surface: Surface, displaced: Array, rows: Sequence[int], time: float
+        self,
+        pose: Array,
+        surface: TissueSurface,
+        displaced: Array,
+        rows: Sequence[int],
+        time: float,
     ) -> None:
         """Note which of some fingers may touch the surface, as it is now, within a time [s]."""
         self.near = []
@@ -285,7 +292,9 @@ class Tools:
         self.wrench[self._bodies] = 0.0
         self.force, self.nodes = 0.0, {}
 
-    def apply(self, pose: Array, surface: Surface, displaced: Array, stiffness: float) -> Array:
+    def apply(
+        self, pose: Array, surface: TissueSurface, displaced: Array, stiffness: float
+    ) -> Array:
         """Press fingers that are near; return the forces on the tissue's places, (k,).
 
         Args:

@@ -34,8 +34,8 @@ from trocar.simulation.tissue.contact import (
     CLOSED_M,
     OPENED_M,
     Held,
-    Jaw,
-    Surface,
+    JawFingers,
+    TissueSurface,
     Tools,
     compliance_of,
 )
@@ -195,7 +195,7 @@ class SoftTissue:
         model: mujoco.MjModel,
         data: mujoco.MjData,
         shadows: Sequence[mujoco.MjData] = (),
-        jaws: Sequence[Jaw] = (),
+        jaws: Sequence[JawFingers] = (),
     ) -> None:
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
         self._model, self._data, self._shadows = model, data, shadows
@@ -585,7 +585,7 @@ class SoftTissue:
     def _condensed(self) -> Condensed:
         return _condensed(self.tissue, self._points)
 
-    def _surface(self) -> Surface:
+    def _surface(self) -> TissueSurface:
         return _surface(self.tissue, self._points)
 
     def _places(self) -> Array:
@@ -692,7 +692,7 @@ class SoftTissue:
         at = self.pose[:3, :3] @ (point + moved) + self.pose[:3, 3]
         return (at - self._data.xpos[finger]) @ self._data.xmat[finger].reshape(3, 3)
 
-    def _grasps(self, jaw: Jaw) -> bool:
+    def _grasps(self, jaw: JawFingers) -> bool:
         """Return whether fingers touch the needle."""
         met = self._data.contact.geom[(np.isin(self._data.contact.geom, jaw.geoms)).any(axis=1)]
         return bool((self._model.geom_bodyid[met] == self._needle).any())
@@ -797,10 +797,10 @@ def _condensed(tissue: Tissue, points: bytes) -> Condensed:
 
 
 @lru_cache(maxsize=16)
-def _surface(tissue: Tissue, points: bytes) -> Surface:
+def _surface(tissue: Tissue, points: bytes) -> TissueSurface:
     """Return the surface of a tissue that is condensed to patches about points."""
     condensed = _condensed(tissue, points)
-    return Surface(tissue, pad_of(tissue), condensed.response, condensed.stiffness)
+    return TissueSurface(tissue, pad_of(tissue), condensed.response, condensed.stiffness)
 
 
 def _checked_plan(name: str, tissue: Tissue, points: ArrayLike) -> Array:

@@ -299,7 +299,7 @@ def wound_frame(line: ArrayLike, up: ArrayLike = UP) -> tuple[Array, float]:
     return transform(np.column_stack([x, np.cross(z, x), z]), origin), length
 
 
-class Reach:
+class TipWorkspace:
     """The workspace of an arm's tip.
 
     Args:
@@ -412,7 +412,7 @@ def make_plan(
         if arm.type == "ECM"
     ]
     arms = [name for name, arm in world.arms.items() if arm.type == "PSM"]
-    reaches = {name: Reach(world, name) for name in arms}
+    reaches = {name: TipWorkspace(world, name) for name in arms}
     found: list[Stitch] = []
     for place in places:
         before = found[-1] if found else None
@@ -504,7 +504,7 @@ def _draft(tissue: Tissue, where: tuple[Array, float], side: int, arms: tuple[st
 def clearance(
     stitch: Stitch,
     needle: Needle,
-    reaches: Mapping[str, Reach],
+    reaches: Mapping[str, TipWorkspace],
     scopes: Sequence[tuple[Array, Array]],
 ) -> float:
     """Return the least distance between axes of shafts while a stitch is made [m].
@@ -561,7 +561,7 @@ def _check_view(world: World, stitch: Stitch) -> None:
 
 
 def _options(
-    reaches: dict[str, Reach],
+    reaches: dict[str, TipWorkspace],
     tissue: Tissue,
     where: tuple[Array, float],
     needle_pose: Array,
@@ -590,7 +590,7 @@ def _options(
 
 
 def _best_grip(
-    reach: Reach,
+    reach: TipWorkspace,
     stitch: Stitch,
     needle: Needle,
     part: tuple[Array, float, Array | None],
@@ -628,14 +628,14 @@ def _best_grip(
     return best
 
 
-def _pairs(reaches: dict[str, Reach], needle_pose: Array) -> list[tuple[str, str]]:
+def _pairs(reaches: dict[str, TipWorkspace], needle_pose: Array) -> list[tuple[str, str]]:
     """Return arms that drive and take, first with the one nearer to the needle."""
     near = sorted(reaches, key=lambda name: np.linalg.norm(reaches[name].port - needle_pose[:3, 3]))
     return [(one, two) for one in near for two in near if one != two]
 
 
 def _why_not(
-    reaches: dict[str, Reach],
+    reaches: dict[str, TipWorkspace],
     tissue: Tissue,
     where: tuple[Array, float],
     best: Stitch | None,
@@ -669,7 +669,7 @@ def _why_not(
 
 
 def _nearest_miss(
-    reach: Reach, tissue: Tissue, where: tuple[Array, float], side: int
+    reach: TipWorkspace, tissue: Tissue, where: tuple[Array, float], side: int
 ) -> tuple[str, float, str]:
     """Return an arm, the least margin of its joints on the arc as it drives it best, and of which.
 

@@ -23,8 +23,8 @@ from trocar.tasks.suturing.planning import (
     LEAST,
     REACH_M,
     Plan,
-    Reach,
     Stitch,
+    TipWorkspace,
     needle_on_circle,
 )
 from trocar.tasks.task import PERIOD_S, Task
@@ -85,7 +85,7 @@ class StitchError(TrocarError):
 
 
 @dataclass
-class Noise:
+class PerceptionNoise:
     """Errors of what is seen, uniform up to these, and of a needle's pose in the jaws, normal.
 
     Attributes:
@@ -100,17 +100,17 @@ class Noise:
     held_turn: float = float(np.radians(0.5))
     wound: float = 2.5e-4
 
-    def scaled(self, factor: float) -> Noise:
+    def scaled(self, factor: float) -> PerceptionNoise:
         """Return errors larger by a factor; of the wound, too."""
         values = (self.place, self.turn, self.held, self.held_turn, self.wound)
-        return Noise(*(factor * value for value in values))
+        return PerceptionNoise(*(factor * value for value in values))
 
 
 class Operation(Protocol):
     """The episode that a policy works in."""
 
     tissue: SoftTissue
-    noise: Noise
+    noise: PerceptionNoise
     noise_rng: np.random.Generator
 
     @property
@@ -136,7 +136,7 @@ class NeedleHand(Hand):
         reach: of it
     """
 
-    def __init__(self, task: Task, arm: str, reach: Reach) -> None:
+    def __init__(self, task: Task, arm: str, reach: TipWorkspace) -> None:
         super().__init__(task, arm)
         self.reach = reach
 
@@ -205,7 +205,9 @@ class Sewing:
         self.task, self.op = task, operation
         self.needle = operation.plan.needle
         names = [name for name, arm in task.world.arms.items() if arm.type == "PSM"]
-        self.hands = {name: NeedleHand(task, name, Reach(task.world, name)) for name in names}
+        self.hands = {
+            name: NeedleHand(task, name, TipWorkspace(task.world, name)) for name in names
+        }
 
     def run(self) -> Iterator[Array]:
         """Yield the actions of all stitches."""

@@ -18,7 +18,7 @@ from trocar.geometry.se3 import inverse, transform
 from trocar.simulation.records import DrawnCurve
 from trocar.simulation.tissue.tissues import SoftTissue
 from trocar.tasks.suturing.planning import Plan, make_plan, wound_frame
-from trocar.tasks.suturing.policy import Noise, Sewing, StitchError
+from trocar.tasks.suturing.policy import PerceptionNoise, Sewing, StitchError
 from trocar.tasks.suturing.scores import Watch, score_pass
 from trocar.tasks.task import PERIOD_S, SETTLED_S, Task
 
@@ -54,7 +54,7 @@ class Suturing(Task):
             [m]; None: these are taken as they are
     """
 
-    noise = Noise()
+    noise = PerceptionNoise()
     find_wound: Callable[[Array], Array] | None = None
     spread = (PLACE_M, TURN_RAD, STIFFER)
 

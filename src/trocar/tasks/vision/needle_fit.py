@@ -63,7 +63,7 @@ class Colours(NamedTuple):
     separation: float
 
 
-class Rows(NamedTuple):
+class ProfileRows(NamedTuple):
     """Offsets of profiles, left eye's first.
 
     Attributes:
@@ -86,7 +86,7 @@ class Ends(NamedTuple):
     weight: Array
 
 
-class Quality(NamedTuple):
+class FitQuality(NamedTuple):
     """How well a pose explains the images.
 
     Attributes:
@@ -248,7 +248,7 @@ class NeedleFit:
 
     def rows(
         self, views: Sequence[_View], T: Array, length: float, covers: Covers | None = None
-    ) -> Rows:
+    ) -> ProfileRows:
         """Return offsets along profiles that reach so far to both sides [px]."""
         line = self._line(T, self.angles)
         half = max(self._half * self.eyes.focal / float(line.depths.mean()), 0.5)
@@ -280,7 +280,7 @@ class NeedleFit:
         )
         by_point = (line.normals[:, :, None] @ line.jacobian)[:, :, 0]
         by_turn = np.cross(line.points - T[:3, 3], by_point)
-        return Rows(
+        return ProfileRows(
             offset.ravel().astype(np.float64),
             np.concatenate([by_point, by_turn], axis=2).reshape(-1, 6),
             line.normals.reshape(-1, 2),
@@ -360,12 +360,12 @@ class NeedleFit:
                     found += sign * float(0.5 * (there[0] + there[2]) / there[1] - 0.6)
         return found
 
-    def quality(self, rows: Rows) -> Quality:
+    def quality(self, rows: ProfileRows) -> FitQuality:
         """Return how well the pose of profiles explains the images."""
         good = (rows.weight > 0.3) & (np.abs(rows.offset) < 2.0)
         n = len(good) // 2
         rms = float(np.sqrt(np.mean(rows.offset[good] ** 2))) if good.any() else np.inf
-        return Quality(float(good.mean()), float(min(good[:n].mean(), good[n:].mean())), rms)
+        return FitQuality(float(good.mean()), float(min(good[:n].mean(), good[n:].mean())), rms)
 
     def refine(
         self,
@@ -374,7 +374,7 @@ class NeedleFit:
         lengths: Sequence[float] = (16.0, 12.0, 8.0, 6.0, 5.0, 4.0),
         colours: Colours | None = None,
         rods: Sequence[Rod] = (),
-    ) -> tuple[Array, Quality, Colours]:
+    ) -> tuple[Array, FitQuality, Colours]:
         """Return the pose that fits best, near a given one, how well it does, and its colours."""
         covers = self.covers(rods)
         for k, length in enumerate(lengths):

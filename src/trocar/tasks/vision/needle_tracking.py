@@ -26,8 +26,8 @@ from trocar.tasks.vision.needle_fit import (
     SIGMA_PX,
     WORTH,
     Colours,
+    FitQuality,
     NeedleFit,
-    Quality,
     Rod,
     change,
     moved,
@@ -84,7 +84,7 @@ class NeedleEstimate(NamedTuple):
     status: Status
     T_left_needle: Array | None
     covariance: Array
-    quality: Quality | None
+    quality: FitQuality | None
 
     @property
     def position_sigma(self) -> float:
@@ -223,7 +223,7 @@ class NeedleTracker:
             self._fit.eyes.check_order(*images)
         self._predict(time - before if np.isfinite(before) else 0.0, holder)
         rods = _placed(holder)
-        quality: Quality | None = None
+        quality: FitQuality | None = None
         if self._T is not None and time - self._seen > LOST_S:
             self._T = None
         if self._T is None:
@@ -267,7 +267,7 @@ class NeedleTracker:
 
     def _update(
         self, images: Sequence[Picture], rods: Sequence[Rod], *, again: bool = True
-    ) -> Quality | None:
+    ) -> FitQuality | None:
         """Take in images about the predicted pose; None where they do not show the needle.
 
         Images that show it clearly, elsewhere than predicted, are taken in once more without trust
@@ -287,7 +287,7 @@ class NeedleTracker:
         covers = fit.covers(rods)
         T, bias = T0, bias0
         count = len(fit.angles)
-        hessian, quality = information, Quality(0.0, 0.0, np.inf)
+        hessian, quality = information, FitQuality(0.0, 0.0, np.inf)
         for k in range(ITERATIONS if longest > NEAR_PX else ITERATIONS - 1):
             length = longest if k == 0 else max(float(SHORTEST), np.ceil(0.5 * longest))
             rows = fit.rows(views, T, length, covers)
@@ -333,7 +333,7 @@ class NeedleTracker:
 
     def _search(
         self, images: Sequence[Picture], holder: Holder, rods: Sequence[Rod]
-    ) -> Quality | None:
+    ) -> FitQuality | None:
         """Look for the needle in the whole images; None where it is not found."""
         fit = self._fit
         search = NeedleSearch(fit.eyes, fit.needle, images)
@@ -341,7 +341,7 @@ class NeedleTracker:
             poses = search.free(self._rng)
         else:
             poses = search.held(holder.T_left_holder, holder.reach)
-        found: list[tuple[float, Array, Quality, Colours]] = []
+        found: list[tuple[float, Array, FitQuality, Colours]] = []
         for T in poses:
             T, quality, colours = fit.refine(images, T, rods=rods)
             found.append((_score(quality), T, quality, colours))
@@ -359,7 +359,7 @@ class NeedleTracker:
         if min(quality.share, 2.0 * quality.worst) < BELIEVED:
             return None
         # Both ways round: the thicker end is the swage.
-        ways: list[tuple[float, Array, Quality, Colours]] = []
+        ways: list[tuple[float, Array, FitQuality, Colours]] = []
         for start in (T, flipped(fit.needle, T)):
             views = fit.views(images, start, colours, 24.0)
             limit = np.pi if holder.reach is None else np.pi / 4.0
@@ -376,7 +376,7 @@ class NeedleTracker:
         return quality
 
 
-def _score(quality: Quality) -> float:
+def _score(quality: FitQuality) -> float:
     """Return how far a found pose is believed; offsets tell a plane from its mirror image."""
     return quality.share + quality.worst - quality.rms
 

@@ -122,7 +122,7 @@ def find_wound(
     return Wound((one, other), middle)
 
 
-class _Surface(NamedTuple):
+class _DisparitySurface(NamedTuple):
     """Disparity as a polynomial of pixels about a middle, and its covariance."""
 
     middle: Array
@@ -158,7 +158,9 @@ def _rectified(eyes: Eyes, image: NDArray[np.uint8], R: Array, P: Array, eye: in
     return between(image[..., 0].astype(np.float32), pixels.reshape(height, width, 2))
 
 
-def _surface(left: Floats, right: Floats, pixels: Array, reach: float, expected: Array) -> _Surface:
+def _surface(
+    left: Floats, right: Floats, pixels: Array, reach: float, expected: Array
+) -> _DisparitySurface:
     """Return the tissue's disparities about a line of pixels, (n, 2), fitted robustly.
 
     Raises:
@@ -204,7 +206,7 @@ def _surface(left: Floats, right: Floats, pixels: Array, reach: float, expected:
     A = (rows * weight[:, None]).T @ rows
     covariance = np.asarray(np.linalg.inv(A + 1e-9 * np.eye(6)), np.float64)
     covariance *= spread**2 * BLOCK**2
-    return _Surface(middle, scale, factors, covariance)
+    return _DisparitySurface(middle, scale, factors, covariance)
 
 
 def _steps(red: Floats, pixel: Array, tangent: Array, reach: float) -> tuple[Array, Array] | None:
@@ -240,7 +242,7 @@ def _peak(values: Array, k: int, places: Array) -> float:
     return float(places[k] + STEP_PX * (0.5 * (a - c) / bend if bend < 0.0 else 0.0))
 
 
-def _placed(pixels: Array, surface: _Surface, P: Array, base: float, T: Array) -> Edge:
+def _placed(pixels: Array, surface: _DisparitySurface, P: Array, base: float, T: Array) -> Edge:
     """Return pixels of the rectified left image on the surface, in the frame that T leads to."""
     disparity, slopes, spread = surface.at(pixels)
     flat = np.concatenate([(pixels - P[:2, 2]) / P[0, 0], np.ones((len(pixels), 1))], axis=1)

@@ -34,7 +34,7 @@ class MasterError(TrocarError):
 
 
 @dataclass(frozen=True)
-class Master:
+class RosMasterClient:
     """A master that answers within `PATIENCE_S`.
 
     Attributes:
@@ -61,7 +61,7 @@ class Master:
         return int(code), str(message), value
 
 
-def find_master() -> Master:
+def find_master() -> RosMasterClient:
     """Return the master that the environment names.
 
     Raises:
@@ -76,12 +76,12 @@ def find_master() -> Master:
         usable = False
     if not usable:
         raise InputError(f"ROS_MASTER_URI: got {uri!r}; allowed: http://HOST:PORT ({DEFAULT_URI})")
-    master = Master(uri or DEFAULT_URI, bool(uri))
+    master = RosMasterClient(uri or DEFAULT_URI, bool(uri))
     master.ask("getPid")
     return master
 
 
-def settle_address(master: Master) -> str:
+def settle_address(master: RosMasterClient) -> str:
     """Decide on which address the node listens, and return a sentence that says so.
 
     ROS_HOSTNAME and ROS_IP count where they are set. Else a master on this machine is taken to

@@ -19,7 +19,7 @@ from trocar.ros.parameters import LETTERS, MODEL, SIMULATED, Parameters, is_fini
 
 if TYPE_CHECKING:
     from trocar.ros.core import Core
-    from trocar.ros.transports.ros1.master import Master
+    from trocar.ros.transports.ros1.master import RosMasterClient
 
 _log = logging.getLogger("trocar")
 
@@ -38,7 +38,7 @@ class ServerParameters:
         cache: rospy's cache of parameters, which receives them
     """
 
-    def __init__(self, core: Core, master: Master, node_uri: str, cache: Any) -> None:
+    def __init__(self, core: Core, master: RosMasterClient, node_uri: str, cache: Any) -> None:
         self._core, self._master, self._uri, self._cache = core, master, node_uri, cache
         self._own = Parameters(core)
         #: (arm, joint) by the parameter that holds its gains.

@@ -218,7 +218,7 @@ def load() -> Cyclone:
 
 
 @dataclass(frozen=True)
-class Quality:
+class QualityOfService:
     """Quality of service: reliable, which every subscriber's request is compatible with.
 
     Args:
@@ -267,8 +267,8 @@ class DdsSample:
     written_ns: int
 
 
-class Writer:
-    """Writes on one topic; made by `Bus.writer`."""
+class DdsWriter:
+    """Writes on one topic; made by `DdsParticipant.writer`."""
 
     def __init__(self, lib: Cyclone, entity: int) -> None:
         self._lib = lib
@@ -307,8 +307,8 @@ class Writer:
         return self._lib.user_data(found)
 
 
-class Reader:
-    """Reads one topic; made by `Bus.reader`."""
+class DdsReader:
+    """Reads one topic; made by `DdsParticipant.reader`."""
 
     def __init__(self, lib: Cyclone, entity: int) -> None:
         self._lib = lib
@@ -345,7 +345,7 @@ class Reader:
         return self._lib.user_data(found)
 
 
-class Bus:
+class DdsParticipant:
     """A participant of a domain.
 
     Args:
@@ -364,12 +364,12 @@ class Bus:
     def __init__(self, domain: int, config: str | None, user_data: bytes) -> None:
         self._lib = lib = load()
         self._topics: dict[str, int] = {}
-        self._ends: dict[int, Writer | Reader] = {}
+        self._ends: dict[int, DdsWriter | DdsReader] = {}
         self._domain = 0
         if config is not None:
             entity = lib.wait.dds_create_domain(domain, config.encode())
             self._domain = lib.checked(entity, f"domain {domain}")
-        wish = Quality(1, user_data=user_data).qos(lib)
+        wish = QualityOfService(1, user_data=user_data).qos(lib)
         try:
             entity = lib.wait.dds_create_participant(domain, wish, None)
             self._participant = lib.checked(entity, f"a participant of domain {domain}")
@@ -383,22 +383,22 @@ class Bus:
         self._waitset = lib.checked(waitset, "a waitset")
         self._woken = (ct.c_ssize_t * 64)()
 
-    def writer(self, topic: str, kind: str, quality: Quality) -> Writer:
+    def writer(self, topic: str, kind: str, quality: QualityOfService) -> DdsWriter:
         """Return a writer of messages of the DDS type `kind`; `wait` tells of its subscribers."""
         create = self._lib.wait.dds_create_writer
-        writer = Writer(self._lib, self._end(create, topic, kind, quality))
+        writer = DdsWriter(self._lib, self._end(create, topic, kind, quality))
         self._watch(writer, PUBLICATION_MATCHED)
         writer.look()
         return writer
 
-    def reader(self, topic: str, kind: str, quality: Quality) -> Reader:
+    def reader(self, topic: str, kind: str, quality: QualityOfService) -> DdsReader:
         """Return a reader of messages of the DDS type `kind`; `wait` tells of what arrives."""
         create = self._lib.wait.dds_create_reader
-        reader = Reader(self._lib, self._end(create, topic, kind, quality))
+        reader = DdsReader(self._lib, self._end(create, topic, kind, quality))
         self._watch(reader, DATA_AVAILABLE)
         return reader
 
-    def wait(self, timeout_s: float) -> list[Writer | Reader]:
+    def wait(self, timeout_s: float) -> list[DdsWriter | DdsReader]:
         """Wait until something arrives or a subscriber comes or goes; return where."""
         count = self._lib.wait.dds_waitset_wait(
             self._waitset, self._woken, len(self._woken), int(timeout_s * 1e9)
@@ -406,7 +406,7 @@ class Bus:
         woken = self._woken[: max(0, min(count, len(self._woken)))]
         return [self._ends[entity] for entity in woken]
 
-    def ends(self) -> list[Writer | Reader]:
+    def ends(self) -> list[DdsWriter | DdsReader]:
         """Return every writer and reader."""
         return list(self._ends.values())
 
@@ -419,7 +419,9 @@ class Bus:
         if self._domain > 0:
             self._lib.wait.dds_delete(self._domain)
 
-    def _end(self, create: Callable[..., int], topic: str, kind: str, quality: Quality) -> int:
+    def _end(
+        self, create: Callable[..., int], topic: str, kind: str, quality: QualityOfService
+    ) -> int:
         wish = quality.qos(self._lib)
         try:
             entity = create(self._participant, self._topic(topic, kind), wish, None)
@@ -438,7 +440,7 @@ class Bus:
             self._topics[topic] = self._lib.checked(entity, f"{topic} of {kind}")
         return self._topics[topic]
 
-    def _watch(self, end: Writer | Reader, status: int) -> None:
+    def _watch(self, end: DdsWriter | DdsReader, status: int) -> None:
         quick = self._lib.quick
         self._ends[end.entity] = end
         self._lib.checked(quick.dds_set_status_mask(end.entity, status), "what to wait for")

@@ -25,7 +25,15 @@ from trocar.ros.parameters import Parameters
 from trocar.ros.queues import ImageQueue
 from trocar.ros.services import LARGEST, answered
 from trocar.ros.transports.ros2 import dds, naming, parameters
-from trocar.ros.transports.ros2.dds import Bus, DdsSample, Network, Quality, Reader, Writer, network
+from trocar.ros.transports.ros2.dds import (
+    DdsParticipant,
+    DdsReader,
+    DdsSample,
+    DdsWriter,
+    Network,
+    QualityOfService,
+    network,
+)
 
 if TYPE_CHECKING:
     from trocar.ros.core import Batch, Core
@@ -50,7 +58,7 @@ CALLER = slice(4, 20)
 Answer = Callable[[bytes], bytes | None]
 
 
-class Service:
+class Ros2Service:
     """A service as rmw_cyclonedds_cpp has it: two topics.
 
     Args:
@@ -62,14 +70,21 @@ class Service:
     """
 
     def __init__(
-        self, bus: Bus, name: str, kinds: Sequence[tuple[str, str]], number: int, answer: Answer
+        self,
+        bus: DdsParticipant,
+        name: str,
+        kinds: Sequence[tuple[str, str]],
+        number: int,
+        answer: Answer,
     ) -> None:
         self.name, self._answer = name, answer
         own = naming.endpoint_id(bus.guid, number)
         (request, asked), (reply, told) = kinds
 
-        def quality(typehash: str) -> Quality:
-            return Quality(CALLS, user_data=naming.user_data(serviceid=own, typehash=typehash))
+        def quality(typehash: str) -> QualityOfService:
+            return QualityOfService(
+                CALLS, user_data=naming.user_data(serviceid=own, typehash=typehash)
+            )
 
         self.requests = bus.reader(naming.request_name(name), request, quality(asked))
         self.replies = bus.writer(naming.reply_name(name), reply, quality(told))
@@ -141,12 +156,12 @@ class Ros2Transport:
         self.node = node
         self.lost = 0
         self._wanted: frozenset[str] = frozenset()
-        self._writers: dict[str, Writer] = {}
+        self._writers: dict[str, DdsWriter] = {}
         self._topics: dict[int, Topic] = {}
         self._peers: dict[int, str] = {}
-        self._services: dict[int, Service] = {}
+        self._services: dict[int, Ros2Service] = {}
         self._older: bool | None = None
-        self._bus: Bus | None = None
+        self._bus: DdsParticipant | None = None
         self._over = threading.Event()
 
     # ------------------------------------------------------------------ life
@@ -158,7 +173,9 @@ class Ros2Transport:
             DdsError: no such network, or too many participants
         """
         self._core = core
-        self._bus = bus = Bus(self.where.domain, self.where.config, naming.user_data(enclave="/"))
+        self._bus = bus = DdsParticipant(
+            self.where.domain, self.where.config, naming.user_data(enclave="/")
+        )
         self._workers = ThreadPoolExecutor(WORKERS, "trocar-ros2-call")
         self._images = ImageQueue(self._write)
         for topic in core.topics.values():
@@ -167,13 +184,15 @@ class Ros2Transport:
         for number, row in enumerate(core.services.values(), start=1):
             kind = service_type(row.type)
             answer = partial(answered, core.call, row.name, kind, timeout_s=SERVICE_S)
-            self._serve(Service(bus, row.name, service_kinds(kind), number, answer))
+            self._serve(Ros2Service(bus, row.name, service_kinds(kind), number, answer))
         own = Parameters(core)
         for number, name in enumerate(parameters.SERVICES, start=len(core.services) + 1):
             key = f"{self.node}/{re.sub('(?<!^)(?=[A-Z])', '_', name).lower()}"
             answer = parameters.answering(name, own)
-            self._serve(Service(bus, key, parameters.service_type(name), number, answer))
-        self._graph = bus.writer(naming.GRAPH_TOPIC, naming.GRAPH_TYPE, Quality(1, latched=True))
+            self._serve(Ros2Service(bus, key, parameters.service_type(name), number, answer))
+        self._graph = bus.writer(
+            naming.GRAPH_TOPIC, naming.GRAPH_TYPE, QualityOfService(1, latched=True)
+        )
         self._introduce(bus)
         self._thread = threading.Thread(
             target=self._listen, args=(bus,), name="trocar-ros2", daemon=True
@@ -203,21 +222,21 @@ class Ros2Transport:
             "  services work with rmw_cyclonedds_cpp only, topics with rmw_fastrtps_cpp too"
         )
 
-    def _register(self, bus: Bus, topic: Topic) -> None:
+    def _register(self, bus: DdsParticipant, topic: Topic) -> None:
         kind, name = message_type(topic.type), naming.topic_name(topic.name)
         data = naming.user_data(typehash=naming.type_hash(kind))
         if topic.direction == "pub":
             depth = topic.depth
-            end = bus.writer(name, kind.dds_name, Quality(depth, topic.latched, data))
+            end = bus.writer(name, kind.dds_name, QualityOfService(depth, topic.latched, data))
             self._writers[topic.name] = end
         else:
             depth = topic.depth if topic.depth == 1 else COMMANDS
-            end = bus.reader(name, kind.dds_name, Quality(depth, user_data=data))
+            end = bus.reader(name, kind.dds_name, QualityOfService(depth, user_data=data))
         self._topics[end.entity] = topic
-        if isinstance(end, Writer):
+        if isinstance(end, DdsWriter):
             self._match(end)
 
-    def _serve(self, service: Service) -> None:
+    def _serve(self, service: Ros2Service) -> None:
         self._services[service.requests.entity] = service
 
     # ------------------------------------------------------------------ out
@@ -237,7 +256,7 @@ class Ros2Transport:
             else:
                 self._write((writer, topic, message))
 
-    def _write(self, parcel: tuple[Writer, Topic, Message | bytes]) -> None:
+    def _write(self, parcel: tuple[DdsWriter, Topic, Message | bytes]) -> None:
         writer, topic, message = parcel
         data = message if isinstance(message, bytes) else cdr_encode(topic.type, message)
         if not writer.write(data):
@@ -245,7 +264,7 @@ class Ros2Transport:
             if self.lost & (self.lost - 1) == 0:
                 _log.warning("ROS 2: %d messages lost, the last of %s", self.lost, topic.name)
 
-    def _match(self, writer: Writer) -> None:
+    def _match(self, writer: DdsWriter) -> None:
         """Note that subscribers came or went."""
         topic, count = self._topics.get(writer.entity), writer.look()
         if topic is not None:
@@ -254,7 +273,7 @@ class Ros2Transport:
         elif self._bus is not None and writer is self._graph:
             self._introduce(self._bus)
 
-    def _introduce(self, bus: Bus) -> None:
+    def _introduce(self, bus: DdsParticipant) -> None:
         """Describe the node, in the form of those who read the graph.
 
         The two forms cannot be told apart on the wire, and a reader of the other form makes a node
@@ -269,8 +288,8 @@ class Ros2Transport:
             if self._older is None:
                 self._older = older
                 ends = [end for end in bus.ends() if end is not self._graph]
-                readers = [end.guid for end in ends if isinstance(end, Reader)]
-                writers = [end.guid for end in ends if isinstance(end, Writer)]
+                readers = [end.guid for end in ends if isinstance(end, DdsReader)]
+                writers = [end.guid for end in ends if isinstance(end, DdsWriter)]
                 self._graph.write(
                     naming.entities_info(bus.guid, self.node, readers, writers, older=older)
                 )
@@ -283,20 +302,20 @@ class Ros2Transport:
 
     # ------------------------------------------------------------------ in
 
-    def _listen(self, bus: Bus) -> None:
-        more: set[Reader] = set()
+    def _listen(self, bus: DdsParticipant) -> None:
+        more: set[DdsReader] = set()
         while not self._over.is_set():
             for end in bus.wait(0.0 if more else WAIT_S):
-                if isinstance(end, Writer):
+                if isinstance(end, DdsWriter):
                     self._match(end)
                 else:
                     more.add(end)
             more = self.take(more)
 
-    def take(self, readers: Iterable[Reader]) -> set[Reader]:
+    def take(self, readers: Iterable[DdsReader]) -> set[DdsReader]:
         """Hand what waits to the core in the order of writing; return who may have more."""
         arrived: list[tuple[int, Topic, bytes, str]] = []
-        more: set[Reader] = set()
+        more: set[DdsReader] = set()
         for reader in readers:
             found = reader.take()
             if len(found) == dds.TAKEN:
@@ -312,7 +331,7 @@ class Ros2Transport:
             self._receive(topic, payload, peer)
         return more
 
-    def _peer(self, reader: Reader, taken: DdsSample) -> str:
+    def _peer(self, reader: DdsReader, taken: DdsSample) -> str:
         """Name the node's participant: a client has a writer for each topic."""
         if taken.writer not in self._peers:
             participant = reader.participant_of(taken.writer)
@@ -342,7 +361,7 @@ class Ros2Listener:
         dds.load()
         self._where = where or network(os.environ)
         self._over = threading.Event()
-        self._bus: Bus | None = None
+        self._bus: DdsParticipant | None = None
 
     def start(self, topics: Sequence[str], take: Callable[[str, Mapping[str, Any]], None]) -> None:
         """Join the domain, subscribe and hand over what arrives.
@@ -350,8 +369,8 @@ class Ros2Listener:
         Raises:
             DdsError: no such network, or too many participants
         """
-        bus = Bus(self._where.domain, self._where.config, naming.user_data(enclave="/"))
-        self._bus, quality = bus, Quality(1, best_effort=True)
+        bus = DdsParticipant(self._where.domain, self._where.config, naming.user_data(enclave="/"))
+        self._bus, quality = bus, QualityOfService(1, best_effort=True)
         dds_name = message_type(self.KIND).dds_name
         names = {
             bus.reader(naming.topic_name(topic), dds_name, quality).entity: topic
@@ -361,7 +380,7 @@ class Ros2Listener:
         def listen() -> None:
             while not self._over.is_set():
                 for end in bus.wait(WAIT_S):
-                    for taken in end.take() if isinstance(end, Reader) else ():
+                    for taken in end.take() if isinstance(end, DdsReader) else ():
                         try:
                             message = cdr_decode(self.KIND, taken.payload)
                         except MessageError as problem:

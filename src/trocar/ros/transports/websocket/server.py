@@ -209,7 +209,7 @@ def encode(kind: str, message: Message) -> bytes:
     return as_json(to_json(kind, message, arrays=True))
 
 
-class Frame:
+class EncodedMessage:
     """A message of a topic, encoded when its first subscriber requests it.
 
     Attributes:
@@ -241,7 +241,7 @@ class Frame:
 
 
 @dataclass
-class Subscription:
+class ClientSubscription:
     """All requests of a client for one topic; the one with the highest rate counts.
 
     Args:
@@ -252,7 +252,7 @@ class Subscription:
     name: str
     periods: dict[Id, float] = field(default_factory=dict)
     throttle: Throttle = field(default_factory=lambda: Throttle(0.0))
-    held: Frame | None = None
+    held: EncodedMessage | None = None
 
     def settle(self) -> None:
         """Take over the shortest period."""
@@ -275,10 +275,10 @@ class Client:
         refused: messages beyond the rate
     """
 
-    def __init__(self, connection: Connection, newest: Mapping[str, Frame]) -> None:
+    def __init__(self, connection: Connection, newest: Mapping[str, EncodedMessage]) -> None:
         self._connection, self._newest = connection, newest
         self.peer = "{}:{}".format(*connection.remote_address[:2])
-        self.subscriptions: dict[str, Subscription] = {}
+        self.subscriptions: dict[str, ClientSubscription] = {}
         self.outbox = Outbox(MOST_WAITING)
         self.calls = self.refused = 0
         self.level: Level = "warning"
@@ -297,7 +297,7 @@ class Client:
         """Note a subscription; return False when there are too many."""
         if topic not in self.subscriptions and len(self.subscriptions) >= MOST_SUBSCRIPTIONS:
             return False
-        found = self.subscriptions.setdefault(topic, Subscription(request.topic))
+        found = self.subscriptions.setdefault(topic, ClientSubscription(request.topic))
         if len(found.periods) >= MOST_SUBSCRIPTIONS and request.id not in found.periods:
             return False
         found.name = request.topic
@@ -316,12 +316,14 @@ class Client:
         else:
             found.settle()
 
-    def deliver(self, frames: Sequence[Frame], events: Sequence[Frame], now: float) -> None:
+    def deliver(
+        self, frames: Sequence[EncodedMessage], events: Sequence[EncodedMessage], now: float
+    ) -> None:
         """Send the subscribed messages of a batch, in one write; to a slow client events alone."""
         if not self._ready:
             self._missed = frames[0].number if self._missed is None else self._missed
             frames = events
-        due: list[tuple[Frame, str]] = []
+        due: list[tuple[EncodedMessage, str]] = []
         for frame in frames:
             found = self.subscriptions.get(frame.topic.name)
             if found is None:
@@ -440,7 +442,7 @@ class Conversation:
                 self._changed()
                 last = self._core.latched(topic.name)
                 if last is not None:
-                    client.send(Frame(topic, last).named(request.topic))
+                    client.send(EncodedMessage(topic, last).named(request.topic))
             case Unsubscribe():
                 client.unsubscribe(plain(request.topic), request.id)
                 self._changed()
@@ -562,7 +564,7 @@ class WebSocketTransport:
         self.port = port
         self.clients: set[Client] = set()
         self._connections = Connections("websocket")
-        self._newest: dict[str, Frame] = {}
+        self._newest: dict[str, EncodedMessage] = {}
         self._batches = 0
         self._rate_limit = RateLimit(LOG_PERIOD_S)
         self._wanted: frozenset[str] = frozenset()
@@ -615,7 +617,9 @@ class WebSocketTransport:
 
     def send(self, batch: Batch) -> None:
         """Let the server's thread send messages as soon as it can."""
-        frames = [Frame(topic, message) for topic, message in batch if topic.name in self._wanted]
+        frames = [
+            EncodedMessage(topic, message) for topic, message in batch if topic.name in self._wanted
+        ]
         if frames:
             self._soon(self._deliver, frames)
 
@@ -690,7 +694,7 @@ class WebSocketTransport:
         """Note which topics have subscribers."""
         self._wanted = frozenset[str]().union(*(client.subscriptions for client in self.clients))
 
-    def _deliver(self, frames: Sequence[Frame]) -> None:
+    def _deliver(self, frames: Sequence[EncodedMessage]) -> None:
         now = time.monotonic()
         self._batches += 1
         for frame in frames:

@@ -99,7 +99,7 @@ def round_trip(period_s: float, repeats: int) -> list[Figure]:
     curve = CubicSpline(np.arange(len(plan.q)) / plan.rate_hz, plan.q)
     world = World("psm", collisions=False, timestep_s=FINE_S)
     world.part(Drivetrains).every = 1
-    world.reschedule()
+    world.load(world.save())
     every = round(1.0 / plan.rate_hz / FINE_S)
     times = np.arange((len(plan.q) - 1) * every + 1) * FINE_S
     goal = curve(times)

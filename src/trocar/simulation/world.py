@@ -251,6 +251,8 @@ class World:
         self._wire()
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
+        #: What records this world now, None for nothing.
+        self.recorder: object | None = None
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
         self._rng: np.random.Generator | None = None
@@ -497,7 +499,7 @@ class World:
         """
         model, data = self._model, self._data
         row = np.empty(mujoco.mj_stateSize(model, INTEGRATION))
-        self.copy_state(row)
+        mujoco.mj_getState(model, data, row, INTEGRATION)
         row.setflags(write=False)
         return State(
             self.signature,
@@ -513,10 +515,6 @@ class World:
             {name: arm.save() for name, arm in self.arms.items()},
             {name: kept for name, part in self.parts.items() if (kept := part.save()) is not None},
         )
-
-    def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
-        """Copy parts of the physics state, bits of MuJoCo's mjtState, into an array."""
-        mujoco.mj_getState(self._model, self._data, out, parts)
 
     @command
     def load(self, state: State) -> None:
@@ -551,7 +549,7 @@ class World:
         for name, kept in state.parts.items():
             self.parts[name].load(kept)
         self._bad[:] = 0
-        self._go_on()
+        self._draw_up()
         self._restart_past("load", {"state": state})
         if any(prop.script for prop in self.rig.objects):
             self.past.forget(
@@ -709,14 +707,14 @@ class World:
         part.placed("")
         self.parts[name] = part
         self._added.add(name)
-        self.reschedule()
+        self._draw_up()
         self._forget_parts()
 
         def remove() -> None:
             if name in self._added:
                 self._added.remove(name)
                 del self.parts[name]
-                self.reschedule()
+                self._draw_up()
 
         return remove
 
@@ -941,10 +939,10 @@ class World:
         )
         for part in self.parts.values():
             part.attach(self._physics)
-        self.reschedule()
+        self._draw_up()
 
-    def reschedule(self) -> None:
-        """Draw up when each part acts; to be called after `every` of a part was changed."""
+    def _draw_up(self) -> None:
+        """Draw up when each part acts, and go on from here."""
         self._schedule = Schedule(
             ScheduleEntry(every, before, look)
             for part in self.parts.values()

@@ -33,8 +33,8 @@ PRESS_N, PRESSED_S, LOOSE_N = 3.0, 0.05, 1.0
 #: across an edge: 0.7, with 140 N at the finger's side; 1.0 of needles between pads.
 PARALLEL = 0.9
 #: Shares of the friction ellipsoid: beyond the first, friction alone holds an object; below the
-#: second of the first, it is stuck again. Source: measured in twenty directions of forces and torques, in which a
-#: needle slips at 0.85 of the ellipsoid or later.
+#: second of the first, it is stuck again. Source: measured in twenty directions of forces and
+#: torques, in which a needle slips at 0.85 of the ellipsoid or later.
 LOADED, RESTUCK = 0.6, 0.8
 #: A thread that is pulled by so many times the tension that it bears steadily slips out, whatever
 #: friction carries. Source: our own choice, below the 2.5 times at which waves on it begin to grow

@@ -8,7 +8,6 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -178,7 +177,8 @@ def position_inputs(model: RigModel, setpoints: Array) -> Array:
     """
     p, d = -model.mj.actuator_biasprm[:, 1], -model.mj.actuator_biasprm[:, 2]
     q, v, effort = np.moveaxis(setpoints, -1, 0)
-    return np.where(p > 0.0, q + (d * v + effort) / np.where(p > 0.0, p, 1.0), effort)
+    found: Array = np.where(p > 0.0, q + (d * v + effort) / np.where(p > 0.0, p, 1.0), effort)
+    return found
 
 
 def lone_rig(arm: ArmDescription, name: str = "arm") -> RigDescription:
@@ -228,7 +228,7 @@ class Draft:
         self.masks = contact_masks(rig)
         if options.standalone and len(rig.arms) == 1 and not rig.props:
             self.masks = {"": LONE_MASK, rig.arms[0].name: LONE_MASK}
-        world = Anchor(cast(mujoco.MjsBody, self.spec.worldbody), np.eye(4))
+        world = Anchor(self.spec.worldbody, np.eye(4))
         poses = {prop.name: prop.pose for prop in rig.props}
         for prop in rig.props:
             body = add_prop(self.spec, prop, poses, options.timestep)
@@ -280,7 +280,7 @@ class Draft:
                 surface.geom.solref = [k * step ** (n - 2) for n, k in enumerate(THREAD)]
 
     def _set_solver(self) -> None:
-        compiler, option = cast(Any, self.spec.compiler), cast(Any, self.spec.option)
+        compiler, option = self.spec.compiler, self.spec.option
         compiler.degree = False
         compiler.autolimits = True
         compiler.boundmass = 0.0
@@ -295,7 +295,7 @@ class Draft:
         option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
     def _set_islands(self, objects: int) -> None:
-        option = cast(Any, self.spec.option)
+        option = self.spec.option
         if not objects and len(self.spec.joints) < ISLAND_JOINTS:
             option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
         if objects:

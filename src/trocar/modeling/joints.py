@@ -140,7 +140,7 @@ def joint_table(
         gains_of = preset(rig_arm.arm, control)
         if rows.start == rows.stop:
             continue
-        column = {mechanism.frames[h].name: k for k, h in enumerate(index.hinges)}
+        column: dict[str, int] = {mechanism.frames[h].name: k for k, h in enumerate(index.hinges)}
         for row, joint in enumerate(rig_arm.arm.joints, start=rows.start):
             names.append(naming.scoped(rig_arm.name, joint.name))
             for frame, weight in joint.drive:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations, product
-from typing import Any, cast
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -44,7 +44,7 @@ def add_prop(
     """
     joint = prop.joint
     on = joint.on if joint is not None else ""
-    carrier = cast(mujoco.MjsBody, spec.body(on) if on else spec.worldbody)
+    carrier = spec.body(on) if on else spec.worldbody
     at = inverse(poses[on]) @ prop.pose if on else prop.pose
     body = carrier.add_body(name=prop.name, pos=at[:3, 3], quat=quaternion_from_matrix(at[:3, :3]))
     if joint is not None:
@@ -75,14 +75,14 @@ def _add_joint(body: mujoco.MjsBody, prop: str, joint: PropJoint, timestep: floa
 
 def add_band(spec: mujoco.MjSpec, band: Band) -> None:
     """Add an elastic band: a tendon through sites of props, slack up to its rest length."""
-    tendon = cast(Any, spec.add_tendon(name=naming.band(band.name)))
+    tendon = spec.add_tendon(name=naming.band(band.name))
     tendon.stiffness = [band.stiffness, 0.0, 0.0]
     tendon.damping = [band.damping, 0.0, 0.0]
     tendon.springlength = [0.0, band.rest_length]
     tendon.width = band.radius
     for number, (prop, point) in enumerate(band.points):
         site = naming.band_site(band.name, number)
-        cast(mujoco.MjsBody, spec.body(prop)).add_site(name=site, pos=point, size=[band.radius] * 3)
+        spec.body(prop).add_site(name=site, pos=point, size=[band.radius] * 3)
         tendon.wrap_site(site)
 
 
@@ -117,9 +117,7 @@ def soften(
         pliant = yields[one.body] + yields[two.body]
         if not pliant:  # both stand still
             continue
-        pair = cast(
-            Any, spec.add_pair(name=f"soft_{number}", geomname1=names[0], geomname2=names[1])
-        )
+        pair = spec.add_pair(name=f"soft_{number}", geomname1=names[0], geomname2=names[1])
         slide, spin, roll = _friction(one.geom, two.geom)
         pair.condim, pair.friction = one.geom.condim, [slide, slide, spin, roll, roll]
         impedance = _impedance(pliant * timestep**2 / softness)
@@ -143,7 +141,7 @@ def pair_grips(spec: mujoco.MjSpec, pads: Sequence[Surface], held: Sequence[Surf
         if pad.geom.priority == shape.geom.priority or _soft(pad, shape):
             continue
         names = pad.geom.name, shape.geom.name
-        pair = cast(Any, spec.add_pair(geomname1=names[0], geomname2=names[1]))
+        pair = spec.add_pair(geomname1=names[0], geomname2=names[1])
         slide, spin, roll = _friction(pad.geom, shape.geom)
         pair.condim, pair.friction = pad.geom.condim, [slide, slide, spin, roll, roll]
         pair.solref, pair.solimp = shape.geom.solref, shape.geom.solimp

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, cast
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -81,11 +81,11 @@ def add_tissue(
         "solref_friction": hard["solref"],
         "solimp_friction": FRICTION_IMPEDANCE,
     }
-    body = cast(mujoco.MjsBody, spec.body(name))
+    body = spec.body(name)
     for stitch in range(tissue.stitches):
         _add_places(body, f"{name}/{stitch}", bit, hard["solref"])
         _add_walls(spec, f"{name}/{stitch}", limit)
-    needle, wire = cast(mujoco.MjsBody, spec.body(tissue.needle)), tissue.wire
+    needle, wire = spec.body(tissue.needle), tissue.wire
     tip = wire.tip[:3, 3]
     for number, place in enumerate(CHANNEL):
         bead = _light(needle, naming.scoped(name, f"bead{number}"), 1e-5)
@@ -177,7 +177,7 @@ def _add_walls(spec: mujoco.MjSpec, stitch: str, limit: dict[str, Any]) -> None:
 
 def _add_thread(spec: mujoco.MjSpec, name: str, tissue: Tissue, hard: dict[str, Any]) -> None:
     """Add the thread's lengths: a tendon for each channel point that it comes to end at."""
-    needle, world = (cast(mujoco.MjsBody, b) for b in (spec.body(tissue.needle), spec.worldbody))
+    needle, world = spec.body(tissue.needle), spec.worldbody
     swage, feed = naming.scoped(name, "swage"), naming.scoped(name, "feed")
     needle.add_site(name=swage, pos=tissue.wire.swage[:3, 3], size=[3e-4] * 3)
     store = _light(world, feed, FEED_KG)

@@ -156,16 +156,22 @@ class Probes:
         total, data = [[0.0, 0.0, 0.0] for _ in self._arms], self._acted()
         if not data.ncon and not self._welds:
             return dict(zip(self._arms, np.array(total), strict=True))
-        equalities = data.efc_id[: data.ne].tolist()  # of the last step, whatever is active now
+        # of the last step, whatever is active now
+        equalities: list[int] = data.efc_id[: data.ne].tolist()
         for weld, (finger, _) in self._welds:
             if weld in equalities:
                 first = equalities.index(weld)
-                force, arm = data.efc_force[first : first + 3].tolist(), self._arm_of_body[finger]
+                arm = int(self._arm_of_body[finger])
+                force: list[float] = data.efc_force[first : first + 3].tolist()
                 total[arm] = [t + f for t, f in zip(total[arm], force, strict=True)]
-        found, on, pushes = data.contact, self._arm_of_geom, data.efc_force.tolist()
-        rows = found.geom.tolist(), found.efc_address.tolist(), found.dim.tolist()
+        found, on = data.contact, self._arm_of_geom
+        pushes: list[float] = data.efc_force.tolist()
         # plain numbers: few contacts are on arms
-        for (a, b), first, dim, axes in zip(*rows, found.frame.tolist(), strict=True):
+        geoms: list[tuple[int, int]] = found.geom.tolist()
+        firsts: list[int] = found.efc_address.tolist()
+        dims: list[int] = found.dim.tolist()
+        frames: list[list[float]] = found.frame.tolist()
+        for (a, b), first, dim, axes in zip(geoms, firsts, dims, frames, strict=True):
             if first < 0 or (on[a] < 0 and on[b] < 0):
                 continue
             force = [0.0, 0.0, 0.0]
@@ -298,9 +304,9 @@ class Probes:
 
     def _touched(self, mine: Bodies) -> mujoco.MjData:
         """Return the data that holds contacts of some bodies; those of sleepers are computed."""
-        trees = self._model.body_treeid[mine[: self._model.nbody]]
+        trees: NDArray[np.int32] = self._model.body_treeid[mine[: self._model.nbody]]
         if (trees < 0).all():  # what stands still: everything that sleeps may lie on it
-            trees = np.arange(self._model.ntree)
+            trees = np.arange(self._model.ntree, dtype=np.int32)
         if not (self._data.tree_asleep[trees[trees >= 0]] >= 0).any():
             return self._acted()
         scratch = self._copied()  # is never stepped, so nothing in it falls asleep
@@ -368,15 +374,11 @@ class Probes:
                 continue
             mujoco.mj_contactForce(model, data, index, felt)
             axes = contact.frame.reshape(3, 3)  # rows; the normal leads from the first shape
-            shapes = [
+            shapes: list[str] = [
                 model.geom(geom).name if geom >= 0 else self._names[carrier]
                 for geom, carrier in zip(contact.geom, (first, second), strict=True)
             ]
-            body, other, sign = (
-                second,
-                first,
-                1.0,
-            )  # MuJoCo gives the force of the first on the second
+            body, other, sign = second, first, 1.0  # MuJoCo gives the force of the first on it
             if mine[first]:
                 body, other, shapes, sign = first, second, shapes[::-1], -1.0
             yield (

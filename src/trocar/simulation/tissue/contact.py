@@ -173,7 +173,8 @@ def press(compliance: Array, gaps: Array) -> Array:
             return forces
         touch = after
     factor = np.linalg.cholesky(matrix)
-    return nnls(factor.T, -np.linalg.solve(factor, gaps))[0]
+    found: Array = nnls(factor.T, -np.linalg.solve(factor, gaps))[0]
+    return found
 
 
 def underside(at: Array, box: Array, turn: Array, half: Array) -> Array:

@@ -89,12 +89,12 @@ class Solids(NamedTuple):
         faces = np.abs(local) - half
         inward = faces.max(axis=1)  # to the nearest face, below 0 inside
         facing = faces == inward[:, None]
-        out = np.where(
+        out: Array = np.where(
             (inward < 0.0)[:, None],
             facing * np.where(local < 0.0, -1.0, 1.0),
             beyond / np.maximum(away, 1e-12)[:, None],
         )
-        deep = self.round[solids] + radius - np.where(inward < 0.0, inward, away)
+        deep: Array = self.round[solids] + radius - np.where(inward < 0.0, inward, away)
         order = deep.argsort(kind="stable")  # of several solids the deepest one counts
         depth, ways = np.full(len(points), -np.inf), np.zeros((len(points), 3))
         depth[rows[order]] = deep[order]
@@ -121,8 +121,8 @@ class TissueDrawings:
         shares = shares.reshape(-1, 4)
         self._round = sizes[:, 0] * shares[:, 3]
         #: Capsules have their half length second.
-        long = np.where(shares[:, 3] > 0.0, sizes[:, 1], sizes[:, 2])
-        self._half = np.column_stack([sizes[:, :2], long]) * shares[:, :3]
+        long: Array = np.where(shares[:, 3] > 0.0, sizes[:, 1], sizes[:, 2])
+        self._half: Array = np.column_stack([sizes[:, :2], long]) * shares[:, :3]
         #: Nodes of the upper surface.
         self._top = np.flatnonzero(np.isclose(tissue.pad.nodes[:, 2], 0.0))
         self._parts: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] | None = None

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,29 +83,33 @@ class ElasticPad:
         half = base[:, None] + steps
         other = np.argsort(CORNERS @ [1, -2, 4])  # the mirrored cell's corners in order
         self.nodes = np.concatenate([grid, grid * [1.0, -1.0, 1.0]])
-        self.cells = np.concatenate([half, half[:, other] + len(grid)])
+        self.cells: Index = np.concatenate([half, half[:, other] + len(grid)])
         self.sizes = np.array([xs[1] - xs[0], ys[1] - ys[0], zs[1] - zs[0]])
         self._patch_radius = tissue.patch
-        middles = self.nodes[self.cells].mean(axis=1)
+        middles = self._middles()
         moduli = tissue.modulus_at(-middles[:, 2])
         unit = _cell_stiffness(self.sizes, tissue.poisson)
         dofs = (3 * self.cells[:, :, None] + np.arange(3)).reshape(-1, 24)
         rows, columns = np.repeat(dofs, 24, axis=1).ravel(), np.tile(dofs, (1, 24)).ravel()
         size = 3 * len(self.nodes)
         values = (moduli[:, None, None] * unit).ravel()
-        self.matrix = csc_matrix((values, (rows, columns)), shape=(size, size))
+        self.matrix: Any = csc_matrix((values, (rows, columns)), shape=(size, size))
         outer = 0.5 * tissue.gap + tissue.width
         fixed = np.isclose(self.nodes[:, 2], -tissue.depth)
         fixed |= np.isclose(np.abs(self.nodes[:, 1]), outer)
         self.free: Index = np.flatnonzero(np.repeat(~fixed, 3))
         #: Those of the half at +y; the other half is its mirror image.
         self._half = self.free[self.free < size // 2]
-        self._factor = splu(
+        self._factor: Any = splu(
             self.matrix[self._half][:, self._half].tocsc(),
             permc_spec="MMD_AT_PLUS_A",
             diag_pivot_thresh=0.0,
             options={"SymmetricMode": True},
         )
+
+    def _middles(self) -> Array:
+        """Return the middles of the cells at rest, (m, 3) [m]."""
+        return self.nodes[self.cells].mean(axis=1)
 
     def weights(self, point: ArrayLike) -> Array:
         """Return the weights of the nodes in the patch about a point, (n,), with the sum 1.
@@ -112,7 +117,7 @@ class ElasticPad:
         Only the half on the point's side of the wound has some.
         """
         at = np.asarray(point, dtype=np.float64)
-        middles = self.nodes[self.cells].mean(axis=1)
+        middles = self._middles()
         reach = self._patch_radius + 0.5 * float(np.linalg.norm(self.sizes))
         near = np.linalg.norm(middles - at, axis=1) < reach
         near &= np.sign(middles[:, 1]) == (1.0 if at[1] > 0.0 else -1.0)
@@ -157,7 +162,7 @@ class ElasticPad:
         They are those in the middle of each; one that is not above 0 is turned inside out.
         """
         slopes = CORNERS / 8.0 * (2.0 / self.sizes)
-        along = np.ascontiguousarray(moved.T)[:, self.cells] @ slopes + np.eye(3)[:, None]
+        along: Array = np.ascontiguousarray(moved.T)[:, self.cells] @ slopes + np.eye(3)[:, None]
         x, y, z = np.moveaxis(along, 2, 0)  # of each cell's edges along each axis
         return (  # in a third of the time of np.linalg.det
             x[0] * (y[1] * z[2] - y[2] * z[1])

@@ -217,7 +217,7 @@ class SoftTissue(Part):
         self._threads = np.isin(np.arange(model.ntendon), self._strings)
         self._locks = ids(model.tendon, ["lock"])[:, 0]
         beads = [model.joint(naming.scoped(name, f"bead{k}")) for k in range(len(CHANNEL))]
-        self._beads = np.array([(b.qposadr[0], b.dofadr[0]) for b in beads])
+        self._beads = np.array([(int(b.qposadr[0]), int(b.dofadr[0])) for b in beads])
         feed = model.joint(naming.scoped(name, "feed"))
         self._feed, self._feed_dof = int(feed.qposadr[0]), int(feed.dofadr[0])
         first = model.joint(f"{stitches[0]}/{PLACES[0]}/x")
@@ -440,7 +440,7 @@ class SoftTissue(Part):
     def tension(self) -> float:
         """Return the tension of the thread, as of the last step [N]."""
         data = self._data
-        rows = np.arange(data.ne + data.nf, data.nefc)
+        rows: NDArray[np.intp] = np.arange(data.ne + data.nf, data.nefc)
         rows = rows[data.efc_type[rows] == LIMIT]
         return float(data.efc_force[rows[self._threads[data.efc_id[rows]]]].sum())
 
@@ -593,10 +593,10 @@ class SoftTissue(Part):
         for points, side in zip(self.plan, self._sides, strict=True):
             across = points[:, 1]
             curve = np.polynomial.Polynomial.fit(across, points[:, 2], 2)
-            along = np.interp([-half, half], *np.sort(points[:, :2], axis=0).T[::-1])
+            along: Array = np.interp([-half, half], *np.sort(points[:, :2], axis=0).T[::-1])
             near, far = (along[1], along[0]) if side > 0.0 else (along[0], along[1])
             deep = [float(curve(side * half)), float(curve(-side * half))]
-            walls = [[near, side * half, deep[0]], [near, side * half, 0.0]]
+            walls: list[list[float]] = [[near, side * half, deep[0]], [near, side * half, 0.0]]
             walls += [[far, -side * half, deep[1]], [far, -side * half, 0.0]]
             found.append(np.concatenate([points, walls]))
         return np.concatenate(found)
@@ -779,10 +779,8 @@ class SoftTissue(Part):
             return
         self.torn |= found
         self._condense()
-        for stitch, place in np.argwhere(found):
-            self._event(
-                "tear", of=int(stitch), place=PLACES[place], force=float(strong[stitch, place])
-            )
+        for stitch, place in np.argwhere(found).tolist():
+            self._event("tear", of=stitch, place=PLACES[place], force=float(strong[stitch, place]))
 
     def _event(self, name: str, **values: object) -> None:
         self._journal.event(self.name, name, **{"stitch": self.stitch, **values})

@@ -8,9 +8,6 @@ from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.errors import MissingExtraError, TrocarError
 
 if TYPE_CHECKING:
@@ -68,9 +65,6 @@ def on_processor(context: moderngl.Context) -> bool:
     return any(name in driver(context).lower() for name in ("llvmpipe", "softpipe", "swrast"))
 
 
-if TYPE_CHECKING:
-    import moderngl
-
 #: Source: the OpenGL registry, gl.xml.
 TRIANGLES, UNSIGNED_INT, DRAW_INDIRECT_BUFFER = 0x0004, 0x1405, 0x8F3F
 FRAMEBUFFER, FIRST_ATTACHMENT, PACK_ALIGNMENT = 0x8D40, 0x8CE0, 0x0D05
@@ -83,57 +77,6 @@ FORMATS = {
 }
 #: Bytes of one command: five numbers. Source: the OpenGL 4.3 specification, 10.4.
 COMMAND = 20
-
-
-def draw(
-    program: moderngl.Program,
-    array: moderngl.VertexArray,
-    orders: moderngl.Buffer,
-    first: int,
-    count: int,
-) -> None:
-    """Draw triangles by commands of a buffer, as `VertexArray.render_indirect` does."""
-    gl = opengl_library()
-    if gl is None:
-        array.render_indirect(orders, TRIANGLES, count, first)
-        return
-    gl.glUseProgram(program.glo)
-    gl.glBindVertexArray(array.glo)
-    gl.glBindBuffer(DRAW_INDIRECT_BUFFER, orders.glo)
-    gl.glMultiDrawElementsIndirect(TRIANGLES, UNSIGNED_INT, first * COMMAND, count, COMMAND)
-
-
-def flush() -> None:
-    """Flush the requested drawing; another target may be used then without a wait."""
-    gl = opengl_library()
-    if gl is not None:
-        gl.glFlush()
-
-
-def read(target: moderngl.Framebuffer, attachment: int, into: NDArray[np.generic]) -> None:
-    """Read what was drawn, rows from the first drawn on.
-
-    Args:
-        target: where it was drawn, its samples resolved
-        attachment: which of its outputs
-        into: takes all rows, (height, width[, 3]), uint8, float32 or int32 as the output is
-    """
-    kind = into.shape[2] if into.ndim == 3 else 1, into.dtype.name
-    gl = opengl_library()
-    if gl is None:
-        target.read_into(
-            into.reshape(-1).view(np.uint8),
-            components=kind[0],
-            attachment=attachment,
-            alignment=1,
-            dtype={"uint8": "f1", "float32": "f4", "int32": "i4"}[kind[1]],
-        )
-        return
-    height, width = into.shape[:2]
-    gl.glBindFramebuffer(FRAMEBUFFER, target.glo)
-    gl.glReadBuffer(FIRST_ATTACHMENT + attachment)
-    gl.glPixelStorei(PACK_ALIGNMENT, 1)
-    gl.glReadPixels(0, 0, width, height, *FORMATS[kind], into.ctypes.data)
 
 
 @cache

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry.se3 import inverse, transform, transform_points
-from trocar.rendering.culling import Frustum
+from trocar.rendering.frustum import Frustum
 
 Array = NDArray[np.float64]
 

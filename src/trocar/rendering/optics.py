@@ -12,7 +12,7 @@ from trocar.cameras import Calibration, Intrinsics
 from trocar.cameras.lens import distort, plane_from_pixels, undistort, view_bounds
 from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
-from trocar.rendering.culling import Frustum
+from trocar.rendering.frustum import Frustum
 from trocar.rendering.lighting import Light, scope_light
 from trocar.simulation.cameras import CameraRecord
 

@@ -11,8 +11,8 @@ from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.se3 import transform
 from trocar.rendering import Look, Renderer, Series, StereoFrame
-from trocar.rendering.endoscope import STILL
 from trocar.rendering.gpu import Gpu
+from trocar.rendering.series import STILL
 
 EYES = {"eye": camera(stereo())}
 

@@ -25,7 +25,7 @@ from trocar.cameras.records import Calibration
 from trocar.cameras.rectification import camera_infos
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot
+from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot, shots
 from trocar.messages import cdr_encode, message_type
 from trocar.recording import Extra, recorder_of
 from trocar.ros.build import header
@@ -357,9 +357,8 @@ def images_recorded(
             return
         count = due
         order = Order(None, 0.0, world.snapshot(arms=False), world.cameras(), wanted)
-        for camera in sorted(wanted):
-            frame = renderer.render(order.snapshot, order.cameras, camera)
-            images.take(Shot(camera, order, frame, packer))
+        for shot in shots(renderer, order, packer):
+            images.take(shot)
 
     leave = world.observe(look, every=5)
     try:

@@ -32,7 +32,7 @@ SUMMARY = "render an image or a video from a camera of a rig"
 ORDER = 20
 
 DURATION_S, RATE_HZ = 10.0, 30.0
-#: As in `trocar.rendering.layers`, which is not imported for a list of words.
+#: As in `trocar.rendering.frames`, which is not imported for a list of words.
 EYES = ("both", "left", "right", "anaglyph")
 SHOWN = ("colour", "depth", "ids", "normals")
 MOTIONS = ("instruments", "sine", "still")

@@ -11,7 +11,7 @@ from trocar.errors import MissingExtraError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Colours that people with any colour vision tell apart. Source: Okabe and Ito, 2008.
+#: Colours that are distinct with every kind of colour vision. Source: Okabe and Ito, 2008.
 MEASURED, SETPOINT, ERROR, EFFORT, WARNING = "#0072B2", "#D55E00", "#CC79A7", "#009E73", "#E69F00"
 PALETTE = (MEASURED, SETPOINT, EFFORT, ERROR, WARNING, "#56B4E9")
 PNG_DPI = 110
@@ -22,7 +22,7 @@ def new_figure(width_in: float, height_in: float, purpose: str) -> Figure:
 
     Args:
         width_in, height_in: its size [inch]
-        purpose: what for, if matplotlib is missing ("drawing a recording")
+        purpose: for the error if matplotlib is missing ("drawing a recording")
 
     Raises:
         MissingExtraError: matplotlib is not installed

@@ -1,4 +1,4 @@
-"""What a robot and its cameras see: still pictures of rigs, and the stereo endoscope."""
+"""Images: the stereo endoscope and the other cameras of a world, and still pictures of rigs."""
 
 from trocar.rendering.endoscope import Endoscope, Stream
 from trocar.rendering.frames import StereoFrame

@@ -149,9 +149,9 @@ class Stream:
 
 
 class Endoscope:
-    """A camera of a world, a scope with two eyes or a view with one.
+    """A camera of a world: a scope with two eyes, or a view with one.
 
-    The world is only looked at: it moves as it would without. `capture` and `stream` are called
+    Images do not change the motion of the world. `capture` and `stream` are called
     where the world is stepped; `render` from anywhere.
 
     Args:
@@ -167,7 +167,7 @@ class Endoscope:
 
     Raises:
         UnknownNameError: no such camera or preset; the known ones are listed
-        InputError: eyes that the camera cannot have, or a scope that nobody makes
+        InputError: eyes that the camera cannot have, or an angle that no scope has
         TrocarError: there is no OpenGL; the Debian packages that bring it are named
         MissingExtraError: the extra `scope` is not installed
     """
@@ -200,7 +200,7 @@ class Endoscope:
         self._series = Series(self.renderer)
 
     def capture(self) -> StereoFrame:
-        """Return what the camera sees now, exposed for itself.
+        """Draw the world as it is now, exposed for itself.
 
         Raises:
             InputError: a picture larger than the driver allows
@@ -209,7 +209,7 @@ class Endoscope:
         return self.render(self.world.snapshot(), self.world.cameras())
 
     def capture_next(self) -> StereoFrame:
-        """Return what the camera sees now, exposed as the next of a film: light fades over.
+        """Draw the world as it is now, exposed as the next image of a series.
 
         Raises:
             InputError, TrocarError: as for `capture`
@@ -226,12 +226,12 @@ class Endoscope:
         only: Collection[str] | None = None,
         T_world_camera: ArrayLike | None = None,
     ) -> StereoFrame:
-        """Return what the camera sees where a snapshot has everything, or would see if.
+        """Draw a snapshot, or the snapshot with objects or the camera elsewhere.
 
         Args:
             snapshot, cameras: of the world
-            poses, only: objects that are elsewhere, and those that are there; see `Renderer.render`
-            T_world_camera: where the camera is instead, midway between its eyes (4, 4)
+            poses, only: objects that are elsewhere, objects that are there; see `Renderer.render`
+            T_world_camera: pose of the camera instead, midway between its eyes (4, 4)
 
         Raises:
             InputError, TrocarError: as for `capture`
@@ -245,7 +245,7 @@ class Endoscope:
         return self.renderer.render(snapshot, mounted, self.camera, poses=poses, only=only)
 
     def stream(self, rate_hz: float = 60.0) -> Stream:
-        """Draw in a thread of its own, so many frames a simulated second.
+        """Draw frames at a rate in simulated time, in a thread of its own.
 
         Step the world inside `with scope.stream(60.0) as stream: ...`; `stream.newest` is the
         newest frame.
@@ -261,7 +261,7 @@ class Endoscope:
         return Stream(self.world, draw, rate_hz)
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         self.renderer.close()
 
     def _mounted(self, cameras: Mapping[str, CameraRecord]) -> dict[str, CameraRecord]:

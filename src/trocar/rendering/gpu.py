@@ -53,8 +53,8 @@ READ = {
     "IDS": (1, np.int32),
     "NORMALS": (3, np.float32),
 }
-#: Samplers of the lens's pass by output, in the order of texture units; the unit after them has
-#: the lens's map.
+#: Samplers of the lens's pass by output, in the order of texture units; the unit after them has the
+#: lens's map.
 INPUTS = {"COLOUR": "colour_in", "DEPTH": "depth_in", "IDS": "ids_in", "NORMALS": "normals_in"}
 #: Buffers of commands: of what throws shadows, of what is seen.
 SHADING, SEEN = "shading", "seen"

@@ -31,7 +31,7 @@ def stands_still(before: Snapshot, now: Snapshot) -> bool:
 
 
 class Series:
-    """Pictures that follow each other: the exposure of each follows from the one before.
+    """Draw pictures that follow each other: the exposure of each follows from the one before.
 
     A camera's first picture is exposed for itself, as is one after a reset, an exchange of a tool
     or a gap of a second. Time is that of snapshots, so the same snapshots give the same pictures.
@@ -39,7 +39,7 @@ class Series:
     new time.
 
     Args:
-        renderer: draws; its look says whether exposure is automatic
+        renderer: its look sets whether exposure is automatic
     """
 
     def __init__(self, renderer: Renderer) -> None:
@@ -60,7 +60,7 @@ class Series:
 
         Args:
             snapshot, cameras, camera: as there
-            beside: "depth", "ids": further channels beside those of the renderer
+            beside: "depth", "ids": channels beside those of the renderer
         """
         stops = self._stops(snapshot, cameras, camera)
         channels = self._renderer.channels.with_(beside)
@@ -87,7 +87,7 @@ class Series:
     def _stops(
         self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
     ) -> float | None:
-        """Return the stops of the next picture, None where none before it says."""
+        """Return the stops of the next picture, None where no picture before sets them."""
         before = self._before.get(camera)
         if before is None or self._renderer.look.exposure != AUTO:
             return None
@@ -103,5 +103,5 @@ class Series:
         return followed(before.exposure, before.left, passed, aim)
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         self._renderer.close()

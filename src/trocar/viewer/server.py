@@ -47,7 +47,7 @@ T = TypeVar("T")
 _handshakes = logging.getLogger("websockets.server")
 HUNG_UP = "opening handshake failed"
 
-#: How long the page, 0.8 MB, may take to a browser through a slow ssh. Source: our own choice. [s]
+#: Time limit of sending the page, 0.8 MB, through a slow ssh [s]. Source: our own choice.
 PAGE_S = 60.0
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -131,7 +131,7 @@ class ClientPage:
 
     @property
     def entrance(self) -> str:
-        """What follows the server's address in the address of the page."""
+        """Path and query of the page's address, with the token if there is one."""
         return "" if self._access.token is None else f"/?{self._access.query}"
 
     def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
@@ -296,7 +296,7 @@ def _checked_host(host: str) -> str:
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
-    """Drop reports of what clients did; what else fails in a handshake is a defect."""
+    """Drop reports of clients that hang up; every other failed handshake is a defect."""
     problem = record.exc_info[1] if record.exc_info else None
     theirs = isinstance(problem, WebSocketException | EOFError | ConnectionError)
     return not (theirs and record.getMessage() == HUNG_UP)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 from trocar.errors import MissingExtraError
 
@@ -36,18 +36,18 @@ def new_figure(width_in: float, height_in: float, purpose: str) -> Figure:
 
 def png(figure: Figure) -> bytes:
     """Return a figure as PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=PNG_DPI)
+    buffer, drawn = io.BytesIO(), cast(Any, figure)  # its types are partial
+    drawn.savefig(buffer, format="png", dpi=PNG_DPI)
     return buffer.getvalue()
 
 
 def svg(figure: Figure) -> str:
     """Return a figure as an SVG element to stand in a page."""
-    from matplotlib import rc_context
+    import matplotlib as mpl
 
-    buffer = io.StringIO()
-    with rc_context({"svg.fonttype": "none", "svg.hashsalt": "trocar"}):
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    library, source, buffer = cast(Any, mpl), cast(Any, figure), io.StringIO()
+    with library.rc_context({"svg.fonttype": "none", "svg.hashsalt": "trocar"}):
+        source.savefig(buffer, format="svg", metadata={"Date": None})
     drawn = buffer.getvalue()
     drawn = drawn[drawn.index("<svg") :]
     return re.sub(r"<metadata>.*?</metadata>", "", drawn, flags=re.DOTALL)

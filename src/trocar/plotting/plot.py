@@ -232,7 +232,7 @@ def arm_figure(
         MissingExtraError: matplotlib is not installed
     """
     height = HEAD_IN + (ROW_IN * len(which) if len(which) > 1 else LONE_ROW_IN)
-    figure = new_figure(WIDTH_IN, height, "drawing a recording")
+    figure: Any = new_figure(WIDTH_IN, height, "drawing a recording")  # its stubs are partial
     figure.suptitle(title, fontsize=13, fontweight="bold")
     axes: Any = figure.subplots(len(which), 3, sharex=True, squeeze=False)
     for row, joint in zip(axes, which, strict=True):
@@ -350,7 +350,7 @@ def _charts(states: ArmStates, joint: int, warnings: list[float]) -> Iterator[di
     """Yield the data of a joint's three charts."""
     units = units_of(states.arm.kinds[joint])
     for head, unit, curves in zip(HEADS, units.names, curves_of(states, joint), strict=True):
-        lines = []
+        lines: list[dict[str, object]] = []
         for curve in curves:
             points = states.time, curve.values
             if curve.held:

@@ -54,7 +54,8 @@ class Stream:
     """
 
     def __init__(self, world: World, draw: Draw, rate_hz: float) -> None:
-        if not isinstance(rate_hz, (int, float)) or not 0.0 < rate_hz < float("inf"):
+        rate: object = rate_hz
+        if not isinstance(rate, (int, float)) or not 0.0 < rate < float("inf"):
             raise InputError(f"rate_hz: got {rate_hz!r}; allowed: above 0")
         self._world, self._draw, self._period = world, draw, 1.0 / rate_hz
         self._worker = LatestOnly(self._make, "endoscope")

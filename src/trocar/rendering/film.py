@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -151,7 +151,7 @@ def video(
     *,
     overwrite: bool = False,
     quality: float = QUALITY,
-) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+) -> Generator[Callable[[NDArray[np.uint8]], None]]:
     """Yield a function that appends a picture (h, w, 3) to a video, until the block ends.
 
     Args:
@@ -167,7 +167,7 @@ def video(
         TrocarError: ffmpeg failed, as on a full disk
     """
     try:
-        import imageio_ffmpeg
+        import imageio_ffmpeg  # pyright: ignore[reportMissingTypeStubs] - it has no types
     except ImportError as error:
         raise MissingExtraError("imageio-ffmpeg", "video", "writing videos") from error
     width, height = (side // 2 * 2 for side in size)  # H.264 keeps colours for two pixels at once
@@ -194,7 +194,7 @@ def video(
                 yield add
             finally:
                 writer.close()
-            written, _ = imageio_ffmpeg.count_frames_and_secs(str(part))
+            written, _ = library.count_frames_and_secs(str(part))
         except (OSError, RuntimeError) as problem:
             raise _incomplete(path, count) from problem
         if written != count:

@@ -200,7 +200,8 @@ def depth_picture(depth: NDArray[np.float32], ends: tuple[float, float]) -> Pict
     near, far = np.log(ends[0]), np.log(max(ends[1], ends[0] * 1.001))
     share = (np.log(np.where(hit, depth, ends[1])) - near) / (far - near)
     places = np.linspace(0.0, 1.0, len(NEAR_TO_FAR))
-    found = np.stack([np.interp(share, places, channel) for channel in NEAR_TO_FAR.T], axis=-1)
+    channels: list[Array] = [np.interp(share, places, channel) for channel in NEAR_TO_FAR.T]
+    found = np.stack(channels, axis=-1)
     found[~hit] = BACKGROUND
     return found.astype(np.uint8)
 

@@ -250,7 +250,7 @@ class Gpu:
             "bump": BUMP * TILE_M,
         }
         width, height = lenses.drawn
-        target = cast("moderngl.Framebuffer", self.context.fbo)
+        target = self.context.fbo
         for kind, first, count in listed.kinds:
             own = [KINDS[kind].upper()] if KINDS[kind] else []
             program = self._program(shaders.VERTEX, shaders.FRAGMENT, [*defines, *own])
@@ -304,7 +304,8 @@ class Gpu:
         self._uniform(program, lens)
         key = "all", program.glo
         if key not in self._arrays:
-            self._arrays[key] = self.context.vertex_array(program, [])
+            make: Any = self.context.vertex_array
+            self._arrays[key] = make(program, [])
         self._arrays[key].render(self._gl.TRIANGLES, vertices=3)  # one that covers everything
         return {name: (target, k) for k, name in enumerate(outputs)}
 
@@ -325,9 +326,8 @@ class Gpu:
                 (buffers["finish"], "4f/i", "finish"),
             ]
             used = [entry for entry in content if all(name in program for name in entry[2:])]
-            self._arrays[key] = self.context.vertex_array(
-                program, used, buffers["index"], index_element_size=4
-            )
+            make: Any = self.context.vertex_array
+            self._arrays[key] = make(program, used, buffers["index"], index_element_size=4)
         array, gl = self._arrays[key], context.opengl_library()
         if gl is None:
             array.render_indirect(buffers[which], self._gl.TRIANGLES, count, first)
@@ -448,7 +448,7 @@ def _clear(
     target: moderngl.Framebuffer, outputs: Sequence[str], backdrop: tuple[float, float, float]
 ) -> None:
     """Fill each output with its background: a colour, infinitely far, no id."""
-    far, nothing = (np.inf,) * 4, (0.0,) * 4
+    far, nothing = (np.inf, np.inf, np.inf, np.inf), (0.0, 0.0, 0.0, 0.0)
     for name, value in (("COLOUR", (*backdrop, 1.0)), ("DEPTH", far), ("", nothing)):
         own = [o == name if name else o in ("IDS", "NORMALS") for o in outputs]
         if any(own):

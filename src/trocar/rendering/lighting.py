@@ -61,7 +61,7 @@ def scope_light(frusta: list[Frustum], far: float) -> Light:
         far: its range [m]
     """
     T_light_reference = transform(np.eye(3), -GUIDE)
-    corners = []
+    corners: list[Array] = []
     for frustum in frusta:
         edges = [(x, y) for x in (frustum.left, frustum.right)
                  for y in (frustum.top, frustum.bottom)]  # fmt: skip

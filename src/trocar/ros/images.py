@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -329,7 +329,7 @@ def images_recorded(
     open_renderer: Callable[[], ImageRenderer],
     rate_hz: float,
     image_format: str = "jpeg",
-) -> Iterator[None]:
+) -> Generator[None]:
     """Record every picture of the cameras of a world while the `with` block lasts.
 
     The world waits while it is drawn, so this is for runs that need not keep to the wall clock.

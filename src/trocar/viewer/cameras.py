@@ -79,7 +79,8 @@ class CameraWindow:
         self._seen = now_s
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
-            self.image._data = fresh  # the handle would pack a picture anew, in this thread
+            # The handle would pack a picture anew, in this thread.
+            self.image._data = fresh  # pyright: ignore[reportPrivateUsage]
 
     def show_status(self) -> None:
         """Show the rate of pictures, or the reason why none come."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -69,7 +69,7 @@ class Notices(logging.Handler):
         self._kept: deque[str] = deque(maxlen=WARNINGS_SHOWN)
 
     @contextmanager
-    def listening(self) -> Iterator[None]:
+    def listening(self) -> Generator[None]:
         """Handle the simulation's log while the `with` block lasts."""
         log = logging.getLogger("trocar")
         log.addHandler(self)

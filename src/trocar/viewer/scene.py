@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 import trimesh
 import trimesh.visual
 import viser
 from numpy.typing import NDArray
-from trimesh.exchange.gltf import export_glb
+from trimesh.exchange.gltf import export_glb  # pyright: ignore[reportUnknownVariableType]
 from trimesh.visual.material import PBRMaterial
 from viser._messages import SetOrientationMessage, SetPositionMessage
 
@@ -79,18 +79,19 @@ def primitive(kind: str, size: tuple[float, ...], rounding: float = 0.0) -> trim
     Raises:
         InputError: another kind
     """
+    creation, convex = cast(Any, trimesh.creation), cast(Any, trimesh.convex)  # partial types
     if kind == "box":
         half = np.array(size[:3])
         edge = rounding or min(EDGE * float(half.min()), EDGE_MAX_M)
-        ball = trimesh.creation.icosphere(subdivisions=2, radius=edge).vertices
+        ball = creation.icosphere(subdivisions=2, radius=edge).vertices
         signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 1, 3)
-        return trimesh.convex.convex_hull((signs * (half - edge) + ball).reshape(-1, 3))
+        return convex.convex_hull((signs * (half - edge) + ball).reshape(-1, 3))
     if kind == "cylinder":
-        return trimesh.creation.cylinder(size[0], 2 * size[1], sections=32)
+        return creation.cylinder(size[0], 2 * size[1], sections=32)
     if kind == "capsule":
-        return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
+        return creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
     if kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=3, radius=size[0])
+        return creation.icosphere(subdivisions=3, radius=size[0])
     raise InputError(f"got shape kind {kind!r}; allowed: box, capsule, cylinder, sphere")
 
 
@@ -113,7 +114,7 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[trimesh.Trimesh]:
         same = list(group)
         meshes = [_surface(shape) for shape in same]
         # Copies, as of a list of one, lose the normals.
-        part: Any = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
+        part: Any = meshes[0] if len(meshes) == 1 else cast(Any, trimesh.util).concatenate(meshes)
         part.visual = trimesh.visual.TextureVisuals(material=_material(same[0]))
         parts.append(part)
     return parts
@@ -129,12 +130,13 @@ def _surface(shape: ShapeRecord) -> trimesh.Trimesh:
         mesh = trimesh.Trimesh(vertices, faces, vertex_normals=shape.normals, process=False)
         if shape.normals is None:
             mesh.unmerge_vertices()  # each triangle is drawn flat
-    return mesh.apply_transform(shape.pose)
+    mesh.apply_transform(shape.pose)  # pyright: ignore[reportUnknownMemberType]
+    return mesh
 
 
 @lru_cache(maxsize=256)
 def _smooth_primitive(kind: str, size: tuple[float, ...], rounding: float) -> trimesh.Trimesh:
-    return trimesh.graph.smooth_shade(primitive(kind, size, rounding), angle=SMOOTH)
+    return cast(Any, trimesh.graph).smooth_shade(primitive(kind, size, rounding), angle=SMOOTH)
 
 
 def _material(shape: ShapeRecord) -> PBRMaterial:
@@ -191,7 +193,7 @@ class Bodies:
         poses = np.concatenate([positions[self._index], quaternions[self._index]], axis=1)
         moved = np.any(np.abs(poses - self._sent) > STILL, axis=1)
         # viser's setters compare again, which takes four times as long as sending (measured).
-        queue = self._scene._queue_scene_message
+        queue = self._scene._queue_scene_message  # pyright: ignore[reportPrivateUsage]
         for row in np.flatnonzero(moved):
             node, pose = self._nodes[int(self._index[row])], poses[row]
             node.position[:], node.wxyz[:] = pose[:3], pose[3:]

@@ -20,7 +20,7 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
@@ -199,7 +199,8 @@ class LocalServer(viser.ViserServer):
     def __init__(self, host: str, port: int, label: str, page: ClientPage) -> None:
         self.page = page
         with _served_with(page.options):
-            super().__init__(host=host, port=port, label=label, verbose=False)
+            base: Any = super()  # its types are partial
+            base.__init__(host=host, port=port, label=label, verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
@@ -210,7 +211,7 @@ _constructing = threading.Lock()
 
 
 @contextlib.contextmanager
-def _served_with(ours: Mapping[str, Any]) -> Iterator[None]:
+def _served_with(ours: Mapping[str, Any]) -> Generator[None]:
     """Let viser open its port with our keyword arguments of websockets' `serve`.
 
     viser listens before its constructor returns, and has no option for them.
@@ -243,7 +244,7 @@ def serving(
     label: str,
     access: PageAccess | None = None,
     sockets: Sequence[str] = (),
-) -> Iterator[LocalServer]:
+) -> Generator[LocalServer]:
     """Serve while the `with` block lasts.
 
     Args:
@@ -303,7 +304,7 @@ def _is_defect(record: logging.LogRecord) -> bool:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None]:
     """Keep viser's banners off the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

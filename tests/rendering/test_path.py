@@ -1,4 +1,4 @@
-"""How short the way is from a world to one image of it."""
+"""The way from a world to one image of it is short."""
 
 from __future__ import annotations
 

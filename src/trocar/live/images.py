@@ -73,12 +73,12 @@ NICE = 5
 
 
 class Packer:
-    """Packs pictures; in one thread only.
+    """Pack pictures as files; in one thread only.
 
     Pillow lets other threads run while it packs into a file, and not while it packs into memory:
     a tick of a millisecond would wait for it. So it gets a file that lies in memory.
 
-    A picture that nobody can write to, and that comes again, is not packed again.
+    A read-only picture that comes again is not packed again.
 
     Args:
         format: "jpeg" or "png"

@@ -35,6 +35,10 @@ SLACK_S = 1e-9
 FAREWELL_S = 10.0
 
 
+def _is_rate(value: object) -> bool:
+    return isinstance(value, (int, float)) and 0.0 < value < float("inf")
+
+
 class Stream:
     """Take snapshots where the world is stepped, and draw them in another thread.
 
@@ -54,8 +58,7 @@ class Stream:
     """
 
     def __init__(self, world: World, draw: Draw, rate_hz: float) -> None:
-        rate: object = rate_hz
-        if not isinstance(rate, (int, float)) or not 0.0 < rate < float("inf"):
+        if not _is_rate(rate_hz):
             raise InputError(f"rate_hz: got {rate_hz!r}; allowed: above 0")
         self._world, self._draw, self._period = world, draw, 1.0 / rate_hz
         self._worker = LatestOnly(self._make, "endoscope")

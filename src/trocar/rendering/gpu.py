@@ -304,7 +304,7 @@ class Gpu:
         self._uniform(program, lens)
         key = "all", program.glo
         if key not in self._arrays:
-            make: Any = self.context.vertex_array
+            make = cast(Any, self.context).vertex_array  # its types are partial
             self._arrays[key] = make(program, [])
         self._arrays[key].render(self._gl.TRIANGLES, vertices=3)  # one that covers everything
         return {name: (target, k) for k, name in enumerate(outputs)}
@@ -326,7 +326,7 @@ class Gpu:
                 (buffers["finish"], "4f/i", "finish"),
             ]
             used = [entry for entry in content if all(name in program for name in entry[2:])]
-            make: Any = self.context.vertex_array
+            make = cast(Any, self.context).vertex_array  # its types are partial
             self._arrays[key] = make(program, used, buffers["index"], index_element_size=4)
         array, gl = self._arrays[key], context.opengl_library()
         if gl is None:

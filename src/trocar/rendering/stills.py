@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -69,18 +69,19 @@ def portrait(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     fine = _draw(model, data, _camera(model, data, view, size), (width, height))
-    blocks = fine.reshape(size[1], FINER, size[0], FINER, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    blocks: Picture = fine.reshape(size[1], FINER, size[0], FINER, 3)
+    mean: Array = blocks.mean(axis=(1, 3))
+    return np.round(mean).astype(np.uint8)
 
 
 def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
-    visual = cast(Any, spec.visual)
+    visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = size
     visual.quality.shadowsize = SHADOW
     visual.headlight.ambient = [0.42] * 3
     visual.headlight.diffuse = [0.30] * 3
     visual.headlight.specular = [0.10] * 3
-    world = cast(mujoco.MjsBody, spec.worldbody)
+    world = spec.worldbody
     for place, strength, shadow in (((2, 3, 5), 0.36, True), ((-4, 2, 3), 0.18, False)):
         light = world.add_light(pos=place, dir=-np.array(place, dtype=np.float64))
         light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -176,9 +177,9 @@ def _draw(
 def context_class() -> Any:
     """Return the class of contexts that draw without a display."""
     if sys.platform == "linux" and (os.environ.get("MUJOCO_GL") or "egl") == "egl":
-        from mujoco.egl import GLContext
+        from mujoco.egl import GLContext  # pyright: ignore[reportMissingTypeStubs] - no types
     else:
-        from mujoco.gl_context import GLContext
+        from mujoco.gl_context import GLContext  # pyright: ignore[reportMissingTypeStubs] - the same
     return GLContext
 
 

@@ -167,7 +167,7 @@ class Images:
             self._topics[topic.name], self._origins[topic.name] = topic, origin
         self._names = frozenset(n for n, o in self._origins.items() if o.what != "names")
         self._named: dict[str, Mapping[int, str]] = {}
-        self._publish: Callable[[str, Mapping[str, object]], None] = lambda *_: None
+        self._publish: Callable[[str, Mapping[str, object]], None] = lambda _name, _values: None
         self._beat = Beat(rate_hz)
         self._subscribed: Callable[[], frozenset[str]] = frozenset
         self._leave: Callable[[], None] = lambda: None

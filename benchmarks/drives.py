@@ -26,6 +26,7 @@ from trocar.robot.identification.regression import EffortModel, predicted_effort
 from trocar.robot.identification.rigid_body import JointMotion, parameters
 from trocar.robot.verification.figures import Figure
 from trocar.simulation import World
+from trocar.simulation.drives import Drivetrains
 from trocar.simulation.jaw import Jaw
 
 #: Passes, physics steps of each, steps that a set-point lasts, and the sine of the joints.
@@ -97,8 +98,8 @@ def round_trip(period_s: float, repeats: int) -> list[Figure]:
     plan = excite(arm, period_s=period_s, repeats=repeats, candidates=4)
     curve = CubicSpline(np.arange(len(plan.q)) / plan.rate_hz, plan.q)
     world = World("psm", collisions=False, timestep_s=FINE_S)
-    if world.drives is not None:
-        world.drives.every = 1
+    world.part(Drivetrains).every = 1
+    world.load(world.save())
     every = round(1.0 / plan.rate_hz / FINE_S)
     times = np.arange((len(plan.q) - 1) * every + 1) * FINE_S
     goal = curve(times)
@@ -227,11 +228,12 @@ def _followed(world: World, start: int, motion: Sequence[Array]) -> Array:
         world.step(every)
         arm.servo_jp(q[k, :6])
         jaw.servo_jp(q[k, 6:])
-    loaded = world.save().drives
+    loaded = world.save().parts["drives"]
     arm.set_mode("effort", OPEN)
     arm.set_mode("position", [name for name in arm.joint_names if name not in OPEN])
     world.set_state("PSM1", q[start], qd[start])
-    world.load(replace(world.save(), drives=loaded))
+    now = world.save()
+    world.load(replace(now, parts={**now.parts, "drives": loaded}))
     for k in range(WINDOW):
         arm.servo_jp(q[start + k, :6])
         jaw.servo_jp(q[start + k, 6:])

@@ -1,7 +1,6 @@
 """trocar: the da Vinci Research Kit in Python.
 
-`World`, `Batch`, `build`, `load_rig` and `load_arm` are loaded when they are first used, so that
-importing trocar stays instant.
+Each name is loaded when it is first used, so that importing trocar stays instant.
 """
 
 from __future__ import annotations
@@ -12,26 +11,47 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from trocar.descriptions import load_arm as load_arm
     from trocar.descriptions import load_rig as load_rig
+    from trocar.descriptions.catalogue import load_scene as load_scene
     from trocar.modeling.build import build as build
+    from trocar.recording import record as record
+    from trocar.rendering import Endoscope as Endoscope
     from trocar.simulation import Batch as Batch
     from trocar.simulation import World as World
+    from trocar.tasks import make_task as make
 
 __version__ = "0.1.0"
-__all__ = ["Batch", "World", "__version__", "build", "load_arm", "load_rig"]
+__all__ = [
+    "Batch",
+    "Endoscope",
+    "World",
+    "__version__",
+    "build",
+    "load_arm",
+    "load_rig",
+    "load_scene",
+    "make",
+    "record",
+]
 
+#: Module and name of each.
 _HOMES = {
-    "Batch": "trocar.simulation",
-    "World": "trocar.simulation",
-    "build": "trocar.modeling.build",
-    "load_arm": "trocar.descriptions",
-    "load_rig": "trocar.descriptions",
+    "Batch": ("trocar.simulation", "Batch"),
+    "Endoscope": ("trocar.rendering", "Endoscope"),
+    "World": ("trocar.simulation", "World"),
+    "build": ("trocar.modeling.build", "build"),
+    "load_arm": ("trocar.descriptions", "load_arm"),
+    "load_rig": ("trocar.descriptions", "load_rig"),
+    "load_scene": ("trocar.descriptions.catalogue", "load_scene"),
+    "make": ("trocar.tasks", "make_task"),
+    "record": ("trocar.recording", "record"),
 }
 
 
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'trocar' has no attribute {name!r}")
-    return getattr(import_module(_HOMES[name]), name)
+    module, own = _HOMES[name]
+    return getattr(import_module(module), own)
 
 
 def __dir__() -> list[str]:

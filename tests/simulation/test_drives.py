@@ -16,7 +16,7 @@ from trocar.descriptions.catalogue import DATA
 from trocar.descriptions.overlay import Overlay
 from trocar.errors import DescriptionError, InputError
 from trocar.modeling.options import ModelOptions
-from trocar.simulation.drives import Drives, Springs, spring_fields
+from trocar.simulation.drives import Drives, Drivetrains, Springs, spring_fields
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def overlay(name: str, *terms: str) -> Overlay:
 
 
 def drives(world: World) -> Drives:
-    found = world.drives
+    found = world.part(Drivetrains).drives
     assert found is not None
     return found
 
@@ -87,7 +87,7 @@ def test_a_released_arm_in_motion_only_loses_energy_by_friction() -> None:
         world.step()
         there.qpos[:], there.qvel[:] = data.qpos, data.qvel
         mujoco.mj_forward(model, there)
-        saved = world.save().drives
+        saved = world.save().parts["drives"]
         assert saved is not None
         found.append(there.energy[1] + bank.stored(data.qpos, saved[0]))
     energy = np.array(found)
@@ -195,9 +195,9 @@ def test_identified_dynamics_are_those_of_arms_without_others() -> None:
     world = World("mtm")
     assert world.arm("MTMR").description.overlay is not None
     assert world.arm("MTML").description.overlay is None  # there is no recording of one
-    assert World("psm", friction="paper").drives is None
+    assert World("psm", friction="paper").part(Drivetrains).drives is None
     own = World("psm", calibration=overlay("psm", "viscous"))
-    assert own.drives is not None and own.drives.stored(np.zeros(13), np.zeros(0)) == 0.0
+    assert drives(own).stored(np.zeros(13), np.zeros(0)) == 0.0
     with pytest.raises(InputError, match="dynamics: got 'urdf'; allowed: cad, identified"):
         World("psm", dynamics="urdf")  # type: ignore[arg-type]
 
@@ -209,12 +209,12 @@ def test_the_descriptions_dynamics_can_be_selected_by_argument_overlay_and_rig(
     file = tmp_path / "psm.toml"
     file.write_text(text.replace("schema = 1", 'schema = 1\ndynamics = "cad"'), encoding="utf-8")
     selected = World("psm", dynamics="cad")
-    assert selected.drives is None
-    assert World("psm", calibration="cad").drives is None
-    assert World(load_rig("psm", ["cad"])).drives is None
-    assert World(selected.rig).drives is None
-    assert World(file).drives is None
-    assert World(file, dynamics="identified").drives is not None
+    assert selected.part(Drivetrains).drives is None
+    assert World("psm", calibration="cad").part(Drivetrains).drives is None
+    assert World(load_rig("psm", ["cad"])).part(Drivetrains).drives is None
+    assert World(selected.rig).part(Drivetrains).drives is None
+    assert World(file).part(Drivetrains).drives is None
+    assert World(file, dynamics="identified").part(Drivetrains).drives is not None
     file.write_text(text.replace("schema = 1", 'schema = 1\ndynamics = "urdf"'), encoding="utf-8")
     with pytest.raises(DescriptionError, match="dynamics: got 'urdf'; allowed: identified, cad"):
         World(file)
@@ -234,7 +234,7 @@ def test_a_force_on_either_finger_leaves_both_coupled(finger: str) -> None:
 
 
 def test_drives_need_identified_dynamics() -> None:
-    assert World("psm", calibration="psm", friction="paper").drives is None
+    assert World("psm", calibration="psm", friction="paper").part(Drivetrains).drives is None
     plain = build(load_rig("psm", "psm"), ModelOptions(standalone=True))
     assert plain.mj.ntendon == 0
     assert plain.mj.dof_frictionloss.max() > 0.05

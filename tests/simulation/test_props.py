@@ -217,9 +217,9 @@ def test_a_script_that_raises_is_named_and_the_simulation_goes_on(
     said = "line 4: RuntimeError: enough; thing is scripted no longer"
     expected = f"{tmp_path / 'script.py'}: {said}"
     assert heard == [f"thing {expected}"] and expected in caplog.text
-    assert world.time == pytest.approx(0.05) and world.save().scripts == ()
+    assert world.time == pytest.approx(0.05) and world.save().parts["scripts"] == ()
     world.reset()
-    assert world.save().scripts == ("thing",)
+    assert world.save().parts["scripts"] == ("thing",)
 
 
 @pytest.mark.parametrize(

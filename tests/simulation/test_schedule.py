@@ -110,7 +110,7 @@ def test_what_acts_enters_a_step_at_its_period_only() -> None:
     world.step(1)
     found = calls_of(world, 400)
     assert found["World.step"] == 400
-    assert found["World._balance"] == found["World._supervise"] == 20
+    assert found["Supervision.before_step"] == found["Supervision.balance"] == 20
     assert found["Drives.renew"] == 40
     assert found["Arm.follow"] == 0
     world.arm("PSM1").move_jp([0.1, 0.0, 0.1, 0.0, 0.0, 0.0])

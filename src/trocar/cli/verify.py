@@ -17,7 +17,7 @@ from trocar.cli.output import print_result, progress_steps, table
 
 if TYPE_CHECKING:
     from trocar.robot.verification import Verification
-    from trocar.robot.verification.figures import Part
+    from trocar.robot.verification.figures import ReportPart
 
 SUMMARY = "reproduce the experiments of the closed-loop paper"
 ORDER = 190
@@ -90,7 +90,7 @@ def _tables(found: Verification) -> str:
     return "\n\n".join([*(_block(part) for part in found.parts), found.summary])
 
 
-def _block(part: Part) -> str:
+def _block(part: ReportPart) -> str:
     from trocar.robot.verification.figures import figure_rows
 
     heading = f"{part.arm}: {part.title}" if part.arm else part.title

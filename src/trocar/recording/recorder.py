@@ -87,7 +87,7 @@ class StateSampler:
                 self._hand_over()
                 self._gains = gains
         row = self._rows[self._filled]
-        world.copy_state(row, STATE)
+        mujoco.mj_getState(world.mj_model, world.mj_data, row, STATE)
         if world.servos.errors is not None:
             world.servos.report(row[1:])
         self._filled += 1
@@ -154,7 +154,7 @@ class Recorder:
         self._thread = threading.Thread(target=self._write, name="trocar-recording", daemon=True)
         self._thread.start()
         self._sampler = StateSampler(world, self._take)
-        _recorders[world] = self
+        world.recorder = self
         atexit.register(self._stop_at_exit)
 
     @property
@@ -185,7 +185,7 @@ class Recorder:
             return
         self._stopped = True
         atexit.unregister(self._stop_at_exit)
-        del _recorders[self._world]
+        self._world.recorder = None
         self._sampler.stop()
         self._queue.put(None)
         self._thread.join()
@@ -246,13 +246,9 @@ class Recorder:
             _log.error("%s", error)
 
 
-#: The recorder of each world that is recorded now.
-_recorders: dict[World, Recorder] = {}
-
-
 def recorder_of(world: World) -> Recorder | None:
     """Return the recorder of a world that is recorded now, else None."""
-    return _recorders.get(world)
+    return world.recorder if isinstance(world.recorder, Recorder) else None
 
 
 def record(world: World, file: str | Path | IO[bytes], *, overwrite: bool = False) -> Recorder:

@@ -52,7 +52,6 @@ from trocar.simulation.masters import (
 )
 from trocar.simulation.motors import MODES, Motors
 from trocar.simulation.moves import RATIO_MIN, Motion
-from trocar.simulation.objects import checked_pose
 from trocar.simulation.records import (
     ArmHealth,
     ArmSample,
@@ -63,6 +62,7 @@ from trocar.simulation.records import (
     Pose,
     Twist,
     Wrench,
+    checked_pose,
 )
 from trocar.simulation.servos import EFFORT
 

@@ -30,12 +30,19 @@ from trocar.kinematics.inverse import nearest_solution
 from trocar.modeling.build import RigModel
 from trocar.modeling.joints import INPUTS
 from trocar.simulation.computed_torque import ComputedTorque
-from trocar.simulation.drives import SPRING_FIELDS, SpringFields, Springs, spring_fields
+from trocar.simulation.drives import (
+    SPRING_FIELDS,
+    Drivetrains,
+    SpringFields,
+    Springs,
+    spring_fields,
+)
 from trocar.simulation.frames import Frames
 from trocar.simulation.object_kinematics import ObjectKinematics
 from trocar.simulation.reading_errors import ReadingErrors
 from trocar.simulation.servos import POSITION, pid_effort, read_matrix, voltage_loss
-from trocar.simulation.world import GRAVITY_PERIOD_S, World
+from trocar.simulation.supervision import GRAVITY_PERIOD_S
+from trocar.simulation.world import World
 
 Array = NDArray[np.float64]
 
@@ -138,7 +145,7 @@ class Batch:
         self._ctrl = self._rows.bind("ctrl")
         self._qpos = self._rows.bind("qpos")
         self._objects = ObjectKinematics(self.rig, self._model)
-        self._drives, self._trains = world.drives, first.drives
+        self._drives, self._trains = world.part(Drivetrains).drives, first.parts.get("drives")
         if self._drives is not None and self._trains is not None:
             own = [self._expanded(name) for name in SPRING_FIELDS]
             anchor, _, slips = self._trains
@@ -155,9 +162,9 @@ class Batch:
         self._inputs = self._ctrl.reshape(self.n, len(self.names), INPUTS)
         self._errors: list[ReadingErrors] = []
         self._error_state: Mapping[str, Any] = {"registration": {}}
-        if world.errors is not None and first.errors is not None:
+        if world.errors is not None and "errors" in first.parts:
             self._inputs = np.zeros(self._inputs.shape)
-            self._error_state = first.errors
+            self._error_state = first.parts["errors"]
             for ctrl, qpos, qvel, setpoint in zip(
                 self._ctrl, self._qpos, self._rows.bind("qvel"), self._inputs, strict=True
             ):

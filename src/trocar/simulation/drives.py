@@ -16,6 +16,7 @@ from trocar.descriptions.records import RigDescription
 from trocar.modeling import naming
 from trocar.modeling.drives import arm_drives
 from trocar.modeling.joints import JointTable
+from trocar.simulation.parts import Attached, Part
 
 Array = NDArray[np.float64]
 
@@ -287,3 +288,53 @@ def drives_of(
     if not any(arm_drives(place.arm, friction) for place in rig.arms):
         return None
     return Drives(rig, table, model, friction)
+
+
+class Drivetrains(Part):
+    """The identified drivetrains of a world.
+
+    Args:
+        friction: as of `ModelOptions`
+
+    Attributes:
+        drives: of the rig as it is compiled, None where no arm has identified dynamics
+        springs: what they write into the world's model
+    """
+
+    def __init__(self, friction: str) -> None:
+        self._friction = friction
+        self.drives: Drives | None = None
+
+    def attach(self, physics: Attached) -> None:
+        """Take the physics; stop elements of drives that are still there stay loaded."""
+        before = self.drives
+        anchor = None if before is None else self.springs.anchor
+        self._data = physics.data
+        self.drives = drives_of(physics.rig, physics.joints, physics.model, self._friction)
+        drives = self.drives
+        if drives is None:
+            return
+        self.every = drives.every
+        kept = np.zeros(drives.elements)
+        if before is not None and anchor is not None:
+            kept = drives.carried_over(before, anchor)
+        self.springs = Springs(spring_fields(physics.model), kept)
+
+    def placed(self, arm: str) -> None:
+        """Unload the stop elements of an arm where it is."""
+        if self.drives is not None:
+            self.drives.begin(self._data.qpos, self.springs, arm)
+
+    def look(self) -> None:
+        """Renew the springs."""
+        if self.drives is not None:
+            self.drives.renew(self._data.qpos, self.springs)
+
+    def save(self) -> tuple[Array, Array, bytes | None] | None:
+        """Return anchors, springs and which elements slipped, None without drives."""
+        return None if self.drives is None else self.drives.save(self.springs)
+
+    def load(self, state: tuple[Array, Array, bytes | None]) -> None:
+        """Restore what `save` returned."""
+        if self.drives is not None:
+            self.drives.load(self.springs, state)

@@ -16,6 +16,7 @@ from trocar.kinematics.forward import pose
 from trocar.modeling import naming
 from trocar.modeling.threads import bodies_of
 from trocar.simulation.journal import Journal
+from trocar.simulation.parts import Attached, Part
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -112,7 +113,7 @@ class Jaws(NamedTuple):
     welds: Index
 
 
-class Grasps:
+class Grasps(Part):
     """What the jaws of a rig hold.
 
     A free body between two jaws creeps in any time-stepping of Coulomb friction: the arm turns on
@@ -125,25 +126,34 @@ class Grasps:
         rig: its description
         timestep: of the physics [s]
         journal: receives "grasp/object" with the force, "grasp/slipped" and "grasp/dropped"
-
-    Attributes:
-        every: physics steps between two looks
     """
 
     def __init__(self, rig: RigDescription, timestep: float, journal: Journal) -> None:
         self._kind, self._journal = rig.grasp, journal
+        self._jaws: list[Jaws] = []
         self._props = tuple(p for p in rig.objects if p.thread or p.joint is None)
         self.objects = tuple(prop.name for prop in self._props)
         #: The pull at which each object slips out of a jaw; inf of all but threads [N].
         self._strength = [TORN * p.thread.tension if p.thread else inf for p in self._props]
-        self.every = max(1, round(PERIOD_S / timestep))
-        self._enough = max(1, round(PRESSED_S / (timestep * self.every)))
-        self._again = -round(SLIPPED_S / (timestep * self.every))
+        self._period = max(1, round(PERIOD_S / timestep))
+        self._enough = max(1, round(PRESSED_S / (timestep * self._period)))
+        self._again = -round(SLIPPED_S / (timestep * self._period))
 
-    def attach(self, rig: RigDescription, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def attach(self, physics: Attached) -> None:
+        """Take the physics that the jaws are in; an arm whose tool was exchanged holds nothing."""
+        kept: dict[str, GraspState] | None = None
+        if physics.exchanged:
+            self.let_go(arm=physics.exchanged)
+            kept = self.save()
+        self._find_jaws(physics.rig, physics.model, physics.data)
+        self.every = self._period if self._jaws else 0
+        if kept is not None:
+            self.load(kept)
+
+    def _find_jaws(self, rig: RigDescription, model: mujoco.MjModel, data: mujoco.MjData) -> None:
         """Take the physics that the jaws are in, with nothing held."""
         self._model, self._data = model, data
-        self._jaws: list[Jaws] = []
+        self._jaws = []
         #: Of each finger: its body, and the normal of its face in it, either way, (3,).
         self._faces: list[tuple[int, Array]] = []
         for arm in rig.arms if self.objects else ():
@@ -175,10 +185,6 @@ class Grasps:
         self._pairs = self._finger[ends].max(axis=1), self._held[ends].max(axis=1)
         self._forget()
 
-    def __bool__(self) -> bool:
-        """Return whether any jaw of the rig may hold anything."""
-        return bool(self._jaws)
-
     def read(self) -> dict[str, Grasp]:
         """Return what each jaw has between its pads, as of the last look, {arm: grasp}."""
         return {jaws.arm: read for jaws, read in zip(self._jaws, self._read, strict=True)}
@@ -193,16 +199,21 @@ class Grasps:
         rows = zip(self._jaws, self._holds, self._looks, self._read, strict=True)
         return {jaws.arm: GraspState(hold, looks.copy(), r) for jaws, hold, looks, r in rows}
 
-    def load(self, states: Mapping[str, GraspState]) -> None:
-        """Hold what was held when `save` returned the states; other jaws hold nothing."""
+    def load(self, state: Mapping[str, GraspState]) -> None:
+        """Hold what was held when `save` returned the state; other jaws hold nothing."""
         self._forget()
         for row, jaws in enumerate(self._jaws):
-            if jaws.arm in states:
-                state = states[jaws.arm]
-                self._looks[row], self._read[row] = state.looks, state.read
-                self._set(row, state.hold)
+            if jaws.arm in state:
+                kept = state[jaws.arm]
+                self._looks[row], self._read[row] = kept.looks, kept.read
+                self._set(row, kept.hold)
         self._pressing = bool(self._looks.any())
         self._slicken()
+
+    def placed(self, arm: str) -> None:
+        """Let go of what an arm held that was put elsewhere."""
+        if arm:
+            self.let_go(arm=arm)
 
     def let_go(self, *, arm: str = "", prop: str = "") -> None:
         """Let go of what an arm holds, or of an object: it was put elsewhere."""

@@ -224,11 +224,13 @@ def apply_command(world: object, entry: Entry) -> None:
 
 
 def _commanded(world: Any, source: str) -> Any:
-    """Return who a command is for: the world, tissue, an object or an arm."""
+    """Return the target of a command: the world, a part, an object or an arm."""
     if source == WORLD:
         return world
     if source in world.tissues:
         return world.tissues[source]
+    if source in world.parts:
+        return world.parts[source]
     return world.object(source) if source in world.objects else world.arm(source)
 
 

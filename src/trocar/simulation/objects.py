@@ -11,21 +11,19 @@ from numpy.typing import ArrayLike, NDArray
 from trocar.descriptions.records import Prop, RigDescription
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_quaternion, quaternion_from_matrix
-from trocar.geometry.se3 import check_transform, transform
+from trocar.geometry.se3 import transform
 from trocar.inputs import check_numbers
 from trocar.simulation.grasps import Grasps
 from trocar.simulation.journal import Journal, command
 from trocar.simulation.object_kinematics import ObjectKinematics
-from trocar.simulation.records import JointState, Pose, Twist
+from trocar.simulation.parts import Attached, Part
+from trocar.simulation.records import FARTHEST_M, JointState, Pose, Twist, checked_pose
 from trocar.simulation.threads import laid
 
 Array = NDArray[np.float64]
 
 #: The frame of objects' poses: that of the rig, which its arms stand in.
 FRAME = "world"
-#: No object or tip is put farther from the origin. Source: our own choice; MuJoCo calls a position
-#: of 1e10 diverged. [m]
-FARTHEST_M = 1e3
 #: Largest force and torque on an object. Source: our own choice, ten times a strong hand's pull.
 #: [N, N m]
 MOST_N, MOST_NM = 100.0, 10.0
@@ -261,7 +259,7 @@ class SceneObject:
         self._data.qacc[rates] = np.nan  # belongs to where it was; sensors look for this mark
 
 
-class Objects:
+class Objects(Part):
     """All objects of a rig.
 
     Args:
@@ -278,11 +276,11 @@ class Objects:
         self._rig = rig
         self.by_name = {prop.name: SceneObject(prop, journal, grasps) for prop in rig.objects}
 
-    def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def attach(self, physics: Attached) -> None:
         """Take the physics that the objects are in."""
-        self._data, self.kinematics = data, ObjectKinematics(self._rig, model)
+        self._data, self.kinematics = physics.data, ObjectKinematics(self._rig, physics.model)
         for one in self.by_name.values():
-            one.attach(model, data, self.kinematics)
+            one.attach(physics.model, physics.data, self.kinematics)
 
     def states(self) -> ObjectStates:
         """Return where all of them are."""
@@ -290,25 +288,6 @@ class Objects:
         joint = self.kinematics.coordinates(self._data.qpos, self._data.qvel)
         parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], joint
         return ObjectStates(tuple(self.by_name), float(self._data.time), *parts)
-
-
-def checked_pose(name: str, T: ArrayLike) -> Array:
-    """Return a pose that is given to an object or an arm, (4, 4).
-
-    Raises:
-        InputError: no pose, or one too far away
-    """
-    try:
-        at = check_transform(T, f"{name}: pose")
-    except (TypeError, ValueError, OverflowError) as problem:
-        raise InputError(f"{name}: got the pose {T!r}; allowed: (4, 4) finite numbers") from problem
-    if at.shape != (4, 4):
-        raise InputError(f"{name}: got a pose of shape {at.shape}; allowed: (4, 4)")
-    if max(map(abs, at[:3, 3].tolist())) > FARTHEST_M:
-        raise InputError(
-            f"{name}: got a pose at {at[:3, 3].tolist()} m; allowed: up to {FARTHEST_M:g} m away"
-        )
-    return at
 
 
 def _checked_points(name: str, points: ArrayLike) -> Array:

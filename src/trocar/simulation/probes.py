@@ -25,6 +25,7 @@ from trocar.errors import UnknownNameError
 from trocar.modeling import naming
 from trocar.modeling.joints import JointTable
 from trocar.simulation.arm import Arm
+from trocar.simulation.parts import Attached, Part
 from trocar.simulation.tip_load import TipLoad
 
 Array = NDArray[np.float64]
@@ -443,43 +444,52 @@ class _Held:
     reading: SensorReading
 
 
-class Sensors:
+class Sensors(Part):
     """Reads the sensors of one rig.
 
     Args:
-        rig: its description
-        probes: the physics that they sample
+        load: the forces at the tips
+
+    Attributes:
+        probes: looks at the physics that the sensors sample
     """
 
-    def __init__(self, rig: RigDescription, probes: Probes) -> None:
-        self._rig, self._probes = rig, probes
-        self._known = {sensor.name: sensor for sensor in rig.sensors}
+    def __init__(self, load: TipLoad) -> None:
+        self._load = load
         self._held: dict[str, _Held] = {}
 
-    def go_on(self, before: Sensors, without: str) -> None:
-        """Keep the last samples of the sensors that were read before, but those of one arm."""
-        self._held = {
-            name: held for name, held in before._held.items() if self._known[name].arm != without
-        }
+    def attach(self, physics: Attached) -> None:
+        """Take the physics; sensors of an arm whose tool was exchanged are sampled anew."""
+        self._rig, self._rng = physics.rig, physics.rng
+        self.probes = Probes(
+            physics.rig, physics.joints, physics.model, physics.data, physics.arms, self._load
+        )
+        self._known = {sensor.name: sensor for sensor in physics.rig.sensors}
+        if physics.exchanged:
+            self._held = {
+                name: held
+                for name, held in self._held.items()
+                if self._known[name].arm != physics.exchanged
+            }
 
     def save(self) -> dict[str, tuple[int, SensorReading]]:
         """Return the last samples of sensors with a rate."""
         return {name: (held.number, held.reading) for name, held in self._held.items()}
 
-    def load(
-        self, saved: Mapping[str, tuple[int, SensorReading]], rng: np.random.Generator
-    ) -> None:
-        """Take the samples that `save` returned; the next are drawn with a generator."""
+    def load(self, state: Mapping[str, tuple[int, SensorReading]]) -> None:
+        """Take the samples that `save` returned."""
+        rng = self._rng()
         self._held = {
-            name: _Held(number, rng, reading) for name, (number, reading) in saved.items()
+            name: _Held(number, rng, reading) for name, (number, reading) in state.items()
         }
 
-    def read(self, name: str, rng: np.random.Generator) -> SensorReading:
+    def read(self, name: str) -> SensorReading:
         """Return a new sample of a sensor, or its last one while its rate allows no new one.
+
+        Noise is drawn from the world's generator; another one than before begins anew.
 
         Args:
             name: of the sensor
-            rng: noise is drawn from it; another generator than before begins anew
 
         Raises:
             UnknownNameError: no such sensor; the known ones are listed
@@ -487,10 +497,11 @@ class Sensors:
         sensor = self._known.get(name)
         if sensor is None:
             raise UnknownNameError("sensor", name, self._known, f"rig {self._rig.name}")
+        rng = self._rng()
         if not sensor.rate:
-            return sensor.sample(self._probes, rng)
-        number = math.floor(self._probes.time * sensor.rate + DUE)
+            return sensor.sample(self.probes, rng)
+        number = math.floor(self.probes.time * sensor.rate + DUE)
         held = self._held.get(name)
         if held is None or held.number != number or held.rng is not rng:
-            held = self._held[name] = _Held(number, rng, sensor.sample(self._probes, rng))
+            held = self._held[name] = _Held(number, rng, sensor.sample(self.probes, rng))
         return held.reading

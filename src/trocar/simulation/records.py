@@ -7,12 +7,18 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from trocar.errors import InputError
+from trocar.geometry.se3 import check_transform
 from trocar.modeling.build import RigModel
 
 Array = NDArray[np.float64]
 Mode = Literal["position", "effort", "set"]
+
+#: No object or tip is put farther from the origin. Source: our own choice; MuJoCo calls a position
+#: of 1e10 diverged. [m]
+FARTHEST_M = 1e3
 
 
 class JointState(NamedTuple):
@@ -338,3 +344,22 @@ class Recording:
     efforts: Mapping[str, Array]
     coordinates: Mapping[str, Array]
     clipped: Mapping[str, int]
+
+
+def checked_pose(name: str, T: ArrayLike) -> Array:
+    """Return a pose that is given to an object or an arm, (4, 4).
+
+    Raises:
+        InputError: no pose, or one too far away
+    """
+    try:
+        at = check_transform(T, f"{name}: pose")
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise InputError(f"{name}: got the pose {T!r}; allowed: (4, 4) finite numbers") from problem
+    if at.shape != (4, 4):
+        raise InputError(f"{name}: got a pose of shape {at.shape}; allowed: (4, 4)")
+    if max(map(abs, at[:3, 3].tolist())) > FARTHEST_M:
+        raise InputError(
+            f"{name}: got a pose at {at[:3, 3].tolist()} m; allowed: up to {FARTHEST_M:g} m away"
+        )
+    return at

@@ -11,6 +11,7 @@ from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
 from trocar.modeling.props import run_script, script_error
 from trocar.simulation.journal import Journal
+from trocar.simulation.parts import Part
 
 log = logging.getLogger(__name__)
 
@@ -18,7 +19,7 @@ log = logging.getLogger(__name__)
 FUNCTION = "before_step"
 
 
-class Scripts:
+class Scripts(Part):
     """Calls `before_step(object, world)` of each object that has a script.
 
     What a script commands makes no entries in the journal: when a recording is repeated, the script
@@ -27,15 +28,16 @@ class Scripts:
     Args:
         rig: its description
         journal: receives an event where a script raises
+        world: handed to the scripts
 
     Attributes:
         running: objects whose scripts are called
         inside: whose script is being called, "" for none
     """
 
-    def __init__(self, rig: RigDescription, journal: Journal) -> None:
+    def __init__(self, rig: RigDescription, journal: Journal, world: Any) -> None:
         self._paths = {prop.name: prop.script for prop in rig.objects if prop.script}
-        self._journal = journal
+        self._journal, self._world = journal, world
         self._functions: dict[str, Callable[[Any, Any], object]] = {}
         self.inside = ""
         self.running: tuple[str, ...] = ()
@@ -49,21 +51,30 @@ class Scripts:
         if self._paths:
             with self._called(", ".join(self._paths)):
                 self._functions = {name: run_script(p, FUNCTION) for name, p in self._paths.items()}
-            self.running = tuple(self._functions)
+            self._run(self._functions)
 
-    def keep(self, running: Iterable[str]) -> None:
-        """Call the scripts of these objects only."""
-        self.running = tuple(running)
+    def save(self) -> tuple[str, ...] | None:
+        """Return the objects whose scripts run, None where none has a script."""
+        return self.running if self._paths else None
 
-    def call(self, world: Any) -> None:
+    def load(self, state: tuple[str, ...]) -> None:
+        """Run the scripts of these objects only."""
+        self._run(state)
+
+    def _run(self, names: Iterable[str]) -> None:
+        self.running = tuple(names)
+        self.before_every = 1 if self.running else 0
+
+    def before_step(self) -> None:
         """Call every script with its object and the world."""
+        world = self._world
         for name in self.running:
             try:
                 with self._called(name):
                     self._functions[name](world.object(name), world)
             except Exception as problem:  # noqa: BLE001  it is code of others; the rest goes on
                 text = f"{script_error(self._paths[name], problem)}; {name} is scripted no longer"
-                self.running = tuple(other for other in self.running if other != name)
+                self._run(other for other in self.running if other != name)
                 log.warning("%s", text)
                 self._journal.event(name, "error", text=text)
 

@@ -13,6 +13,7 @@ from trocar.errors import InputError
 from trocar.geometry.rotations import rotation_y, rotation_z
 from trocar.geometry.se3 import transform
 from trocar.modeling.threads import BEND_RAD, bodies_of
+from trocar.simulation.parts import Attached, Part
 from trocar.simulation.records import DrawnCurve
 
 Array = NDArray[np.float64]
@@ -21,7 +22,7 @@ Array = NDArray[np.float64]
 POINTS = 4
 
 
-class ThreadProp:
+class ThreadProp(Part):
     """A prop that is a thread.
 
     Args:
@@ -35,9 +36,10 @@ class ThreadProp:
     def __init__(self, prop: Prop, thread: ChainThread) -> None:
         self.name, self.thread, self._names = prop.name, thread, bodies_of(prop)
 
-    def attach(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def attach(self, physics: Attached) -> None:
         """Take the physics that it is in."""
-        self._model, self._data = model, data
+        model = physics.model
+        self._model, self._data = model, physics.data
         self._bodies = [model.body(name).id for name in self._names]
         self._tree = int(model.body_treeid[self._bodies[0]])
         self._dofs = np.flatnonzero(model.dof_treeid == self._tree)

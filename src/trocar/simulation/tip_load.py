@@ -6,10 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.modeling.joints import JointTable
-from trocar.simulation.frames import Frames
+from trocar.simulation.parts import Attached, Part, steps_in
 
 Array = NDArray[np.float64]
 
@@ -28,31 +26,31 @@ def load_direction(time: float) -> Array:
     return np.array([across * np.cos(angle), across * np.sin(angle), SHARE_ALONG_Z])
 
 
-class TipLoad:
-    """Pushes every PSM's and ECM's tip with a force of constant size [N]."""
+class TipLoad(Part):
+    """Pushes every PSM's and ECM's tip with a force of constant size [N].
 
-    def __init__(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        rig: RigDescription,
-        table: JointTable,
-        frames: Frames,
-        size: float,
-    ) -> None:
+    Raises:
+        InputError: the size is below 0 or not finite
+    """
+
+    def __init__(self, size: float) -> None:
         if not 0.0 <= size < np.inf:
             raise InputError(f"tip_load_n: got {size!r}; allowed: 0 N or more")
         self.size = size
-        self._model, self._data, self._frames = model, data, frames
+
+    def attach(self, physics: Attached) -> None:
+        """Find the tips in the physics."""
+        self._model, self._data, self._frames = physics.model, physics.data, physics.true_frames
+        self.before_every = steps_in(PERIOD_S, physics.timestep) if self.size > 0.0 else 0
         self._tips: list[tuple[int, Array, int]] = []
-        for arm in rig.arms:
+        for arm in physics.rig.arms:
             if arm.arm.type in ("PSM", "ECM"):
-                index = table.arms[arm.name]
+                index = physics.joints.arms[arm.name]
                 body, at = index.carrier(arm, arm.arm.mechanism.tip)
                 self._tips.append((body, at[:3, 3].copy(), index.bodies[arm.arm.root]))
         self._forces = np.zeros((len(self._tips), 3))
 
-    def apply(self) -> None:
+    def before_step(self) -> None:
         """Write this instant's forces."""
         now = self._frames.bodies()
         mujoco.mj_comPos(self._model, now)

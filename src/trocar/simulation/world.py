@@ -6,9 +6,8 @@ import copy
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import mujoco
 import numpy as np
@@ -27,16 +26,16 @@ from trocar.modeling.build import RigModel, build
 from trocar.modeling.options import ModelOptions
 from trocar.simulation.arm import Arm, ArmState
 from trocar.simulation.cameras import CameraRecord, Cameras
-from trocar.simulation.drives import Springs, drives_of, spring_fields
+from trocar.simulation.drives import Drivetrains
 from trocar.simulation.frames import Frames
-from trocar.simulation.grasps import Grasp, Grasps, GraspState
+from trocar.simulation.grasps import Grasp, Grasps
 from trocar.simulation.health import warn_near_singular
 from trocar.simulation.journal import WORLD, Journal, Listener, command
 from trocar.simulation.motors import Motors
 from trocar.simulation.moves import Motion
 from trocar.simulation.objects import Objects, ObjectStates, SceneObject
-from trocar.simulation.probes import ContactTable, Probes, Sensors, carrier_names, moved_carrier
-from trocar.simulation.reading_errors import ReadingErrors
+from trocar.simulation.parts import Attached, Part
+from trocar.simulation.probes import ContactTable, Sensors, carrier_names, moved_carrier
 from trocar.simulation.records import (
     ArmSnapshot,
     Drawing,
@@ -50,28 +49,22 @@ from trocar.simulation.records import (
 )
 from trocar.simulation.schedule import Act, Schedule, ScheduleEntry
 from trocar.simulation.scripts import Scripts
+from trocar.simulation.sensor_errors import SensorErrors
 from trocar.simulation.servos import Servos
 from trocar.simulation.setpoint_table import SetpointPlayer, fastest
 from trocar.simulation.shapes import band_poses, shape_records
+from trocar.simulation.supervision import Supervision
 from trocar.simulation.threads import ThreadProp
-from trocar.simulation.tip_load import PERIOD_S as LOAD_PERIOD_S
 from trocar.simulation.tip_load import TipLoad
-from trocar.simulation.tissue.contact import jaws_of
 from trocar.simulation.tissue.drawings import TissueDrawings
-from trocar.simulation.tissue.tissues import SoftTissue, TissueState
+from trocar.simulation.tissue.tissues import SoftTissue
 from trocar.simulation.tool_exchange import carry, engaged, keep_settings, warn_of_clipped
 
 Array = NDArray[np.float64]
+P = TypeVar("P", bound=Part)
 
-#: Gravity compensation is renewed this often, and tracking errors are looked at. Source: our own
-#: choice; at 0.6 rad/s a PSM's gravity torque changes by less than 0.02 N m in this time, which its
-#: servos answer with 0.2 mrad. [s]
-GRAVITY_PERIOD_S = 0.02
 #: No bound on a run of physics steps: more than any call of `step` makes.
 MOST_STEPS = 1 << 30
-#: Not among the plain arguments that a recording keeps: the rig has a source and a fingerprint, and
-#: overlays are kept whole.
-APART = ("self", "rig", "calibration")
 #: Everything that a physics step depends on, what sleeps apart.
 INTEGRATION = int(mujoco.mjtState.mjSTATE_INTEGRATION)
 #: The part of it that a physics step changes.
@@ -106,12 +99,8 @@ class State:
         periods: physics steps since the reset
         seed, random: of the random numbers, and where they are
         reference_arm: as of the world
-        servos, arms, sensors: what these keep beside the physics
-        scripts: objects whose scripts run
-        grasps: of each jaw that may hold something
-        errors: of the robots' readings, None for none
-        drives: of identified drivetrains, as `Drives.save` returns it
-        tissues: of each soft tissue
+        servos, arms: what these keep beside the physics
+        parts: what each part keeps, by its name
     """
 
     signature: str
@@ -125,12 +114,7 @@ class State:
     reference_arm: str
     servos: Mapping[str, Array]
     arms: Mapping[str, ArmState]
-    sensors: Mapping[str, tuple[int, SensorReading]]
-    scripts: tuple[str, ...] = ()
-    grasps: Mapping[str, GraspState] = field(default_factory=dict[str, GraspState])
-    errors: Mapping[str, Any] | None = None
-    drives: tuple[Array, Array, bytes | None] | None = None
-    tissues: Mapping[str, TissueState] = field(default_factory=dict[str, TissueState])
+    parts: Mapping[str, Any] = field(default_factory=dict[str, Any])
 
 
 class World:
@@ -179,7 +163,20 @@ class World:
         dynamics: DynamicsKind | None = None,
         errors: str | None = None,
     ) -> None:
-        choices: dict[str, Any] = {k: v for k, v in locals().items() if k not in APART}
+        choices: dict[str, Any] = {
+            "timestep_s": timestep_s,
+            "control": control,
+            "friction": friction,
+            "gravity_compensation": gravity_compensation,
+            "setup_joints": setup_joints,
+            "welded": welded,
+            "collisions": collisions,
+            "seed": seed,
+            "tip_load_n": tip_load_n,
+            "homed": homed,
+            "dynamics": dynamics,
+            "errors": errors,
+        }
         #: The name or path that the rig was loaded from, "" where it came as a description.
         self.rig_source = str(rig) if isinstance(rig, str | Path) else ""
         self._homed = bool(homed)
@@ -205,9 +202,12 @@ class World:
         #: Arm on setup joints whose tip frame the poses of the others on setup joints are in.
         self.reference_arm = model.rig.reference_arm
         self.timestep = model.options.timestep
-        self._tip_load_n = tip_load_n
-        self._adopt(model)
         self.journal = self._journal = Journal()
+        #: What acts in this world beside its arms, by name, in the order in which it acts.
+        self.parts: dict[str, Part] = {}
+        self._added: set[str] = set()
+        self._errors = None if self.errors is None else SensorErrors(self.errors)
+        self._adopt(model)
         #: The commands that lead here, from which a recording that begins later is repeated.
         self.past = self._journal.past
         #: Tools that were exchanged, (arm, tool) in their order: poses keep to the limits of each.
@@ -215,7 +215,7 @@ class World:
         self._source, self._prefix = WORLD, ""
         self._grasps = Grasps(self.rig, self.timestep, self._journal)
         self._objects = Objects(self.rig, self._journal, self._grasps)
-        self._scripts = Scripts(self.rig, self._journal)
+        self._scripts = Scripts(self.rig, self._journal, self)
         #: Soft tissue, by name.
         self.tissues: dict[str, SoftTissue] = {
             prop.name: SoftTissue(prop, len(self.rig.arms), self.timestep, self._journal)
@@ -226,6 +226,20 @@ class World:
         self.threads: dict[str, ThreadProp] = {
             prop.name: ThreadProp(prop, prop.thread) for prop in self.rig.objects if prop.thread
         }
+        load, drivetrains = TipLoad(tip_load_n), Drivetrains(self.options.friction)
+        self._sensors, self._supervision = Sensors(load), Supervision(drivetrains)
+        self.parts |= {
+            "scripts": self._scripts,
+            "tip load": load,
+            "supervision": self._supervision,
+            "drives": drivetrains,
+            **({} if self._errors is None else {"errors": self._errors}),
+            "objects": self._objects,
+            "grasps": self._grasps,
+            **{f"thread {name}": thread for name, thread in self.threads.items()},
+            **{f"tissue {name}": tissue for name, tissue in self.tissues.items()},
+            "sensors": self._sensors,
+        }
         #: What can be moved, by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
@@ -233,13 +247,15 @@ class World:
             motors = self._motors(rig_arm.name)
             self.arms[rig_arm.name] = Arm(rig_arm, motors, self)
             self._name_poses(self.arms[rig_arm.name])
+        self._seed = _checked_seed(seed)
         self._wire()
         #: What the rig places, by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
+        #: What records this world now, None for nothing.
+        self.recorder: object | None = None
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
         self._rng: np.random.Generator | None = None
-        self._seed = _checked_seed(seed)
         self.reset()
         #: Observers and how often each is called at least; the shortest of these intervals.
         self._observers: list[tuple[Callable[[], object], int]] = []
@@ -445,18 +461,13 @@ class World:
         self._scripts.check_outside("reset")
         if pose not in self.rig.poses:
             raise UnknownNameError("pose", pose, self.rig.poses, f"rig {self.rig.name}")
-        self._scripts.begin()
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self._rng = None
         self.reference_arm = self.rig.reference_arm
         mujoco.mj_resetData(self._model, self._data)
-        self._grasps.begin()
-        for tissue in self.tissues.values():
-            tissue.begin()
+        for part in self.parts.values():
+            part.begin()
         self.servos.restore()
-        if self.servos.errors is not None:
-            self.servos.errors.draw(self._seed)
-            self.frames.register(self.servos.errors.registration)
         if not self._homed:
             self.servos.powered[:] = False
         at = {**self.rig.poses["start"], **self.rig.poses[pose]}
@@ -471,15 +482,10 @@ class World:
         else:
             self._data.qpos[:] = placed
         self.servos.apply()
-        if self.servos.errors is not None:
-            self.servos.errors.begin()
-        if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._springs)
+        for part in self.parts.values():
+            part.placed("")
         mujoco.mj_forward(self._model, self._data)
-        self._true.joint_efforts(self._data.qfrc_bias, self.servos.holding)  # all is at rest
-        if self.drives is not None:
-            self.servos.holding += self.drives.holding(self._data.qpos)
-        self.servos.write_efforts()
+        self._supervision.balance_at_rest()
         self._data.qacc[:] = np.nan  # was without compensation; sensors look for this mark
         self.journal.period, self.journal.time = 0, 0.0
         self._go_on()
@@ -493,7 +499,7 @@ class World:
         """
         model, data = self._model, self._data
         row = np.empty(mujoco.mj_stateSize(model, INTEGRATION))
-        self.copy_state(row)
+        mujoco.mj_getState(model, data, row, INTEGRATION)
         row.setflags(write=False)
         return State(
             self.signature,
@@ -507,17 +513,8 @@ class World:
             self.reference_arm,
             self.servos.save(),
             {name: arm.save() for name, arm in self.arms.items()},
-            self._sensors.save(),
-            scripts=self._scripts.running,
-            grasps=self._grasps.save(),
-            errors=None if self.servos.errors is None else self.servos.errors.save(),
-            drives=self.drives and self.drives.save(self._springs),
-            tissues={name: tissue.save() for name, tissue in self.tissues.items()},
+            {name: kept for name, part in self.parts.items() if (kept := part.save()) is not None},
         )
-
-    def copy_state(self, out: Array, parts: int = INTEGRATION) -> None:
-        """Copy parts of the physics state, bits of MuJoCo's mjtState, into an array."""
-        mujoco.mj_getState(self._model, self._data, out, parts)
 
     @command
     def load(self, state: State) -> None:
@@ -534,8 +531,11 @@ class World:
             raise InputError(
                 f"load: got a state of {state.signature}; allowed: one of {self.signature}"
             )
+        if unknown := sorted({*state.parts} - {*self.parts}):
+            raise InputError(
+                f"load: got a state with {', '.join(unknown)}; allowed: {', '.join(self.parts)}"
+            )
         self._scripts.check_outside("load")
-        self._scripts.keep(state.scripts)
         self._put(state.row, state.asleep)
         self._data.qacc[:], self._data.qacc_smooth[:] = state.qacc, state.smooth
         self.journal.period, self._seed = state.periods, state.seed
@@ -544,19 +544,12 @@ class World:
         self.journal.time = self._data.time
         self.reference_arm = state.reference_arm
         self.servos.load(state.servos)
-        if self.servos.errors is not None and state.errors is not None:
-            self.servos.errors.load(state.errors)
-            self.frames.register(self.servos.errors.registration)
-        if self.drives is not None and state.drives is not None:
-            self.drives.load(self._springs, state.drives)
         for name, arm in self.arms.items():
             arm.load(state.arms[name])
-        self._sensors.load(state.sensors, self.rng)
-        self._grasps.load(state.grasps)
-        for name, tissue in self.tissues.items():
-            tissue.load(state.tissues[name])
+        for name, kept in state.parts.items():
+            self.parts[name].load(kept)
         self._bad[:] = 0
-        self._go_on()
+        self._draw_up()
         self._restart_past("load", {"state": state})
         if any(prop.script for prop in self.rig.objects):
             self.past.forget(
@@ -600,13 +593,12 @@ class World:
         if v is not None:
             most = fastest(arm.description)
             speed = _checked_state(name, v, (-most, most), "velocities")
-        self._grasps.let_go(arm=name)
         arm.start_at(np.clip(place, arm.lower, arm.upper))
         arm.motors.place(place, speed)
         arm.motors.command(np.clip(place, arm.lower, arm.upper), np.zeros(len(place)))
-        if self.drives is not None:
-            self.drives.begin(self._data.qpos, self._springs, name)
-        self._balance()
+        for part in self.parts.values():
+            part.placed(name)
+        self._supervision.balance()
 
     @command
     def exchange_tool(self, name: str, tool: str) -> None:
@@ -637,10 +629,7 @@ class World:
         q = engaged(arm.positions(), old, new)
         setpoints = engaged(arm.setpoints(), old, new)
         warn_of_clipped(name, arm.setpoints(), old, setpoints, new)
-        self._grasps.let_go(arm=name)
-        grasps = self._grasps.save()
         before, motors = (self._model, self._data, self.servos), arm.motors
-        trains = self.drives, self._springs
         self._adopt(model)
         carry(before, (self._model, self._data, self.servos), name)
         for other in self.arms.values():
@@ -648,26 +637,12 @@ class World:
                 other.reattach(self._motors(other.name))
         new_motors = self._motors(name)
         keep_settings(motors, new_motors)
-        errors, old_errors = self.servos.errors, before[2].errors
-        if errors is not None and old_errors is not None:
-            errors.go_on(old_errors, self._seed, name)
-            self.frames.register(errors.registration)
-        sensors = self._sensors
-        self._wire()
-        self._sensors.go_on(sensors, name)
-        self._grasps.load(grasps)
+        self._wire(name)
         arm.refit(rig.arm(name), new_motors, q, setpoints)
         self._name_poses(arm)
-        rows, holding = new_motors.index.rows, self.servos.holding.copy()
-        self._hold()
-        holding[rows] = self.servos.holding[rows]  # the other arms keep theirs
-        self.servos.holding[:] = holding
-        self.servos.write_efforts()
-        if errors is not None:
-            errors.begin()
-        if self.drives is not None and trains[0] is not None:
-            self._springs.anchor[:] = self.drives.carried_over(trains[0], trains[1].anchor)
-            self.drives.begin(self._data.qpos, self._springs, name)
+        self._supervision.balance(name)
+        for part in self.parts.values():
+            part.placed(name)
         self._exchanged.append((name, str(tool)))
         self.journal.event(name, "tool_type", tool=arm.tool)
 
@@ -701,6 +676,48 @@ class World:
             raise UnknownNameError("arm", name, self.arms, f"rig {self.rig.name}")
         return self.arms[name]
 
+    def part(self, kind: type[P]) -> P:
+        """Return the first part of a class.
+
+        Raises:
+            UnknownNameError: no part is of this class; the known names are listed
+        """
+        for part in self.parts.values():
+            if isinstance(part, kind):
+                return part
+        raise UnknownNameError("part", kind.__name__, self.parts, f"rig {self.rig.name}")
+
+    def add(self, name: str, part: Part) -> Callable[[], None]:
+        """Add a part to this world; call the result to remove it.
+
+        A recording that goes on or begins then cannot be repeated: it lacks the part's code.
+
+        Args:
+            name: of the part; its state is saved under it
+            part: begins at once, where the world is
+
+        Raises:
+            InputError: a part, an arm or an object of the rig has this name
+        """
+        taken = {WORLD, *self.parts, *self.arms, *(prop.name for prop in self.rig.props)}
+        if name in taken:
+            raise InputError(f"add: got {name!r}; allowed: a name that nothing else has")
+        part.attach(replace(self._physics, exchanged=""))
+        part.begin()
+        part.placed("")
+        self.parts[name] = part
+        self._added.add(name)
+        self._draw_up()
+        self._forget_parts()
+
+        def remove() -> None:
+            if name in self._added:
+                self._added.remove(name)
+                del self.parts[name]
+                self._draw_up()
+
+        return remove
+
     def object(self, name: str) -> SceneObject:
         """Return a prop that can be moved.
 
@@ -724,18 +741,18 @@ class World:
 
     def contacts(self) -> ContactsReading:
         """Return every place where two bodies touch, as a `contacts` sensor without noise does."""
-        return ALL_CONTACTS.sample(self._probes, self.rng)
+        return ALL_CONTACTS.sample(self._sensors.probes, self.rng)
 
     def contact_table(self) -> ContactTable:
         """Return the same as arrays, in one go."""
-        return self._probes.contact_table()
+        return self._sensors.probes.contact_table()
 
     def contact_forces(self) -> dict[str, Array]:
         """Return the net force of contacts, held objects and tissue on each arm, {arm: (3,)} [N].
 
         As of the last step.
         """
-        found = self._probes.contact_forces()
+        found = self._sensors.probes.contact_forces()
         for tissue in self.tissues.values():
             for arm, force in tissue.forces_on_jaws().items():
                 found[arm] += force
@@ -747,7 +764,7 @@ class World:
         Raises:
             UnknownNameError: no such sensor; the known ones are listed
         """
-        return self._sensors.read(name, self.rng)
+        return self._sensors.read(name)
 
     def snapshot(self, *, arms: bool = True) -> Snapshot:
         """Return a frozen copy of where everything is.
@@ -864,6 +881,13 @@ class World:
             (WORLD, "exchange_tool", {"name": name, "tool": tool}) for name, tool in self._exchanged
         )
         self.past.restart((*exchanges, (WORLD, verb, values)))
+        self._forget_parts()
+
+    def _forget_parts(self) -> None:
+        if self._added:
+            self.past.forget(
+                f"it began with parts ({', '.join(sorted(self._added))}) whose code it lacks"
+            )
 
     def _adopt(self, model: RigModel) -> None:
         """Set the compiled rig; what looks into the physics must be attached to it next."""
@@ -875,15 +899,11 @@ class World:
         self._alarms = memoryview(self._bad)  # read after every step, in half the time
         self.joints = model.joints
         physics = self.joints, self._model, self._data
-        errors = self.errors and ReadingErrors(self.rig, *physics, self.errors)
+        errors = None if self._errors is None else self._errors.compiled(self.rig, *physics)
         self.servos = Servos(*physics, errors)
         #: Where the robots report frames, and where they are; the same without errors.
         self.frames = Frames(self.rig, *physics, errors)
         self._true = self.frames if errors is None else Frames(self.rig, *physics)
-        #: Drivetrains of identified dynamics, None without; where they are, their stop elements.
-        self.drives = drives_of(self.rig, self.joints, self._model, self.options.friction)
-        elements = 0 if self.drives is None else self.drives.elements
-        self._springs = Springs(spring_fields(self._model), np.zeros(elements))
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))
         #: Coordinates of each pose that a reset has put the arms at; closing loops takes time.
         self._placed: dict[str, Array] = {}
@@ -899,23 +919,39 @@ class World:
             pose: by_arm[arm.name] for pose, by_arm in self.rig.poses.items() if arm.name in by_arm
         }
 
-    def _wire(self) -> None:
-        """Make what looks into the physics and keeps nothing of its own."""
-        model, data = self._model, self._data
-        self._player = SetpointPlayer(model, data, self.servos, self.arms)
-        self._load = TipLoad(model, data, self.rig, self.joints, self._true, self._tip_load_n)
-        self._probes = Probes(self.rig, self.joints, model, data, self.arms, self._load)
-        self._sensors = Sensors(self.rig, self._probes)
+    def _wire(self, exchanged: str = "") -> None:
+        """Attach everything to the compiled physics, after the exchange of an arm's tool."""
+        self._player = SetpointPlayer(self._model, self._data, self.servos, self.arms)
         self._cameras = Cameras(self.rig, self.joints, self._true)
-        self._objects.attach(self._model, self._data)
-        self._grasps.attach(self.rig, model, data)
-        for thread in self.threads.values():
-            thread.attach(model, data)
-        for tissue in self.tissues.values():
-            shadows = self.frames.shadow, self._true.shadow
-            tissue.attach(model, data, shadows, jaws_of(self.rig, model))
-        self._grippers = [a.gripper for a in self.arms.values() if a.gripper is not None]
-        self._schedule = self._draw_up()
+        self._physics = Attached(
+            self.rig,
+            self.joints,
+            self._model,
+            self._data,
+            self.servos,
+            self.frames,
+            self._true,
+            self.arms,
+            self.journal,
+            lambda: self._seed,
+            lambda: self.rng,
+            exchanged,
+        )
+        for part in self.parts.values():
+            part.attach(self._physics)
+        self._draw_up()
+
+    def _draw_up(self) -> None:
+        """Draw up when each part acts, and go on from here."""
+        self._schedule = Schedule(
+            ScheduleEntry(every, before, look)
+            for part in self.parts.values()
+            for every, before, look in (
+                (part.before_every, part.before_step, None),
+                (part.every, None, part.look),
+            )
+            if every > (before is not None)  # what acts before each step is called by `step`
+        )
         self._go_on()
 
     def _go_on(self) -> None:
@@ -927,9 +963,7 @@ class World:
         """Find, after commands, which arms move and what acts before the next physics steps."""
         self._attended = self.journal.revision
         self._moving = [arm for arm in self.arms.values() if arm.active]
-        acts: list[Act] = [tissue.apply for tissue in self.tissues.values()]
-        if self._scripts.running:
-            acts.insert(0, partial(self._scripts.call, self))
+        acts: list[Act] = [p.before_step for p in self.parts.values() if p.before_every == 1]
         if np.count_nonzero(self.servos.computed):
             acts.insert(0, self.servos.compute_torque)
         #: Physics steps between two calls of what acts.
@@ -945,33 +979,6 @@ class World:
             arm.follow(time)
             if not arm.active:
                 self._attended = -1
-
-    def _draw_up(self) -> Schedule:
-        """Return when the parts of this world act."""
-        load = max(1, round(LOAD_PERIOD_S / self.timestep))
-        entries = [ScheduleEntry(load, self._load.apply)] if self._load.size > 0.0 else []
-        gravity = load * max(1, round(GRAVITY_PERIOD_S / LOAD_PERIOD_S))
-        entries += [ScheduleEntry(gravity, self._balance), ScheduleEntry(gravity, self._supervise)]
-        drives, errors = self.drives, self.servos.errors
-        if drives is not None:
-            entries.append(
-                ScheduleEntry(
-                    drives.every, look=lambda: drives.renew(self._data.qpos, self._springs)
-                )
-            )
-        if errors is not None:
-            entries.append(
-                ScheduleEntry(
-                    errors.every,
-                    look=lambda: errors.step(self.servos.true()[2], self.journal.period),
-                )
-            )
-        if self._grasps:
-            entries.append(ScheduleEntry(self._grasps.every, look=self._grasps.look))
-        entries += [
-            ScheduleEntry(tissue.every, look=tissue.look) for tissue in self.tissues.values()
-        ]
-        return Schedule(entries)
 
     def _put(self, row: Array, asleep: NDArray[np.int32]) -> None:
         """Write a row of the physics state, with what sleeps asleep.
@@ -991,34 +998,6 @@ class World:
                 mujoco.mj_step(model, data)
         mujoco.mj_setState(model, data, row, INTEGRATION)
         data.tree_asleep[~sleeping] = asleep[~sleeping]
-
-    def _balance(self) -> None:
-        """Feed forward what holds every motor's load where the arms are now."""
-        self._hold()
-        self.servos.write_efforts()
-
-    def _hold(self) -> None:
-        """Compute what holds every motor's load: weight, springs, cables and biases."""
-        self._true.holding_efforts(self.servos.holding)
-        if self.drives is not None:
-            self.servos.holding += self.drives.holding(self._data.qpos)
-
-    def _supervise(self) -> None:
-        """Put arms with a joint beyond its tolerance into FAULT; see which grippers are shut."""
-        for gripper in self._grippers:
-            gripper.watch()
-        beyond = self.servos.beyond()
-        if beyond is None:
-            return
-        for arm in self.arms.values():
-            joints = [
-                f"{joint.name} ({beyond[k]:.3g} {unit}, allowed {joint.tracking_tolerance:g})"
-                for k, joint in enumerate(arm.description.joints, arm.motors.index.rows.start)
-                if not arm.motors.welded and beyond[k]
-                for unit in ("m" if joint.kind == "prismatic" else "rad",)
-            ]
-            if joints:
-                arm.fault(f"tracking error of {', '.join(joints)}")
 
     def _diverged(self, steps: int) -> None:
         """Repeat the last steps, one by one, to name what left the numbers first."""

@@ -12,7 +12,7 @@ from trocar.descriptions.fixtures import WORLD, Fixture
 from trocar.errors import DescriptionError, InputError
 from trocar.geometry.se3 import inverse
 from trocar.live.inbox import Command
-from trocar.simulation.objects import checked_pose
+from trocar.simulation.records import checked_pose
 
 if TYPE_CHECKING:
     from trocar.simulation import World

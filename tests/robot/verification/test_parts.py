@@ -18,7 +18,7 @@ from trocar.formats.links import rig_links
 from trocar.geometry.rotations import matrix_from_rotation_vector, rpy_from_matrix
 from trocar.kinematics import flattenings, forward
 from trocar.robot.calibration.rcm_frame import centre_links, own_centre
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.formats import formats
 from trocar.robot.verification.linkage import axes, closure, fold
 from trocar.robot.verification.rcm import beside_hardware, cloud, rcm
@@ -30,7 +30,7 @@ from trocar.simulation.trials import compiled_poses
 EXPECTED = {"psm": (0.0, -0.516, 0.0), "ecm": (0.3404, 0.0, 0.0)}
 
 
-def named(part: Part, name: str) -> Figure:
+def named(part: ReportPart, name: str) -> Figure:
     return next(f for f in part.figures if f.name == name)
 
 

@@ -13,7 +13,7 @@ from trocar.descriptions.overlay import write_overlay
 from trocar.descriptions.overlay_records import ClosurePatch, Overlay
 from trocar.errors import InputError, UnknownNameError
 from trocar.robot.verification import Verification, check_report, verify, write_report
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,9 @@ def test_the_summary_counts_figures_without_a_tolerance_apart() -> None:
     stated, met = Figure("speed", 0.37, "", paper_simulation=0.47), Figure("gap", 0.1, "m", 0.5)
 
     def verified(*figures: Figure) -> Verification:
-        return Verification((Part("closure", "psm", "Closure: loops", figures, "trocar verify"),))
+        return Verification(
+            (ReportPart("closure", "psm", "Closure: loops", figures, "trocar verify"),)
+        )
 
     assert verified(met, stated).summary == (
         "1 of 1 figures with a tolerance are within it; 1 more have none."
@@ -137,7 +139,7 @@ def test_the_report_is_one_page_that_asks_nobody_for_anything(
 def test_a_figure_out_of_tolerance_stands_at_the_head_of_the_page(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     wrong = Figure("loop gap <here>", 1.0, "m", upper=0.5, source="a test")
-    part = Part("closure", "psm", "Closure: loops", (wrong,), "trocar verify")
+    part = ReportPart("closure", "psm", "Closure: loops", (wrong,), "trocar verify")
     file = write_report(tmp_path, Verification((part,)))
     page = Path(file).read_text(encoding="utf-8")
     assert "Out of tolerance:</p><ul><li>loop gap &lt;here&gt;</li>" in page
@@ -146,7 +148,7 @@ def test_a_figure_out_of_tolerance_stands_at_the_head_of_the_page(tmp_path: Path
 
 def test_a_report_goes_into_a_folder_only(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    found = Verification((Part("formats", "psm", "Formats", (), "trocar verify"),))
+    found = Verification((ReportPart("formats", "psm", "Formats", (), "trocar verify"),))
     taken = tmp_path / "taken"
     taken.write_text("mine", encoding="utf-8")
     with pytest.raises(InputError, match="is not a folder; allowed"):

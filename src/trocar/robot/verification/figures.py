@@ -111,7 +111,7 @@ class Figure:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class ReportPart:
     """Figures of one experiment.
 
     Attributes:

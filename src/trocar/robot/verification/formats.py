@@ -25,7 +25,7 @@ from trocar.formats.sdf import DRAKE, joint_name, sdf
 from trocar.formats.urdf import urdf, urdf_tree
 from trocar.geometry.se3 import inverse, pose_difference, transform
 from trocar.kinematics import forward
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.subject import Subject
 from trocar.simulation.trials import compiled_poses, random_positions
 
@@ -38,13 +38,13 @@ POSES, SEED, FORMAT_LIMIT = 100, 6, 1e-9
 LIMIT = "limit: both sides compute in float64 over some twenty products"
 
 
-def formats(subject: Subject) -> Part:
+def formats(subject: Subject) -> ReportPart:
     """Compare every frame of the simulated model and of exported files with the kinematics."""
     arm, command = subject.arm, subject.command("formats")
     title = "Formats: one description, the same frames"
     if not subject.simulated:
         note = f"{arm.name}: unknown masses or gains, no model"
-        return Part("formats", subject.name, title, (), command, (note,))
+        return ReportPart("formats", subject.name, title, (), command, (note,))
     q = random_positions(arm, SEED, POSES)
     analytic = forward.poses(arm.mechanism, q, relative_to=arm.root)
     found = compiled_poses(arm, q)
@@ -54,7 +54,7 @@ def formats(subject: Subject) -> Part:
         figures += files
     except MissingExtraError as problem:
         notes = (f"MJCF, URDF and SDF files are not checked: {problem}",)
-    return Part("formats", subject.name, title, tuple(figures), command, notes)
+    return ReportPart("formats", subject.name, title, tuple(figures), command, notes)
 
 
 def _figures(

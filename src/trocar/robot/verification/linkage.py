@@ -21,7 +21,7 @@ from trocar.kinematics.loops import (
     loops_are_parallelograms,
 )
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.subject import MARKERS, Subject, SweepResult, exact
 from trocar.simulation.health import arm_health
 from trocar.simulation.trials import TICK_S, loop_health, paper_sine, periods_per_tick, whole_pitch
@@ -61,13 +61,13 @@ class Fold:
     determinants: Array
 
 
-def closure(subject: Subject) -> Part:
+def closure(subject: Subject) -> ReportPart:
     """Look at gaps and branches, in the kinematics and in motion over the whole pitch."""
     arm = subject.arm
     title = "Closure: the loops of the linkage"
     if not arm.mechanism.closures:
         note = (f"{arm.name}: has no closed loop",)
-        return Part("closure", subject.name, title, (), subject.command("closure"), note)
+        return ReportPart("closure", subject.name, title, (), subject.command("closure"), note)
     figures = [*_kinematic(subject)]
     notes = ["Each joint is moved through its whole range, or the pitch while all others swing."]
     if subject.simulated:
@@ -76,7 +76,7 @@ def closure(subject: Subject) -> Part:
     else:
         notes.append(f"{arm.name}: unknown masses or gains, nothing simulated")
     command = subject.command("closure")
-    return Part(
+    return ReportPart(
         "closure", subject.name, title, tuple(figures), command, tuple(notes), fold(subject)
     )
 
@@ -165,7 +165,7 @@ Array = NDArray[np.float64]
 SEEN_M = 1e-5
 
 
-def axes(subject: Subject, motion: SweepResult | None) -> Part:
+def axes(subject: Subject, motion: SweepResult | None) -> ReportPart:
     """Compare the distances of axes with Table 6.
 
     Args:
@@ -177,7 +177,7 @@ def axes(subject: Subject, motion: SweepResult | None) -> Part:
     plan = arm.calibration or default_plan(arm.mechanism)
     if not plan.distances:
         note = (f"{arm.name}: no link has two axes of a loop",)
-        return Part("axes", subject.name, title, (), command, note)
+        return ReportPart("axes", subject.name, title, (), command, note)
     paper = {} if subject.calibrated else TABLE6.get(arm.type, {})
     moved = () if motion is None else (motion, exact(subject, motion))
     hinges = [_hinges(arm.mechanism, plan.axes, each) for each in moved]
@@ -192,7 +192,7 @@ def axes(subject: Subject, motion: SweepResult | None) -> Part:
         if hinges:
             seen, wanted = (_seen(arm.mechanism, names, found, datum) for found in hinges)
             figures.append(_in_motion(label, seen, wanted, paper.get(label)))
-    return Part("axes", subject.name, title, tuple(figures), command, _notes(subject, paper))
+    return ReportPart("axes", subject.name, title, tuple(figures), command, _notes(subject, paper))
 
 
 def _of_the_description(label: str, told: float, paper: float | None) -> Figure:

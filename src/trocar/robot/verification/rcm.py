@@ -15,7 +15,7 @@ from trocar.descriptions.paper import TABLE7, TABLE7_ERROR_M
 from trocar.fitting import PivotFit, fit_hinge, fit_pivot
 from trocar.geometry.se3 import inverse
 from trocar.kinematics.mechanism import Mechanism
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.subject import MARKERS, Drive, Ranges, Subject, SweepResult, sweep
 
 Array = NDArray[np.float64]
@@ -67,7 +67,9 @@ def has_remote_centre(mechanism: Mechanism) -> bool:
     return frames and {"yaw", "pitch"} <= mechanism.joint_index.keys()
 
 
-def rcm(subject: Subject, sweeps: tuple[SweepResult, ...], beside: Sequence[Figure] = ()) -> Part:
+def rcm(
+    subject: Subject, sweeps: tuple[SweepResult, ...], beside: Sequence[Figure] = ()
+) -> ReportPart:
     """Estimate the remote centre from the motion of the link that carries the insertion.
 
     Args:
@@ -78,7 +80,7 @@ def rcm(subject: Subject, sweeps: tuple[SweepResult, ...], beside: Sequence[Figu
     title, command = "Remote centre: Table 7 and Figure 9 of the paper", subject.command("rcm")
     if not sweeps:
         note = (f"{subject.arm.name}: no remote centre, or no simulation model",)
-        return Part("rcm", subject.name, title, (), command, note)
+        return ReportPart("rcm", subject.name, title, (), command, note)
     clouds = tuple(cloud(subject, sweep) for sweep in sweeps)
     figures = [figure for each in clouds for figure in _figures(subject, each)]
     figures += beside
@@ -94,7 +96,7 @@ def rcm(subject: Subject, sweeps: tuple[SweepResult, ...], beside: Sequence[Figu
         notes.append("A calibrated arm: Table 7 is of another robot and not compared.")
     if is_general(subject):
         notes.append("General four-bar loops have no fixed remote centre: its motion is stated.")
-    return Part("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
+    return ReportPart("rcm", subject.name, title, tuple(figures), command, tuple(notes), clouds)
 
 
 def cloud(subject: Subject, motion: SweepResult) -> Cloud:

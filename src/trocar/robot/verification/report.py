@@ -15,7 +15,7 @@ from trocar.descriptions.paper import TABLE6_SPREAD_M, TABLE7
 from trocar.plotting import pages
 from trocar.plotting.drawing import EFFORT, ERROR, MEASURED, SETPOINT, new_figure, svg
 from trocar.plotting.pages import Cell
-from trocar.robot.verification.figures import Part, figure_rows
+from trocar.robot.verification.figures import ReportPart, figure_rows
 from trocar.robot.verification.linkage import Fold
 from trocar.robot.verification.rcm import TOLD as RUNS
 from trocar.robot.verification.rcm import Cloud
@@ -138,7 +138,7 @@ def loops(found: Fold) -> Drawing:
     return figure
 
 
-def table6(part: Part) -> Drawing:
+def table6(part: ReportPart) -> Drawing:
     """Draw how far the description is from the paper's measured distances."""
     rows = [f for f in part.figures if f.paper is not None and f.name.endswith("description")]
     off = [1e3 * (f.value - (f.paper or 0.0)) for f in rows]
@@ -157,7 +157,7 @@ def table6(part: Part) -> Drawing:
     return figure
 
 
-def table9(part: Part) -> Drawing:
+def table9(part: ReportPart) -> Drawing:
     """Draw real-time coefficients beside the paper's, on a logarithmic scale."""
     figure = new_figure(10.5, 0.5 * len(part.figures) + 1.0, PURPOSE)
     axis: Any = figure.subplots()
@@ -262,11 +262,11 @@ def _head(found: Verification) -> Iterator[str]:
     )
 
 
-def _head_of(part: Part) -> str:
+def _head_of(part: ReportPart) -> str:
     return part.title.partition(":")[0]
 
 
-def _section(parts: list[Part]) -> str:
+def _section(parts: list[ReportPart]) -> str:
     """Return one experiment, of every arm."""
     body = [f'<h2 id="{parts[0].name}">{pages.text(parts[0].title)}</h2>']
     for part in parts:
@@ -281,7 +281,7 @@ def _section(parts: list[Part]) -> str:
     return "".join(body)
 
 
-def _numbers(part: Part) -> Iterator[str]:
+def _numbers(part: ReportPart) -> Iterator[str]:
     """Return the table of a part, and the sources of its numbers below."""
     if part.name == "rcm":
         yield _table7(part)
@@ -298,7 +298,7 @@ def _numbers(part: Part) -> Iterator[str]:
     yield f'<p class="quiet">Sources: {listed}.</p>'
 
 
-def _table7(part: Part) -> str:
+def _table7(part: ReportPart) -> str:
     """Return Table 7 as the paper has it, with our rows."""
     clouds: Sequence[Cloud] = part.data
     kind = clouds[0].kind
@@ -316,7 +316,7 @@ def _table7(part: Part) -> str:
     return pages.table(head, rows)
 
 
-def _pictures(part: Part) -> Iterator[str]:
+def _pictures(part: ReportPart) -> Iterator[str]:
     """Return the plots of a part with their captions."""
     if isinstance(part.data, Fold):
         yield pages.picture(svg(loops(part.data)), LOOPS)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from trocar.errors import TrocarError
 from trocar.rendering import Endoscope
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.speed import CONFIGURATIONS, time_beside_bare
 from trocar.robot.verification.subject import Model, Subject
 from trocar.simulation import World
@@ -62,13 +62,13 @@ class TrackedJoints:
         return self.time > RAMP_S
 
 
-def tracking(subject: Subject) -> Part:
+def tracking(subject: Subject) -> ReportPart:
     """Follow the paper's sine with Table 8's gains and with the dVRK's."""
     title = "Tracking: Figure 10 of the paper"
     command = subject.command("tracking")
     if subject.arm.type != "PSM" or not subject.simulated:
         note = ("Figure 10 and Table 8 are of a PSM that is simulated",)
-        return Part("tracking", subject.name, title, (), command, note)
+        return ReportPart("tracking", subject.name, title, (), command, note)
     tracks = (track(subject, "paper"), track(subject, "dvrk"))
     figures = [figure for each in tracks for figure in _figures(each)]
     figures += _hanging(track(subject, "paper", compensated=False))
@@ -82,7 +82,7 @@ def tracking(subject: Subject) -> Part:
         " friction identified on a real PSM.",
         'The paper draws Figure 10 and says "good stability and minimal delay"; it has no numbers.',
     )
-    return Part("tracking", subject.name, title, tuple(figures), command, notes, tracks)
+    return ReportPart("tracking", subject.name, title, tuple(figures), command, notes, tracks)
 
 
 def track(subject: Subject, model: Model, compensated: bool = True) -> TrackedJoints:
@@ -163,7 +163,9 @@ PAPER_CAMERA, PRESET, RATE_HZ = 0.47, "dvrk_sd_640x480", 60.0
 SOURCE = "closed-loop paper, Table 9 (Gazebo, i7-4770K); stated, since it depends on the machine"
 
 
-def realtime(watch: Callable[[str], None] | None = None, duration_s: float | None = None) -> Part:
+def realtime(
+    watch: Callable[[str], None] | None = None, duration_s: float | None = None
+) -> ReportPart:
     """Drive each configuration of Table 9 along the test sine at 1 kHz, on one core.
 
     Args:
@@ -201,7 +203,7 @@ def realtime(watch: Callable[[str], None] | None = None, duration_s: float | Non
         camera,
     )
     command = "trocar verify --only realtime"
-    return Part("realtime", "", "Speed: Table 9 of the paper", tuple(figures), command, notes)
+    return ReportPart("realtime", "", "Speed: Table 9 of the paper", tuple(figures), command, notes)
 
 
 def _with_camera(duration_s: float) -> Figure | str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from trocar.descriptions import load_arm
 from trocar.descriptions.overlay import apply_overlay, read_overlay
 from trocar.errors import InputError
-from trocar.robot.verification.figures import Figure, Part
+from trocar.robot.verification.figures import Figure, ReportPart
 from trocar.robot.verification.formats import formats
 from trocar.robot.verification.linkage import axes, closure
 from trocar.robot.verification.rcm import beside_hardware, has_remote_centre, rcm
@@ -34,7 +34,7 @@ Watch = Callable[[str], None]
 class Verification:
     """What every part found."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[ReportPart, ...]
 
     @property
     def missed(self) -> tuple[Figure, ...]:
@@ -126,7 +126,7 @@ def _subjects(arms: Sequence[str | Path], calibrations: Sequence[str | Path]) ->
     return subjects
 
 
-def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[Part]:
+def _of_arm(subject: Subject, parts: Sequence[str], say: Watch) -> Iterator[ReportPart]:
     """Run what is of one arm."""
     sweeps: dict[Drive, SweepResult] = {}
     name, centred = subject.name, has_remote_centre(subject.arm.mechanism)

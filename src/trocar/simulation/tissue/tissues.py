@@ -29,7 +29,8 @@ from trocar.modeling.tissues import (
     tissue_bit,
 )
 from trocar.simulation.journal import Journal, command
-from trocar.simulation.objects import FARTHEST_M, checked_pose
+from trocar.simulation.parts import Attached, Part, steps_in
+from trocar.simulation.records import FARTHEST_M, checked_pose
 from trocar.simulation.tissue.contact import (
     CLOSED_M,
     OPENED_M,
@@ -38,6 +39,7 @@ from trocar.simulation.tissue.contact import (
     TissueSurface,
     Tools,
     compliance_of,
+    jaws_of,
 )
 from trocar.simulation.tissue.elastic import Condensed, ElasticPad, pad_of
 
@@ -158,7 +160,7 @@ def stitch_points(
     return np.column_stack([np.full(4, x), across, [0.0, deep, deep, 0.0]])
 
 
-class SoftTissue:
+class SoftTissue(Part):
     """A prop that is tissue.
 
     Args:
@@ -170,7 +172,6 @@ class SoftTissue:
 
     Attributes:
         name, tissue: as described
-        every: physics steps between two looks at punctures and channels
         pose: of its frame in the world, (4, 4)
         plan: channel points of each stitch at rest, in its frame, (n, 4, 3) [m]
         stitch: the stitch under way, n after the last one
@@ -183,22 +184,19 @@ class SoftTissue:
         self._journal, self._source, self._prefix = journal, prop.name, ""
         self._timestep = timestep
         self._bit = tissue_bit(arms)
-        self.every = max(1, round(PERIOD_S / timestep))
+        self.every, self.before_every = steps_in(PERIOD_S, timestep), 1
 
     @cached_property
     def pad(self) -> ElasticPad:
         """Its mesh."""
         return pad_of(self.tissue)
 
-    def attach(
-        self,
-        model: mujoco.MjModel,
-        data: mujoco.MjData,
-        shadows: Sequence[mujoco.MjData] = (),
-        jaws: Sequence[JawFingers] = (),
-    ) -> None:
+    def attach(self, physics: Attached) -> None:
         """Take the physics that it is in, what shows the same bodies, and what touches it."""
-        self._model, self._data, self._shadows = model, data, shadows
+        model, data = physics.model, physics.data
+        self._model, self._data = model, data
+        self._shadows = physics.frames.shadow, physics.true_frames.shadow
+        jaws = jaws_of(physics.rig, model)
         self._tools = Tools(model, data, jaws)
         if jaws:
             compliance_of(self.tissue)  # once, rather than when a jaw comes near
@@ -310,8 +308,8 @@ class SoftTissue:
         limits = self._model.tendon_range[self._locks[stitch:], 1]
         return bool((limits < SLACK_M).any())
 
-    def apply(self) -> None:
-        """Apply the mesh's forces where its places are now; to be called before each step."""
+    def before_step(self) -> None:
+        """Apply the mesh's forces where its places are now."""
         moved, applied = self._moved, self._applied
         np.multiply(self._v, DAMPING_S, moved)
         np.add(moved, self._q, moved)

@@ -1,4 +1,4 @@
-"""What can go wrong, each error keeping the numbers it speaks of."""
+"""Exceptions, which keep their numbers as attributes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class OvertakenError(InputError):
 
 
 class UnknownNameError(InputError):
-    """A name that nobody has.
+    """An unknown name.
 
     Args:
         kind: what was looked for ("arm", "rig", "joint", ...)
@@ -139,7 +139,7 @@ class UndeterminedError(InputError):
     Args:
         problem: what is open, and why
         got: the angle by which the poses differ in the way that counts [rad]
-        wanted: the least angle [rad]
+        wanted: the angle required at least [rad]
         condition: condition number of the normal matrix
         direction: along which the answer is open, a unit vector, if it is one
     """

@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 #: Inputs of a PID servo: position, velocity, feed-forward effort.
 SERVO_INPUTS = 7
 SITE_RADIUS_M = 0.002
-#: What tells compiled models apart beside their structure.
+#: Fields by which compiled models of the same structure differ.
 DIGESTED = (
     "body_pos",
     "body_quat",
@@ -147,7 +147,7 @@ def build(rig: RigDescription | str | Path, options: ModelOptions | None = None)
 def gpu_model(model: RigModel) -> mujoco.MjModel:
     """Return a copy of a model with position servos that `mujoco_warp.put_model` accepts.
 
-    Warp has no PID servos and wants MuJoCo's automatic reset; above 60 degrees of freedom it wants
+    Warp has no PID servos and needs MuJoCo's automatic reset; above 60 degrees of freedom it needs
     a sparse Jacobian, too. Never step that model with MuJoCo itself, whose sparse solver opens the
     loops by millimetres (4.0.0, measured on the cart).
 
@@ -197,7 +197,7 @@ def lone_rig(arm: ArmDescription, name: str = "arm") -> RigDescription:
 
 @dataclass(frozen=True, eq=False)
 class Anchor:
-    """Where a frame is in the model: on a body, at a fixed pose T_body_frame (4, 4)."""
+    """The place of a frame in the model: on a body, at a fixed pose T_body_frame (4, 4)."""
 
     body: mujoco.MjsBody
     pose: Array

@@ -23,7 +23,7 @@ from trocar.modeling import naming
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-#: Stands for "no limit" where MuJoCo wants a number. [N m or N]
+#: Effort limit of joints without one, since MuJoCo needs a number. [N m or N]
 UNLIMITED = 1e6
 #: Inputs of a servo in `ctrl`: position, velocity, effort fed forward.
 INPUTS = 3
@@ -31,7 +31,7 @@ INPUTS = 3
 
 @dataclass(frozen=True, eq=False)
 class ArmIndex:
-    """Where one arm is in a compiled model.
+    """Rows and bodies of one arm in a compiled model.
 
     Attributes:
         rows: its joints in the table, the jaw last; none where the arm is welded into the model

@@ -1,4 +1,4 @@
-"""How things are called in compiled models: "PSM1/pitch_back", "PSM1/guard/c1"."""
+"""Names in compiled models: "PSM1/pitch_back", "PSM1/guard/c1"."""
 
 from __future__ import annotations
 

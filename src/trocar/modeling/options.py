@@ -58,7 +58,7 @@ ISLAND_JOINTS = 60
 #: tenth of MuJoCo's. Measured per physics step: 20 blocks beside the cart with masters, 420 us
 #: awake, 170 us asleep. [m/s]
 STILL_M_S = 1e-4
-#: Where the solver stops in a rig with objects, as MuJoCo scales it: forces between bodies then
+#: Solver tolerance of rigs with objects, as MuJoCo scales it: forces between bodies then
 #: balance to rounding. Source: measured on balls that collide and that elastic bands
 #: join (`python -m benchmarks laws`): momentum is kept to 5e-8 with MuJoCo's 1e-8, to 1e-13 with
 #: this. It costs nothing that can be measured: Newton converges quadratically, 3.05 iterations

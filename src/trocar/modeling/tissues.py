@@ -1,4 +1,4 @@
-"""What of soft tissue is in a model: the places where stitches hold it, and the thread.
+"""Soft tissue in a model: the places where stitches hold it, and the thread.
 
 Every stitch has eight places, bodies on three slides whose coordinates are where they are in the
 tissue's frame. Four are channel points that needle and thread pass; at four more both walls of the
@@ -46,7 +46,7 @@ TIP_M = 1e-4
 FRICTION_IMPEDANCE = (0.999, 0.999, 0.001, 0.5, 2.0)
 #: A tendon of a thread that is not threaded is longer than anything [m].
 SLACK_M = 9.0
-#: Where thread that has passed is kept, as the coordinate of a slide, far above everything; the
+#: Slide coordinate at which thread that has passed is kept, far above everything; the
 #: branch of each tendon that reads it has this length at 0. [m]
 STORE_M, BRANCH_M = 2.0, 1.0
 #: Tissue between two channel points bunches to this share of its length and no shorter.

@@ -1,4 +1,4 @@
-"""Where the cameras of a rig are, as frozen records for whoever draws."""
+"""Poses of the cameras of a rig, as frozen records for renderers."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class CameraRecord:
 
     @cached_property
     def T_world_camera(self) -> Array:
-        """Where it is, midway between the eyes (4, 4), read-only."""
+        """Pose midway between the eyes in the world, (4, 4), read-only."""
         found = self.T_world_body @ self.T_body_mount
         found = found @ bend(self.angle) if self.angle else found
         found.setflags(write=False)
@@ -65,18 +65,18 @@ class CameraRecord:
 
     @property
     def T_world_eyes(self) -> tuple[Array, ...]:
-        """Where each eye is, left first (4, 4)."""
+        """Pose of each eye in the world, left first, (4, 4)."""
         camera = self.T_world_camera
         return tuple(camera @ mount for mount in self.calibration.mounts)
 
     @property
     def T_world_left(self) -> Array:
-        """Where the left eye is, or the only one (4, 4)."""
+        """Pose of the left eye, or the only one, in the world, (4, 4)."""
         return self.T_world_eyes[0]
 
     @property
     def T_world_right(self) -> Array:
-        """Where the right eye is, or the only one (4, 4)."""
+        """Pose of the right eye, or the only one, in the world, (4, 4)."""
         return self.T_world_eyes[-1]
 
     def at(self, snapshot: Snapshot) -> CameraRecord:
@@ -108,7 +108,7 @@ class CameraRecord:
         """Return this endoscope as one that is bent: 30 deg down, -30 deg up, or straight [rad].
 
         Raises:
-            InputError: no such scope, or a camera that is none
+            InputError: another angle, or a camera without a bend
         """
         if self.kind != "endoscope" and angle != 0.0:
             raise InputError(f"camera {self.name}: is no endoscope; only a scope is bent")

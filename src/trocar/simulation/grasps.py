@@ -1,4 +1,4 @@
-"""What jaws hold: free objects that both pads press, and when they let go."""
+"""Grasps of free objects between the pads of jaws: hold, load, slip and release."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ PRESS_N, PRESSED_S, LOOSE_N = 3.0, 0.05, 1.0
 #: and holds by friction alone: a weld would keep it there. Source: measured on a needle that lies
 #: across an edge: 0.7, with 140 N at the finger's side; 1.0 of needles between pads.
 PARALLEL = 0.9
-#: What a jaw holds is left to friction beyond this share of what the ellipsoid has, and stuck again
-#: below so much of it. Source: measured in twenty directions of forces and torques, in which a
-#: needle slips at 0.85 of the ellipsoid or later.
+#: Shares of the friction ellipsoid: beyond the first, friction alone holds an object; below the
+#: second of the first, it is stuck again. Source: measured in twenty directions of forces and
+#: torques, in which a needle slips at 0.85 of the ellipsoid or later.
 LOADED, RESTUCK = 0.6, 0.8
 #: A thread that is pulled by so many times the tension that it bears steadily slips out, whatever
 #: friction carries. Source: our own choice, below the 2.5 times at which waves on it begin to grow
@@ -43,17 +43,17 @@ TORN = 2.0
 #: It slipped where it moved so far between the pads since. Source: our own choice, half a needle's
 #: wire. [m, rad]
 SLIPPED_M, SLIPPED_RAD = 2e-4, 0.04
-#: What falls farther than this after a jaw let go of it was dropped. Source: our own choice, two
+#: Height of a fall after a release that counts as dropped. Source: our own choice, two
 #: thirds of the height of a peg. [m]
 DROPPED_M = 0.008
 #: Rows of constraints of a weld.
 WELD_ROWS = 6
-#: What slipped is held again no sooner. Source: our own choice. [s]
+#: Time before an object that slipped is held again. Source: our own choice. [s]
 SLIPPED_S = 0.2
 
 
 class Grasp(NamedTuple):
-    """What a jaw has between its pads.
+    """The object between the pads of a jaw.
 
     Attributes:
         object: name of what it holds, "" for nothing
@@ -71,7 +71,7 @@ class Grasp(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Hold:
-    """How an object is held, as it was when the jaw took hold of it.
+    """The grip of a jaw on an object, as it was when it began.
 
     Attributes:
         object: its index
@@ -98,7 +98,7 @@ class Hold:
 
 @dataclass(frozen=True, eq=False)
 class GraspState:
-    """What of a jaw's grip a saved world keeps: its hold, and how long it presses what."""
+    """Saved state of a jaw: its hold, and the looks at which each object was pressed."""
 
     hold: Hold | None
     looks: NDArray[np.int64]
@@ -114,7 +114,7 @@ class Jaws(NamedTuple):
 
 
 class Grasps(Part):
-    """What the jaws of a rig hold.
+    """The objects that the jaws of a rig hold.
 
     A free body between two jaws creeps in any time-stepping of Coulomb friction: the arm turns on
     arcs, the body moves along tangents. So what both pads press for 50 ms is held by a weld to the
@@ -167,8 +167,8 @@ class Grasps(Part):
                     self._faces.append((body, normal))
         bodies = [model.body(name).id for name in self.objects]
         self._bodies = np.array(bodies, dtype=np.intp)
-        #: What carries each freely: itself, or what a thread is tied to. All forces on a tree are
-        #: those on the six degrees of freedom of its root.
+        #: Root of the tree of each: itself, or the body that a thread is tied to. All forces on a
+        #: tree are those on the six degrees of freedom of its root.
         self._roots = model.body_rootid[self._bodies]
         self._dofs = [slice(k := int(model.body_dofadr[root]), k + 6) for root in self._roots]
         finger, held = np.full(model.nbody, -1), np.full(model.nbody, -1)
@@ -186,7 +186,7 @@ class Grasps(Part):
         self._forget()
 
     def read(self) -> dict[str, Grasp]:
-        """Return what each jaw has between its pads, as of the last look, {arm: grasp}."""
+        """Return the grasp of each jaw as of the last look, {arm: grasp}."""
         return {jaws.arm: read for jaws, read in zip(self._jaws, self._read, strict=True)}
 
     def begin(self) -> None:
@@ -195,7 +195,7 @@ class Grasps(Part):
         self._slicken()
 
     def save(self) -> dict[str, GraspState]:
-        """Return what each jaw holds, {arm: state}."""
+        """Return the state of each jaw, {arm: state}."""
         rows = zip(self._jaws, self._holds, self._looks, self._read, strict=True)
         return {jaws.arm: GraspState(hold, looks.copy(), r) for jaws, hold, looks, r in rows}
 
@@ -350,7 +350,7 @@ class Grasps(Part):
         self._journal.event(self._jaws[row].arm, "grasp/object", object=name, force=force)
 
     def _placed(self, row: int, body: int, centre: Array) -> tuple[Array, Array]:
-        """Return where a grip's centre is in a body, and how that is turned in the finger."""
+        """Return a grip's centre in a body, and the body's quaternion in the finger."""
         data, finger = self._data, self._jaws[row].bodies[0]
         mujoco.mj_kinematics(self._model, data)  # bodies were where the last step began
         there, about = data.xmat[body].reshape(3, 3), data.xmat[finger].reshape(3, 3)

@@ -26,7 +26,7 @@ WIDTHS = {"free": (7, 6), "ball": (4, 3), "slide": (1, 1), "hinge": (1, 1)}
 
 @dataclass(frozen=True, eq=False)
 class JointRows:
-    """Where an object's joint is in `qpos` and `qvel`, and what it moves.
+    """An object's joint: its rows of `qpos` and `qvel`, and the body that it moves.
 
     Attributes:
         kind: "free", "hinge", "slide" or "ball"

@@ -1,4 +1,4 @@
-"""What a rig has that can be moved: where it is, how fast, and putting it elsewhere."""
+"""Movable objects of a rig: poses, velocities, and commands that place them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ UNIT = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class ObjectStates:
-    """Where all objects are at a time, and how fast; rows follow `names`.
+    """Poses and velocities of all objects at a time; rows follow `names`.
 
     Attributes:
         names: of the objects
@@ -105,12 +105,12 @@ class SceneObject:
 
     @property
     def mass(self) -> float:
-        """What it weighs [kg]."""
+        """Mass [kg]."""
         movable = self.description.movable
         return 0.0 if movable is None else movable.mass
 
     def measured_cp(self) -> Pose:
-        """Return where its frame is in the world."""
+        """Return the pose of its frame in the world."""
         free = self._row.kind == "free"
         found = self._qpos if free else self._kinematics.poses(self._data.qpos)[self._index]
         at = transform(matrix_from_quaternion(found[3:]), found[:3])
@@ -283,7 +283,7 @@ class Objects(Part):
             one.attach(physics.model, physics.data, self.kinematics)
 
     def states(self) -> ObjectStates:
-        """Return where all of them are."""
+        """Return poses and velocities of all of them."""
         at, v = self.kinematics.motion(self._data.qpos, self._data.qvel)
         joint = self.kinematics.coordinates(self._data.qpos, self._data.qvel)
         parts = at[:, :3], at[:, 3:], v[:, :3], v[:, 3:], joint

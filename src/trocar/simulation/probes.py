@@ -1,4 +1,4 @@
-"""What can be felt in a simulation: forces of contacts, accelerations, what a ray meets.
+"""Contact forces, accelerations, rays and band tensions of a state, for sensors.
 
 Forces and accelerations are those of the last physics step: the integrator solves for the mean
 over a step, so they balance to the last digit and need no computation of their own. After an arm
@@ -111,7 +111,7 @@ class Probes:
         return float(self._data.time)
 
     def effort(self, arm: str, joint: str) -> float:
-        """Return what a motor exerts on its joint [N m or N]."""
+        """Return the effort of a motor on its joint [N m or N]."""
         index = self._arms[arm].description.mechanism.joint_index[joint]
         return float(self._arms[arm].readings()[2][index])
 
@@ -133,11 +133,11 @@ class Probes:
         return found
 
     def contacts(self, mine: Bodies) -> tuple[Contact, ...]:
-        """Return where some bodies touch others or each other."""
+        """Return the contacts of some bodies with others or each other."""
         return tuple(contact for contact, _, _ in self._touching(self._touched(mine), mine))
 
     def contact_table(self) -> ContactTable:
-        """Return where any two bodies touch, as `contacts` of all bodies does, at once."""
+        """Return all contacts as arrays, as `contacts` of all bodies does."""
         data = self._touched(self.bodies())
         here = np.flatnonzero(data.contact.efc_address >= 0)
         found = data.contact
@@ -191,7 +191,7 @@ class Probes:
         return [*self._arm_of_body[self._model.geom_bodyid].tolist(), -1]
 
     def _contact_forces(self, data: mujoco.MjData, here: Index) -> Array:
-        """Return what the first shapes of some contacts do to the second, in the world, (n, 3) [N].
+        """Return forces of the first shapes of contacts on the second in the world, (n, 3) [N].
 
         An elliptic cone's forces are along the axes: of the normal, and of two tangents where there
         is friction, as all shapes have it but pads whose object a weld holds.
@@ -215,7 +215,7 @@ class Probes:
         return seen[:3, :3].T @ force, seen[:3, :3].T @ torque
 
     def motion(self, at: Place) -> PlaceMotion:
-        """Return how a place moves.
+        """Return velocity and acceleration of a place.
 
         a = J dv/dt + dJ/dt v - g, with the last step's dv/dt.
         """
@@ -289,7 +289,7 @@ class Probes:
         return scratch
 
     def _acted(self) -> mujoco.MjData:
-        """Return where the forces and accelerations of the last step are."""
+        """Return the data that holds forces and accelerations of the last step."""
         if np.isfinite(self._data.qacc).all():
             return self._data
         scratch = self._copied()
@@ -297,7 +297,7 @@ class Probes:
         return scratch
 
     def _touched(self, mine: Bodies) -> mujoco.MjData:
-        """Return where the contacts of some bodies stand; those of what sleeps are worked out."""
+        """Return the data that holds contacts of some bodies; those of sleepers are computed."""
         trees = self._model.body_treeid[mine[: self._model.nbody]]
         if (trees < 0).all():  # what stands still: everything that sleeps may lie on it
             trees = np.arange(self._model.ntree)
@@ -309,7 +309,7 @@ class Probes:
 
     @cached_property
     def _scratch(self) -> mujoco.MjData:
-        """What is computed for a reading is computed here; most worlds never need it."""
+        """Scratch data of readings; most worlds never need it."""
         return mujoco.MjData(self._model)
 
     def _copied(self) -> mujoco.MjData:

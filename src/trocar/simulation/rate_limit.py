@@ -33,11 +33,11 @@ class RateLimit:
         self._last: Remembered = {}
 
     def __len__(self) -> int:
-        """Return how many kinds are remembered."""
+        """Return the number of kinds that are remembered."""
         return len(self._last)
 
     def due(self, kind: Hashable, now_s: float, burst: int = 1) -> int | None:
-        """Return how many of a kind were left out since the last, None to leave this one out.
+        """Return the number left out of a kind since the last, None to leave this one out.
 
         Args:
             kind: what counts as a repetition
@@ -71,7 +71,7 @@ class RateLimit:
 
 
 def burst(kind: str) -> int:
-    """Return how many rejected commands of a kind (its verb first) are reported within a period."""
+    """Return the number of reports of a rejection (its verb first) that a period allows."""
     return 1 if "servo_" in kind else BURST
 
 

@@ -1,4 +1,4 @@
-"""What the robots' own sensors report instead of the truth: encoders behind cables and backlash."""
+"""Errors of encoder readings: offsets, backlash, cable hysteresis and stretch, noise, latency."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which parts of a world act before or after which physics step."""
+"""The schedule of a world's parts: acts before and after physics steps."""
 
 from __future__ import annotations
 

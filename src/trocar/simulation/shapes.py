@@ -1,4 +1,4 @@
-"""The shapes of a rig and the bodies that carry them, for whoever draws.
+"""The shapes of a rig and the bodies that carry them, for renderers.
 
 Elastic bands are drawn as rods that overlap, and slide along each other when a band stretches, so
 that all that is drawn is rigid, whatever draws it.
@@ -100,7 +100,7 @@ def band_shapes(rig: RigDescription, first: int) -> tuple[ShapeRecord, ...]:
 def band_poses(
     rig: RigDescription, model: mujoco.MjModel, data: mujoco.MjData
 ) -> tuple[Array, Array]:
-    """Return where the rods are: positions (n, 3) [m] and quaternions wxyz (n, 4).
+    """Return the poses of the rods: positions (n, 3) [m] and quaternions wxyz (n, 4).
 
     Args:
         rig: the description

@@ -28,7 +28,7 @@ DEPTH_M = 1e-3
 
 
 class SuctionState(NamedTuple):
-    """What a saved world keeps of a cup.
+    """Saved state of a cup.
 
     Attributes:
         running: whether the pump runs

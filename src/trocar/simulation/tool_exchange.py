@@ -48,7 +48,7 @@ WIDTHS = {
 
 
 def engaged(q: Array, old: ArmDescription, new: ArmDescription) -> Array:
-    """Return where an arm with joints at q, (n_old,), stands with its new tool, (n_new,)."""
+    """Return joints of an arm with its new tool, (n_new,), from those with the old, (n_old,)."""
     kept = np.isin(old.mechanism.joint_names, [*joints_without_tool(old), ROLL])
     return carried_over(np.where(kept, q, 0.0), old, new)
 

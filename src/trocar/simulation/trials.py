@@ -147,7 +147,7 @@ def begin_trajectory(world: World, trajectory: TestTrajectory) -> None:
 
 
 def periods_per_tick(world: World) -> int:
-    """Return how many physics periods 5 ms have.
+    """Return the number of physics periods in 5 ms.
 
     Raises:
         InputError: the tick is no whole multiple of the physics period

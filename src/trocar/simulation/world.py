@@ -192,7 +192,7 @@ class World:
             measured = friction == "identified"
             described = calibrated_rig(nominal, calibration, identified=measured)
             model = build(described, _options(described, choices))
-        #: What the world was built with, the rig apart; a recording takes these along.
+        #: Arguments that the world was built with, the rig apart, as a recording keeps them.
         self.arguments = choices
         self.options = model.options
         #: Errors of the robots' sensors and cables, None for none.
@@ -203,7 +203,7 @@ class World:
         self.reference_arm = model.rig.reference_arm
         self.timestep = model.options.timestep
         self.journal = self._journal = Journal()
-        #: What acts in this world beside its arms, by name, in the order in which it acts.
+        #: Parts by name, in the order in which they act.
         self.parts: dict[str, Part] = {}
         self._added: set[str] = set()
         self._errors = None if self.errors is None else SensorErrors(self.errors)
@@ -240,7 +240,7 @@ class World:
             **{f"tissue {name}": tissue for name, tissue in self.tissues.items()},
             "sensors": self._sensors,
         }
-        #: What can be moved, by name.
+        #: Movable objects by name.
         self.objects: dict[str, SceneObject] = self._objects.by_name
         self.arms: dict[str, Arm] = {}
         for rig_arm in self.rig.arms:
@@ -249,9 +249,9 @@ class World:
             self._name_poses(self.arms[rig_arm.name])
         self._seed = _checked_seed(seed)
         self._wire()
-        #: What the rig places, by name; `sensor` reads them.
+        #: Descriptions of the sensors by name; `sensor` reads them.
         self.sensors = {sensor.name: sensor for sensor in self.rig.sensors}
-        #: What records this world now, None for nothing.
+        #: The recorder of this world, None while it is not recorded.
         self.recorder: object | None = None
         #: Waits for a move when a loop in another thread steps this world; None: step here.
         self.waiter: Callable[[Motion, float | None], bool] | None = None
@@ -302,7 +302,7 @@ class World:
 
     @property
     def mj_data(self) -> mujoco.MjData:
-        """MuJoCo's data of this world, to look at; whoever writes into it is on their own.
+        """MuJoCo's data of this world, for reading; writing into it is at the caller's risk.
 
         Derived fields are those of the last step's beginning, as always in MuJoCo.
         """
@@ -347,8 +347,8 @@ class World:
     def draw(self, name: str, provider: Callable[[], Drawing]) -> Callable[[], None]:
         """Show a surface or curve that bends beside the rig's bodies; call the result to stop.
 
-        Renderers and the web viewer show it. Physics does not touch it: whoever simulates it steps
-        with `observe`.
+        Renderers and the web viewer show it. Physics does not touch it: a simulation of it steps
+        with `observe`, or is a `Part`.
 
         Args:
             name: of this drawing
@@ -729,11 +729,11 @@ class World:
         return self.objects[name]
 
     def object_states(self) -> ObjectStates:
-        """Return where all objects are and how fast, in one go."""
+        """Return poses and velocities of all objects."""
         return self._objects.states()
 
     def grasps(self) -> dict[str, Grasp]:
-        """Return what each jaw has between its pads, {arm: grasp}, as of the last 10 ms.
+        """Return the grasp of each jaw, {arm: grasp}, as of the last 10 ms.
 
         Arms whose tools have no jaw, and rigs without free objects, have none.
         """
@@ -831,7 +831,7 @@ class World:
         return self.frames.base_pose(name, self.reference_arm)
 
     def true_state(self, name: str) -> TrueState:
-        """Return where an arm is, for scores and plots; no robot could report this.
+        """Return the true state of an arm, for scores and plots; no robot could report this.
 
         Without `errors` it is what the arm reports. Setup joints included: the frame of
         `measured_cp` is where the camera, or whatever carries it, truly is.
@@ -853,7 +853,7 @@ class World:
         return TrueState(q, qd, effort, Pose(base @ tip, frame, self.time), world)
 
     def health(self) -> Health:
-        """Return how well every arm's loops hold now."""
+        """Return the loop-closure residuals of every arm now."""
         each = {name: arm.health() for name, arm in self.arms.items() if not arm.motors.welded}
         return Health.of(each)
 
@@ -901,7 +901,7 @@ class World:
         physics = self.joints, self._model, self._data
         errors = None if self._errors is None else self._errors.compiled(self.rig, *physics)
         self.servos = Servos(*physics, errors)
-        #: Where the robots report frames, and where they are; the same without errors.
+        #: Frames as the robots report them; `_true` as they are, the same without errors.
         self.frames = Frames(self.rig, *physics, errors)
         self._true = self.frames if errors is None else Frames(self.rig, *physics)
         self._before = np.zeros(mujoco.mj_stateSize(self._model, STEPPED))

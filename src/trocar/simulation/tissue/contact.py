@@ -177,7 +177,7 @@ def press(compliance: Array, gaps: Array) -> Array:
 
 
 def underside(at: Array, box: Array, turn: Array, half: Array) -> Array:
-    """Return how high a box is above points on the ground, its lower side; inf: it is not, (n,).
+    """Return the height of a box's lower side above points on the ground, (n,); inf beside it.
 
     Args:
         at: points, (n, 2) [m]
@@ -227,7 +227,7 @@ class Tools:
         self.force, self.nodes = 0.0, dict[tuple[int, int], float]()
 
     def over(self, pose: Array, tissue: Tissue, highest: float) -> list[int]:
-        """Return which fingers may be over or in a tissue, or up to a height above it at rest.
+        """Return the fingers that may be in a tissue, or up to a height above it at rest.
 
         Args:
             pose: of the tissue in the world, (4, 4)

@@ -1,8 +1,8 @@
-"""What of soft tissue is seen: its surface from the whole mesh, and a thread that hangs and slides.
+"""Drawings of soft tissue: the surface of the whole mesh, and a thread that hangs and slides.
 
-Both follow the physics and never act on it, and cost nothing while nobody looks. The thread stays
-outside of all boxes and capsules that touch anything, jaws and needle among them, and above the
-tissue's surface as it is now.
+Both follow the physics and never act on it, and cost nothing until a snapshot is taken. The thread
+stays outside of all boxes and capsules that touch anything, jaws and needle among them, and above
+the tissue's surface as it is now.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ OUTSIDE = 4
 #: Shapes this near to a thread are looked at until it is drawn again, and of these so near to a
 #: point in a time step. Source: our own choice. [m]
 NEAR_M, NEXT_M = 0.01, 0.002
-#: What a thread stays outside of; capsules and spheres are boxes without width that are rounded.
+#: Shapes that a thread stays outside of; capsules and spheres are rounded boxes without width.
 ROUNDED = {
     int(mujoco.mjtGeom.mjGEOM_BOX): (1.0, 1.0, 1.0, 0.0),
     int(mujoco.mjtGeom.mjGEOM_CAPSULE): (0.0, 0.0, 1.0, 1.0),
@@ -62,7 +62,7 @@ class Solids(NamedTuple):
     round: Array
 
     def pairs(self, points: Array, reach: float) -> tuple[Index, Index]:
-        """Return which solids are about so near to which points: rows of both, (n,) each [m]."""
+        """Return pairs of points and solids within about a reach [m]: rows of both, (n,) each."""
         local = np.abs((points - self.at[:, None]) @ self.turn)
         away = (local - self.half[:, None]).max(axis=2) - self.round[:, None]
         solids, near = np.nonzero(away < reach)
@@ -71,7 +71,7 @@ class Solids(NamedTuple):
     def ways_out(
         self, points: Array, radius: float, pairs: tuple[Index, Index]
     ) -> tuple[Array, Array]:
-        """Return how deep balls are in the solids, and the shortest ways out.
+        """Return the depths of balls in the solids, and the shortest ways out.
 
         Args:
             points: middles of the balls, (k, 3) [m]
@@ -219,7 +219,7 @@ class TissueDrawings:
         self._settle()
 
     def _held(self) -> tuple[NDArray[np.int64], Array, NDArray[np.bool_]]:
-        """Return which points are held, and where; and which are in tissue, (POINTS,).
+        """Return the held points with their places, and the points in tissue, (POINTS,).
 
         Held are the needle's end, then channel points.
         """

@@ -82,7 +82,7 @@ LIMIT = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
 
 
 class TissueReading(NamedTuple):
-    """How a tissue is held at a time [s]; of each of its n stitches in the order of the plan.
+    """The stitches of a tissue at a time [s]; n rows in the order of the plan.
 
     Attributes:
         points: channel points now, where needle and thread pass, in the world (n, 4, 3) [m]
@@ -118,7 +118,7 @@ class TissueReading(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TissueState:
-    """What a saved world keeps of a tissue beside the physics."""
+    """Saved state of a tissue beside the physics."""
 
     pose: Array
     stiffness: float
@@ -226,7 +226,7 @@ class SoftTissue(Part):
         self._q = data.qpos[(k := int(first.qposadr[0])) : k + size]
         self._v, self._applied = data.qvel[rows], data.qfrc_applied[rows]
         self._tip = self.tissue.wire.tip[:3, 3]
-        #: What of the model changes as stitches are made.
+        #: Fields of the model that stitches change.
         paths = np.append(self._strings.ravel(), self._locks)
         tendons = np.concatenate([paths, self._struts.ravel(), self._walls.ravel()])
         #: Of how many parts a tendon has been compiled.
@@ -350,7 +350,7 @@ class SoftTissue(Part):
         return np.concatenate([own, *moved])
 
     def _anchor(self, grip: Held) -> Array:
-        """Return where a patch between pads is in the world, (3,)."""
+        """Return the position of a patch between pads in the world, (3,) [m]."""
         finger = self._tools.jaws[grip.jaw].bodies[0]
         turn = self._data.xmat[finger].reshape(3, 3)
         return self._data.xpos[finger] + turn @ grip.anchor
@@ -397,7 +397,7 @@ class SoftTissue(Part):
             self._leave(int(point))
 
     def read(self) -> TissueReading:
-        """Return how it is held now."""
+        """Return the stitches now."""
         count, model, data = len(self.plan), self._model, self._data
         self._kinematics()
         now = self._q.reshape(count, -1, 3)
@@ -472,7 +472,7 @@ class SoftTissue(Part):
         return float(self._data.time)
 
     def threaded(self) -> tuple[Array, Array, Array, float]:
-        """Return where thread passes now, from the needle on, in the world.
+        """Return the path of the thread now, from the needle on, in the world.
 
         Returns:
             the needle's end (3,); direction in which thread leaves it (3,); points of tissue that
@@ -488,7 +488,7 @@ class SoftTissue(Part):
         return swage, back, points, float(data.qpos[self._feed])
 
     def save(self) -> TissueState:
-        """Return what the motion from here on depends on, beside the physics."""
+        """Return copies of all that motion depends on beside the physics."""
         return TissueState(
             self.pose.copy(),
             self.stiffness,
@@ -587,7 +587,7 @@ class SoftTissue(Part):
         return _surface(self.tissue, self._points)
 
     def _places(self) -> Array:
-        """Return where its places are at rest, in its frame, (8n, 3) [m]."""
+        """Return its places at rest, in its frame, (8n, 3) [m]."""
         found: list[Array] = []
         half = 0.5 * self.tissue.gap
         for points, side in zip(self.plan, self._sides, strict=True):
@@ -685,7 +685,7 @@ class SoftTissue(Part):
             self._condense()
 
     def _in_finger(self, finger: int, point: Array) -> Array:
-        """Return where a patch about a point of the tissue at rest is now, in a finger's frame."""
+        """Return the patch about a point at rest as it is now, in a finger's frame."""
         moved = self.pad.weights(point) @ self.displacements()
         at = self.pose[:3, :3] @ (point + moved) + self.pose[:3, 3]
         return (at - self._data.xpos[finger]) @ self._data.xmat[finger].reshape(3, 3)

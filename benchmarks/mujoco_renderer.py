@@ -20,15 +20,15 @@ from trocar.simulation.records import Snapshot
 
 Array = NDArray[np.float64]
 
-#: What the camera does not see because it is nearer or farther [m].
+#: Range of depth of the camera [m].
 NEAR, FAR = 0.002, 12.0
 
 
 class Reference:
-    """Draws what one eye sees; used in one thread.
+    """Draw the view of one eye; used in one thread.
 
     Args:
-        rig: what is drawn
+        rig: is drawn
         size: width and height [px]
         shadow_size: edge of the shadow map [px], 0 without shadows
 
@@ -122,7 +122,7 @@ class Reference:
         return np.where(bodies >= 0, depth, np.inf), bodies
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         self._target.free()
         self._window.free()
 

@@ -189,6 +189,7 @@ class FakeWorld:
         self.arms = {name: FakeArm(name, "PSM", PSM, np.array(p)) for name, p in centres.items()}
         self.objects = {}
         self.tissues = {}
+        self.parts = {}
         self.rig = Namespace(name="fake", title="A fake", poses={"start": dict.fromkeys(centres)})
         self.arms["SUJ1"] = FakeArm("SUJ1", "SUJ", SUJ, None)
 

@@ -100,7 +100,7 @@ def test_a_renderer_that_is_too_slow_draws_the_newest_and_what_it_missed_is_coun
         until(lambda: studio.pictures.made == 1)
         gate.clear()
         studio.pictures.shoot(studio.world, (1, 0))
-        until(lambda: studio.pictures._order is None)
+        until(lambda: not studio.pictures.waiting)
         for second in range(2, 100):
             studio.pictures.shoot(studio.world, (second, 0))
         assert studio.pictures.dropped == 97
@@ -142,7 +142,7 @@ def test_what_is_due_while_another_is_owed_is_dropped_and_counted() -> None:
         studio.pictures.shoot(studio.world, (0, 0))
         studio.pictures.shoot(studio.world, (1, 0))  # one is drawn, one waits, or one is dropped
         dropped = studio.pictures.dropped
-        until(lambda: studio.pictures._order is None or studio.pictures.dropped == dropped)
+        until(lambda: not studio.pictures.waiting or studio.pictures.dropped == dropped)
         studio.pictures.shoot(studio.world, (2, 0))
         before = studio.pictures.dropped
         assert not studio.pictures.takes(due=True)
@@ -257,20 +257,15 @@ def test_red_glass_sees_the_left_eyes_picture_and_cyan_glass_the_right_ones() ->
     assert side_by_side(left, right).shape == (2, 6, 3)
 
 
-def test_a_picture_that_comes_again_is_packed_once_unless_somebody_can_write_to_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    packed = []
-    pack = Packer._packed
-    monkeypatch.setattr(Packer, "_packed", lambda self, p: packed.append(p) or pack(self, p))
+def test_a_picture_that_comes_again_is_packed_once_unless_somebody_can_write_to_it() -> None:
     packer, pictures = Packer(), [np.full((8, 8, 3), k, np.uint8) for k in range(6)]
     for picture in pictures[:5]:
         picture.setflags(write=False)
     first = [packer.pack(picture) for picture in pictures[:4]]
-    assert [packer.pack(picture) for picture in pictures[:4]] == first and len(packed) == 4
+    again = [packer.pack(picture) for picture in pictures[:4]]
+    assert all(one is other for one, other in zip(first, again, strict=True))
     packer.pack(pictures[4])
-    packer.pack(pictures[0])  # forgotten meanwhile
-    assert len(packed) == 6
+    assert packer.pack(pictures[0]) is not first[0]  # forgotten meanwhile
     before = packer.pack(pictures[5])
     pictures[5][:] = 200
     assert packer.pack(pictures[5]) != before

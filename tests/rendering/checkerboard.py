@@ -73,7 +73,7 @@ def square_of(points: np.ndarray) -> np.ndarray:
 
 
 def within(points: np.ndarray) -> np.ndarray:
-    """Tell which points of the board lie among its squares, half a millimetre from the rim (n,)."""
+    """Test which points of the board lie among its squares, half a millimetre from the rim (n,)."""
     half = 0.5e-3 * SQUARE * np.array([ACROSS, DOWN])
     return np.all(np.abs(points[:, :2]) < half - 0.5e-3, axis=1)
 

@@ -79,7 +79,7 @@ def seen(
     where: Snapshot | None = None,
     kind: str = "endoscope",
 ) -> StereoFrame:
-    """Return what a camera sees, with everything beside the colours."""
+    """Render a camera, with everything beside the colours."""
     renderer = Renderer(lambda: (1, shapes), Channels(depth=True, ids=True, normals=True), look)
     frame = renderer.render(where or snapshot(), {"eye": camera(calibration, kind)}, "eye")
     renderer.close()

@@ -73,7 +73,7 @@ def T_eye_board(frame: StereoFrame, eye: int) -> np.ndarray:
 
 
 def judged(points: np.ndarray, frame: StereoFrame, eye: int) -> np.ndarray:
-    """Where OpenCV projects points of the board, (n, 2) [px]."""
+    """Project points of the board with OpenCV, (n, 2) [px]."""
     T, seen = T_eye_board(frame, eye), frame.calibration.eyes[eye]
     turn, _ = cv2.Rodrigues(T[:3, :3])
     found, _ = cv2.projectPoints(points, turn, T[:3, 3], seen.K, seen.distortion)
@@ -81,7 +81,7 @@ def judged(points: np.ndarray, frame: StereoFrame, eye: int) -> np.ndarray:
 
 
 def on_the_board(pixels: np.ndarray, frame: StereoFrame, eye: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where the rays of pixels meet the board: in its frame (n, 3), and how deep (n,) [m]."""
+    """Intersect the rays of pixels with the board: points in its frame (n, 3), depths (n,) [m]."""
     T, seen = T_eye_board(frame, eye), frame.calibration.eyes[eye]
     rays = np.ones((len(pixels), 3))
     rays[:, :2] = cv2.undistortPoints(pixels[:, None], seen.K, seen.distortion)[:, 0]

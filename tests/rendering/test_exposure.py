@@ -18,7 +18,7 @@ VIEW = {"eye": camera(stereo(), kind="view")}
 
 
 def wall(grey: float) -> Renderer:
-    """Return what draws a wall, 0.12 m ahead."""
+    """Return a renderer of a wall, 0.12 m ahead."""
     flat = plate(transform(np.eye(3), [0.0, 0.0, 0.12]), 0.4, 0.4)
     return Renderer(lambda: (1, [mesh("wall", flat, (grey, grey, grey, 1.0))]))
 

@@ -13,7 +13,7 @@ from PIL import Image
 
 from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNameError
 from trocar.rendering.film import MOTIONS, SWINGS, film, kind_of, mover, swings, take_picture, video
-from trocar.rendering.layers import EYES, SHOWN, picture
+from trocar.rendering.frames import EYES, SHOWN, picture
 from trocar.simulation import World
 
 SIZE = (64, 48)

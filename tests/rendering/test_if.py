@@ -1,4 +1,4 @@
-"""What frames say beside their pictures, and pictures of what is not so."""
+"""Ground truth of frames, and pictures of worlds with objects elsewhere."""
 
 from __future__ import annotations
 

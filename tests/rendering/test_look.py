@@ -1,4 +1,4 @@
-"""What light, lens and sensor add to a picture, and which values nobody may ask for."""
+"""Effects of light, lens and sensor on a picture, and values that are rejected."""
 
 from __future__ import annotations
 

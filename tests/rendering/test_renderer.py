@@ -6,7 +6,6 @@ import logging
 import sys
 import threading
 from collections.abc import Sequence
-from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -18,9 +17,9 @@ from trocar.errors import InputError, MissingExtraError, TrocarError, UnknownNam
 from trocar.geometry.se3 import transform
 from trocar.rendering import Channels, Look, Renderer, context, draw_list
 from trocar.rendering.buffers import Scenery
-from trocar.rendering.culling import Boxes, Frustum
-from trocar.rendering.gpu import Card
-from trocar.rendering.painter import Painter
+from trocar.rendering.draw_list import Boxes
+from trocar.rendering.frustum import Frustum
+from trocar.rendering.gpu import Gpu
 from trocar.simulation import World
 
 BACK = plate(transform(np.eye(3), [0.0, 0.0, 0.12]), 0.3, 0.3)
@@ -66,15 +65,15 @@ def test_a_lost_context_is_made_anew_and_said(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = pictured(renderer)
-    paint, losses = Painter.paint, [1]
+    draw, losses = Gpu.draw, [1]
 
-    def once(self: Painter, *args: Any) -> Any:
+    def once(self: Gpu, *args: Any) -> Any:
         if losses:
             losses.pop()
             raise context.load().Error("the device was removed")
-        return paint(self, *args)
+        return draw(self, *args)
 
-    monkeypatch.setattr(Painter, "paint", once)
+    monkeypatch.setattr(Gpu, "draw", once)
     with caplog.at_level(logging.WARNING, "trocar"):
         assert (pictured(renderer) == before).all()
     assert renderer.contexts == 2
@@ -85,14 +84,14 @@ def test_what_the_driver_complains_of_is_a_lost_context(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     before = pictured(renderer)
-    place, losses = Card.place, [0xFFFF]  # no capability has this number
+    draw, losses = Gpu.draw, [0xFFFF]  # no capability has this number
 
-    def once(self: Card, *args: Any) -> None:
+    def once(self: Gpu, *args: Any) -> Any:
         if losses:
             self.context.enable_direct(losses.pop())
-        place(self, *args)
+        return draw(self, *args)
 
-    monkeypatch.setattr(Card, "place", once)
+    monkeypatch.setattr(Gpu, "draw", once)
     with caplog.at_level(logging.WARNING, "trocar"):
         assert (pictured(renderer) == before).all()
     assert renderer.contexts == 2
@@ -105,7 +104,7 @@ def test_a_context_that_is_lost_at_once_again_is_an_error(
     def never(*_: Any) -> Any:
         raise context.load().Error("gone")
 
-    monkeypatch.setattr(Painter, "paint", never)
+    monkeypatch.setattr(Gpu, "draw", never)
     with pytest.raises(TrocarError, match="lost twice: gone"):
         pictured(renderer)
 
@@ -195,32 +194,6 @@ def test_what_is_not_drawn_would_not_be_seen(
     monkeypatch.setattr(draw_list, "inside", all_of_it)
     whole, _ = pictures()
     assert (culled == whole).mean() > 0.9999  # order decides which of two touching surfaces wins
-
-
-@pytest.mark.usefixtures("opengl")
-def test_moments_drawn_while_others_are_on_their_way_are_the_same_to_the_last_bit(
-    cart: World,
-) -> None:
-    poses = "work", "start", "work", "start", "work"
-    moments = []
-    for pose in poses:
-        cart.reset(pose=pose)
-        moments.append((cart.snapshot(), cart.cameras()))
-    cart.reset(pose="work")
-    channels = Channels(True, True, True, ("PSM1/wrist_yaw",))
-    with closing(Renderer(lambda: (moments[0][0].build, cart.shapes()), channels)) as renderer:
-        found = list(renderer.render_each(iter(moments), "endoscope"))
-        for frame, (now, cameras) in zip(found, moments, strict=True):
-            alone = renderer.render(now, cameras, "endoscope")
-            for name in ("left", "right", "depth", "ids", "normals"):
-                assert (getattr(frame, name) == getattr(alone, name)).all()
-            assert frame.visible["PSM1/wrist_yaw"] == pytest.approx(
-                alone.visible["PSM1/wrist_yaw"], nan_ok=True
-            )
-            assert (frame.time, frame.exposure) == (alone.time, alone.exposure)
-        assert (found[0].left == found[2].left).all() and (found[0].left != found[1].left).any()
-        with pytest.raises(UnknownNameError, match="unknown camera 'nose'"):
-            next(renderer.render_each(moments, "nose"))
 
 
 @pytest.mark.usefixtures("opengl")

@@ -11,8 +11,8 @@ from tests.rendering.scenes import camera, mesh, plate, snapshot, stereo
 from trocar.descriptions.cameras import load_stereo_camera
 from trocar.geometry.se3 import transform
 from trocar.rendering import Look, Renderer, Series, StereoFrame
-from trocar.rendering.endoscope import STILL
-from trocar.rendering.painter import Painter
+from trocar.rendering.gpu import Gpu
+from trocar.rendering.series import STILL
 
 EYES = {"eye": camera(stereo())}
 
@@ -40,13 +40,13 @@ def test_a_series_repeats_and_begins_anew_after_a_gap_and_when_time_runs_back() 
 @pytest.mark.usefixtures("opengl")
 def test_while_nothing_moves_no_picture_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
-    paint = Painter.paint
+    draw = Gpu.draw
 
-    def counted(self: Painter, *args: Any) -> Any:
+    def counted(self: Gpu, *args: Any) -> Any:
         drawn.append(1)
-        return paint(self, *args)
+        return draw(self, *args)
 
-    monkeypatch.setattr(Painter, "paint", counted)
+    monkeypatch.setattr(Gpu, "draw", counted)
     ball = mesh("ball", plate(transform(np.eye(3), [0, 0, 0.1]), 0.02, 0.02), body=1)
 
     def series(look: Look) -> Series:

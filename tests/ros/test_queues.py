@@ -21,16 +21,16 @@ def test_a_lane_delivers_the_newest_of_each_name() -> None:
         go_on.wait(10)
 
     lane = ImageQueue(deliver)
-    lane.put("left", 1)
+    lane.put(1, "left")
     began.wait(10)
     for parcel in (2, 3, 4):
-        lane.put("left", parcel)
+        lane.put(parcel, "left")
     go_on.set()
     while len(seen) < 2:
         time.sleep(0.001)
     lane.close()
     assert seen == [1, 4]
-    assert lane.overtaken == 2
+    assert lane.dropped == 2
 
 
 def test_a_lane_leaves_time_between_two_parcels() -> None:
@@ -38,7 +38,7 @@ def test_a_lane_leaves_time_between_two_parcels() -> None:
     came: list[float] = []
     lane = ImageQueue(lambda _: came.append(time.monotonic()))
     for number in range(6):
-        lane.put(f"eye {number}", number)
+        lane.put(number, f"eye {number}")
     while len(came) < 6:
         time.sleep(0.001)
     lane.close()

@@ -107,7 +107,7 @@ class Browser:
         self._focus(self._all(found)[0])
 
     def labelled(self, label: str) -> bool:
-        """Tell whether there is an input of this name."""
+        """Test whether there is an input of this name."""
         return bool(self._all(f"//label[normalize-space()='{label}']"))
 
     def click(self, button: str) -> None:
@@ -115,7 +115,7 @@ class Browser:
         self._focus(self._all(f"//button[normalize-space()='{button}']")[0])
 
     def violations(self) -> list[str]:
-        """Return what the console says that the page's Content-Security-Policy blocked."""
+        """Return the console's reports of the page's Content-Security-Policy."""
         told = [entry["message"] for entry in self.tab.get_log("browser")]  # type: ignore[index]
         return [line for line in told if "Content Security Policy" in line]
 

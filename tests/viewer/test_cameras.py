@@ -14,7 +14,7 @@ from PIL import Image
 
 from tests.live.fake_renderer import FakeRenderer
 from trocar.live import Loop
-from trocar.live.images import Order, Pictures, Shot
+from trocar.live.images import Order, Overlay, Packer, Pictures, Shot
 from trocar.simulation import World
 from trocar.viewer.cameras import ANAGLYPH, BOTH, LEFT, OFF, RIGHT, VISIBLE_S, CameraWindow
 from trocar.viewer.page import Page
@@ -35,13 +35,34 @@ def world() -> World:
 
 
 @pytest.fixture
-def window(server: LocalServer, world: World) -> CameraWindow:
-    pictures = Pictures(Loop(world), FakeRenderer)
+def pictures(world: World) -> Pictures:
+    return Pictures(Loop(world), FakeRenderer)
+
+
+@pytest.fixture
+def window(server: LocalServer, pictures: Pictures) -> CameraWindow:
     eyes = {"endoscope": 2, "room": 1}
     return run_there(server, lambda: CameraWindow(server.gui, pictures, eyes))
 
 
-def shot(window: CameraWindow, camera: str = "endoscope") -> Shot:
+class Clock:
+    """A wall clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def perf_counter(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr("trocar.viewer.cameras.time", clock)
+    return clock
+
+
+def shot(camera: str = "endoscope", overlay: Overlay | None = None) -> Shot:
     """A light picture on the left, a dark one on the right."""
     left = np.full((48, 64, 3), LIGHT, np.uint8)
     right = np.full((48, 64, 3), DARK, np.uint8) if camera == "endoscope" else None
@@ -49,7 +70,7 @@ def shot(window: CameraWindow, camera: str = "endoscope") -> Shot:
     nowhere: Any = {camera: None}
     nothing: Any = None
     order = Order(None, 0.0, nothing, nowhere, frozenset([camera]))
-    return Shot(camera, order, frame, window._pictures._packer)
+    return Shot(camera, order, frame, Packer(), overlay)
 
 
 def shown(server: LocalServer, window: CameraWindow) -> np.ndarray:
@@ -79,26 +100,27 @@ def test_a_view_shows_the_eyes_that_it_says(
     window.choose_view(view)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("endoscope",)
-    window.take(shot(window))
+    window.take(shot())
     image = shown(server, window)
     assert image.shape[:2] == size[::-1]
     assert image[..., 0].mean() == pytest.approx(red, abs=6)
     assert image[..., 2].mean() == pytest.approx(blue, abs=6)
 
 
-def test_nothing_is_asked_for_unless_somebody_looks(
-    server: LocalServer, window: CameraWindow
-) -> None:
+def test_nothing_is_asked_for_unless_somebody_looks(window: CameraWindow, clock: Clock) -> None:
     assert window.wanted() == ()
-    run_there(server, lambda: window.show(time.perf_counter()))
+    window.show(clock.now)
     assert window.wanted() == ("endoscope",)
     assert window.wanted() == ()  # 30 a second are enough
-    window.take(shot(window))
-    first, window._fresh = window._fresh, None
-    window.take(shot(window))  # another one's: it is not packed for nobody
-    assert first is not None and window._fresh is None
-    run_there(server, lambda: window.show(time.perf_counter() - 2 * VISIBLE_S))
-    window._due = 0.0
+    window.take(shot())
+    window.show(clock.now)
+    first = window.image._data
+    window.take(shot())  # another one's: it is not packed for nobody
+    window.show(clock.now)
+    assert first is not None and window.image._data is first
+    clock.now += 0.9 * VISIBLE_S
+    assert window.wanted() == ("endoscope",)
+    clock.now += 0.2 * VISIBLE_S
     assert window.wanted() == ()
 
 
@@ -106,8 +128,10 @@ def test_off_is_off(server: LocalServer, window: CameraWindow) -> None:
     window.choose_view(OFF)
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ()
-    window.take(shot(window))
-    assert window._fresh is None
+    before = window.image._data
+    window.take(shot())
+    run_there(server, lambda: window.show(time.perf_counter()))
+    assert window.image._data is before
     run_there(server, window.show_status)
     assert ">off<" in window.line.content
 
@@ -117,22 +141,25 @@ def test_another_camera_can_be_looked_through(server: LocalServer, window: Camer
     window.choose_camera("room")
     run_there(server, lambda: window.show(time.perf_counter()))
     assert window.wanted() == ("room",)
-    window.take(shot(window))
-    assert window._fresh is None
-    window.take(shot(window, "room"))
+    window.take(shot())  # it belongs to somebody else
+    window.take(shot("room"))
     assert shown(server, window).shape == (48, 64, 3)
 
 
 def test_the_line_says_how_many_come_and_what_went_wrong(
-    server: LocalServer, window: CameraWindow
+    server: LocalServer, window: CameraWindow, pictures: Pictures, clock: Clock
 ) -> None:
     run_there(server, window.show_status)
     assert "no image yet" in window.line.content
-    window._came.extend(np.arange(31) / 25.0)
-    window._pictures.dropped = 3
+    for _ in range(31):
+        clock.now += 1 / 25.0
+        window.show(clock.now)
+        assert window.wanted() == ("endoscope",)
+        window.take(shot())
+    pictures.dropped = 3
     run_there(server, window.show_status)
     assert "25 a second, 3 dropped" in window.line.content
-    window._pictures.failure = "no OpenGL <b>"
+    pictures.failure = "no OpenGL <b>"
     run_there(server, window.show_status)
     assert "no OpenGL &lt;b&gt;" in window.line.content
 
@@ -156,15 +183,16 @@ def test_the_page_has_the_window_and_shows_what_is_drawn(
     assert run_there(server, lambda: Page(server, world, loop)).cameras is None
 
 
-def test_overlays_are_shown_until_they_are_switched_off(server: LocalServer, world: World) -> None:
+def test_overlays_are_shown_until_they_are_switched_off(
+    server: LocalServer, world: World, clock: Clock
+) -> None:
     pictures = Pictures(Loop(world), FakeRenderer)
     pictures.overlay = lambda frame, eye: np.full_like((frame.left, frame.right)[eye], 120)
     window = run_there(server, lambda: CameraWindow(server.gui, pictures, {"endoscope": 2}))
-    window.show(time.perf_counter())
     for switched, brightness in ((True, 120), (False, LIGHT)):
+        clock.now += 1.0
+        window.show(clock.now)
         run_there(server, lambda on=switched: window.choose_overlays(on))
-        window._awaited = True
-        one = shot(window)
-        one._overlay = pictures.overlay
-        window.take(one)
+        assert window.wanted() == ("endoscope",)
+        window.take(shot(overlay=pictures.overlay))
         assert np.abs(shown(server, window) - brightness).max() < 4

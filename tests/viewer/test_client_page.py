@@ -1,4 +1,4 @@
-"""What the web viewer answers to a browser, byte by byte: Host, Origin, secret and headers."""
+"""The web viewer's answers to a browser, byte by byte: Host, Origin, secret and headers."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def get(server: LocalServer, path: str = "/", host: str | None = None) -> http.c
 
 
 def secret_of(server: LocalServer) -> str:
-    """Return what the page shows to sockets, as the page itself gets it: from its HTML."""
+    """Return the secret that the page shows to sockets, read from its HTML."""
     found = re.findall(r"token=[\w-]{40,}", get(server).text)  # type: ignore[attr-defined]
     assert len(set(found)) == 1
     return found[0]

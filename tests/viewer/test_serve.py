@@ -97,7 +97,7 @@ def test_of_somebody_who_hangs_up_or_sends_no_http_nothing_is_told(
 
 @pytest.fixture
 def strangers(monkeypatch: pytest.MonkeyPatch) -> logging.Logger:
-    """Where the server tells of strangers, without the filters that viser leaves there."""
+    """Return the logger that reports strangers, without the filters that viser leaves there."""
     logger = logging.getLogger("websockets.server")
     monkeypatch.setattr(logger, "filters", [])
     return logger

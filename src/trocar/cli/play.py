@@ -266,7 +266,7 @@ def _film(task: Task, args: Namespace, stack: ExitStack) -> None:
     """Add the left eye's picture of every 1/25 s to a video."""
     from trocar.outputs import check_file
     from trocar.rendering.film import video
-    from trocar.rendering.layers import picture
+    from trocar.rendering.frames import picture
 
     path, world = Path(args.video).expanduser(), task.world
     if path.suffix != ".mp4":

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from trocar.cli.arguments import (
     add_calibrations,
@@ -32,7 +32,7 @@ SUMMARY = "render an image or a video from a camera of a rig"
 ORDER = 20
 
 DURATION_S, RATE_HZ = 10.0, 30.0
-#: As in `trocar.rendering.layers`, which is not imported for a list of words.
+#: As in `trocar.rendering.frames`, which is not imported for a list of words.
 EYES = ("both", "left", "right", "anaglyph")
 SHOWN = ("colour", "depth", "ids", "normals")
 MOTIONS = ("instruments", "sine", "still")
@@ -87,7 +87,7 @@ def run(args: Namespace) -> int:
     with progress_steps() as announce:
         announce(f"rendering {args.rig}")
         world, scope = _opened(args)
-    shown = {"eye": args.eye, "show": args.show, "overwrite": args.overwrite}
+    shown: dict[str, Any] = {"eye": args.eye, "show": args.show, "overwrite": args.overwrite}
     if kind == "picture":
         width, height = take_picture(scope.capture, path, **shown)
         count = 1

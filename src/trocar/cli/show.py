@@ -319,7 +319,7 @@ def _place(frame: Document) -> str:
     from trocar.geometry import rpy_from_matrix
 
     pose = np.array(frame["pose"])
-    parts = []
+    parts: list[str] = []
     if pose[:3, 3].any():
         parts.append(f"xyz {_vector(pose[:3, 3])} m")
     if (pose[:3, :3] != np.eye(3)).any():

@@ -1,6 +1,6 @@
 """Images of the cameras for all subscribers: drawn in a thread of its own, of the newest snapshot.
 
-loop's thread --snapshot, if a subscriber and an image are due--> newest only --drawn--> clients
+loop's thread --Order, if a subscriber and an image are due--> LatestOnly --Shot--> clients
 
 Neither the physics nor a client ever waits for an image: a snapshot that is not drawn yet when the
 next one comes is dropped, and counted.
@@ -16,7 +16,7 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -30,6 +30,7 @@ from PIL import Image
 from trocar.errors import InputError, OvertakenError, TrocarError, UnknownNameError
 from trocar.live.loop import Loop
 from trocar.live.state import PATIENT, Elapsed
+from trocar.rendering.latest_only import LatestOnly
 
 if TYPE_CHECKING:
     from trocar.cameras.records import Calibration
@@ -39,15 +40,16 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger("trocar")
 
-#: Source: the cameras of the da Vinci; paper, section 3.4. [Hz]
+#: Default rate of images [Hz]. Source: the cameras of the da Vinci; paper, section 3.4.
 RATE_HZ = 60.0
-#: A picture that is this much early is in time. Source: as the core's beat. [s]
+#: Tolerance of an image's time [s]. Source: as the core's beat.
 SLACK_S = 1e-6
-#: Snapshots in a row that may not be drawn: of a rig whose tool was exchanged meanwhile.
+#: Consecutive snapshots that may be of another build, as after a tool exchange. Source: our own
+#: choice.
 MOST_REFUSED = 5
-#: That drawing is slow is said so often [s]. Source: our own choice.
+#: Interval of "rendering is slower" warnings [s]. Source: our own choice.
 COMPLAIN_S = 30.0
-#: How long ending may take: a picture that is being drawn is drawn to its end [s].
+#: Time limit of the last picture when drawing ends [s]. Source: our own choice.
 FAREWELL_S = 5.0
 Format = Literal["jpeg", "png"]
 FORMATS: tuple[str, ...] = get_args(Format)
@@ -55,29 +57,28 @@ Picture = NDArray[np.uint8]
 #: Takes a frame and an eye (0 left, 1 right); returns that eye's picture with overlays.
 Overlay = Callable[[Any, int], Picture]
 
-#: Of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.
+#: Quality of JPEG. Source: our own choice; 640x480 of an endoscope's view take about 40 kB.
 QUALITY = 85
-#: Of PNG: quickly rather than small. Source: our own choice.
+#: Compression level of PNG: quickly rather than small. Source: our own choice.
 LEVEL = 1
-#: Pictures that are known again: both eyes of two cameras. Source: our own choice.
+#: Packed pictures that are kept: both eyes of two cameras. Source: our own choice.
 KNOWN = 4
-#: A snapshot that waits no longer than this to be drawn is taken. Source: our own choice: images
-#: are taken with states, every 4.5 ms, and drawing is not to wait long for the next one. [s]
+#: Longest time that a snapshot waits to be drawn [s]. Source: our own choice: images are taken with
+#: states, every 4.5 ms, and drawing is not to wait long for the next one.
 SOON_S = 0.005
-#: How much of a new figure the usual one takes over: how long drawing takes. Source: our own
-#: choice.
+#: Smoothing factor of the mean drawing time. Source: our own choice.
 LEARNT = 0.1
-#: How much less urgent drawing is than all else. Source: our own choice; see nice(2).
+#: Niceness of the drawing threads. Source: our own choice; see nice(2).
 NICE = 5
 
 
 class Packer:
-    """Packs pictures; in one thread only.
+    """Pack pictures as files; in one thread only.
 
     Pillow lets other threads run while it packs into a file, and not while it packs into memory:
     a tick of a millisecond would wait for it. So it gets a file that lies in memory.
 
-    A picture that nobody can write to, and that comes again, is not packed again.
+    A read-only picture that comes again is not packed again.
 
     Args:
         format: "jpeg" or "png"
@@ -128,7 +129,7 @@ def _file_in_memory() -> IO[bytes]:
 
 
 class ImageRenderer(Protocol):
-    """Draws; made, used and closed in one thread."""
+    """A renderer that is made, used and closed in one thread."""
 
     def render(
         self,
@@ -138,27 +139,30 @@ class ImageRenderer(Protocol):
         *,
         beside: Collection[str] = (),
     ) -> Any:
-        """Return what a camera sees: a frame with `left` and `right` (h, w, 3), `right` or None.
+        """Draw a camera: a frame with `left` and `right` (h, w, 3), `right` or None.
 
-        Beside the colours it has "depth" and "ids", where they are asked for.
+        Args:
+            snapshot, cameras: of one moment
+            camera: name of the one that is drawn
+            beside: "depth", "ids": arrays that the frame has beside colours
         """
         ...
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What is to be drawn: a world at one moment.
+    """The world at one moment, and the cameras to draw.
 
     Attributes:
-        stamp: what headers say of it, None where nobody gives stamps
+        stamp: of the messages' headers (s, ns), None without messages
         asked_s: wall time of the snapshot [s]
-        snapshot, cameras: where bodies and cameras are, of one moment
-        wanted: names of the cameras that somebody looks through
-        beside: {camera: what is wanted of it beside colours: "depth", "ids"}
+        snapshot, cameras: bodies and cameras, of one moment
+        wanted: names of the subscribed cameras
+        beside: {camera: "depth", "ids"}: images that are drawn beside colours
     """
 
     stamp: tuple[int, int] | None
@@ -170,13 +174,13 @@ class Order:
 
 
 class Shot:
-    """What one camera saw at one moment.
+    """The picture of one camera at one moment.
 
     Attributes:
         camera: its name
-        record: where it was and what its lenses are like, as `World.cameras` tells
+        record: its pose and its lenses, as in `World.cameras`
         frame: the picture or two, as the renderer made them
-        stamp: what headers say; None where nobody gives stamps
+        stamp: of the messages' headers (s, ns), None without messages
         asked_s: wall time of the snapshot [s]
     """
 
@@ -191,7 +195,7 @@ class Shot:
 
     @property
     def format(self) -> str:
-        """What `packed` gives: "jpeg" or "png"."""
+        """Format of `packed`: "jpeg" or "png"."""
         return self._packer.format
 
     def eye(self, eye: str, *, overlaid: bool = False) -> Picture:
@@ -199,10 +203,10 @@ class Shot:
 
         Args:
             eye: "left" or "right"
-            overlaid: with what is drawn into it, if anything is
+            overlaid: with overlays, if there are any
 
         Raises:
-            InputError: what draws returned no image of this size
+            InputError: the overlay is no image of this size
         """
         if not overlaid or self._overlay is None:
             return self.frame.right if eye == "right" else self.frame.left
@@ -219,16 +223,31 @@ class Shot:
 
     @property
     def calibration(self) -> Calibration:
-        """What the eyes are like that saw it; without distortion where it was not asked for."""
+        """Calibration of the picture, without distortion where the picture has none."""
         return self.frame.calibration
 
     def packed(self, eye: str, *, overlaid: bool = False) -> bytes:
-        """Return the picture of an eye as a file's bytes, packed once for all who ask."""
+        """Return the picture of an eye as a file's bytes, packed once for all clients."""
         found = self._packed.get((eye, overlaid))
         if found is None:
             picture = self.eye(eye, overlaid=overlaid)
             found = self._packed[eye, overlaid] = self._packer.pack(picture)
         return found
+
+
+def shots(
+    renderer: ImageRenderer, order: Order, packer: Packer, overlay: Overlay | None = None
+) -> Iterator[Shot]:
+    """Draw the cameras of an order, one after the other.
+
+    Raises:
+        OvertakenError: the world was compiled anew since the order
+        TrocarError: as of the renderer
+    """
+    for camera in sorted(order.wanted & order.cameras.keys()):
+        beside = order.beside.get(camera, ())
+        frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
+        yield Shot(camera, order, frame, packer, overlay)
 
 
 class PictureClient(Protocol):
@@ -256,7 +275,7 @@ class DrawSchedule:
         self._began: float | None = None
 
     def starts(self, due: bool, free: bool = True) -> bool:
-        """Return whether to draw a picture now.
+        """Decide whether to draw a picture now.
 
         Args:
             due: whether the next one is due since the last call
@@ -283,20 +302,20 @@ class DrawSchedule:
 
 
 class Pictures:
-    """Draws for all clients.
+    """Draw the cameras of a loop's world for all clients.
 
     Args:
-        loop: whose world is drawn
-        open_renderer: makes what draws, called in the drawing thread when somebody first looks
-        rate_hz: how often, above 0
+        loop: of the world
+        open_renderer: makes the renderer, called in the drawing thread at the first picture
+        rate_hz: pictures a second, above 0
         format: of packed pictures, "jpeg" or "png"
-        calibrations: {camera: what its eyes are like, other than the rig says}
+        calibrations: {camera: calibration in place of the rig's}
 
     Attributes:
-        led: whether somebody else says when, by `shoot`; otherwise it is every 1 / rate_hz
-        overlay: draws into pictures of those who want them so; set before anybody looks
+        led: whether a publisher sets the times, by `shoot`; otherwise every 1 / rate_hz
+        overlay: draws into pictures of those clients that request overlays; set before `start`
         made, dropped: pictures drawn and handed on; those that were due and never drawn
-        failure: why nothing is drawn any more, "" while all is well
+        failure: the reason why nothing is drawn any more, "" while all is well
     """
 
     def __init__(
@@ -313,10 +332,8 @@ class Pictures:
         self._packer = Packer(format)
         self._calibrations = dict(calibrations or {})
         self._clients: tuple[PictureClient, ...] = ()
-        self._order: Order | None = None
-        self._changed = threading.Condition()
-        self._stopping = self._drawing = False
-        self._thread: threading.Thread | None = None
+        self._worker = LatestOnly(self._draw, "trocar-pictures", self._end)
+        self._renderer: ImageRenderer | None = None
         self._schedule = DrawSchedule()
         self._unwatch: Callable[[], None] = lambda: None
         self._count = -1
@@ -330,23 +347,16 @@ class Pictures:
     # ------------------------------------------------------------------ life
 
     def start(self) -> None:
-        """Begin: draw when somebody looks."""
-        self._thread = threading.Thread(target=self._run, name="trocar-pictures", daemon=True)
-        self._thread.start()
+        """Begin: draw when a client requests a camera."""
         self._unwatch = self._loop.watch(self)
 
     def close(self) -> None:
         """End, once the picture in hand is drawn."""
         self._unwatch()
-        with self._changed:
-            self._stopping = True
-            self._changed.notify()
-        if self._thread is not None:
-            self._thread.join(FAREWELL_S)
-            self._thread = None
+        self._worker.close(FAREWELL_S)
 
     def add(self, client: PictureClient) -> Callable[[], None]:
-        """Hand pictures to somebody as well, until the function that is returned is called."""
+        """Add a client, until the function that is returned is called."""
         self._clients += (client,)
 
         def leave() -> None:
@@ -357,45 +367,48 @@ class Pictures:
     # ------------------------------------------------------------------ the loop's thread
 
     def ticked(self, elapsed: Elapsed) -> None:  # noqa: ARG002  as every watcher
-        """Let a picture be drawn when one is due and nobody else says when."""
+        """Have a picture drawn when one is due and no publisher sets the times."""
         count = int((self._loop.now + SLACK_S) * self.rate_hz)  # of the wall, also in a pause
         due, self._count = count != self._count, count
         if not self.led and self.takes(due):
             self.shoot(self._loop.world)
 
     def refused(self, command: object, reason: str) -> None:
-        """Commands are none of the cameras' business."""
+        """Do nothing: cameras have no commands."""
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a snapshot waits to be drawn."""
+        return self._worker.waiting
 
     @property
     def idle(self) -> bool:
         """Whether nothing is drawn now, and nothing waits for it."""
-        with self._changed:
-            return self._order is None and not self._drawing
+        return self._worker.idle
 
     def takes(self, due: bool) -> bool:
-        """Tell whether to take a picture now; one that is owed when the next is due is dropped.
+        """Decide whether to take a picture now; one that is owed when the next is due is dropped.
 
         Args:
             due: whether the next one is due since the last call
         """
         if due and self._schedule.owed:
             self._drop()
-        with self._changed:
-            return self._schedule.starts(due, free=self._order is None)
+        return self._schedule.starts(due, free=not self._worker.waiting)
 
     @property
     def wanted(self) -> frozenset[str]:
-        """Names of the cameras that somebody looks through now."""
+        """Names of the cameras that clients request now."""
         if self.failure:
             return frozenset()
         return frozenset[str]().union(*(client.wanted() for client in self._clients))
 
     def patience(self) -> int:
-        """Return in how many ticks a picture may be due."""
+        """Return the number of ticks within which no picture is due."""
         return PATIENT if self.led else 1
 
     def cameras(self, world: World) -> dict[str, CameraRecord]:
-        """Return the cameras of a world with the eyes that they are given here."""
+        """Return the cameras of a world with the calibrations that replace the rig's."""
         found = world.cameras()
         for name, calibration in self._calibrations.items():
             if name in found:
@@ -408,30 +421,27 @@ class Pictures:
         stamp: tuple[int, int] | None = None,
         beside: Mapping[str, Collection[str]] = MappingProxyType({}),
     ) -> Mapping[str, CameraRecord]:
-        """Let the world be drawn as it is now; return its cameras, none when nobody looks.
+        """Have the world drawn as it is now; return its cameras, none without a request.
 
         Args:
             world: of the loop
-            stamp: what headers say
-            beside: {camera: what is wanted beside its colours: "depth", "ids"}
+            stamp: of the messages' headers (s, ns)
+            beside: {camera: "depth", "ids"}: images that are drawn beside colours
         """
         wanted = self.wanted
         if not wanted:
             return {}
         now, snapshot = time.perf_counter(), world.snapshot(arms=False)
         order = Order(stamp, now, snapshot, self.cameras(world), wanted, beside)
-        with self._changed:
-            overtaken, self._order = self._order is not None, order
-            self._changed.notify()
-        if overtaken:
+        if self._worker.put(order):
             self._drop()
         return order.cameras
 
     def _drop(self) -> None:
-        """Count a picture that was due and is not drawn, and say so once a while."""
+        """Count a picture that was due and is not drawn; warn once in COMPLAIN_S."""
         self.dropped += 1
         now = time.perf_counter()
-        if not self.led or not self.made:  # the page says it itself; the first takes long
+        if not self.led or not self.made:  # the viewer shows it itself; the first takes long
             return
         if now - self._complained > COMPLAIN_S:
             self._complained = now
@@ -443,59 +453,43 @@ class Pictures:
 
     # ------------------------------------------------------------------ the drawing thread
 
-    def _run(self) -> None:
-        renderer: ImageRenderer | None = None
-        let_others_go_first()
+    def _draw(self, order: Order) -> None:
+        """Draw an order and hand its pictures to the clients; after a failure do nothing."""
+        if self.failure:
+            return
+        self._schedule.begin()
         try:
-            while (order := self._next()) is not None:
-                if renderer is None:
-                    renderer = self._open()
-                self._draw(renderer, order)
-                self._schedule.end()
+            if self._renderer is None:
+                let_others_go_first()
+                self._renderer = self._open()
+            for shot in shots(self._renderer, order, self._packer, self.overlay):
+                for client in self._clients:
+                    client.take(shot)
+                self.made += 1
+            self._refused = 0
         except CancelledError:  # the loop has ended, and answers no more
             pass
+        except OvertakenError as problem:  # a tool was exchanged since the snapshot
+            self._refused += 1
+            self.dropped += 1
+            if self._refused > MOST_REFUSED:
+                self._fail(str(problem))
         except TrocarError as problem:
             self._fail(str(problem))
         except Exception as problem:  # noqa: BLE001  logged whole; the simulation goes on
             _log.exception("rendering stopped")
             self._fail(repr(problem))
-        finally:
-            if renderer is not None:
-                renderer.close()
-
-    def _next(self) -> Order | None:
-        """Wait for the newest order; None when all is over."""
-        with self._changed:
-            self._drawing = False
-            self._changed.wait_for(lambda: self._order is not None or self._stopping)
-            order, self._order = self._order, None
-            self._drawing = not self._stopping
-            self._schedule.begin()
-            return None if self._stopping else order
-
-    def _draw(self, renderer: ImageRenderer, order: Order) -> None:
-        """Draw; what was overtaken by an exchange of a tool cannot be drawn any more."""
-        try:
-            for camera in sorted(order.wanted & order.cameras.keys()):
-                beside = order.beside.get(camera, ())
-                frame = renderer.render(order.snapshot, order.cameras, camera, beside=beside)
-                shot = Shot(camera, order, frame, self._packer, self.overlay)
-                for client in self._clients:
-                    client.take(shot)
-                self.made += 1
-        except OvertakenError:
-            self._refused += 1
-            self.dropped += 1
-            if self._refused > MOST_REFUSED:
-                raise
-        else:
-            self._refused = 0
+        self._schedule.end()
 
     def _fail(self, reason: str) -> None:
         self.failure = reason
-        with self._changed:
-            self._drawing, self._order = False, None
         _log.warning("no images: %s", reason)
+        self._end()
+
+    def _end(self) -> None:
+        renderer, self._renderer = self._renderer, None
+        if renderer is not None:
+            renderer.close()
 
 
 def let_others_go_first() -> None:

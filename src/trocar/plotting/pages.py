@@ -56,7 +56,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], words: bool = Fals
 
 
 def picture(svg: str, caption: str) -> str:
-    """Return a drawing with what is to be seen in it."""
+    """Return a drawing with its caption."""
     return f"<figure>{svg}<figcaption>{text(caption)}</figcaption></figure>"
 
 
@@ -70,11 +70,11 @@ def document(title: str, body: str) -> str:
 
 
 def page_in(folder: str | Path, purpose: str, overwrite: bool) -> Path:
-    """Return where a page with drawings goes, before anything is computed for it.
+    """Return the path of a page with drawings, checked before anything is computed.
 
     Args:
-        folder: where; is made when it is written
-        purpose: what the drawings are for, if matplotlib is missing
+        folder: of the page; made when it is written
+        purpose: of the drawings, for the error if matplotlib is missing
         overwrite: an existing page may be replaced
 
     Raises:

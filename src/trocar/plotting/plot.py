@@ -25,21 +25,21 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-#: Samples of a joint that are read; of longer recordings every n-th. Source: our own choice, 60 MB.
+#: Most samples of a joint; of longer recordings every n-th is read. Source: our own choice, 60 MB.
 MOST_SAMPLES = 300_000
-#: An arm whose joints all moved less is left out when arms are not named [rad or m].
-#: Source: our own choice; brakes and servos hold to some 1e-5.
+#: Least motion of an arm that is drawn when arms are not named [rad or m]. Source: our own choice;
+#: brakes and servos hold to some 1e-5.
 RESTS = 1e-3
 KINDS = (".png", ".html")
-#: Stretches that a curve is thinned to, and means of a dense curve: pixels of a figure's column.
+#: Stretches of a thinned curve, and means of a dense one: pixels of a figure's column.
 BINS, MEANS = 1500, 450
 WIDTH_IN, ROW_IN, HEAD_IN, LONE_ROW_IN = 15.0, 1.75, 1.1, 4.0
-#: Half of the least height of an axis in its unit, so that a joint at rest looks at rest.
-#: Source: our own choice.
+#: Half of the least height of an axis in its unit, so that a joint at rest looks at rest. Source:
+#: our own choice.
 LEAST = 1e-3
-#: Stretches that a curve is thinned to. Source: our own choice; 2 MB for an arm of seven joints.
+#: Stretches of a thinned curve in a page. Source: our own choice; 2 MB for an arm of seven joints.
 PAGE_BINS = 4000
-#: Commands and events that are listed. Source: our own choice.
+#: Most commands and events in a page. Source: our own choice.
 MOST_ENTRIES = 500
 HELP = (
     "Drag to move in time, turn the wheel to zoom, double-click for the whole recording; values at"
@@ -112,12 +112,12 @@ def curves_of(
 
 @dataclass(frozen=True)
 class PlotReport:
-    """What was drawn.
+    """The files of `plot`.
 
     Attributes:
         files: written files
         arms: names of the arms in them
-        problem: why the recording ends early, "" where it is whole
+        problem: reason why the recording ends early, "" where it is whole
     """
 
     files: tuple[str, ...]
@@ -220,7 +220,7 @@ def arm_figure(
     """Draw joints of one arm: a row for each, with position, error and effort.
 
     Held set-points are steps. A curve with more samples than the figure has pixels is its mean,
-    over a pale line of all that it reaches.
+    over a pale line of its range.
 
     Args:
         states: the arm over time
@@ -232,7 +232,7 @@ def arm_figure(
         MissingExtraError: matplotlib is not installed
     """
     height = HEAD_IN + (ROW_IN * len(which) if len(which) > 1 else LONE_ROW_IN)
-    figure = new_figure(WIDTH_IN, height, "drawing a recording")
+    figure: Any = new_figure(WIDTH_IN, height, "drawing a recording")  # its stubs are partial
     figure.suptitle(title, fontsize=13, fontweight="bold")
     axes: Any = figure.subplots(len(which), 3, sharex=True, squeeze=False)
     for row, joint in zip(axes, which, strict=True):
@@ -267,7 +267,7 @@ def arm_figure(
 
 
 def _draw(axis: Any, time: Array, curve: PlotCurve) -> None:
-    """Draw a curve: steps of what is held, a mean over a pale range of what is dense."""
+    """Draw a curve: steps where values are held, a mean over a pale range where it is dense."""
     style = {"color": curve.color, "linewidth": 1.1}
     if curve.held:
         time, values = steps(time, curve.values)
@@ -350,7 +350,7 @@ def _charts(states: ArmStates, joint: int, warnings: list[float]) -> Iterator[di
     """Yield the data of a joint's three charts."""
     units = units_of(states.arm.kinds[joint])
     for head, unit, curves in zip(HEADS, units.names, curves_of(states, joint), strict=True):
-        lines = []
+        lines: list[dict[str, object]] = []
         for curve in curves:
             points = states.time, curve.values
             if curve.held:

@@ -24,19 +24,19 @@ from trocar.simulation.records import Drawing, DrawnSurface, ShapeRecord
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: A level's error where an object has no such level: too coarse to be ever chosen.
+#: Error of a level that an object does not have: too coarse to be chosen.
 NEVER = np.inf
-#: Surfaces that a program of its own draws in the surgical style: tissue by the name of its
-#: material, metal from this much of it on. Source: our own choice.
+#: Kinds of surfaces with a program of their own in the surgical style, and the metallic ratio from
+#: which a surface is metal; tissue is named by its material. Source: our own choice.
 KINDS, METAL = ("", "tissue", "metal"), 0.5
-#: What a `Scenery` has of each object.
+#: Columns of a `Scenery`, one row for each object.
 EACH = ("bodies", "centres", "halves", "first", "count", "errors",
         "colours", "gloss", "kinds", "ids", "of_arms")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class Scenery:
-    """Everything that can be seen. An object is what one body has of one material.
+    """All surfaces of a world. An object is the part of one body that has one material.
 
     Attributes:
         points: (n, 3) float32 [m], in the frame of each object's body
@@ -47,13 +47,13 @@ class Scenery:
         centres, halves: a box about each object in its body's frame: its middle and half of its
             edges, (m, 3), (m, 3) [m]
         first, count: each level's part of the indices, the whole surface first, (m, levels)
-        errors: by how much a level may be off, (m, levels) [m]
-        colours: linear red, green, blue and how metallic, (m, 4) float32
+        errors: largest error of each level, (m, levels) [m]
+        colours: linear red, green, blue and metallic ratio, (m, 4) float32
         gloss: (m,), 0 to 1
         kinds: which of KINDS each surface is, (m,)
         ids: of each object, (m,), from 1; objects of one body have one id
         of_arms: which objects are an arm's, and no prop's, (m,)
-        names: {id: what it is}: "PSM1/wrist_yaw", "table"
+        names: {id: name}: "PSM1/wrist_yaw", "table"
     """
 
     points: NDArray[np.float32]
@@ -103,10 +103,10 @@ def _look(shape: ShapeRecord) -> tuple[object, ...]:
 
 
 def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
-    """Return the scenery that shapes make; those that only touch are no part of it.
+    """Build the scenery of shapes.
 
     Raises:
-        InputError: a kind of shape that nobody can draw
+        InputError: an unknown kind of shape
     """
     ordered = sorted(shapes, key=_look)
     groups = [list(group) for _, group in groupby(ordered, key=_look)]
@@ -123,7 +123,7 @@ def scenery(shapes: Sequence[ShapeRecord]) -> Scenery:
 
 
 def drawn_scenery(drawings: Sequence[Drawing], after: Scenery) -> Scenery:
-    """Return drawings as objects of the world's body, whose triangles follow those of a scenery.
+    """Build drawings as objects of the world's body, whose triangles follow those of a scenery.
 
     Raises:
         InputError: a drawing whose arrays have a wrong shape
@@ -144,12 +144,12 @@ def drawn_scenery(drawings: Sequence[Drawing], after: Scenery) -> Scenery:
 
 
 def owner(shape: ShapeRecord) -> str:
-    """Return what a shape is part of: "PSM1/wrist_yaw" of an arm, else the prop's name."""
+    """Return the name of a shape's owner: "PSM1/wrist_yaw" of an arm, else the prop's name."""
     return f"{shape.arm}/{shape.frame}" if shape.arm else shape.name.rpartition("/")[0]
 
 
 def linear(rgb: Sequence[float]) -> Array:
-    """Return the light that a screen's colour stands for. Source: IEC 61966-2-1 (sRGB)."""
+    """Return a screen's colour as linear light. Source: IEC 61966-2-1 (sRGB)."""
     c = np.asarray(rgb, dtype=np.float64)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
 
@@ -161,7 +161,7 @@ def _packed(
     ids: Ints,
     names: Mapping[int, str],
 ) -> Scenery:
-    """Return objects, all levels of all of them behind each other."""
+    """Pack objects, all levels of all of them behind each other."""
     ends = [(found[0][1].points.min(axis=0), found[0][1].points.max(axis=0)) for found in surfaces]
     low, high = np.array(ends, dtype=np.float64).reshape(-1, 2, 3).swapaxes(0, 1)
     most = len(CELLS) + 1

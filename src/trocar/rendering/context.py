@@ -1,4 +1,4 @@
-"""The graphics library: opened here, and what to do where it is missing."""
+"""OpenGL: contexts without a display, the errors where it is missing, and its C library."""
 
 from __future__ import annotations
 
@@ -8,17 +8,15 @@ from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from trocar.errors import MissingExtraError, TrocarError
 
 if TYPE_CHECKING:
     import moderngl
 
-#: What brings OpenGL to a machine that has none, with or without a graphics card.
+#: Packages that install OpenGL, with or without a graphics card.
 PACKAGES = "on Debian and Ubuntu: sudo apt install libegl1 libgl1-mesa-dri"
-#: OpenGL 4.3 draws many parts by one call. Source: the OpenGL 4.3 specification, 10.4.
+#: Least version of OpenGL, which draws many parts by one call. Source: the OpenGL 4.3
+#: specification, 10.4.
 VERSION = 430
 
 
@@ -52,93 +50,39 @@ def open_context() -> moderngl.Context:
 
 
 def limit(context: moderngl.Context) -> int:
-    """Return how many pixels wide and high a picture of this driver may be."""
+    """Return the largest width and height of this driver's pictures [px]."""
     info = context.info
     sides = (info["GL_MAX_TEXTURE_SIZE"], info["GL_MAX_RENDERBUFFER_SIZE"])
     return int(min(*sides, *info["GL_MAX_VIEWPORT_DIMS"]))
 
 
 def driver(context: moderngl.Context) -> str:
-    """Return who draws: "llvmpipe (LLVM 15.0.6, 256 bits)" or a graphics card's name."""
+    """Return the driver's name: "llvmpipe (LLVM 15.0.6, 256 bits)" or a graphics card's."""
     return str(context.info["GL_RENDERER"])
 
 
 def on_processor(context: moderngl.Context) -> bool:
-    """Return whether pictures are drawn by the processor and not by a graphics card."""
+    """Test whether pictures are drawn by the processor and not by a graphics card."""
     return any(name in driver(context).lower() for name in ("llvmpipe", "softpipe", "swrast"))
 
 
-if TYPE_CHECKING:
-    import moderngl
-
-#: Source: the OpenGL registry, gl.xml.
+#: Constants of OpenGL. Source: the OpenGL registry, gl.xml.
 TRIANGLES, UNSIGNED_INT, DRAW_INDIRECT_BUFFER = 0x0004, 0x1405, 0x8F3F
 FRAMEBUFFER, FIRST_ATTACHMENT, PACK_ALIGNMENT = 0x8D40, 0x8CE0, 0x0D05
-#: {(components, type): what glReadPixels calls them}.
+#: {(components, type): format and type of glReadPixels}. Source: the same.
 FORMATS = {
     (3, "uint8"): (0x1907, 0x1401),
     (1, "float32"): (0x1903, 0x1406),
     (1, "int32"): (0x8D94, 0x1404),
     (3, "float32"): (0x1907, 0x1406),
 }
-#: Bytes of one command: five numbers. Source: the OpenGL 4.3 specification, 10.4.
+#: Size of one command, five numbers [bytes]. Source: the OpenGL 4.3 specification, 10.4.
 COMMAND = 20
-
-
-def draw(
-    program: moderngl.Program,
-    array: moderngl.VertexArray,
-    orders: moderngl.Buffer,
-    first: int,
-    count: int,
-) -> None:
-    """Draw triangles by commands of a buffer, as `VertexArray.render_indirect` does."""
-    gl = opengl_library()
-    if gl is None:
-        array.render_indirect(orders, TRIANGLES, count, first)
-        return
-    gl.glUseProgram(program.glo)
-    gl.glBindVertexArray(array.glo)
-    gl.glBindBuffer(DRAW_INDIRECT_BUFFER, orders.glo)
-    gl.glMultiDrawElementsIndirect(TRIANGLES, UNSIGNED_INT, first * COMMAND, count, COMMAND)
-
-
-def flush() -> None:
-    """Flush the requested drawing; another target may be used then without a wait."""
-    gl = opengl_library()
-    if gl is not None:
-        gl.glFlush()
-
-
-def read(target: moderngl.Framebuffer, attachment: int, into: NDArray[np.generic]) -> None:
-    """Read what was drawn, rows from the first drawn on.
-
-    Args:
-        target: where it was drawn, its samples resolved
-        attachment: which of its outputs
-        into: takes all rows, (height, width[, 3]), uint8, float32 or int32 as the output is
-    """
-    kind = into.shape[2] if into.ndim == 3 else 1, into.dtype.name
-    gl = opengl_library()
-    if gl is None:
-        target.read_into(
-            into.reshape(-1).view(np.uint8),
-            components=kind[0],
-            attachment=attachment,
-            alignment=1,
-            dtype={"uint8": "f1", "float32": "f4", "int32": "i4"}[kind[1]],
-        )
-        return
-    height, width = into.shape[:2]
-    gl.glBindFramebuffer(FRAMEBUFFER, target.glo)
-    gl.glReadBuffer(FIRST_ATTACHMENT + attachment)
-    gl.glPixelStorei(PACK_ALIGNMENT, 1)
-    gl.glReadPixels(0, 0, width, height, *FORMATS[kind], into.ctypes.data)
 
 
 @cache
 def opengl_library() -> ctypes.CDLL | None:
-    """Return the library that calls the driver of the context that is current, or None."""
+    """Return the C library that calls the current context's driver, or None without one."""
     if sys.platform != "linux":
         return None
     try:

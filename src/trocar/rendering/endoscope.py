@@ -1,4 +1,4 @@
-"""The endoscope of a world: pictures of it, one by one or as a stream."""
+"""The endoscope of a world: an image of one moment (`capture`), or many (`stream`)."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from trocar.cameras import Calibration
 from trocar.descriptions.cameras import load_camera
 from trocar.errors import InputError, TrocarError, UnknownNameError
 from trocar.geometry.se3 import check_transform
-from trocar.rendering.exposure import AIMED_S, followed
 from trocar.rendering.frames import StereoFrame
-from trocar.rendering.look import AUTO, Look
+from trocar.rendering.latest_only import LatestOnly
+from trocar.rendering.look import Look
 from trocar.rendering.renderer import Channels, Renderer
+from trocar.rendering.series import Series
 from trocar.simulation import World
 from trocar.simulation.cameras import CameraRecord
 from trocar.simulation.records import Snapshot
@@ -28,46 +29,47 @@ from trocar.simulation.records import Snapshot
 _log = logging.getLogger("trocar")
 
 Draw = Callable[[Snapshot, Mapping[str, CameraRecord]], StereoFrame]
-#: A snapshot that is this much early is in time. Source: rounding of sums of periods. [s]
+#: Tolerance of a frame's time [s]. Source: rounding of sums of periods.
 SLACK_S = 1e-9
-#: How long ending may take: a frame that is being drawn is drawn to its end [s].
+#: Time limit of the last frame when a stream ends [s]. Source: our own choice.
 FAREWELL_S = 10.0
 
 
+def _is_rate(value: object) -> bool:
+    return isinstance(value, (int, float)) and 0.0 < value < float("inf")
+
+
 class Stream:
-    """Takes snapshots where the world is stepped, and draws them elsewhere.
+    """Take snapshots where the world is stepped, and draw them in another thread.
 
     A snapshot that is not drawn yet when the next one is due is dropped and counted; nothing waits
     in a queue, and the world never waits.
 
     Args:
-        world: stepped by whoever has it
+        world: stepped by the caller
         draw: makes a frame
         rate_hz: frames a simulated second
 
     Attributes:
-        made, dropped: frames drawn; snapshots that were overtaken before
+        made: frames drawn
 
     Raises:
         InputError: the rate is not above 0
     """
 
     def __init__(self, world: World, draw: Draw, rate_hz: float) -> None:
-        if not isinstance(rate_hz, (int, float)) or not 0.0 < rate_hz < float("inf"):
+        if not _is_rate(rate_hz):
             raise InputError(f"rate_hz: got {rate_hz!r}; allowed: above 0")
         self._world, self._draw, self._period = world, draw, 1.0 / rate_hz
+        self._worker = LatestOnly(self._make, "endoscope")
         self._changed = threading.Condition()
-        self._order: tuple[Snapshot, Mapping[str, CameraRecord]] | None = None
         self._newest: StereoFrame | None = None
         self._failure: TrocarError | None = None
-        self._over = False
         self._due = world.time
-        self.made = self.dropped = 0
-        self._thread = threading.Thread(target=self._run, name="endoscope", daemon=True)
+        self.made = 0
         self._leave: Callable[[], None] = lambda: None
 
     def __enter__(self) -> Stream:
-        self._thread.start()
         self._look()
         self._leave = self._world.observe(self._look, every=5)
         return self
@@ -81,11 +83,16 @@ class Stream:
         self.stop()
 
     @property
+    def dropped(self) -> int:
+        """Snapshots that a newer one replaced before they were drawn."""
+        return self._worker.dropped
+
+    @property
     def newest(self) -> StereoFrame | None:
         """The newest frame, None before the first.
 
         Raises:
-            TrocarError: why no more are drawn
+            TrocarError: the reason why no more are drawn
         """
         with self._changed:
             self._check()
@@ -95,7 +102,7 @@ class Stream:
         """Return a frame that is newer than another one, or the first.
 
         Raises:
-            TrocarError: there is none after the timeout, or why no more are drawn
+            TrocarError: there is none after the timeout, or the reason why no more are drawn
         """
 
         def fresh() -> bool:
@@ -111,11 +118,7 @@ class Stream:
     def stop(self) -> None:
         """Draw no more; the newest frame stays."""
         self._leave()
-        with self._changed:
-            self._over = True
-            self._changed.notify_all()
-        if self._thread.ident is not None:
-            self._thread.join(FAREWELL_S)
+        self._worker.close(FAREWELL_S)
 
     # ------------------------------------------------------------------ inside
 
@@ -129,134 +132,30 @@ class Stream:
         if self._due - self._period <= time + SLACK_S < self._due:  # else it was reset
             return
         self._due = time + self._period - (time - self._due) % self._period
-        order = self._world.snapshot(), self._world.cameras()
-        with self._changed:
-            self.dropped += self._order is not None
-            self._order = order
-            self._changed.notify_all()
+        self._worker.put((self._world.snapshot(), self._world.cameras()))
 
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._over or self._order is not None)
-                order, self._order = self._order, None
-                if self._over or order is None:
-                    return
-            try:
-                frame = self._draw(*order)
-            except Exception as problem:  # noqa: BLE001  raised where a frame is requested
-                self._fail(problem)
-                return
-            with self._changed:
-                self._newest = frame
-                self.made += 1
-                self._changed.notify_all()
-
-    def _fail(self, problem: Exception) -> None:
-        if not isinstance(problem, TrocarError):
+    def _make(self, moment: tuple[Snapshot, Mapping[str, CameraRecord]]) -> None:
+        """Draw a moment; the first error ends the stream and is raised where frames are read."""
+        if self._failure is not None:
+            return
+        frame, failure = None, None
+        try:
+            frame = self._draw(*moment)
+        except TrocarError as problem:
+            failure = problem
+        except Exception as problem:  # noqa: BLE001  raised where a frame is requested
             _log.exception("no more pictures")
-        error = problem if isinstance(problem, TrocarError) else TrocarError(repr(problem))
+            failure = TrocarError(repr(problem))
         with self._changed:
-            self._failure = error
+            self._newest, self._failure = frame or self._newest, failure
+            self.made += failure is None
             self._changed.notify_all()
-
-
-#: After a gap of this much a series begins anew [s]. Source: our own choice.
-GAP_S = 1.0
-#: What moves less since it was drawn stands still [m, and rad]. Source: our own choice: 10 mm ahead
-#: of an eye that is a tenth of a pixel of 1920x1080, and joints that settle are drawn seldom.
-STILL = 5e-7
-
-
-def stands_still(before: Snapshot, now: Snapshot) -> bool:
-    """Return whether no body of a world moved by as much as can be seen."""
-    return before.build == now.build and all(
-        bool((np.abs(a - b) < STILL).all())
-        for a, b in ((before.positions, now.positions), (before.quaternions, now.quaternions))
-    )
-
-
-class Series:
-    """Pictures that follow each other: the exposure of each follows from the one before.
-
-    A camera's first picture is exposed for itself, as is one after a reset, an exchange of a tool
-    or a gap of a second. Time is that of snapshots, so the same snapshots give the same pictures.
-    While nothing moves, and nothing can bend, none is drawn: the one before is handed out with the
-    new time.
-
-    Args:
-        renderer: draws; its look says whether exposure is automatic
-    """
-
-    def __init__(self, renderer: Renderer) -> None:
-        self._renderer = renderer
-        self._before: dict[str, StereoFrame] = {}
-        self._aims: dict[str, tuple[float, float]] = {}
-        self._drawn: dict[str, tuple[Snapshot, tuple[object, ...]]] = {}
-
-    def render(
-        self,
-        snapshot: Snapshot,
-        cameras: Mapping[str, CameraRecord],
-        camera: str,
-        *,
-        beside: Collection[str] = (),
-    ) -> StereoFrame:
-        """Draw what a camera sees, as `Renderer.render`.
-
-        Args:
-            snapshot, cameras, camera: as there
-            beside: "depth", "ids": further channels beside those of the renderer
-        """
-        stops = self._stops(snapshot, cameras, camera)
-        channels = self._renderer.channels.with_(beside)
-        record = cameras[camera]
-        requested = record.build, record.calibration, record.angle, stops, channels
-        before, drawn = self._before.get(camera), self._drawn.get(camera)
-        if (
-            before is not None
-            and drawn is not None
-            and drawn[1] == requested
-            and self._renderer.look.noise == 0.0
-            and not drawn[0].drawings
-            and not snapshot.drawings
-            and stands_still(drawn[0], snapshot)
-        ):
-            frame = replace(before, time=snapshot.time, arms=snapshot.arms)
-        else:
-            draw = self._renderer.render
-            frame = draw(snapshot, cameras, camera, stops=stops, channels=channels)
-            self._drawn[camera] = snapshot, requested
-        self._before[camera] = frame
-        return frame
-
-    def _stops(
-        self, snapshot: Snapshot, cameras: Mapping[str, CameraRecord], camera: str
-    ) -> float | None:
-        """Return the stops of the next picture, None where none before it says."""
-        before = self._before.get(camera)
-        if before is None or self._renderer.look.exposure != AUTO:
-            return None
-        passed = snapshot.time - before.time
-        if before.build != snapshot.build or not 0.0 <= passed < GAP_S:
-            return None
-        if cameras[camera].kind != "endoscope":
-            return None
-        measured, aim = self._aims.get(camera, (-np.inf, 0.0))
-        if not 0.0 <= snapshot.time - measured < AIMED_S:
-            aim = self._renderer.aim(snapshot, cameras, camera)
-            self._aims[camera] = snapshot.time, aim
-        return followed(before.exposure, before.left, passed, aim)
-
-    def close(self) -> None:
-        """Let go of the graphics library."""
-        self._renderer.close()
 
 
 class Endoscope:
-    """A camera of a world, a scope with two eyes or a view with one.
+    """A camera of a world: a scope with two eyes, or a view with one.
 
-    The world is only looked at: it moves as it would without. `capture` and `stream` are called
+    Images do not change the motion of the world. `capture` and `stream` are called
     where the world is stepped; `render` from anywhere.
 
     Args:
@@ -272,7 +171,7 @@ class Endoscope:
 
     Raises:
         UnknownNameError: no such camera or preset; the known ones are listed
-        InputError: eyes that the camera cannot have, or a scope that nobody makes
+        InputError: eyes that the camera cannot have, or an angle that no scope has
         TrocarError: there is no OpenGL; the Debian packages that bring it are named
         MissingExtraError: the extra `scope` is not installed
     """
@@ -305,7 +204,7 @@ class Endoscope:
         self._series = Series(self.renderer)
 
     def capture(self) -> StereoFrame:
-        """Return what the camera sees now, exposed for itself.
+        """Draw the world as it is now, exposed for itself.
 
         Raises:
             InputError: a picture larger than the driver allows
@@ -314,7 +213,7 @@ class Endoscope:
         return self.render(self.world.snapshot(), self.world.cameras())
 
     def capture_next(self) -> StereoFrame:
-        """Return what the camera sees now, exposed as the next of a film: light fades over.
+        """Draw the world as it is now, exposed as the next image of a series.
 
         Raises:
             InputError, TrocarError: as for `capture`
@@ -331,12 +230,12 @@ class Endoscope:
         only: Collection[str] | None = None,
         T_world_camera: ArrayLike | None = None,
     ) -> StereoFrame:
-        """Return what the camera sees where a snapshot has everything, or would see if.
+        """Draw a snapshot, or the snapshot with objects or the camera elsewhere.
 
         Args:
             snapshot, cameras: of the world
-            poses, only: objects that are elsewhere, and those that are there; see `Renderer.render`
-            T_world_camera: where the camera is instead, midway between its eyes (4, 4)
+            poses, only: objects that are elsewhere, objects that are there; see `Renderer.render`
+            T_world_camera: pose of the camera instead, midway between its eyes (4, 4)
 
         Raises:
             InputError, TrocarError: as for `capture`
@@ -350,7 +249,7 @@ class Endoscope:
         return self.renderer.render(snapshot, mounted, self.camera, poses=poses, only=only)
 
     def stream(self, rate_hz: float = 60.0) -> Stream:
-        """Draw in a thread of its own, so many frames a simulated second.
+        """Draw frames at a rate in simulated time, in a thread of its own.
 
         Step the world inside `with scope.stream(60.0) as stream: ...`; `stream.newest` is the
         newest frame.
@@ -366,7 +265,7 @@ class Endoscope:
         return Stream(self.world, draw, rate_hz)
 
     def close(self) -> None:
-        """Let go of the graphics library."""
+        """Release the graphics library."""
         self.renderer.close()
 
     def _mounted(self, cameras: Mapping[str, CameraRecord]) -> dict[str, CameraRecord]:

@@ -14,42 +14,43 @@ from numpy.typing import NDArray
 from trocar.cameras import Calibration
 from trocar.rendering.frames import Picture
 
-#: Median brightness that is aimed at, as a share of white. Source: chosen by eye.
+#: Target of the median brightness, over white. Source: chosen by eye.
 TARGET = 0.38
-#: In the surgical style: as a share of white, and at most as a share of the brightness in endless
-#: light, so that dark tissue stays dark and shaded. Source: chosen by eye.
+#: The same in the surgical style, and its maximum over the brightness in endless light, so that
+#: dark tissue stays dark and shaded. Source: chosen by eye.
 SURGICAL_TARGET, SHARE = 0.48, 0.8
-#: A series measures that brightness anew so often [s]. Source: our own choice.
+#: Interval at which a series measures that brightness anew [s]. Source: our own choice.
 AIMED_S = 0.25
-#: Fewest and most stops. Source: chosen by eye: beyond, light is all from the curve's flat end.
+#: Range of automatic exposure [stops]. Source: chosen by eye: beyond it the curve is flat.
 LEAST, MOST = -3.0, 4.0
-#: So many stops shows what something is like in endless light.
+#: Exposure of endless light [stops]: each pixel has its largest brightness.
 ENDLESS = 20.0
-#: A picture with a smaller share that is lit says nothing. Source: our own choice.
+#: Least ratio of lit pixels that is measured. Source: our own choice.
 LIT = 0.02
-#: Pixels between two that are looked at, and the height of a picture that is drawn to be measured.
+#: Spacing of the pixels that are measured, and height of a picture drawn to be measured [px].
 #: Source: our own choice: a thousand pixels and more.
 APART, MEASURED_HEIGHT = 16, 60
-#: How fast exposure follows [s]. Source: our own choice; those of cameras take about half a second.
+#: Time constant of automatic exposure [s]. Source: our own choice; those of cameras take about half
+#: a second.
 SETTLING_S = 0.25
-#: A picture that is so near to it is left as it is [stops]. Source: our own choice, not seen.
+#: Dead band of automatic exposure [stops]. Source: our own choice, not visible.
 STEADY = 0.1
-#: Stops from one picture to the next of a series, for each of light: what is shown grows with the
-#: root of light at first, and ever slower. Source: `shaders`.
+#: Stops from one picture to the next for each stop of brightness: brightness grows with the root of
+#: light at first, and ever slower. Source: `shaders`.
 GAIN = 2.0
-#: How bright red, green and blue are. Source: ITU-R BT.601.
+#: Weights of red, green and blue in brightness. Source: ITU-R BT.601.
 LUMA = np.array([0.299, 0.587, 0.114])
 
 Array = NDArray[np.float64]
 
 
 def luma(picture: Picture, apart: int = 1) -> Array:
-    """Return the brightness of every so-manieth pixel as a share of white, (n,)."""
+    """Return the brightness of pixels, every `apart` across and down, over white, (n,)."""
     return (picture[apart // 2 :: apart, apart // 2 :: apart] @ LUMA).ravel() / 255.0
 
 
 def aim_at(endless: Picture) -> float:
-    """Return the median brightness that a picture of the surgical style is to have.
+    """Return the target of the median brightness of a picture in the surgical style.
 
     Args:
         endless: taken with ENDLESS, (h, w, 3)
@@ -60,15 +61,15 @@ def aim_at(endless: Picture) -> float:
 
 
 def stops_of(plain: Picture, endless: Picture, aim: float = TARGET) -> float:
-    """Return the stops at which a picture is as bright as it is to be.
+    """Return the exposure at which a picture has the target brightness [stops].
 
-    Light a is shown as c sqrt(a / (1 + a)), c in endless light, so two pictures tell of each pixel
-    how it is shown at any exposure.
+    Light a is shown as c sqrt(a / (1 + a)), c in endless light, so two pictures give the
+    brightness of each pixel at any exposure.
 
     Args:
         plain: taken with 0 stops, (h, w, 3)
         endless: the same with ENDLESS
-        aim: median brightness
+        aim: target of the median brightness
     """
     least, most = luma(plain), luma(endless)
     seen = most > 0.0
@@ -83,13 +84,13 @@ def stops_of(plain: Picture, endless: Picture, aim: float = TARGET) -> float:
 
 
 def followed(stops: float, picture: Picture, passed_s: float, aim: float = TARGET) -> float:
-    """Return the stops of the picture after one that was taken with some.
+    """Return the exposure of the next picture of a series [stops].
 
     Args:
-        stops: that it was taken with
-        picture: what it shows, (h, w, 3)
+        stops: exposure of this one
+        picture: this one, (h, w, 3)
         passed_s: time between the two [s]
-        aim: median brightness
+        aim: target of the median brightness
     """
     shown = luma(picture, APART)
     seen = shown[shown > 0.0]
@@ -104,7 +105,7 @@ def followed(stops: float, picture: Picture, passed_s: float, aim: float = TARGE
 
 @lru_cache(maxsize=16)
 def to_be_measured(calibration: Calibration) -> Calibration:
-    """Return eyes whose pictures are small and show the same."""
+    """Return the calibration of small pictures with the same view."""
     width, height = calibration.eyes[0].size
     small = max(1, round(width * MEASURED_HEIGHT / height)), MEASURED_HEIGHT
     return calibration.undistorted().resized(*small)

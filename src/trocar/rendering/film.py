@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from PIL import Image
 
 from trocar.errors import InputError, MissingExtraError, TrocarError
 from trocar.outputs import whole_file
-from trocar.rendering.layers import picture
+from trocar.rendering.frames import picture
 from trocar.simulation.trials import TICK_S, paper_sine
 
 if TYPE_CHECKING:
@@ -26,13 +26,13 @@ Move = Callable[[float], None]
 #: Called after each picture with the count so far and the final count.
 Progress = Callable[[int, int], None]
 
-#: Endings of files. Source: the formats that Pillow and ffmpeg write everywhere.
+#: File extensions. Source: the formats that Pillow and ffmpeg write everywhere.
 PICTURES, VIDEOS = (".png", ".jpg", ".jpeg"), (".mp4",)
-#: From 0 to 10. Source: our own choice; edges of instruments stay sharp.
+#: Quality of H.264, 0 to 10. Source: our own choice; edges of instruments stay sharp.
 QUALITY = 8.0
 MOTIONS = ("instruments", "sine", "still")
-#: How far an instrument's joints swing, and how often [rad or m, Hz]. Source: our own choice: what
-#: a person at the console does slowly, and all of it in view.
+#: Amplitude and frequency of an instrument's joints [rad or m, Hz]. Source: our own choice: slow
+#: motions of a person at the console, all in view.
 SWINGS = {
     "yaw": (0.05, 0.11),
     "pitch": (0.04, 0.17),
@@ -42,7 +42,8 @@ SWINGS = {
     "wrist_yaw": (0.45, 0.15),
     "jaw": (0.35, 0.31),
 }
-#: Share of the way to a joint's limit that it swings at most, and how long it takes to begin [s].
+#: Largest amplitude over the distance to the joint's limit, and time to full amplitude [s]. Source:
+#: our own choice.
 SHARE, BEGIN_S = 0.8, 0.5
 
 
@@ -69,16 +70,16 @@ def take_picture(
     show: str = "colour",
     overwrite: bool = False,
 ) -> tuple[int, int]:
-    """Write what a camera sees now, and return the picture's width and height [px].
+    """Write the image of a camera, and return its width and height [px].
 
     Args:
         capture: returns a frame
         path: ends in one of PICTURES
-        eye, show: as of `show.picture`
+        eye, show: as of `picture`
         overwrite: replace a file that exists
 
     Raises:
-        InputError: a path that cannot be written, or what cannot be shown
+        InputError: a path that cannot be written, or content that cannot be shown
     """
     if kind_of(path) != "picture":
         raise InputError(f"{path}: allowed for an image: {', '.join(PICTURES)}")
@@ -111,10 +112,10 @@ def film(
         path: ends in one of VIDEOS
         duration_s: simulated time [s]
         rate_hz: pictures a second
-        motion: as of `motions.mover`
-        eye, show: as of `show.picture`
+        motion: as of `mover`
+        eye, show: as of `picture`
         overwrite: replace a file that exists
-        progress: told after each picture
+        progress: called after each picture
 
     Raises:
         InputError: a duration or rate that is not above 0, or a path that cannot be written
@@ -150,7 +151,7 @@ def video(
     *,
     overwrite: bool = False,
     quality: float = QUALITY,
-) -> Iterator[Callable[[NDArray[np.uint8]], None]]:
+) -> Generator[Callable[[NDArray[np.uint8]], None]]:
     """Yield a function that appends a picture (h, w, 3) to a video, until the block ends.
 
     Args:
@@ -166,7 +167,7 @@ def video(
         TrocarError: ffmpeg failed, as on a full disk
     """
     try:
-        import imageio_ffmpeg
+        import imageio_ffmpeg  # pyright: ignore[reportMissingTypeStubs] - it has no types
     except ImportError as error:
         raise MissingExtraError("imageio-ffmpeg", "video", "writing videos") from error
     width, height = (side // 2 * 2 for side in size)  # H.264 keeps colours for two pixels at once
@@ -193,7 +194,7 @@ def video(
                 yield add
             finally:
                 writer.close()
-            written, _ = imageio_ffmpeg.count_frames_and_secs(str(part))
+            written, _ = library.count_frames_and_secs(str(part))
         except (OSError, RuntimeError) as problem:
             raise _incomplete(path, count) from problem
         if written != count:
@@ -206,7 +207,7 @@ def _incomplete(path: Path, count: int) -> TrocarError:
 
 
 def mover(world: World, duration_s: float, motion: str) -> Move:
-    """Return what moves a world while it is filmed; it may put arms where the motion begins.
+    """Return a function that moves a world while it is filmed; the arms may start elsewhere.
 
     Args:
         world: is moved by the function that is returned
@@ -231,12 +232,12 @@ def mover(world: World, duration_s: float, motion: str) -> Move:
 
 
 def swings(arm: Arm, times: Array, number: int) -> Array:
-    """Return set-points (k, n) [rad or m] of an instrument that moves about where it is.
+    """Return set-points (k, n) [rad or m] of an instrument that swings about its position.
 
     Args:
         arm: the instrument's
         times: since the motion began (k,) [s]
-        number: instruments of other numbers are at other places of their swings
+        number: of the instrument; sets the phase
     """
     still = arm.snapshot(None).setpoint
     found = np.tile(still, (len(times), 1))

@@ -8,37 +8,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trocar.geometry.se3 import inverse, transform, transform_points
-from trocar.rendering.culling import Frustum
+from trocar.rendering.frustum import Frustum
 
 Array = NDArray[np.float64]
 
-#: Where the end of the light guide is, from midway between the eyes: above them, at their depth
-#: [m]. Source: our own choice; guides lie around the lenses of a scope that is 10 to 12 mm thick.
+#: Position of the light guide's end from midway between the eyes: above them, at their depth [m].
+#: Source: our own choice; guides lie around the lenses of a scope that is 10 to 12 mm thick.
 GUIDE = np.array([0.0, -0.0045, 0.0])
-#: Distance at which something white is as bright as a screen can show, about [m]. Source: our own
-#: choice, after working distances of 50 to 150 mm.
+#: Distance at which white is about as bright as a screen shows [m]. Source: our own choice, after
+#: working distances of 50 to 150 mm.
 WORKING = 0.22
-#: Share of the light that tissue has scattered from all around. Source: chosen by eye.
+#: Ratio of the light that tissue scatters from all around. Source: chosen by eye.
 SCATTERED = 0.06
-#: The eyes' frusta, seen from the light, from this depth on [m].
+#: Least depth of the eyes' frusta that the shadow map covers [m]. Source: our own choice.
 COVERED_FROM = 0.03
-#: ... and so much more, in the plane z = 1, so that the map's own edge is seen by nobody.
+#: Rim of that map beyond the frusta, in the plane z = 1, so that its edge is not seen. Source: our
+#: own choice.
 RIM = 0.01
-#: Of a room: from the middle of everything to the lamp [m], light from all around, strength.
+#: Room: vector from the middle of all objects to the lamp [m], light from all around, strength.
 #: Source: chosen by eye.
 LAMP, ROOM_LIGHT, ROOM_POWER = np.array([0.9, 1.6, 3.2]), 0.42, 1.15
 
 
 @dataclass(frozen=True, eq=False)
 class Light:
-    """A light and the view of the world from it.
+    """A light, with the view of the world from it.
 
     Attributes:
-        at: where it is in the reference frame (3,) [m]
+        at: position in the reference frame (3,) [m]
         power: brightness times distance squared [m^2]
         around: strength of the light from all around
-        up: where that comes from, in the reference frame (3,)
-        frustum: what may throw shadows
+        up: direction of that light, in the reference frame (3,)
+        frustum: covers everything that may throw shadows
         clip: from the reference frame to the light's clip space, (4, 4)
         scope: whether it shines from beside the lenses
     """
@@ -56,11 +57,11 @@ def scope_light(frusta: list[Frustum], far: float) -> Light:
     """Return the light at the tip of a scope.
 
     Args:
-        frusta: what the eyes see; the reference frame is midway between them
-        far: how far it reaches [m]
+        frusta: of the eyes; the reference frame is midway between them
+        far: its range [m]
     """
     T_light_reference = transform(np.eye(3), -GUIDE)
-    corners = []
+    corners: list[Array] = []
     for frustum in frusta:
         edges = [(x, y) for x in (frustum.left, frustum.right)
                  for y in (frustum.top, frustum.bottom)]  # fmt: skip
@@ -87,7 +88,7 @@ def room_light(T_reference_world: Array, middle: Array, radius: float) -> Light:
 
     Args:
         T_reference_world: (4, 4)
-        middle, radius: a sphere about what may throw shadows, in the world (3,), [m]
+        middle, radius: a sphere about all that may throw shadows, in the world (3,), [m]
     """
     lamp = middle + LAMP * max(1.0, radius / 1.5)
     ahead = (middle - lamp) / np.linalg.norm(middle - lamp)

@@ -1,4 +1,4 @@
-"""How pictures look: light, exposure, what lens and sensor add."""
+"""The look of pictures: light, exposure, effects of lens and sensor."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Literal
 
 from trocar.errors import InputError
 
-#: Soft shadows: maps of pictures up to this wide, and of wider ones. Source: our own choice; a
-#: pixel of the map for one or two of the picture.
+#: Widest narrow picture, and edge of the soft shadow map of narrow and of wider pictures [px].
+#: Source: our own choice; a pixel of the map for one or two of the picture.
 NARROW, SMALL_MAP, LARGE_MAP = 800, 512, 1024
-#: Hard ones, of which a single pixel of the map is looked up: pixels of the map for each of the
-#: picture's width, in steps of so many, at most. Source: our own choice; edges of shadows have no
-#: larger stairs than other edges.
+#: Hard shadows (one look-up): pixels of the map's edge over those of the picture's width, their
+#: step, their maximum. Source: our own choice; edges of shadows have no larger stairs than others.
 FINE, STEP, MOST = 1.0, 256, 4096
-#: Exposure as a scope's video processor chooses it.
+#: Automatic exposure, as of a scope's video processor.
 AUTO: Literal["auto"] = "auto"
 STYLES = "plain", "surgical"
 

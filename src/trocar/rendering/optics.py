@@ -1,4 +1,4 @@
-"""What stays the same from frame to frame of a camera: its lenses, and a scope's own light."""
+"""The optics of a camera: pinholes of its eyes, distortion, and a scope's own light."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from trocar.cameras import Calibration, Intrinsics
 from trocar.cameras.lens import distort, plane_from_pixels, undistort, view_bounds
 from trocar.errors import InputError
 from trocar.geometry.se3 import inverse
-from trocar.rendering.culling import Frustum
+from trocar.rendering.frustum import Frustum
 from trocar.rendering.lighting import Light, scope_light
 from trocar.simulation.cameras import CameraRecord
 
 Array = NDArray[np.float64]
 
-#: Points of the inverse of a distortion are computed for every so many pixels, and between them by
-#: two of Newton's steps, which square twice what interpolation misses. Source: our own choice.
+#: Spacing of the points at which a distortion is inverted [px]; between them two Newton steps
+#: square the error of interpolation twice. Source: our own choice.
 COARSE = 8
-#: Pixels of a picture that will be distorted, over those of the distorted one, along an edge.
-#: Source: our own choice: no detail is lost where a lens magnifies by less.
+#: Resolution of the picture before distortion over that of the distorted one. Source: our own
+#: choice: no detail is lost where a lens magnifies by less.
 FINER = 1.25
-#: Pixels about that picture, so that neighbours of its edge are there.
+#: Rim of that picture, so that pixels at its edge have neighbours [px].
 RIM = 2
 
 
@@ -35,7 +35,7 @@ class Pinhole:
     Attributes:
         width, height: [px]
         fx, fy, cx, cy: as in K [px]
-        near, far: what is nearer or farther is not seen [m]
+        near, far: range of depth that is seen [m]
     """
 
     width: int
@@ -49,7 +49,7 @@ class Pinhole:
 
     @cached_property
     def clip(self) -> tuple[float, float, float, float]:
-        """Of x and y over depth: two factors and two offsets into -1 to 1, rows downwards."""
+        """Two factors and two offsets that carry x and y over depth to -1 to 1, rows downwards."""
         return (
             2.0 * self.fx / self.width,
             2.0 * self.fy / self.height,
@@ -68,7 +68,7 @@ class Pinhole:
         return replace(self, width=width, height=height)
 
     def frustum(self, T_eye_reference: Array) -> Frustum:
-        """Return what the eye sees from where it is."""
+        """Return the frustum of the eye at a pose (4, 4)."""
         return Frustum(
             T_eye_reference,
             (-0.5 - self.cx) / self.fx,
@@ -106,7 +106,7 @@ def wide_pinhole(eye: Intrinsics, near: float, far: float, most: int) -> Pinhole
 
 
 def sources(eye: Intrinsics, wide: Pinhole) -> NDArray[np.float32]:
-    """Return where in the wide picture the light of each pixel of a distorted one comes from.
+    """Return the pixel of the wide picture that each pixel of a distorted one shows.
 
     Returns:
         (height, width, 2) [px]
@@ -148,15 +148,15 @@ def _between(knots: Array, values: Array, places: NDArray[np.int64]) -> Array:
     return (1.0 - share) * values[after - 1] + share * values[after]
 
 
-#: What is nearer than this to an eye, or farther, is not seen [m]. Source: our own choice: nothing
-#: of a scope's own tip, and a whole room.
+#: Range of depth of scopes and of views [m]. Source: our own choice: without a scope's own tip, and
+#: a whole room.
 SCOPE_NEAR, SCOPE_FAR = 0.002, 12.0
 VIEW_NEAR, VIEW_FAR = 0.02, 40.0
 
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """One eye: T_eye_reference (4, 4), its lens without distortion, and what it sees."""
+    """One eye: T_eye_reference (4, 4), its lens without distortion, and its frustum."""
 
     T_eye_reference: Array
     lens: Pinhole
@@ -170,10 +170,10 @@ class Optics:
     Attributes:
         eyes: left first
         size: width and height of each eye's picture, distorted or not [px]
-        drawn: width and height of what is drawn of each, larger where it will be distorted [px]
+        drawn: width and height of each before distortion, larger where there is one [px]
         light: the scope's own; None of a view
-        places: where in the drawn pictures, which stand above each other, the light of each pixel
-            comes from, (eyes height, width, 2) [px]; None without distortion
+        places: pixel of the drawn pictures, which stand above each other, that each pixel shows,
+            (eyes height, width, 2) [px]; None without distortion
         shown: calibration of the pictures
     """
 

@@ -1,6 +1,6 @@
 """Triangles and normals of the shapes of a rig, in each shape's own frame.
 
-Edges are as sharp as a shape says, so that pictures show what collides. Round ones are one surface:
+Edges are as sharp as the shape's, so that pictures show what collides. Round ones are one surface:
 a small sphere whose points are carried outwards, each to its corner.
 """
 
@@ -46,7 +46,7 @@ def surface(shape: ShapeRecord) -> TriangleSurface:
     """Return a shape's surface in the frame of the body that carries it.
 
     Raises:
-        InputError: a kind of shape that nobody can draw
+        InputError: an unknown kind of shape
     """
     own = _own_surface(shape)
     turn, shift = shape.pose[:3, :3], shape.pose[:3, 3]
@@ -185,10 +185,10 @@ def _grid_faces(rows: int, n: int) -> Ints:
 
 #: Edges of cells, finest first [m]. Source: our own choice.
 CELLS = (0.001, 0.002, 0.004, 0.008, 0.016)
-#: A coarser surface is kept where it has at most so many of the triangles. Source: our own choice.
+#: Largest ratio of triangles at which a coarser surface is kept. Source: our own choice.
 WORTH = 0.8
-#: What a point moves, at most, in cells: from a corner to the mean. Source: half of a diagonal is
-#: the root mean square of the worst case; measured on our own parts, 0.9 is never passed.
+#: Largest displacement of a point, in cells, from a corner to the mean. Source: half of a diagonal
+#: is the root mean square of the worst case; measured on our own parts, 0.9 is never passed.
 MOVES = 0.9
 
 
@@ -217,7 +217,7 @@ def coarser(surface: TriangleSurface, cell: float) -> TriangleSurface:
 
 
 def levels(surface: TriangleSurface) -> list[tuple[float, TriangleSurface]]:
-    """Return [(by how much its points may be off [m], surface)], the whole one first."""
+    """Return levels of detail: [(largest error of points [m], surface)], the whole one first."""
     found = [(0.0, surface)]
     for cell in CELLS:
         fewer = coarser(surface, cell)

@@ -1,4 +1,4 @@
-"""What the graphics card computes: where a point lands, and what light comes from there.
+"""The programs of the graphics card: projection, light, shadows, lens and sensor.
 
 Frames of eyes are optical: x right, y down, z ahead. Rows of a picture begin at the top, so the
 card's y points down, too.
@@ -40,7 +40,7 @@ SHADOW_FRAGMENT = """
 void main() {}
 """
 
-#: Clip space: see `lenses.Pinhole`; its w is the depth. Tissue close behind others gets less light:
+#: Clip space: see `optics.Pinhole`; its w is the depth. Tissue close behind others gets less light:
 #: of each two opposite places of the shadow map, what is nearer than a vertex by up to a few radii
 #: counts; a plane, however it is tilted, has none.
 VERTEX = (

@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -23,19 +23,18 @@ Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 View = Literal["front", "side", "top", "three_quarter"]
 
-#: From the camera into the picture: azimuth, elevation [deg]. Front is seen from the patient.
+#: Direction into the picture: azimuth, elevation [deg]. Front is seen from the patient.
 VIEWS: Mapping[View, tuple[float, float]] = {
     "front": (-90.0, 0.0),
     "side": (180.0, 0.0),
     "top": (90.0, -90.0),
     "three_quarter": (-130.0, -18.0),
 }
-#: Vertical angle of the one view with perspective [deg], and the room left around a rig. Source: by
-#: eye.
+#: Vertical angle of the view with perspective [deg], and the margin around a rig. Source: by eye.
 FIELD_OF_VIEW, MARGIN = 25.0, 1.06
-#: Each pixel is the mean of so many across and down; shadows are so fine. Source: by eye.
+#: Samples of a pixel across and down, and edge of the shadow map [px]. Source: by eye.
 FINER, SHADOW = 2, 8192
-#: Bodies larger than this, such as a floor, are left out [m].
+#: Largest body that is drawn, so that floors are left out [m]. Source: our own choice.
 LARGEST = 3.0
 
 
@@ -51,8 +50,8 @@ def portrait(
     Front, side and top are without perspective, so that lengths can be read from them.
 
     Args:
-        rig: what is seen; its floor is left out
-        view: from where
+        rig: is drawn without its floor
+        view: direction of the view
         q: {arm: joint positions (n,)} [rad or m]; arms without one stand as in the pose "start"
         size: width, height [px]
 
@@ -70,18 +69,19 @@ def portrait(
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     fine = _draw(model, data, _camera(model, data, view, size), (width, height))
-    blocks = fine.reshape(size[1], FINER, size[0], FINER, 3)
-    return np.round(blocks.mean(axis=(1, 3))).astype(np.uint8)
+    blocks: Picture = fine.reshape(size[1], FINER, size[0], FINER, 3)
+    mean: Array = blocks.mean(axis=(1, 3))
+    return np.round(mean).astype(np.uint8)
 
 
 def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
-    visual = cast(Any, spec.visual)
+    visual = spec.visual
     visual.global_.offwidth, visual.global_.offheight = size
     visual.quality.shadowsize = SHADOW
     visual.headlight.ambient = [0.42] * 3
     visual.headlight.diffuse = [0.30] * 3
     visual.headlight.specular = [0.10] * 3
-    world = cast(mujoco.MjsBody, spec.worldbody)
+    world = spec.worldbody
     for place, strength, shadow in (((2, 3, 5), 0.36, True), ((-4, 2, 3), 0.18, False)):
         light = world.add_light(pos=place, dir=-np.array(place, dtype=np.float64))
         light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -101,7 +101,7 @@ def _light(spec: mujoco.MjSpec, size: tuple[int, int]) -> None:
 def _camera(
     model: mujoco.MjModel, data: mujoco.MjData, view: View, size: tuple[int, int]
 ) -> mujoco.MjvCamera:
-    """Return a camera that sees everything, and nearly fills the picture with it."""
+    """Return a camera that shows the whole rig as large as the picture allows."""
     azimuth, elevation = VIEWS[view]
     turn, tilt = np.deg2rad(azimuth), np.deg2rad(elevation)
     ahead = np.array(
@@ -136,7 +136,7 @@ def _camera(
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return the corners of the boxes around all that is seen, in the world, (n, 3) [m]."""
+    """Return the corners of the boxes around all geoms, in the world, (n, 3) [m]."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), np.float64).reshape(3, 8).T
     local = model.geom_aabb[:, None, :3] + signs * model.geom_aabb[:, None, 3:]
     turns = data.geom_xmat.reshape(-1, 3, 3)
@@ -177,9 +177,9 @@ def _draw(
 def context_class() -> Any:
     """Return the class of contexts that draw without a display."""
     if sys.platform == "linux" and (os.environ.get("MUJOCO_GL") or "egl") == "egl":
-        from mujoco.egl import GLContext
+        from mujoco.egl import GLContext  # pyright: ignore[reportMissingTypeStubs] - no types
     else:
-        from mujoco.gl_context import GLContext
+        from mujoco.gl_context import GLContext  # pyright: ignore[reportMissingTypeStubs] - the same
     return GLContext
 
 

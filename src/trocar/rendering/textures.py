@@ -1,4 +1,4 @@
-"""Structures of the surgical look: tissue's bumps, vessels and moisture, and what metal mirrors.
+"""Textures of the surgical style: bumps, vessels and moisture of tissue, and metal's mirror.
 
 Everything is generated; both textures are the same on every machine.
 """
@@ -16,18 +16,19 @@ Texture = NDArray[np.uint8]
 #: Edge of the tissue's texture, which repeats [m], and its pixels. Source: chosen by eye; a texel
 #: is 0.09 mm, a pixel of 1280x720 at 80 mm about as much.
 TILE_M, TEXELS = 0.048, 512
-#: From points at rest to places in the texture: rows across a direction along which few surfaces of
-#: tissue lie, so that walls are not smeared, scaled to one a tile. Source: our own choice.
+#: Map from points at rest to places in the texture: rows across a direction along which few
+#: surfaces of tissue lie, so that walls are not smeared, scaled to one a tile. Source: our own
+#: choice.
 ACROSS = np.array([0.45, 0.35, 0.82]) / np.linalg.norm([0.45, 0.35, 0.82])
 _U = np.cross([0.0, 1.0, 0.0], ACROSS)
 PLACES = np.stack([_U, np.cross(ACROSS, _U)]) / np.linalg.norm(_U)
 #: Slope of bumps at either end of the texture's range, four standard deviations. Source: chosen by
 #: eye.
 BUMP = 1.1
-#: Vessels: how many begin in a tile, their first width [texels], and the share of it from which
+#: Vessels: number that begins in a tile, their first width [texels], and the ratio of it at which
 #: they end. Source: chosen by eye, after photographs of peritoneum.
 VESSELS, WIDTH, THIN = 9, 3.4, 0.22
-#: Pixels of the map of what metal mirrors.
+#: Edge of metal's mirror map [px].
 MIRROR = 128
 
 
@@ -37,7 +38,7 @@ def noise(rng: np.random.Generator, coarse: float, fine: float, fall: float) -> 
     Args:
         rng: random numbers
         coarse, fine: least and greatest frequency [1/tile]
-        fall: its amplitude falls with this power of the frequency
+        fall: power of the frequency with which the amplitude falls
     """
     f = np.hypot(np.fft.fftfreq(TEXELS)[:, None], np.fft.rfftfreq(TEXELS)) * TEXELS
     band = np.where((f >= coarse) & (f <= fine), np.maximum(f, 1.0) ** -fall, 0.0)
@@ -47,10 +48,10 @@ def noise(rng: np.random.Generator, coarse: float, fine: float, fall: float) -> 
 
 @cache
 def tissue(blood: float) -> Texture:
-    """Return tissue: slopes along both axes, how light it is and how moist, (TEXELS, TEXELS, 4).
+    """Return tissue: slopes along both axes, lightness and moisture, (TEXELS, TEXELS, 4).
 
     Args:
-        blood: how much of it lies under blood, 0 to 1
+        blood: ratio of it that lies under blood, 0 to 1
     """
     rng = np.random.default_rng(7)
     height = noise(rng, 5, 60, 1.6) + 0.12 * noise(rng, 50, 200, 0.6)
@@ -69,7 +70,7 @@ def tissue(blood: float) -> Texture:
 
 
 def vessels(rng: np.random.Generator) -> Array:
-    """Return how much of each texel is a vessel: curves that branch and thin out, 0 to 1."""
+    """Draw vessels, curves that branch and thin out: covered ratio of each texel, 0 to 1."""
     begun = [(rng.uniform(0, TEXELS, 2), rng.uniform(0, 2 * np.pi), WIDTH) for _ in range(VESSELS)]
     points: list[tuple[float, float, float]] = []
     while begun:
@@ -96,7 +97,7 @@ def vessels(rng: np.random.Generator) -> Array:
 
 @cache
 def mirrored() -> Texture:
-    """Return what is around metal, by the direction that it mirrors: a sphere map seen from behind.
+    """Return the surroundings that metal mirrors: a sphere map seen from behind.
 
     In the middle the dark of the port with the light guide above the eyes; around it tissue.
     """

@@ -1,4 +1,4 @@
-"""Images of cameras: their topics, their messages, and what of them is recorded.
+"""Topics and messages of the cameras, and their images in recordings.
 
 Names are those of the dVRK's video pipeline. Source: jhu-dvrk dvrk_video, launch files: the rig's
 name, then the eye, then ROS's own names (image_transport's for compressed images); an eye's frame
@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -25,7 +25,7 @@ from trocar.cameras.records import Calibration
 from trocar.cameras.rectification import camera_infos
 from trocar.descriptions.records import RigDescription
 from trocar.errors import InputError
-from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot
+from trocar.live.images import SLACK_S, ImageRenderer, Order, Packer, Pictures, Shot, shots
 from trocar.messages import cdr_encode, message_type
 from trocar.recording import Extra, recorder_of
 from trocar.ros.build import header
@@ -48,7 +48,7 @@ What = Literal[
     "image", "compressed", "info", "depth", "depth info", "ids", "names", "overlay",
     "overlay compressed",
 ]  # fmt: skip
-#: What stands behind the name of an eye: the type, the unit, the help.
+#: Topic of each kind below its eye's name: (name, type, unit, help).
 KINDS: dict[What, tuple[str, str, str, str]] = {
     "image": ("image_raw", IMAGE, "rgb8", "image of {seen}, with its distortion"),
     "compressed": ("image_raw/compressed", COMPRESSED, "", "the same as JPEG or PNG"),
@@ -60,22 +60,22 @@ KINDS: dict[What, tuple[str, str, str, str]] = {
     "overlay": ("overlay/image_raw", IMAGE, "rgb8", "image_raw with overlays"),
     "overlay compressed": ("overlay/image_raw/compressed", COMPRESSED, "", "the same, compressed"),
 }
-#: What everybody has; what is drawn with them where somebody wants it; what a recording holds.
+#: Kinds of every eye; kinds that are drawn for subscribers only; kinds in a recording.
 PLAIN: tuple[What, ...] = ("image", "compressed", "info")
 BESIDE: tuple[What, ...] = ("depth", "depth info", "ids", "names")
 RECORDED: tuple[What, ...] = ("compressed", "info")
-#: What there is where something is drawn into images.
+#: Kinds of images with overlays.
 OVERLAID: tuple[What, ...] = ("overlay", "overlay compressed")
 
 
 @dataclass(frozen=True)
 class Origin:
-    """What a topic's messages are made of.
+    """The source of a topic's messages.
 
     Attributes:
         camera: name of the camera
         eye: "left" or "right"; "" of a camera that has one
-        what: the picture, the picture packed, what the lens is like, ...: of KINDS
+        what: one of KINDS: the picture, the packed picture, the calibration, ...
     """
 
     camera: str
@@ -89,14 +89,14 @@ class Origin:
 
 
 def camera_topics(rig: RigDescription, *, overlaid: bool = False) -> Iterator[tuple[Topic, Origin]]:
-    """Return the topics of a rig's cameras; overlaid: also those of images with overlays."""
+    """Yield the topics of a rig's cameras; overlaid: also those of images with overlays."""
     for camera in rig.cameras:
         names = PLAIN + BESIDE + (OVERLAID if overlaid else ())
         yield from rows_of(camera.name, camera.kind, names)
 
 
 def endoscope_eyes(rig: RigDescription) -> Iterator[tuple[str, str]]:
-    """Return the first endoscope's name with each of its eyes; nothing without one."""
+    """Yield the first endoscope's name with each of its eyes; nothing without one."""
     for camera in rig.cameras:
         if camera.kind == "endoscope":
             yield from ((camera.name, eye) for eye in EYES)
@@ -106,7 +106,7 @@ def endoscope_eyes(rig: RigDescription) -> Iterator[tuple[str, str]]:
 def rows_of(
     camera: str, kind: str, names: tuple[What, ...] = PLAIN + BESIDE
 ) -> Iterator[tuple[Topic, Origin]]:
-    """Return the topics of a camera, each with what it is of."""
+    """Yield the topics of a camera, each with its origin."""
     for eye in eyes_of(kind):
         yield from rows_at(f"{camera}/{eye}" if eye else camera, camera, eye, names)
 
@@ -114,7 +114,7 @@ def rows_of(
 def rows_at(
     before: str, camera: str, eye: str, names: tuple[What, ...]
 ) -> Iterator[tuple[Topic, Origin]]:
-    """Return the topics of an eye under a name of their own."""
+    """Yield the topics of an eye under another name."""
     seen = f"the {eye} eye of {camera}" if eye else camera
     for what in names:
         name, kind, unit, text = KINDS[what]
@@ -132,21 +132,21 @@ def rows_at(
         yield topic, Origin(camera, eye, what)
 
 
-#: What sensor_msgs/Image calls them. Source: sensor_msgs/image_encodings.h.
+#: Encodings of sensor_msgs/Image. Source: sensor_msgs/image_encodings.h.
 ENCODINGS = {"image": "rgb8", "overlay": "rgb8", "depth": "32FC1", "ids": "32SC1"}
-#: What is drawn only while somebody wants it.
+#: Images that are drawn only for subscribers.
 DRAWN = ("depth", "ids")
 
 
 class Images:
-    """Publishes pictures, and says when they are taken: with a sample, so that stamps agree.
+    """Publish pictures, and take them with samples, so that stamps agree.
 
     Args:
         pictures: draws them
-        world: what is drawn
-        rows: topics of cameras and what each is of
-        rate_hz: how often
-        transports: returns the transports with what each wants
+        world: that is drawn
+        rows: topics of cameras with their origins
+        rate_hz: pictures a second
+        transports: returns the transports with the subscribed topics of each
         hand: hands a batch to a transport
     """
 
@@ -166,19 +166,19 @@ class Images:
         for topic, origin in rows:
             self._topics[topic.name], self._origins[topic.name] = topic, origin
         self._names = frozenset(n for n, o in self._origins.items() if o.what != "names")
-        self._told: dict[str, Mapping[int, str]] = {}
-        self._tell: Callable[[str, Mapping[str, object]], None] = lambda *_: None
+        self._named: dict[str, Mapping[int, str]] = {}
+        self._publish: Callable[[str, Mapping[str, object]], None] = lambda _name, _values: None
         self._beat = Beat(rate_hz)
-        self._asked: Callable[[], frozenset[str]] = frozenset
+        self._subscribed: Callable[[], frozenset[str]] = frozenset
         self._leave: Callable[[], None] = lambda: None
 
     def cameras(self) -> Mapping[str, CameraRecord]:
-        """Return where the cameras are now; before the loop runs, or in its thread."""
+        """Return the cameras as they are now; call it before the loop runs, or in its thread."""
         return self._pictures.cameras(self._world)
 
     def start(self, sampler: Sampler) -> None:
         """Take pictures with samples from now on."""
-        self._asked, self._tell = lambda: sampler.wanted, sampler.put
+        self._subscribed, self._publish = lambda: sampler.wanted, sampler.put
         sampler.look = self.look
         self._pictures.led = True
         self._leave = self._pictures.add(self)
@@ -188,31 +188,31 @@ class Images:
         self._leave()
 
     def look(self, sample: Sample) -> Sample:
-        """Let a picture be taken when one is due, in the loop's thread."""
+        """Have a picture taken when one is due, in the loop's thread."""
         if not self._pictures.takes(self._beat.due(sample.elapsed)):
             return sample
         cameras = self._pictures.shoot(self._world, sample.stamp, self._beside())
         return replace(sample, cameras=cameras) if cameras else sample
 
     def wanted(self) -> frozenset[str]:
-        """Return the cameras whose topics somebody wants."""
-        return frozenset(self._origins[name].camera for name in self._asked() & self._names)
+        """Return the cameras with subscribed topics."""
+        return frozenset(self._origins[name].camera for name in self._subscribed() & self._names)
 
     def _beside(self) -> Mapping[str, Collection[str]]:
-        """Return what somebody wants of each camera beside its colours."""
+        """Return the subscribed images of each camera beside its colours."""
         found: dict[str, set[str]] = {}
-        for name in self._asked() & self._names:
+        for name in self._subscribed() & self._names:
             origin = self._origins[name]
             if origin.what in DRAWN:
                 found.setdefault(origin.camera, set()).add(origin.what)
         return found
 
     def take(self, shot: Shot) -> None:
-        """Publish a picture to those who want it."""
+        """Publish a picture to its subscribers."""
         if shot.stamp is None:
             return
         made: dict[str, tuple[Topic, Message]] = {}
-        self._tell_names(shot)
+        self._publish_names(shot)
         for transport, names in self._transports():
             batch: list[tuple[Topic, Message]] = []
             for name in sorted(names & self._names):
@@ -224,19 +224,19 @@ class Images:
             if batch:
                 self._hand(transport, batch)
 
-    def _tell_names(self, shot: Shot) -> None:
-        """Tell what ids mean, once, and again when they mean something else."""
-        if shot.frame.ids is None or self._told.get(shot.camera) == shot.frame.names:
+    def _publish_names(self, shot: Shot) -> None:
+        """Publish the id-to-name table when it changes."""
+        if shot.frame.ids is None or self._named.get(shot.camera) == shot.frame.names:
             return
-        self._told[shot.camera] = shot.frame.names
+        self._named[shot.camera] = shot.frame.names
         text = json.dumps({str(number): name for number, name in shot.frame.names.items()})
         for name, origin in self._origins.items():
             if origin.camera == shot.camera and origin.what == "names":
-                self._tell(name, {"data": text})
+                self._publish(name, {"data": text})
 
 
 def message(shot: Shot, origin: Origin, stamp: Stamp) -> Message:
-    """Return the message of a topic, of something that the picture has."""
+    """Return the message of a topic, from an image that the picture has."""
     head = header(stamp, origin.frame_id)
     if origin.what in ("info", "depth info"):
         infos = _infos(shot.calibration)
@@ -259,7 +259,7 @@ def message(shot: Shot, origin: Origin, stamp: Stamp) -> Message:
 
 
 def _has(shot: Shot, origin: Origin) -> bool:
-    """Tell whether something was drawn: it may be wanted only since."""
+    """Test whether the picture has an image: its subscription may be newer."""
     return origin.what not in DRAWN or getattr(shot.frame, origin.what) is not None
 
 
@@ -291,7 +291,7 @@ def _infos(calibration: Calibration) -> tuple[Message, ...]:
 
 
 class RecordedImages:
-    """Looks through cameras as long as the world is recorded, and lets what it sees be written.
+    """Record the cameras of a world as long as it is recorded.
 
     Args:
         world: is recorded
@@ -311,7 +311,7 @@ class RecordedImages:
         return () if recorder_of(self._world) is None else self._rows.keys()
 
     def take(self, shot: Shot) -> None:
-        """Let a picture be written; its stamp is simulation time, as in the whole recording."""
+        """Record a picture, stamped with simulation time as everything in a recording."""
         recorder = recorder_of(self._world)
         if recorder is None:
             return
@@ -329,20 +329,20 @@ def images_recorded(
     open_renderer: Callable[[], ImageRenderer],
     rate_hz: float,
     image_format: str = "jpeg",
-) -> Iterator[None]:
-    """Record what the cameras of a world see while the `with` block lasts, every picture.
+) -> Generator[None]:
+    """Record every picture of the cameras of a world while the `with` block lasts.
 
     The world waits while it is drawn, so this is for runs that need not keep to the wall clock.
 
     Args:
         world: is recorded, now or later in the block
-        open_renderer: makes what draws
-        rate_hz: pictures a simulated second; each is taken when so much time has passed
+        open_renderer: makes the renderer
+        rate_hz: pictures a simulated second
         image_format: "jpeg" or "png"
 
     Raises:
         InputError: a rate that is not above 0
-        TrocarError: nothing can be drawn
+        TrocarError: there is no OpenGL to draw with
     """
     if not 0.0 < rate_hz < float("inf"):
         raise InputError(f"camera rate: got {rate_hz:g} Hz; allowed: above 0")
@@ -357,9 +357,8 @@ def images_recorded(
             return
         count = due
         order = Order(None, 0.0, world.snapshot(arms=False), world.cameras(), wanted)
-        for camera in sorted(wanted):
-            frame = renderer.render(order.snapshot, order.cameras, camera)
-            images.take(Shot(camera, order, frame, packer))
+        for shot in shots(renderer, order, packer):
+            images.take(shot)
 
     leave = world.observe(look, every=5)
     try:

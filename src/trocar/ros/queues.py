@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from trocar.rendering.latest_only import LatestOnly
 from trocar.ros.core import Core
 from trocar.ros.topic import Message, Topic
 
@@ -25,52 +26,19 @@ WAITING = 512
 """How many may wait. Source: our own choice; the loop itself takes 64."""
 
 
-class ImageQueue:
+class ImageQueue(LatestOnly[Any]):
     """Deliver the newest image of each name in a thread of its own, so that states do not wait.
 
     Args:
-        deliver: what to do with an image
-
-    Attributes:
-        overtaken: images that a newer one replaced
+        deliver: called with each image
     """
 
     def __init__(self, deliver: Callable[[Any], None]) -> None:
-        self._deliver = deliver
-        self._waiting: dict[str, Any] = {}
-        self._changed = threading.Condition()
-        self._open = True
-        self._thread: threading.Thread | None = None
-        self.overtaken = 0
+        def spaced(image: Any) -> None:
+            deliver(image)
+            time.sleep(APART_S)
 
-    def put(self, name: str, image: Any) -> None:
-        """Queue a image, without waiting."""
-        with self._changed:
-            self.overtaken += name in self._waiting
-            self._waiting[name] = image
-            if self._thread is None and self._open:
-                self._thread = threading.Thread(target=self._run, name="trocar-images", daemon=True)
-                self._thread.start()
-            self._changed.notify()
-
-    def close(self) -> None:
-        """End, whatever waits."""
-        with self._changed:
-            self._open = False
-            self._changed.notify()
-        if self._thread is not None:
-            self._thread.join()
-
-    def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._waiting or not self._open)
-                if not self._open:
-                    return
-                images, self._waiting = self._waiting, {}
-            for image in images.values():
-                self._deliver(image)
-                time.sleep(APART_S)
+        super().__init__(spaced, "trocar-images")
 
 
 @dataclass(frozen=True)

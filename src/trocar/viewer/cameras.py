@@ -21,7 +21,7 @@ SPAN = 30
 """Pictures over which their rate is measured."""
 
 VISIBLE_S = 0.2
-"""Without a refresh for so long nobody looks at the page, and no picture is drawn [s]."""
+"""Time without a refresh after which the page is closed and no picture is drawn [s]."""
 
 WIDTH, GAP = 345, 12
 """Width of the window and distance from the edges, in CSS pixels. Source: chosen by eye."""
@@ -36,12 +36,12 @@ border:1px solid #1c6fa4;background:none;color:#1c6fa4;cursor:pointer">Full scre
 
 
 class CameraWindow:
-    """The window; made and refreshed in viser's thread, given pictures in theirs.
+    """The window; made and refreshed in viser's thread, pictures come in the drawing thread.
 
     Args:
         gui: the page's widgets
-        pictures: draws what the cameras see
-        cameras: {name: how many eyes it has}, the first one shown
+        pictures: draws the cameras
+        cameras: {name: number of eyes}, the first one is shown
 
     Attributes:
         image, line: the picture, and the line below it
@@ -79,10 +79,11 @@ class CameraWindow:
         self._seen = now_s
         fresh, self._fresh = self._fresh, None
         if fresh is not None:
-            self.image._data = fresh  # the handle would pack a picture anew, in this thread
+            # The handle would pack a picture anew, in this thread.
+            self.image._data = fresh  # pyright: ignore[reportPrivateUsage]
 
     def show_status(self) -> None:
-        """Write how many pictures come, and what went wrong."""
+        """Show the rate of pictures, or the reason why none come."""
         status = self._pictures.failure or self._figures()
         if status != self._status:
             self._status = status

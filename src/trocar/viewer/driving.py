@@ -21,7 +21,7 @@ from trocar.viewer.server import LocalServer
 Floats = NDArray[np.float64]
 
 HEIGHT_PX = 300
-"""Of the frame that takes keys. Source: chosen by eye: its table needs no scrolling."""
+"""Height of the frame that takes keys. Source: chosen by eye: its table needs no scrolling."""
 
 HANDLE_M = 0.14
 """Size of a master's handle [m]. Source: chosen by eye, a hand's width."""
@@ -37,7 +37,7 @@ class Pedal:
     Attributes:
         label: of its box
         press: called with True when it is pressed, with False when it is released
-        pressed: returns whether it is pressed now, whoever pressed it
+        pressed: returns whether it is pressed now, on the page or elsewhere
         key: letter that presses and releases it anywhere in the page; "": none
     """
 
@@ -61,7 +61,7 @@ class Driving:
         pedals: in the order of their boxes
         handles: arms whose tips can be dragged
         carry: called with an arm and the pose its tip is dragged to, T_world_tip (4, 4)
-        let_go: called with the arm when nobody drags any longer
+        let_go: called with the arm when dragging ends
     """
 
     title: str
@@ -96,7 +96,7 @@ class DrivingTab:
         self._handles = {name: self._handle(server.scene, name) for name in driving.handles}
 
     def show(self, tips: Mapping[str, Floats]) -> None:
-        """Refresh; handles that nobody drags go to their tips, {arm: T_world_tip (4, 4)}."""
+        """Refresh; handles that are not dragged go to their tips, {arm: T_world_tip (4, 4)}."""
         if self._refreshes % EVERY == 0:
             status = self._driving.status()
             if status != self._status:
@@ -148,7 +148,7 @@ def _pedal(gui: viser.GuiApi, pedal: Pedal) -> Setting[bool]:
 
 
 def _tables(driving: Driving) -> str:
-    """Return every table; those after the first open when they are clicked on."""
+    """Return every table; those after the first are folded."""
     (_, first), *others = driving.tables.items() or [("", ())]
     folded = (
         f"<details><summary>{escape(name)}</summary>{_table(lines)}</details>"
@@ -167,7 +167,7 @@ def _table(lines: Sequence[tuple[str, str]]) -> str:
 
 
 def _frame(driving: Driving, nonce: str) -> str:
-    """Return a frame of its own, which takes keys only while it has the focus."""
+    """Return an inner frame, which takes keys only while it has the focus."""
     page = files("trocar.viewer").joinpath("driving.html").read_text(encoding="utf-8")
     settings = {
         "url": driving.websocket,

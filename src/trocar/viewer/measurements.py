@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 WANDERS_M = 1e-6
-"""From here on the page shows how far a robot's own geometry moves its remote centre."""
+"""Motion of a remote centre by a robot's own geometry from which the page shows it [m]."""
 
 WARNINGS_SHOWN = 3
 
 SPAN_S = 10.0
-"""How far back the plots look [s of simulated time]. Source: our own choice."""
+"""Length of the plots [s of simulated time]. Source: our own choice."""
 
 SAMPLES = 400
 """Most samples kept: the span at 30 refreshes a second, and some."""
@@ -39,10 +39,10 @@ WIDTHS = {COMMANDED: 5.0, MEASURED: 1.6, ERROR: 1.6}
 """Line widths in pixels: the set-point shows behind the measured position."""
 
 TIME = "ago"
-"""Name of the time scale; viser meddles with the range of one called "x"."""
+"""Name of the time scale; viser changes the range of one called "x"."""
 
 STEPS = 5
-"""About how many steps an axis is divided into."""
+"""Approximate number of steps of an axis."""
 
 STYLE = """<style>
 .trocar { font-size: 12.5px; padding: 1px 14px 3px 10px; font-variant-numeric: tabular-nums; }
@@ -69,7 +69,7 @@ class Notices(logging.Handler):
         self._kept: deque[str] = deque(maxlen=WARNINGS_SHOWN)
 
     @contextmanager
-    def listening(self) -> Iterator[None]:
+    def listening(self) -> Generator[None]:
         """Handle the simulation's log while the `with` block lasts."""
         log = logging.getLogger("trocar")
         log.addHandler(self)
@@ -117,7 +117,7 @@ class StatusTables:
         self._show_messages()
 
     def fail(self, error: Exception) -> None:
-        """Show what stopped the simulation."""
+        """Show the error that stopped the simulation."""
         self._failure = f'<div class="note bad" data-trocar="failure">{escape(str(error))}</div>'
         self._show_messages()
 

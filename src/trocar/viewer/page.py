@@ -41,14 +41,14 @@ PLOTS_EVERY = 3
 """Refreshes between two updates of the plots and the sliders: ten a second."""
 
 FAREWELL_S = 1.0
-"""How long the page shows what stopped the simulation before it closes [s]."""
+"""Time for which the page shows the error that stopped the simulation before it closes [s]."""
 
 PANEL_WIDTH = 370
 """Width of each panel in CSS pixels. Source: chosen by eye."""
 
 
 class Page:
-    """Everything that a browser sees; made, in viser's thread, while the world stands still.
+    """The whole page; made in viser's thread while the world stands still.
 
     Attributes:
         panel, tables, bodies, tools: its parts
@@ -87,7 +87,7 @@ class Page:
         window = server.gui.add_panel()
         self._driving: DrivingTab | None = None
         titles = ["Measurements"]
-        if driving is not None:  # before the measurements where somebody drives: open at first
+        if driving is not None:  # before the measurements where keys drive: open at first
             titles.insert(0 if driving.tables else 1, driving.title)
         for title in titles:
             with window.add_tab(title):
@@ -104,7 +104,7 @@ class Page:
             self.cameras = CameraWindow(server.gui, pictures, eyes)
 
     def refresh(self) -> None:
-        """Send what changed, if the page is open; to be called there every PERIOD_S."""
+        """Send all changes, if the page is open; called in viser's thread every PERIOD_S."""
         state = self._loop.state
         self._history.add(state.snapshot)
         if not self._server.get_clients():
@@ -130,7 +130,7 @@ class Page:
         self._refreshes += 1
 
     def _show_bodies(self, now: Snapshot) -> None:
-        """Move the bodies; ask for their shapes first when a tool was exchanged."""
+        """Move the bodies; request their shapes first after a tool exchange."""
         if self._shapes is not None and self._shapes.done():
             answer, self._shapes = self._shapes, None
             if not answer.cancelled():
@@ -151,7 +151,7 @@ class Page:
             self._tips = self._loop.ask(tips_of)
 
     def fail(self, error: Exception) -> None:
-        """Show what stopped the simulation."""
+        """Show the error that stopped the simulation."""
         self.tables.fail(error)
         self._server.flush()
 
@@ -180,7 +180,7 @@ def serve(
         duration_s: simulated time to run [s]; None means until Ctrl-C
         on_ready: called with the page's address once it is served and time flows
         loop: the world's loop, when others use it, too; not running yet, and ended here
-        pictures: draws what the cameras of the loop's world see; None: the page shows none
+        pictures: of the cameras of the loop's world; None: the page shows none
         note: returns HTML to show above the table of joints, called five times a second
         driving: controls for hands: keys, handles, pedals
         access: which web pages may connect; when omitted, the page itself

@@ -42,7 +42,7 @@ over. Source: most of a second at 5 Hz."""
 
 @dataclass(frozen=True)
 class Unit:
-    """The unit of a quantity on the page: what is shown is the SI value times `scale`."""
+    """The unit of a quantity on the page: shown is the SI value times `scale`."""
 
     text: str
     scale: float
@@ -71,7 +71,7 @@ class JointInfo:
 
     @property
     def is_jaw(self) -> bool:
-        """Whether this is the jaw, which has commands of its own."""
+        """Whether this is the jaw, which has separate commands."""
         return self.name == "jaw"
 
 
@@ -94,7 +94,7 @@ class ArmInfo:
 
 
 def read_arm(world: World, name: str) -> ArmInfo:
-    """Read what the page shows of an arm beside its motion; call it through `Loop.ask`."""
+    """Read the limits, modes and tools of an arm for the page; call it through `Loop.ask`."""
     arm = world.arm(name)
     kinds = [joint.kind for joint in arm.description.mechanism.joints]
     joints = tuple(
@@ -122,11 +122,11 @@ def read_arm(world: World, name: str) -> ArmInfo:
 
 
 class Setting(Generic[T]):
-    """An input for what is set of an arm; it follows the simulation except just after a touch.
+    """An input for a setting of an arm; it follows the simulation except just after a touch.
 
     Args:
         handle: the input
-        post: called with what a person chose
+        post: called with the value that a person chose
         delayed: post once typing has settled: a number that is being typed passes through others
             (on the way to 120 it is 1 and 12), and an arm with P = 1 drops
     """
@@ -144,7 +144,7 @@ class Setting(Generic[T]):
         when_touched(handle, self.touch)
 
     def touch(self, value: T) -> None:
-        """Take what a person chose or typed."""
+        """Take the value that a person chose or typed."""
         self._untouched = 0
         if self._delayed:
             self._pending = value
@@ -152,7 +152,7 @@ class Setting(Generic[T]):
             self._post(value)
 
     def show(self, value: T) -> None:
-        """Show what is in force, or post what was typed; nothing just after a touch."""
+        """Show the value in force, or post a typed one; nothing just after a touch."""
         self._untouched += 1
         if self._untouched < SETTLED:
             return
@@ -168,7 +168,7 @@ class JointSliders:
 
     A slider posts a move, so that the arm keeps its velocity limits however fast it is dragged; of
     a joint in effort mode it is an effort. A touch changes the goal of its own joint only. While
-    nobody touches them and the arm is at rest, or moves for another reason (a named pose, a
+    they are not touched and the arm is at rest, or moves for another reason (a named pose, a
     script), the sliders follow the set-points.
 
     Args:
@@ -210,11 +210,11 @@ class JointSliders:
                 handle.value = _rounded(value, handle.min, handle.max, handle.step)
 
     def let_go(self) -> None:
-        """Follow the arm from now on: it was sent somewhere by other means than a slider."""
+        """Follow the arm from now on: something else than a slider commanded it."""
         self._mine = False
 
     def touch(self, k: int, value: float) -> None:
-        """Command joint k to where its slider was moved, in the unit that it shows."""
+        """Command joint k to its slider's value, in the shown unit."""
         joint, own = self._info.joints[k], self._own
         self._untouched, self._mine = 0, True
         if self._in_effort(k):
@@ -260,7 +260,7 @@ class JointSliders:
         return handle
 
     def _in_effort(self, k: int) -> bool:
-        """Return whether a slider is an effort; fingers have an opening whatever the mode."""
+        """Test whether a slider is an effort; fingers have an opening in every mode."""
         return self._modes[k] == "effort" and not self._info.joints[k].is_gripper
 
     def _own(self, values: np.ndarray) -> tuple[float, ...]:
@@ -294,7 +294,7 @@ class ArmControls:
 
     Attributes:
         sliders: of its joints
-        clients: names of those that command the arm
+        clients: names of the clients that command the arm
         instrument: the choice of a tool; None for an arm that takes none
         gains: {joint: its gains}
     """
@@ -334,7 +334,7 @@ class ArmControls:
                 self.gains = {joint.name: self._gains_row(joint) for joint in motors}
 
     def follow(self, now: Snapshot) -> None:
-        """Show where the arm is."""
+        """Show the arm's position and state."""
         arm = now.arms[self._info.name]
         if (line := state_line(arm)) != self._state.value:
             self._state.value = line
@@ -347,7 +347,7 @@ class ArmControls:
         self._mode.show(_mode_title(arm.modes[index]))
 
     def show(self, info: ArmInfo) -> None:
-        """Show what is set, whoever set it."""
+        """Show the settings in force."""
         if self.instrument is not None:
             self.instrument.show(info.tool or NONE)
         if self._gravity is not None:
@@ -414,7 +414,7 @@ class Panel:
 
     Attributes:
         choice: the list of arms
-        controls: of the chosen arm; None until what is known of it fits its tool
+        controls: of the chosen arm; None until the description fits its tool
     """
 
     def __init__(
@@ -454,11 +454,11 @@ class Panel:
         return self._arms[self.choice.value]
 
     def is_current(self, now: Snapshot) -> bool:
-        """Return whether what is known of the chosen arm is of the tool that it has now."""
+        """Test whether the description of the chosen arm is of the tool that it has now."""
         return now.arms[self.arm.name].tool == self.arm.tool
 
     def follow(self, now: Snapshot) -> None:
-        """Show where the chosen arm is and what is set."""
+        """Show the chosen arm's position, state and settings."""
         if self.controls is not None and self.is_current(now):
             self.controls.follow(now)
         if self._answer is None:
@@ -470,7 +470,7 @@ class Panel:
                 self._renew(answer.result())
 
     def choose(self) -> None:
-        """Make the chosen arm's controls, once what is known of it is of the tool it has now."""
+        """Make the chosen arm's controls, once its description is of the tool that it has now."""
         if self.controls is not None:
             self.controls.remove()
             self.controls = None

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from itertools import groupby
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 import trimesh
 import trimesh.visual
 import viser
 from numpy.typing import NDArray
-from trimesh.exchange.gltf import export_glb
+from trimesh.exchange.gltf import export_glb  # pyright: ignore[reportUnknownVariableType]
 from trimesh.visual.material import PBRMaterial
 from viser._messages import SetOrientationMessage, SetPositionMessage
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 STILL = 1e-5
-"""A pose whose numbers all changed less is not sent again: 10 um, 20 urad, far below a pixel."""
+"""Least change of a pose that is sent [m, and of a quaternion]: far below a pixel."""
 
 EDGE, EDGE_MAX_M = 0.12, 0.006
 """Radius of a box's edges over its smallest half size, and its upper bound [m]. Source: by eye."""
@@ -54,7 +54,7 @@ FIELD_OF_VIEW = np.deg2rad(38.0)
 """Vertical angle of the camera [rad]. Source: chosen by eye."""
 
 CENTRE_RADIUS_M, CENTRE_COLOUR = 0.009, (255, 120, 20)
-"""Of the sphere that marks a remote centre [m]. Source: chosen by eye."""
+"""Radius and colour of the sphere that marks a remote centre [m]. Source: chosen by eye."""
 
 ANCHORS: tuple[Literal["bottom-left", "bottom-right"], ...] = ("bottom-left", "bottom-right")
 """Labels of neighbours lean to different sides, so that they hide each other less."""
@@ -79,23 +79,24 @@ def primitive(kind: str, size: tuple[float, ...], rounding: float = 0.0) -> trim
     Raises:
         InputError: another kind
     """
+    creation, convex = cast(Any, trimesh.creation), cast(Any, trimesh.convex)  # partial types
     if kind == "box":
         half = np.array(size[:3])
         edge = rounding or min(EDGE * float(half.min()), EDGE_MAX_M)
-        ball = trimesh.creation.icosphere(subdivisions=2, radius=edge).vertices
+        ball = creation.icosphere(subdivisions=2, radius=edge).vertices
         signs = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 1, 3)
-        return trimesh.convex.convex_hull((signs * (half - edge) + ball).reshape(-1, 3))
+        return convex.convex_hull((signs * (half - edge) + ball).reshape(-1, 3))
     if kind == "cylinder":
-        return trimesh.creation.cylinder(size[0], 2 * size[1], sections=32)
+        return creation.cylinder(size[0], 2 * size[1], sections=32)
     if kind == "capsule":
-        return trimesh.creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
+        return creation.capsule(radius=size[0], height=2 * size[1], count=[28, 12])
     if kind == "sphere":
-        return trimesh.creation.icosphere(subdivisions=3, radius=size[0])
+        return creation.icosphere(subdivisions=3, radius=size[0])
     raise InputError(f"got shape kind {kind!r}; allowed: box, capsule, cylinder, sphere")
 
 
 def half_extents(kind: str, size: Sequence[float] | Floats) -> Floats:
-    """Return how far a shape reaches along its own axes, (3,) [m]."""
+    """Return half the size of a shape along its own axes, (3,) [m]."""
     if kind in ("box", "mesh"):
         return np.array(size[:3], dtype=np.float64)
     radius, length = float(size[0]), 0.0 if kind == "sphere" else float(size[1])
@@ -113,7 +114,7 @@ def parts_of(shapes: Sequence[ShapeRecord]) -> list[trimesh.Trimesh]:
         same = list(group)
         meshes = [_surface(shape) for shape in same]
         # Copies, as of a list of one, lose the normals.
-        part: Any = meshes[0] if len(meshes) == 1 else trimesh.util.concatenate(meshes)
+        part: Any = meshes[0] if len(meshes) == 1 else cast(Any, trimesh.util).concatenate(meshes)
         part.visual = trimesh.visual.TextureVisuals(material=_material(same[0]))
         parts.append(part)
     return parts
@@ -129,16 +130,17 @@ def _surface(shape: ShapeRecord) -> trimesh.Trimesh:
         mesh = trimesh.Trimesh(vertices, faces, vertex_normals=shape.normals, process=False)
         if shape.normals is None:
             mesh.unmerge_vertices()  # each triangle is drawn flat
-    return mesh.apply_transform(shape.pose)
+    mesh.apply_transform(shape.pose)  # pyright: ignore[reportUnknownMemberType]
+    return mesh
 
 
 @lru_cache(maxsize=256)
 def _smooth_primitive(kind: str, size: tuple[float, ...], rounding: float) -> trimesh.Trimesh:
-    return trimesh.graph.smooth_shade(primitive(kind, size, rounding), angle=SMOOTH)
+    return cast(Any, trimesh.graph).smooth_shade(primitive(kind, size, rounding), angle=SMOOTH)
 
 
 def _material(shape: ShapeRecord) -> PBRMaterial:
-    """Return how a shape reflects light; what the descriptions call gloss is smoothness."""
+    """Return the material of a shape; the descriptions' gloss is smoothness."""
     srgb = np.array(shape.rgba[:3])
     # glTF has linear light. Source: IEC 61966-2-1.
     light = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
@@ -169,7 +171,7 @@ class Bodies:
         self.renew(shapes)
 
     def renew(self, shapes: Iterable[ShapeRecord]) -> int:
-        """Show other shapes, as after an exchange of a tool; return how many bodies look new."""
+        """Show other shapes, as after a tool exchange; return the number of new bodies."""
         by_body = sorted(shapes, key=lambda shape: shape.body)
         glbs = {
             body: glb(parts_of(tuple(group)))
@@ -186,12 +188,12 @@ class Bodies:
         return len(fresh)
 
     def show(self, snapshot: Snapshot) -> int:
-        """Send the poses that changed; return how many."""
+        """Send the poses that changed; return their number."""
         positions, quaternions = snapshot.positions, snapshot.quaternions
         poses = np.concatenate([positions[self._index], quaternions[self._index]], axis=1)
         moved = np.any(np.abs(poses - self._sent) > STILL, axis=1)
         # viser's setters compare again, which takes four times as long as sending (measured).
-        queue = self._scene._queue_scene_message
+        queue = self._scene._queue_scene_message  # pyright: ignore[reportPrivateUsage]
         for row in np.flatnonzero(moved):
             node, pose = self._nodes[int(self._index[row])], poses[row]
             node.position[:], node.wxyz[:] = pose[:3], pose[3:]
@@ -203,7 +205,7 @@ class Bodies:
 
 
 class Drawings:
-    """One node per surface or curve that bends; what moved is sent.
+    """One node per surface or curve that bends; only those that moved are sent.
 
     Attributes:
         nodes: {drawing: its mesh}
@@ -214,7 +216,7 @@ class Drawings:
         self.nodes: dict[str, viser.MeshHandle] = {}
 
     def show(self, snapshot: Snapshot) -> int:
-        """Send the drawings that changed, and remove those that are gone; return how many."""
+        """Send the drawings that changed and remove those that are gone; return the number sent."""
         sent = 0
         for name in self.nodes.keys() - {drawing.name for drawing in snapshot.drawings}:
             self.nodes.pop(name).remove()
@@ -234,7 +236,7 @@ class Drawings:
 
 
 class RemoteCentres:
-    """A small sphere and the arm's name at each point that the trocar keeps still."""
+    """A small sphere with the arm's name at each remote centre."""
 
     def __init__(self, scene: viser.SceneApi, snapshot: Snapshot) -> None:
         names = [name for name, arm in snapshot.arms.items() if arm.remote_centre is not None]
@@ -257,7 +259,7 @@ class RemoteCentres:
         self.show(snapshot)
 
     def show(self, snapshot: Snapshot) -> None:
-        """Move the marks to where the centres are."""
+        """Move the marks to the centres."""
         for name, (sphere, label) in self._nodes.items():
             centre = snapshot.arms[name].remote_centre
             if centre is not None:
@@ -362,14 +364,14 @@ def stage(server: viser.ViserServer, shapes: Sequence[ShapeRecord], snapshot: Sn
 
 
 def camera_for(points: Floats, view: Floats) -> tuple[Floats, Floats]:
-    """Return where the nearest camera stands that has points in a square view, and what it faces.
+    """Place the nearest camera that has points in a square view.
 
     Args:
         points: (n, 3) [m]
         view: direction from the points to the camera, (3,)
 
     Returns:
-        position and the middle of what is seen, (3,) each [m]
+        position, and the point that it looks at, (3,) each [m]
     """
     forward = -view / np.linalg.norm(view)
     right = np.cross(forward, (0.0, 0.0, 1.0))

@@ -20,7 +20,7 @@ import secrets
 import socket
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
@@ -47,7 +47,7 @@ T = TypeVar("T")
 _handshakes = logging.getLogger("websockets.server")
 HUNG_UP = "opening handshake failed"
 
-#: How long the page, 0.8 MB, may take to a browser through a slow ssh. Source: our own choice. [s]
+#: Time limit of sending the page, 0.8 MB, through a slow ssh [s]. Source: our own choice.
 PAGE_S = 60.0
 
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
@@ -131,7 +131,7 @@ class ClientPage:
 
     @property
     def entrance(self) -> str:
-        """What follows the server's address in the address of the page."""
+        """Path and query of the page's address, with the token if there is one."""
         return "" if self._access.token is None else f"/?{self._access.query}"
 
     def _text(self, connection: ServerConnection, status: HTTPStatus, text: str) -> Response:
@@ -199,7 +199,8 @@ class LocalServer(viser.ViserServer):
     def __init__(self, host: str, port: int, label: str, page: ClientPage) -> None:
         self.page = page
         with _served_with(page.options):
-            super().__init__(host=host, port=port, label=label, verbose=False)
+            base: Any = super()  # its types are partial
+            base.__init__(host=host, port=port, label=label, verbose=False)
 
     def request_share_url(self, verbose: bool = True) -> str | None:  # noqa: ARG002  as inherited
         """Refuse to open a public address."""
@@ -210,7 +211,7 @@ _constructing = threading.Lock()
 
 
 @contextlib.contextmanager
-def _served_with(ours: Mapping[str, Any]) -> Iterator[None]:
+def _served_with(ours: Mapping[str, Any]) -> Generator[None]:
     """Let viser open its port with our keyword arguments of websockets' `serve`.
 
     viser listens before its constructor returns, and has no option for them.
@@ -243,7 +244,7 @@ def serving(
     label: str,
     access: PageAccess | None = None,
     sockets: Sequence[str] = (),
-) -> Iterator[LocalServer]:
+) -> Generator[LocalServer]:
     """Serve while the `with` block lasts.
 
     Args:
@@ -296,14 +297,14 @@ def _checked_host(host: str) -> str:
 
 
 def _is_defect(record: logging.LogRecord) -> bool:
-    """Drop reports of what clients did; what else fails in a handshake is a defect."""
+    """Drop reports of clients that hang up; every other failed handshake is a defect."""
     problem = record.exc_info[1] if record.exc_info else None
     theirs = isinstance(problem, WebSocketException | EOFError | ConnectionError)
     return not (theirs and record.getMessage() == HUNG_UP)
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
+def _quiet() -> Generator[None]:
     """Keep viser's banners off the terminal."""
     with contextlib.redirect_stdout(io.StringIO()):
         yield

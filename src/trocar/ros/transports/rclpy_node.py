@@ -421,7 +421,7 @@ class RclpyTransport:
             if not (topic.rate == "event" or topic.latched or topic.name in self._subscribed):
                 continue
             if topic.rate == "camera":
-                self._images.put(topic.name, (topic, message))
+                self._images.put((topic, message), topic.name)
             else:
                 self._publish((topic, message))
 

@@ -252,7 +252,7 @@ class Ros2Transport:
             if writer is None or not (writer.matched or topic.latched):
                 continue
             if topic.rate == "camera":
-                self._images.put(topic.name, (writer, topic, message))
+                self._images.put((writer, topic, message), topic.name)
             else:
                 self._write((writer, topic, message))
 

@@ -1,14 +1,20 @@
-"""A rig as an SDF model: links, hinges, and the joints that close its loops.
+"""SDF: links, hinges, and the joints that close loops.
 
-The model stands as it does where every public joint is at 0 and the loops are closed, which is
-where a reader of the file counts every joint from: a passive joint of a loop that is no
+A written model stands as it does where every public joint is at 0 and the loops are closed, which
+is where a reader of the file counts every joint from: a passive joint of a loop that is no
 parallelogram differs by the constant `LinkModel.zero`.
+
+Source: the format as sdformat.org documents it: poses are relative to the model unless they name
+another frame (1.7), a joint's to its child; a joint's axis is given in the joint's frame, in the
+model's where the file says so (`use_parent_model_frame` up to 1.6, `expressed_in` from 1.7).
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,10 +24,42 @@ from trocar.descriptions.materials import MATERIALS
 from trocar.descriptions.meshes import Mesh
 from trocar.descriptions.records import Shape
 from trocar.errors import UnknownNameError
-from trocar.formats.links import WORLD, Link, LinkJoint, LinkLoop, LinkModel
-from trocar.formats.markup import child, document, element, lxml_etree
+from trocar.formats.folder import (
+    ExportTask,
+    filled,
+    left_out,
+    markdown_table,
+    readme,
+    write_meshes,
+)
+from trocar.formats.format import Format
+from trocar.formats.links import (
+    KINDS,
+    WORLD,
+    ImportFileError,
+    Link,
+    LinkJoint,
+    LinkLoop,
+    LinkModel,
+    SourceJoint,
+    SourceModel,
+    as_tree,
+    nearest_material,
+)
+from trocar.formats.meshes import MeshFinder
+from trocar.formats.xml_tree import (
+    INFINITE,
+    XmlNode,
+    child,
+    document,
+    element,
+    inertia_of,
+    lxml_etree,
+    moving_joint,
+    read_xml,
+)
 from trocar.geometry.rotations import matrix_from_rpy, rpy_from_matrix
-from trocar.geometry.se3 import transform, translation
+from trocar.geometry.se3 import inverse, transform, translation
 from trocar.modeling.options import CONTACT_FRICTION
 
 Array = NDArray[np.float64]
@@ -44,6 +82,12 @@ STEP = 0.001
 #: Where the sun comes from, and how bright it is. Source: our own choice.
 SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
 GREY = (0.7, 0.7, 0.72, 1.0)
+MODEL = "model.sdf"
+MODEL_PARTS = ("link", "joint", "frame", "pose")
+#: Says how a simulator treats the model, not what it is.
+PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
+LINK_PARTS = ("pose", "inertial", "visual", "collision")
+LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velocity_decay")
 
 
 def check_version(version: str) -> str:
@@ -476,3 +520,272 @@ def _add_ground(parent: Any, model: LinkModel) -> None:
         child(plane, "size", text=exact([20.0, 20.0]))
         if tag == "visual":
             child(child(part, "material"), "diffuse", text=exact(GREY))
+
+
+def write_sdf(task: ExportTask, *, sdf_version: str = "1.9") -> tuple[str, ...]:
+    """Fill a folder with a rig's SDF, and return warnings.
+
+    Args:
+        task: rig and folder
+        sdf_version: one of `VERSIONS`
+
+    Raises:
+        UnknownNameError: another version
+    """
+    version = check_version(sdf_version)
+    name = f"{model_name(task.model)}.world.sdf"
+    files = {
+        MODEL: sdf(task.model, version, task.meshes),
+        name: world(task.model, version, task.meshes),
+        "model.config": card(task.model, version, MODEL),
+        "README.md": _readme(task, version, name).encode(),
+    }
+    for file, data in files.items():
+        (task.folder / file).write_bytes(data)
+    write_meshes(task.meshes, task.folder / "meshes")
+    return (*left_out(task.rig), *_warnings(task.model, version))
+
+
+def coupled(model: LinkModel) -> list[LinkJoint]:
+    """Return the joints that follow another, and not by a loop."""
+    return [joint for joint in model.joints if joint.follows and not joint.in_loop]
+
+
+def _warnings(model: LinkModel, version: str) -> tuple[str, ...]:
+    loose = [
+        joint.name
+        for joint in coupled(model)
+        if version == "1.9" or (version == "1.7" and joint.kind == "prismatic")
+    ]
+    return (
+        (
+            f"SDF {version} cannot couple these joints, which move freely in Gazebo:"
+            f" {', '.join(loose)} (see README.md; --sdf-version 1.11 couples them)",
+        )
+        if loose
+        else ()
+    )
+
+
+def _readme(task: ExportTask, version: str, world_file: str) -> str:
+    model = task.model
+    loops = ", ".join(f"`{loop.name}_joint`" for loop in model.loops)
+    rows: list[tuple[str, str]] = []
+    for joint in coupled(model):
+        leads = " + ".join(f"{ratio:g} * {name}_joint" for name, ratio in joint.follows)
+        rows.append((f"{joint.name}_joint", leads))
+    how = {
+        "1.7": "Turning pairs are geared (`gearbox`); a slide that follows is free.",
+        "1.9": "Drake couples them (`drake:mimic`, discrete plants); in Gazebo they are free.",
+        "1.11": "Gazebo from Harmonic on couples them (`mimic`), with its bullet-featherstone.",
+    }[version]
+    table = markdown_table(("joint", "follows"), rows)
+    body = filled(
+        "sdf.md",
+        model=MODEL,
+        version=version,
+        world=world_file,
+        loops=filled("sdf_loops.md", names=loops) if loops else "",
+        couplings=filled("sdf_couplings.md", rows=table, how=how) if rows else "",
+        left_out="".join(f"\n- {text}." for text in left_out(task.rig)),
+    )
+    return readme(task, "sdf", body)
+
+
+def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
+    """Read a model.
+
+    Raises:
+        ImportFileError: no single model, an unknown element, a file that is not there; with the
+            line
+    """
+    root = read_xml(path)
+    if root.tag != "sdf":
+        raise root.fail("is not SDF; allowed: <sdf>")
+    root.check(("model", "world"))
+    models = root.children("model") + [
+        m for w in root.children("world") for m in w.children("model")
+    ]
+    if len(models) != 1:
+        raise root.fail(f"contains {len(models)} models; allowed: one")
+    version = root.attribute("version", "1.6")
+    numbers = re.match(r"(\d{1,3})\.(\d{1,3})", version)
+    if numbers is None:
+        raise root.fail(f"version: got {version[:40]!r}; allowed: two numbers, as in 1.7")
+    major, minor = map(int, numbers.groups())
+    return _SdfModel(models[0], str(path), (major, minor), packages).read(path)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A pose as it is written: relative to the frame of that name."""
+
+    pose: Array
+    to: str
+
+
+class _SdfModel:
+    def __init__(
+        self, node: XmlNode, file: str, version: tuple[int, ...], packages: tuple[Path, ...]
+    ) -> None:
+        self._node, self._file = node, file
+        self._version = version
+        node.check((*MODEL_PARTS, *PASSED_OVER))
+        self._finder = MeshFinder(Path(file), packages)
+        self._still = {
+            joint.need("child").text()
+            for joint in node.children("joint")
+            if joint.attribute("type") == "fixed" and joint.need("parent").text() == WORLD
+        }
+        self._from_world = inverse(_own_pose(node))
+        self._places: dict[str, _Place] = {}
+        for link in node.children("link"):
+            self._place(link, "__model__")
+        for joint in node.children("joint"):
+            self._place(joint, joint.need("child").text())
+        for frame in node.children("frame"):
+            self._place(frame, frame.attribute("attached_to", "") or "__model__")
+
+    def _place(self, node: XmlNode, default: str) -> None:
+        pose = node.child("pose")
+        at = np.eye(4) if pose is None else _read_pose(pose)
+        to = default if pose is None else (pose.attribute("relative_to", "") or default)
+        name = node.attribute("name")
+        if name in self._places:
+            raise node.fail(f"has the duplicate name {name!r}")
+        self._places[name] = _Place(at, to)
+
+    def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
+        """Return T_model_frame of anything that has a name, (4, 4)."""
+        if name == "__model__":
+            return np.eye(4)
+        if name == WORLD:
+            return self._from_world
+        if name in seen:
+            raise node.fail(f"poses of {', '.join(seen)} form a cycle")
+        if name not in self._places:
+            raise node.fail(f"names {name!r}; known: {', '.join(self._places)}")
+        place = self._places[name]
+        return self.at(place.to, node, (*seen, name)) @ place.pose
+
+    def read(self, path: Path) -> SourceModel:
+        """Return links, the joints of a tree, and what closes loops."""
+        links = [self._link(node) for node in self._node.children("link")]
+        nodes = self._node.children("joint")
+        if any(node.need("parent").text() == WORLD for node in nodes):
+            links.insert(0, Link(WORLD))
+        tree: list[SourceJoint] = []
+        loops: list[LinkLoop] = []
+        warnings = [
+            f"{self._file}: <{tag}> is ignored"
+            for tag in sorted({n.tag for n in self._node.children() if n.tag in PASSED_OVER})
+        ]
+        taken: set[str] = set()
+        for node in nodes:
+            joint = self._joint(node)
+            if joint.child not in taken:
+                taken.add(joint.child)
+                tree.append(joint)
+                continue
+            at = self.at(joint.name, node)[:3, 3]
+            sides = [
+                inverse(self.at(name, node)) @ np.append(at, 1.0)
+                for name in (joint.parent, joint.child)
+            ]
+            loops.append(
+                LinkLoop(joint.name, joint.parent, sides[0][:3], joint.child, sides[1][:3])
+            )
+        try:
+            ordered, joints = as_tree(str(path), links, tree)
+        except ImportFileError as problem:
+            raise self._node.fail(str(problem).partition(": ")[2]) from problem
+        name = self._node.attribute("name")
+        return SourceModel(name, self._file, ordered, joints, tuple(loops), tuple(warnings))
+
+    def _link(self, node: XmlNode) -> Link:
+        node.check((*LINK_PARTS, *LINK_PASSED_OVER, "sensor", "light"))
+        shapes: list[Shape] = []
+        for visual in node.children("visual"):
+            geometry, material = visual.need("geometry"), _read_material(visual)
+            shapes.append(self._finder.visual(geometry, _own_pose(visual), material))
+        for collision in node.children("collision"):
+            geometry = collision.need("geometry")
+            shapes.append(self._finder.collision(geometry, _own_pose(collision)))
+        link = Link(node.attribute("name"), shapes=tuple(shapes))
+        inertial = node.child("inertial")
+        if inertial is None:  # the format's default; none for an empty link fixed to the world
+            nothing = not shapes and link.name in self._still
+            return link if nothing else replace(link, mass=1.0, inertia=np.eye(3))
+        at, values = _own_pose(inertial), inertial.child("inertia")
+        inertia = inertia_of(values, at[:3, :3], diagonal=1.0)
+        return replace(link, mass=inertial.number("mass", 1.0), com=at[:3, 3], inertia=inertia)
+
+    def _joint(self, node: XmlNode) -> SourceJoint:
+        node.check(("pose", "parent", "child", "axis", "physics", "sensor"))
+        kind, name = node.attribute("type"), node.attribute("name")
+        if kind not in KINDS:
+            raise node.fail(f"got the type {kind!r}; allowed: {', '.join(KINDS)}")
+        parent, child = node.need("parent").text(), node.need("child").text()
+        at_child, here = self.at(child, node), self.at(name, node)
+        pose = inverse(self.at(parent, node)) @ at_child
+        joint = SourceJoint(name, KINDS[kind], parent, child, pose)
+        if kind == "fixed":
+            return joint
+        axis = node.need("axis")
+        axis.check(("xyz", "limit", "dynamics", "use_parent_model_frame", "mimic"))
+        along = inverse(at_child)[:3, :3] @ self._axis(axis, here)
+        limit, limits = axis.child("limit"), (-np.inf, np.inf)
+        if limit is not None and kind != "continuous":
+            limits = _bound(limit.number("lower", -1e16)), _bound(limit.number("upper", 1e16))
+        joint = replace(joint, point=(inverse(at_child) @ here)[:3, 3])
+        return moving_joint(joint, axis, along, limits)
+
+    def _axis(self, axis: XmlNode, here: Array) -> Array:
+        """Return a joint's axis in the model's frame, (3,)."""
+        xyz = axis.child("xyz")
+        along = np.array([0.0, 0.0, 1.0]) if xyz is None else xyz.numbers(3)
+        if not np.linalg.norm(along) > 0.0:
+            raise axis.fail("has a length of 0; allowed: a direction")
+        named = "" if xyz is None else xyz.attribute("expressed_in", "")
+        if named:
+            return self.at(named, axis)[:3, :3] @ along
+        flag = axis.child("use_parent_model_frame")
+        in_model = flag is not None and flag.text() in ("1", "true")
+        return along if in_model or self._version < (1, 5) else here[:3, :3] @ along
+
+
+def _read_pose(node: XmlNode) -> Array:
+    values = node.numbers(6)
+    if node.attribute("degrees", "false") in ("1", "true"):
+        values[3:] = np.radians(values[3:])
+    return transform(matrix_from_rpy(*values[3:]), values[:3])
+
+
+def _own_pose(node: XmlNode) -> Array:
+    pose = node.child("pose")
+    return np.eye(4) if pose is None else _read_pose(pose)
+
+
+def _read_material(visual: XmlNode) -> str:
+    material = visual.child("material")
+    colour = None if material is None else (material.child("diffuse") or material.child("ambient"))
+    if colour is None:
+        return nearest_material(None)
+    return nearest_material(np.array([float(v) for v in colour.text().split()]))
+
+
+def _bound(value: float) -> float:
+    return float(np.sign(value) * np.inf) if abs(value) > INFINITE else value
+
+
+FORMAT = Format(
+    title="SDF: Gazebo, Drake",
+    order=20,
+    options="""
+        --sdf-version V = 1.9  sdf: format version, 1.7, 1.9 or 1.11
+    """,
+    suffixes=(".sdf",),
+    root="sdf",
+    write=write_sdf,
+    read=read_sdf,
+)

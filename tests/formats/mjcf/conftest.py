@@ -12,7 +12,7 @@ import pytest
 from trocar.descriptions import load_arm, load_rig, names
 from trocar.descriptions.lone_arm import lone_arm_rig
 from trocar.descriptions.records import RigDescription
-from trocar.formats.mesh_files import obj
+from trocar.formats.meshes import obj
 from trocar.formats.mjcf import POSITION, Variant, mjcf_document
 
 #: The Si arms are serial chains without masses (their [[missing]] says so).

@@ -9,7 +9,7 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.formats.importers.model import ImportFileError, LoopPoint, ModelJoint, SourceModel
+from trocar.formats.links import ImportFileError, LinkLoop, SourceJoint, SourceModel
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.loops import residual_jacobian, residuals
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
@@ -39,7 +39,7 @@ class MechanismLayout:
 
     mechanism: Mechanism
     carrier: Mapping[str, tuple[str, Array]]
-    sources: Mapping[str, ModelJoint]
+    sources: Mapping[str, SourceJoint]
     warnings: tuple[str, ...]
 
 
@@ -87,7 +87,7 @@ def lay_out(model: SourceModel, passive: Sequence[str] = ()) -> MechanismLayout:
     return MechanismLayout(mechanism, carrier, sources, tuple(warnings))
 
 
-def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
+def _limited(joint: SourceJoint, warnings: list[str]) -> SourceJoint:
     """Return a joint with finite limits, or a fixed one where they leave no room."""
     if joint.kind == "fixed":
         return joint
@@ -104,7 +104,7 @@ def _limited(joint: ModelJoint, warnings: list[str]) -> ModelJoint:
 
 
 def _frames(
-    joint: ModelJoint, couplings: tuple[tuple[str, float], ...], offset: float
+    joint: SourceJoint, couplings: tuple[tuple[str, float], ...], offset: float
 ) -> tuple[list[Frame], Array]:
     """Return the frames of a joint's child, the moving one first, and T_moving_child."""
     if joint.kind == "fixed":
@@ -125,7 +125,7 @@ def _frames(
 
 
 def _coupling(
-    joint: ModelJoint, by_name: Mapping[str, ModelJoint], held: set[str]
+    joint: SourceJoint, by_name: Mapping[str, SourceJoint], held: set[str]
 ) -> tuple[tuple[tuple[str, float], ...], float]:
     """Return what a joint's coordinate follows, and its offset; loops are filled in later."""
     if joint.kind == "fixed" or joint.name in held:
@@ -139,7 +139,7 @@ def _coupling(
 
 
 def _passive(
-    model: SourceModel, joints: Sequence[ModelJoint], named: Sequence[str]
+    model: SourceModel, joints: Sequence[SourceJoint], named: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
     """Choose the two joints that each loop determines: those nearest to it without a motor."""
     above = {joint.child: joint for joint in joints}
@@ -169,9 +169,9 @@ def _passive(
     return found
 
 
-def _above(link: str, above: Mapping[str, ModelJoint]) -> list[ModelJoint]:
+def _above(link: str, above: Mapping[str, SourceJoint]) -> list[SourceJoint]:
     """Return the joints from a link up to the root."""
-    found: list[ModelJoint] = []
+    found: list[SourceJoint] = []
     while link in above:
         found.append(above[link])
         link = above[link].parent
@@ -179,7 +179,7 @@ def _above(link: str, above: Mapping[str, ModelJoint]) -> list[ModelJoint]:
 
 
 def _closure(
-    loop: LoopPoint, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
+    loop: LinkLoop, carrier: Mapping[str, tuple[str, Array]], passive: tuple[str, ...]
 ) -> Closure:
     (frame_a, at_a), (frame_b, at_b) = carrier[loop.link_a], carrier[loop.link_b]
     return Closure(

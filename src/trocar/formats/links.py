@@ -8,9 +8,9 @@ description puts beyond its hinge (standard DH) becomes a fixed link without mas
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from trocar.descriptions.records import (
 )
 from trocar.errors import InputError
 from trocar.geometry.rotations import matrix_from_rotation_vector, rotation_z
-from trocar.geometry.se3 import pose_difference, transform
+from trocar.geometry.se3 import pose_difference, transform, translation
 from trocar.kinematics.forward import coordinates
 from trocar.kinematics.loops import loops_are_parallelograms
 from trocar.kinematics.mechanism import Frame, Mechanism, Motion
@@ -596,6 +596,29 @@ def as_tree(
         lost = ", ".join(sorted(set(by_name) - set(order)))
         raise ImportFileError(file, f"links {lost} form a cycle; allowed: a tree")
     return tuple(by_name[n] for n in order), tuple(above[n] for n in order[1:])
+
+
+AnyJoint = TypeVar("AnyJoint", LinkJoint, SourceJoint)
+
+
+def joints_above(joints: Iterable[AnyJoint], link: str) -> list[AnyJoint]:
+    """Return the joints from a link up to the root."""
+    above = {joint.child: joint for joint in joints}
+    found: list[AnyJoint] = []
+    while link in above:
+        found.append(above[link])
+        link = found[-1].parent
+    return found
+
+
+def without_capsule(shape: Shape) -> tuple[Shape, ...]:
+    """Return a shape, or the cylinder and two spheres of a capsule, for formats without it."""
+    if shape.kind != "capsule":
+        return (shape,)
+    radius, half, _ = shape.size
+    ball = replace(shape, kind="sphere", size=np.array([radius, 0.0, 0.0]))
+    ends = (shape.pose @ translation(np.array([0.0, 0.0, z])) for z in (-half, half))
+    return replace(shape, kind="cylinder"), *(replace(ball, pose=end) for end in ends)
 
 
 def nearest_material(rgba: Array | None) -> str:

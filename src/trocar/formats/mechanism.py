@@ -9,7 +9,13 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from trocar.formats.links import ImportFileError, LinkLoop, SourceJoint, SourceModel
+from trocar.formats.links import (
+    ImportFileError,
+    LinkLoop,
+    SourceJoint,
+    SourceModel,
+    joints_above,
+)
 from trocar.geometry.se3 import inverse, transform
 from trocar.kinematics.loops import residual_jacobian, residuals
 from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
@@ -142,7 +148,6 @@ def _passive(
     model: SourceModel, joints: Sequence[SourceJoint], named: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
     """Choose the two joints that each loop determines: those nearest to it without a motor."""
-    above = {joint.child: joint for joint in joints}
     known = [joint.name for joint in joints if joint.kind != "fixed"]
     for name in named:
         if name not in known:
@@ -152,7 +157,7 @@ def _passive(
     found: dict[str, tuple[str, str]] = {}
     taken: set[str] = set()
     for loop in model.loops:
-        sides = [_above(link, above) for link in (loop.link_a, loop.link_b)]
+        sides = [joints_above(joints, link) for link in (loop.link_a, loop.link_b)]
         shared = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
         ring = [j for pair in zip_longest(*sides) for j in pair if j and j.name not in shared]
         free = [j for j in ring if j.kind != "fixed" and j.name not in taken]
@@ -166,15 +171,6 @@ def _passive(
             )
         found[loop.name] = (chosen[0].name, chosen[1].name)
         taken |= set(found[loop.name])
-    return found
-
-
-def _above(link: str, above: Mapping[str, SourceJoint]) -> list[SourceJoint]:
-    """Return the joints from a link up to the root."""
-    found: list[SourceJoint] = []
-    while link in above:
-        found.append(above[link])
-        link = above[link].parent
     return found
 
 

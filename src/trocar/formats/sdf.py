@@ -44,7 +44,10 @@ from trocar.formats.links import (
     SourceJoint,
     SourceModel,
     as_tree,
+    joint_motion,
+    joints_above,
     nearest_material,
+    without_capsule,
 )
 from trocar.formats.meshes import MeshFinder
 from trocar.formats.xml_tree import (
@@ -206,10 +209,7 @@ def rigid_links(model: LinkModel) -> dict[str, str]:
 
 def standing(joint: LinkJoint, zero: Mapping[str, float]) -> Array:
     """Return the pose of a joint's child in its parent as the file has it, (4, 4)."""
-    at = zero.get(joint.name, 0.0)
-    if joint.kind == "prismatic":
-        return joint.pose @ transform(np.eye(3), np.array([0.0, 0.0, at]))
-    return joint.pose @ transform(matrix_from_rpy(0.0, 0.0, at), np.zeros(3))
+    return joint.pose @ joint_motion(joint.kind, zero.get(joint.name, 0.0))
 
 
 def _own_names(link: Link) -> dict[Mesh, str]:
@@ -352,16 +352,7 @@ def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
 
 def _flat(model: LinkModel, loop: LinkLoop) -> bool:
     """Return whether every hinge of a loop has the same direction."""
-    above = {joint.child: joint for joint in model.joints}
-
-    def chain(link: str) -> list[LinkJoint]:
-        found: list[LinkJoint] = []
-        while link in above:
-            found.append(above[link])
-            link = found[-1].parent
-        return found
-
-    sides = chain(loop.link_a), chain(loop.link_b)
+    sides = [joints_above(model.joints, link) for link in (loop.link_a, loop.link_b)]
     common = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
     directions: list[np.ndarray] = []
     for side in sides:
@@ -443,7 +434,7 @@ def add_shape(
         version: of SDF; before 1.8 there is no capsule, which becomes a cylinder with two balls
         meshes: {mesh: its file's name without folder and ending}
     """
-    parts = _capsule(shape) if shape.kind == "capsule" and version == "1.7" else (shape,)
+    parts = without_capsule(shape) if version == "1.7" else (shape,)
     for k, part in enumerate(parts):
         own = name if len(parts) == 1 else f"{name}_{k}"
         if shape.visible:
@@ -456,16 +447,6 @@ def add_shape(
             add_pose(collision, part.pose, frame)
             _add_geometry(collision, part, meshes)
             _add_friction(collision, shape)
-
-
-def _capsule(shape: Shape) -> tuple[Shape, ...]:
-    """Return the cylinder and the two balls that make a capsule."""
-    radius, half, _ = shape.size
-    made = [Shape("cylinder", shape.pose, shape.size, shape.material)]
-    for end in (-half, half):
-        pose = shape.pose @ transform(np.eye(3), np.array([0.0, 0.0, end]))
-        made.append(Shape("sphere", pose, np.array([radius, 0.0, 0.0]), shape.material))
-    return tuple(made)
 
 
 def _add_geometry(parent: Any, shape: Shape, meshes: Mapping[Mesh, str]) -> None:

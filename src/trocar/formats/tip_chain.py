@@ -26,6 +26,7 @@ from trocar.formats.links import (
     helper_link,
     joint_motion,
     joint_values,
+    joints_above,
     line_error,
     link_name,
     link_poses,
@@ -125,11 +126,7 @@ def _displacement(x: Array) -> Array:
 def _fit(model: LinkModel, place: RigArm) -> LinkModel:
     mechanism = place.arm.mechanism
     tip = link_name(place.name, mechanism.tip)
-    above = {joint.child: joint for joint in model.joints}
-    chain: list[LinkJoint] = []
-    while (chain[-1].parent if chain else tip) in above:
-        chain.append(above[chain[-1].parent if chain else tip])
-    chain.reverse()
+    chain = joints_above(model.joints, tip)[::-1]
     passive = [joint for joint in chain if joint.in_loop]
     leaders = {name for joint in passive for name, _ in joint.follows}
     if len(leaders) != 1 or passive != chain[chain.index(passive[0]) :][: len(passive)]:

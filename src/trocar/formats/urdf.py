@@ -44,6 +44,7 @@ from trocar.formats.links import (
     helper_link,
     link_poses,
     nearest_material,
+    without_capsule,
 )
 from trocar.formats.meshes import MeshFinder, seen_materials
 from trocar.formats.tip_chain import fit_tips
@@ -64,15 +65,14 @@ from trocar.modeling.geoms import capsule_about
 
 Array = NDArray[np.float64]
 
-#: What stands for no limit, as URDF wants a number [N m, N, rad/s, m/s]. Source: our own choice,
-#: beyond what anything here does.
+#: Limit of a joint without one, as URDF requires a number [N m, N, rad/s, m/s]. Source: our own
+#: choice, beyond every limit of the catalogue.
 UNLIMITED = 1000.0
-#: Between a joint's own name and that of the one that it is to stand behind.
+#: Separator of the leader's name, which comes first, and the joint's own.
 BEHIND = "_and_"
-#: Names that ROS 1 and ROS 2 both accept. Source: REP 144, "Naming Rules".
+#: Package names that are valid in ROS 1 and ROS 2. Source: REP 144, "Naming Rules".
 PACKAGE_NAME = re.compile(r"[a-z][a-z0-9_]+")
-
-#: The camera's distance over the largest extent of the links' origins. Source: chosen by eye.
+#: Ratio of the camera's distance to the largest extent of the links' origins. Source: by eye.
 DISTANCE = 1.7
 DESCRIPTION_TOPIC = """Description Source: Topic
       Description Topic:
@@ -82,15 +82,15 @@ DESCRIPTION_TOPIC = """Description Source: Topic
 
 PACKAGE_FILES = """
 | `package.xml`, `CMakeLists.txt` | a ROS package, for ROS 1 (catkin) and ROS 2 (ament) |"""
-#: What other programs put beside the robot; it moves nothing.
+#: Elements of other programs, which are ignored with a warning.
 PASSED_OVER = ("gazebo", "transmission", "mujoco")
 
 
 def urdf_tree(model: LinkModel) -> LinkModel:
-    """Return a model as URDF tells it: joints follow one other at most, and are sorted behind it.
+    """Return a model in which joints have one leader at most and are sorted behind it by name.
 
-    Source: measured with pinocchio 4.1.0, which reads `mimic` only of joints that it knows, in the
-    order in which urdfdom hands them out: by name.
+    Source: measured with pinocchio 4.1.0, which reads `mimic` only of joints before it in the order
+    of urdfdom: by name.
     """
     return leaders_first(single_leaders(model))
 
@@ -102,9 +102,9 @@ def urdf(
 
     Args:
         model: the rig
-        meshes: {mesh: where its file is}, such as "meshes/PSM1_yaw.obj" or
+        meshes: {mesh: its file}, such as "meshes/PSM1_yaw.obj" or
             "package://davinci/meshes/PSM1_yaw.obj"
-        friction: whether joints have dry friction, which Drake warns that it leaves out
+        friction: write dry friction, which Drake ignores with a warning
     """
     tree = urdf_tree(model)
     places = dict(meshes or {})
@@ -122,7 +122,7 @@ def urdf(
 
 
 def _for_mujoco(places: Iterable[str]) -> Any:
-    """Return MuJoCo's own element, which others pass over: keep every link and every shape."""
+    """Return MuJoCo's own element, ignored by others: keep every link and every shape."""
     named = next((place for place in places if "://" in place), "")
     found = {"strippath": "true", "meshdir": "meshes"} if named else {"strippath": "false"}
     mujoco = element("mujoco")
@@ -140,12 +140,12 @@ def _link_element(link: Link, places: Mapping[Mesh, str]) -> Any:
         child(inertial, "inertia", _inertia_of(link.inertia))
     for shape in link.shapes:
         if shape.visible:
-            for part in _drawn(shape):
+            for part in without_capsule(shape):
                 visual = _add_shape(made, "visual", part, places)
                 child(visual, "material", {"name": shape.material})
     for shape in link.shapes:
         if shape.collide:
-            for part in _drawn(capsule_about(shape) if shape.hull == "capsule" else shape):
+            for part in without_capsule(capsule_about(shape) if shape.hull == "capsule" else shape):
                 _add_shape(made, "collision", part, places)
     return made
 
@@ -155,18 +155,6 @@ def _inertia_of(inertia: Array) -> dict[str, str]:
     pairs = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2),
              "izz": (2, 2)}  # fmt: skip
     return {key: numbers([inertia[at]], noise=noise) for key, at in pairs.items()}
-
-
-def _drawn(shape: Shape) -> Iterator[Shape]:
-    """Yield what a shape is made of in URDF, which knows no capsules."""
-    if shape.kind != "capsule":
-        yield shape
-        return
-    radius, half, _ = shape.size
-    yield replace(shape, kind="cylinder")
-    for end in (-half, half):
-        at = shape.pose @ transform(np.eye(3), np.array([0.0, 0.0, end]))
-        yield replace(shape, kind="sphere", pose=at, size=np.array([radius, 0.0, 0.0]))
 
 
 def _add_shape(link: Any, tag: str, shape: Shape, places: Mapping[Mesh, str]) -> Any:
@@ -212,9 +200,9 @@ def _joint_element(joint: LinkJoint, friction: bool) -> Any:
 
 
 def single_leaders(model: LinkModel) -> LinkModel:
-    """Return a model whose joints follow one joint at most: the others get a link of their own.
+    """Return a model whose joints have one leader at most.
 
-    A joint that follows two becomes two joints about the same axis, one behind the other; each has
+    A joint with two leaders becomes two joints about the same axis, one behind the other, each with
     the damping and the friction of the one. The link between them has a millionth of the mass.
     """
     links: list[Link] = []
@@ -261,12 +249,12 @@ def _split(model: LinkModel, joint: LinkJoint) -> Iterator[LinkJoint]:
 
 
 def leaders_first(model: LinkModel) -> LinkModel:
-    """Return a model in which sorting joints by name brings each behind the joint that it follows.
+    """Return a model in which each joint comes after its leader when joints are sorted by name.
 
-    Readers that sort the joints of a link by name, and then go down each branch, want to know a
-    joint before those that follow it. A joint whose branch comes too early is renamed: behind the
-    name of the branch that must come first comes its own. Joints that move on their own keep their
-    names, so a model in which two of them wait for one another stays as it is.
+    Some readers sort the joints of a link by name, go down each branch, and require leaders before
+    followers. A joint whose branch comes too early gets the name of the branch that must come first
+    in front of its own. Independent joints keep their names, so a model in which two of them wait
+    for one another stays as it is.
     """
     for _ in model.joints:
         renamed = dict(_to_rename(model))
@@ -279,7 +267,7 @@ def leaders_first(model: LinkModel) -> LinkModel:
 
 
 def _to_rename(model: LinkModel) -> Iterator[tuple[str, str]]:
-    """Yield (old, new) names of joints that come too early, at most one of each link's."""
+    """Yield (old, new) names of joints that come too early, at most one per parent link."""
     for joints in _branches(model).values():
         for joint in sorted(joints, key=lambda joint: joint.name):
             later = [other.name for other in joints if other.name > joint.name
@@ -290,7 +278,7 @@ def _to_rename(model: LinkModel) -> Iterator[tuple[str, str]]:
 
 
 def late_leaders(model: LinkModel) -> tuple[tuple[str, str], ...]:
-    """Return (follower, leader) of each joint that sorting by name brings ahead of its leader."""
+    """Return (follower, leader) of each joint that comes before its leader, sorted by name."""
     order: dict[str, int] = {}
     branches = _branches(model)
 
@@ -309,7 +297,7 @@ def late_leaders(model: LinkModel) -> tuple[tuple[str, str], ...]:
 
 
 def _branches(model: LinkModel) -> Mapping[str, list[LinkJoint]]:
-    """Return the joints that hang on each link."""
+    """Return the joints of each parent link."""
     found: dict[str, list[LinkJoint]] = defaultdict(list)
     for joint in model.joints:
         found[joint.parent].append(joint)
@@ -317,7 +305,7 @@ def _branches(model: LinkModel) -> Mapping[str, list[LinkJoint]]:
 
 
 def _waits_for(model: LinkModel, joint: LinkJoint, other: LinkJoint) -> bool:
-    """Tell whether a joint behind `joint`, or itself, follows one behind `other`, or itself."""
+    """Return whether `joint`, or one behind it, follows `other`, or one behind that."""
     mine, theirs = _behind(model, joint), {j.name for j in _behind(model, other)}
     return any(name in theirs for j in mine for name, _ in j.follows)
 
@@ -370,7 +358,7 @@ def write_urdf(task: ExportTask, *, package: str = "", fit_tip: bool = False) ->
 
 
 def file_name(name: str) -> str:
-    """Return what a rig's file is called: its name with nothing that a shell would trip over."""
+    """Return the name of a rig's file: letters, digits, - and _."""
     return re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "robot"
 
 
@@ -423,10 +411,11 @@ def _readme(task: ExportTask, name: str, package: str, warnings: tuple[str, ...]
 def rviz_config(model: LinkModel, ros: int) -> str:
     """Return a view of a rig for RViz.
 
-    Source: what RViz 1.14 (ROS 1) saves, pared down; rviz_default_plugins for the names in ROS 2.
+    Source: a file saved by RViz 1.14 (ROS 1), reduced; rviz_default_plugins for names in ROS 2.
 
     Args:
-        ros: 1 or 2, whose classes have different names
+        model: the rig
+        ros: version of ROS, 1 or 2, which have different names of classes
     """
     places = link_poses(model, model.start)
     at = np.array([places[link.name][:3, 3] for link in model.links if link.arm])
@@ -461,14 +450,13 @@ def read_urdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
 
     Args:
         path: the file
-        packages: folders that hold what package:// names; those above the file are searched too
+        packages: folders of packages, for package://; those above the file are searched too
 
     Raises:
-        ImportFileError: not a tree, an unknown element, a file that is not there; with the line
+        ImportFileError: not a tree, an unknown element, a missing file
+        MissingExtraError: lxml or trimesh is not installed
     """
     root = read_xml(path)
-    if root.tag != "robot":
-        raise root.fail("is not a robot; allowed: <robot> (URDF after xacro)")
     root.check(("link", "joint", "material", *PASSED_OVER))
     colours = {m.attribute("name"): _read_colour(m) for m in root.children("material")}
     finder = MeshFinder(path, packages)

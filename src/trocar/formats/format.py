@@ -13,12 +13,14 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from textwrap import dedent
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from trocar.formats.links import SourceModel
 
 PACKAGE = "trocar.formats"
+#: Beginning of a format's record in its source.
+START = "\nFORMAT = Format("
 
 
 @dataclass(frozen=True)
@@ -57,35 +59,28 @@ def formats() -> dict[str, Format]:
 
     `write` and `read` import their module when they are called.
     """
-    folders = sys.modules[PACKAGE].__path__
-    texts = {
-        path.stem: path.read_text(encoding="utf-8")
-        for folder in folders
-        for path in Path(folder).glob("*.py")
-    }
-    found = {n: _format(n, text) for n, text in texts.items() if "\nFORMAT = Format(" in text}
+    found: dict[str, Format] = {}
+    for folder in sys.modules[PACKAGE].__path__:
+        for path in Path(folder).glob("*.py"):
+            _, start, record = path.read_text(encoding="utf-8").partition(START)
+            if start:
+                found[path.stem] = _format(path.stem, start + record)
     return dict(sorted(found.items(), key=lambda item: item[1].order))
 
 
 def _format(name: str, source: str) -> Format:
+    call = cast(ast.Call, cast(ast.Assign, ast.parse(source).body[0]).value)
     fields: dict[str, Any] = {}
-    for statement in ast.parse(source).body:
-        match statement:
-            case ast.Assign(targets=[ast.Name(id="FORMAT")], value=ast.Call(keywords=keywords)):
-                for keyword in keywords:
-                    key = str(keyword.arg)
-                    function = key in ("write", "read")
-                    fields[key] = (
-                        _deferred(name, key) if function else ast.literal_eval(keyword.value)
-                    )
-            case _:
-                pass
+    for keyword in call.keywords:
+        key = str(keyword.arg)
+        function = key in ("write", "read")
+        fields[key] = _deferred(name, key) if function else ast.literal_eval(keyword.value)
     return Format(**fields)
 
 
 def _deferred(name: str, function: str) -> Callable[..., Any]:
     def call(*arguments: Any, **options: Any) -> Any:
-        found = import_module(f"{PACKAGE}.{name}").FORMAT
-        return getattr(found, function)(*arguments, **options)
+        record: Format = import_module(f"{PACKAGE}.{name}").FORMAT
+        return getattr(record, function)(*arguments, **options)
 
     return call

@@ -1,4 +1,4 @@
-"""Robots and objects as arms and props of ours: judged, and written whole or not at all."""
+"""Import: robots and objects as arms and props, checked, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ ANY_XML = (".urdf", ".xml", ".mjcf")
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254}
 #: Density of a mesh whose mass is not given [kg/m^3]. Source: our own choice: hard plastic.
 DENSITY = 1200.0
-#: How fast the servos of an imported arm are [rad/s]: gains P = I w^2, D = 2 I w. Source: our own
-#: choice, slow enough for any arm at 1 ms.
+#: Natural frequency of the servos of an imported arm [rad/s]: gains P = I w^2, D = 2 I w.
+#: Source: our own choice, slow enough for any arm at 1 ms.
 SERVO_RATE = 30.0
 
 
@@ -55,12 +55,12 @@ class ImportOptions:
     """Options of an import.
 
     Attributes:
-        name: of the arm or prop; the file's own when empty
-        kind: arm, prop, or what the file looks like when None
-        unit: of a mesh's numbers
-        mass: of a mesh [kg]; from DENSITY when None
-        hull: take the convex hull of a mesh
-        packages: folders that hold what package:// names
+        name: name of the arm or prop; "": that of the file
+        kind: None: an arm if it has moving joints, else a prop
+        unit: unit of a mesh's numbers
+        mass: mass of a mesh [kg]; None: from DENSITY
+        hull: import the convex hull of a mesh
+        packages: folders of packages, for package://
         passive: joints that loops determine
         overwrite: replace existing files
     """
@@ -80,12 +80,12 @@ class Imported:
     """An imported arm or prop.
 
     Attributes:
-        name, kind: what it is now
+        name, kind: those of the description
         file: the TOML file
-        joints: its public joints
-        links, triangles, pieces: how many links, triangles and colliding convex pieces
-        mass: [kg]
-        warnings: what was mended or passed over
+        joints: names of its public joints
+        links, triangles, pieces: numbers of links, visible triangles and colliding shapes
+        mass: total [kg]
+        warnings: parts of the file that were changed or ignored
     """
 
     name: str
@@ -102,7 +102,7 @@ class Imported:
 def import_file(
     path: str | Path, folder: str | Path, options: ImportOptions | None = None
 ) -> Imported:
-    """Turn a file into a folder with an arm's or a prop's TOML and meshes.
+    """Convert a file to a folder with the TOML and the meshes of an arm or a prop.
 
     Args:
         path: URDF, SDF, MJCF, or a mesh (OBJ, STL, PLY, glTF, DAE)
@@ -222,7 +222,7 @@ def _write(
     file = folder / f"{head['name']}.toml"
     document = {"schema": 1, **head} | ({} if layout is None else _arm_rows(layout))
     if layout is not None:
-        # The same speed for each joint, from what its motor feels at home.
+        # Gains for SERVO_RATE, from each motor's apparent inertia at home.
         bare = [{**row, "shape": None} for row in rows]  # without meshes to read
         file.write_text(toml_text(document | {"body": bare}), encoding="utf-8")
         arm = load_arm(file)
@@ -242,8 +242,8 @@ def _write(
         load_arm(file)
 
 
-#: What a moving link weighs that the file gives no mass, and the radius of the ball that it is
-#: taken for. Source: our own choice: too little to be felt.
+#: Mass and radius of the ball that stands for a moving link without mass. Source: our own choice,
+#: negligible.
 NO_MASS_KG, NO_MASS_RADIUS_M = 1e-4, 0.01
 
 
@@ -268,14 +268,14 @@ def _body(
     moving: set[str],
     warnings: list[str],
 ) -> ImportedBody | None:
-    """Return a link's body in the frame that carries it, None of a link that is nothing.
+    """Return a link's body in the frame that carries it, None of an empty link.
 
     Args:
-        model: of the link
-        link: as in the file
-        frame, at: the frame and T_frame_link
-        moving: frames that joints move, and so need a mass
-        warnings: takes what was mended
+        model: the model that was read
+        link: one of its links
+        frame, at: the frame and T_frame_link, (4, 4)
+        moving: frames with a moving joint, which need a mass
+        warnings: list to which corrections are added
     """
     moves = frame in moving
     mass, source = link.mass, "the file"
@@ -429,7 +429,7 @@ def _turn(turn: Array) -> dict[str, Any]:
 
 
 def _friction(layout: MechanismLayout) -> dict[str, Any]:
-    """Return {joint: its friction} of the joints that have some."""
+    """Return the friction of joints, {joint: entries}, of those with any."""
     rows: dict[str, Any] = {}
     for name, joint in layout.sources.items():
         turns = joint.kind == "revolute"

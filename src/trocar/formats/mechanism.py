@@ -1,4 +1,4 @@
-"""A robot as frames, couplings and loops of ours: the mechanism that its file means."""
+"""A model that was read, as a mechanism: frames, couplings and closures."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ from trocar.kinematics.mechanism import Closure, Frame, Joint, Mechanism
 
 Array = NDArray[np.float64]
 
-#: A turn without limits goes so far both ways [rad]; a slide without limits so far [m]. Source: our
-#: own choice.
+#: Limit, both ways, of a revolute [rad] or prismatic joint [m] without limits. Source: our own
+#: choice.
 ENDLESS = {"revolute": 2.0 * np.pi, "prismatic": 10.0}
-#: Largest loop error where the file's coordinates are 0 [m]. Source: our own choice: files
-#: with six decimals close to that.
+#: Largest loop error where the file's coordinates are 0 [m]. Source: our own choice, for files with
+#: six decimals.
 GAP_M = 1e-5
-#: A ratio so near to a whole number is one. Source: our own choice.
+#: Largest deviation of a ratio from a whole number to which it is rounded. Source: our own choice.
 WHOLE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class MechanismLayout:
-    """Frames and what moves them.
+    """The mechanism of a model.
 
     Attributes:
         mechanism: joints, frames and closures
         carrier: {link: (frame that its bodies move with, T_frame_link (4, 4))}
-        sources: {joint of ours: the file's}
-        warnings: what the user should know
+        sources: {public joint: the file's}
+        warnings: parts of the file that were changed
     """
 
     mechanism: Mechanism
@@ -50,14 +50,14 @@ class MechanismLayout:
 
 
 def lay_out(model: SourceModel, passive: Sequence[str] = ()) -> MechanismLayout:
-    """Return the mechanism that a model means.
+    """Return the mechanism of a model.
 
     Args:
         model: links, joints and loops
-        passive: joints that loops determine; chosen where none are named
+        passive: joints that loops determine; (): chosen
 
     Raises:
-        ImportFileError: a loop that is open, or that has no two joints to determine; no joint moves
+        ImportFileError: an open loop, a loop without two passive joints, or no independent joint
     """
     warnings: list[str] = []
     joints = [_limited(joint, warnings) for joint in model.joints]
@@ -133,7 +133,7 @@ def _frames(
 def _coupling(
     joint: SourceJoint, by_name: Mapping[str, SourceJoint], held: set[str]
 ) -> tuple[tuple[tuple[str, float], ...], float]:
-    """Return what a joint's coordinate follows, and its offset; loops are filled in later."""
+    """Return a joint's couplings and offset; those of passive joints follow from the loops."""
     if joint.kind == "fixed" or joint.name in held:
         return (), 0.0
     ratio, offset, name = 1.0, 0.0, joint.name
@@ -147,7 +147,7 @@ def _coupling(
 def _passive(
     model: SourceModel, joints: Sequence[SourceJoint], named: Sequence[str]
 ) -> dict[str, tuple[str, str]]:
-    """Choose the two joints that each loop determines: those nearest to it without a motor."""
+    """Return two passive joints per loop, those nearest to its closure without a motor."""
     known = [joint.name for joint in joints if joint.kind != "fixed"]
     for name in named:
         if name not in known:

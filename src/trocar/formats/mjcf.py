@@ -76,34 +76,34 @@ MESH_FOLDER = "assets"
 FRAME_GROUP = 4
 #: Corners of a convex piece in MJX. Source: MuJoCo's page on MJX, 64 or less.
 MOST_HULL_CORNERS = 64
-#: Damping of a joint that its brake holds. Source: simulation/servos.py, HOLDING_DAMPING.
+#: Damping of a braked joint [N m s]. Source: simulation/servos.py, HOLDING_DAMPING.
 BRAKED_DAMPING = 1e18
-#: Significant digits with which a float64 is read back exactly.
+#: Significant digits of a float64 that reads back exactly.
 EXACT_DIGITS = 17
-#: Significant digits that a number of single precision has.
+#: Significant digits of a number in single precision.
 SINGLE_DIGITS = 7
-#: Time constant of loops in MJX, in physics steps. Source: MuJoCo raises it to two steps by
-#: itself under every integrator but `discrete` (flag refsafe); written so that a reader sees it.
+#: Time constant of loops in MJX, in physics steps. Source: the minimum of MuJoCo's flag refsafe,
+#: which applies with every integrator but `discrete`.
 SAFE_STEPS = 2.0
-#: Attributes of a hinge and of its servo that are in the class of their joint.
+#: Attributes of hinge and servo in the default class of their joint.
 JOINT_FIELDS = ("type", "range", "armature", "damping", "frictionloss", "stiffness", "springref")
 SERVO_FIELDS = (
     "gear", "gaintype", "gainprm", "biastype", "biasprm", "dyntype", "dynprm", "ctrlspec",
     "ctrlrange", "forcerange",
 )  # fmt: skip
-#: Not written: MuJoCo counts keys by itself, and warns where a robot is attached to a scene.
+#: Element that is removed: MuJoCo counts keys itself, and warns when a robot is attached.
 KEY_COUNT = '  <size nkey="1"/>\n\n'
-#: Numbers as they stand in attributes.
+#: Numbers in attributes.
 NUMBER = re.compile(r'(?<=[ "])-?\d[\d.]*(?:e[-+]\d+)?(?=[ "])')
 #: Elements whose numbers MuJoCo keeps in single precision.
 MATERIAL = re.compile(r"<material .*?/>")
-#: Joint vectors that determine how low a lone arm reaches, and how far below the floor lies [m].
+#: Number of joint vectors for a lone arm's lowest point, and the floor's distance below that [m].
 SAMPLES, CLEARANCE_M = 256, 0.15
-#: Room that is left around the frames in the first look. Source: by eye.
+#: Ratio of the view's extent to that of the frames. Source: by eye.
 MARGIN = 1.3
-#: How a body's inertia came about, in words.
+#: {origin of a body's inertia: text in the README}
 INERTIA = {"source": "as the source has it", "shape": "of its shape", "solid": "of its solid"}
-#: Groups from here on are not shown by MuJoCo's viewers unless one asks.
+#: Lowest group that MuJoCo's viewers hide by default.
 HIDDEN_GROUP = 3
 HINGE_KINDS: dict[int, Motion] = {
     int(mujoco.mjtJoint.mjJNT_HINGE): "revolute",
@@ -111,10 +111,9 @@ HINGE_KINDS: dict[int, Motion] = {
 }
 
 
-#: Numbers of a file from which MuJoCo makes data: {element: attributes}, and how many the product
-#: of them may ask for; those of `replicate` are multiplied by those around it, too.
-#: Source: our own choice: a height field of 1000 x 1000, textures of 4096 x 4096, and more bodies
-#: than a robot has. MuJoCo itself allocates whatever is asked for.
+#: Limits of the data that MuJoCo generates, {element: (attributes, largest product)}; counts of
+#: nested `replicate` multiply. MuJoCo itself has no limits. Source: our own choice: a height field
+#: of 1000 x 1000, textures of 4096 x 4096, and more bodies than a robot has.
 MOST_MADE = {
     "hfield": (("nrow", "ncol"), 1_000_000),
     "replicate": (("count",), 1_000),
@@ -122,21 +121,21 @@ MOST_MADE = {
     "flexcomp": (("count",), 10_000),
     "texture": (("width", "height"), 1 << 24),
 }
-#: The same of each attribute of `size` but `memory`, which is of the simulation.
+#: Largest value of an attribute of `size` but `memory`, which belongs to the simulation.
 MOST_OF_SIZE = 10_000
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One of the files that a robot becomes: same bodies, other servos or another integrator.
+    """One of a robot's files: same bodies, different servos or integrator.
 
     Attributes:
-        suffix: of its name
-        servo: "position": `ctrl` is the joints' positions, and bodies weigh nothing; "pid": `ctrl`
-            is position, velocity and fed-forward effort of each joint, bodies have their weight and
-            setup joints their brakes
-        mjx: whether it keeps to what MJX supports
-        minimum: the oldest MuJoCo that it is tested with
+        suffix: end of the file's name
+        servo: "position": `ctrl` is the joints' positions, and bodies are weightless; "pid": `ctrl`
+            is position, velocity and feed-forward effort of each joint, bodies have their weight
+            and setup joints their brakes
+        mjx: restricted to the features of MJX
+        minimum: oldest MuJoCo in the tests
     """
 
     suffix: str
@@ -159,7 +158,7 @@ def file_name(rig: RigDescription) -> str:
 
 
 def prefix(rig: RigDescription, arm: str) -> str:
-    """Return what precedes every name of an arm in a file: nothing in a rig of one arm."""
+    """Return the prefix of an arm's names in a file: "" in a rig of one arm."""
     return "" if len(rig.arms) == 1 else f"{arm}_"
 
 
@@ -174,10 +173,10 @@ def mjcf_document(
 
     Args:
         rig: its description
-        variant: which servos and which integrator
+        variant: servos and integrator
 
     Returns:
-        the file, and {name: mesh} of what it reads from assets/NAME.obj
+        the file, and the meshes of assets/NAME.obj, {name: mesh}
 
     Raises:
         InputError: an arm has no masses or no gains
@@ -229,10 +228,10 @@ def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
 
 
 def _weightless(place: RigArm, variant: Variant) -> bool:
-    """Return whether the bodies of an arm are spared their weight.
+    """Return whether the bodies of an arm are weightless.
 
-    So they are where the arm's own controller carries it, and the file's servos take positions
-    alone. Setup joints are counterbalanced.
+    They are where the arm's controller compensates gravity and the file's servos are position
+    servos. Setup joints are counterbalanced.
     """
     balanced = place.arm.type == "SUJ" or preset(place.arm).gravity_compensation
     return balanced and variant.servo == "position"
@@ -293,7 +292,7 @@ def _set_servos(spec: mujoco.MjSpec, rig: RigDescription, variant: Variant) -> N
 
 
 def _rename(spec: mujoco.MjSpec, rig: RigDescription) -> None:
-    """Call everything as the files do: "PSM1_yaw", or "yaw" in a rig of one arm."""
+    """Rename all elements: "PSM1_yaw", or "yaw" in a rig of one arm."""
     hinges = {
         naming.scoped(place.name, joint.drive[0][0]): naming.scoped(place.name, joint.name)
         for place in rig.arms
@@ -329,7 +328,7 @@ def _rename(spec: mujoco.MjSpec, rig: RigDescription) -> None:
 
 
 def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant: Variant) -> None:
-    """Put what many elements share into default classes; the file then has what differs."""
+    """Move shared attributes into default classes."""
     spec = draft.spec
     root = spec.add_default(file_name(rig), spec.default)
     root.joint.solref_limit = [STOP_STEPS * options.timestep, 1.0]
@@ -354,7 +353,7 @@ def _classify(draft: Draft, rig: RigDescription, options: ModelOptions, variant:
             hinge = spec.joint(naming.scoped(place.name, joint.drive[0][0]))
             servo = spec.actuator(naming.scoped(place.name, joint.name))
             made = spec.find_default(kind)
-            if made is None:  # of the first arm of a kind; others have what differs
+            if made is None:  # of the first arm of a kind
                 made = spec.add_default(kind, root)
                 for field in JOINT_FIELDS:
                     setattr(made.joint, field, getattr(hinge, field))
@@ -393,12 +392,12 @@ def _classify_geoms(
 
 
 def _home(rig: RigDescription, variant: Variant, model: mujoco.MjModel) -> tuple[Array, Array]:
-    """Return `qpos` and `ctrl` of the rig's pose "start": loops closed, and servos that hold it.
+    """Return `qpos` with loops closed, and `ctrl` that holds it, at the rig's pose "start".
 
     Args:
         rig: its description
-        variant: of the file
-        model: the file's, with the names of the description
+        variant: that of the file
+        model: the compiled file with the names of the description
     """
     start = rig.poses["start"]
     qpos = model.qpos0.copy()  # has objects where they are placed
@@ -414,7 +413,7 @@ def _home(rig: RigDescription, variant: Variant, model: mujoco.MjModel) -> tuple
 
 
 def _inputs(rig: RigDescription, place: RigArm, variant: Variant) -> list[float]:
-    """Return the inputs with which the servos of an arm hold it at rest."""
+    """Return the inputs of an arm's servos that hold the pose "start"."""
     q, arm = rig.poses["start"][place.name], place.arm
     control = preset(arm)
     load = np.zeros(len(q))
@@ -448,10 +447,10 @@ def _root(rig: RigDescription, place: RigArm) -> Array:
 
 @contextmanager
 def _exact_numbers() -> Iterator[None]:
-    """Let MuJoCo write all digits of a number: by itself it writes six.
+    """Set MuJoCo to write all digits of a number instead of six.
 
     Raises:
-        TrocarError: this build of MuJoCo has no setting for it
+        TrocarError: this build of MuJoCo has no such setting
     """
     folder = Path(mujoco.__file__).parent
     files = [f for f in folder.iterdir() if f.name.startswith(("libmujoco.", "mujoco.dll"))]
@@ -472,7 +471,7 @@ def _exact_numbers() -> Iterator[None]:
 
 
 def _shortest(found: re.Match[str]) -> str:
-    """Write a number as short as reads back the same; rounding noise is 0."""
+    """Write the shortest number that reads back the same; rounding noise becomes 0."""
     text = found.group()
     value = float(text)
     if abs(value) < NOISE:
@@ -481,12 +480,12 @@ def _shortest(found: re.Match[str]) -> str:
 
 
 def _single(found: re.Match[str]) -> str:
-    """Write a number of single precision as short as reads back the same."""
+    """Write the shortest number that reads back the same in single precision."""
     return number(float(found.group()), SINGLE_DIGITS)
 
 
 def scene_document(rig: RigDescription, variant: Variant = POSITION) -> bytes:
-    """Return a scene of a rig's file with light, sky and, where the rig has no props, a floor.
+    """Return a scene with a rig's file, light, sky and, for a rig without props, a floor.
 
     Raises:
         MissingExtraError: lxml is not installed
@@ -519,7 +518,7 @@ def scene_document(rig: RigDescription, variant: Variant = POSITION) -> bytes:
 
 
 def _floor(rig: RigDescription) -> float:
-    """Return the height of a floor that no joint position reaches, at most 0 [m]."""
+    """Return the height of a floor out of reach of the arms, at most 0 [m]."""
     rng = np.random.default_rng(0)
     lowest = 0.0
     for place in rig.arms:
@@ -540,7 +539,7 @@ def _extent(rig: RigDescription) -> float:
 
 
 def _points(rig: RigDescription) -> Array:
-    """Return where frames are at the pose "start", (n, 3) [m]."""
+    """Return the origins of frames in the world at the pose "start", (n, 3) [m]."""
     found: list[Array] = []
     stands: dict[str, dict[str, Array]] = {}
     for place in rig.arms:
@@ -552,7 +551,7 @@ def _points(rig: RigDescription) -> Array:
 
 
 def write_mjcf(task: ExportTask) -> tuple[str, ...]:
-    """Fill a folder with a rig's MJCF files and what goes with them; return warnings."""
+    """Fill a folder like those of MuJoCo Menagerie, and return warnings."""
     name, folder = file_name(task.rig), task.folder
     for variant in VARIANTS:
         text, meshes = mjcf_document(task.rig, variant)
@@ -580,7 +579,7 @@ def _draw(task: ExportTask, path: Path) -> tuple[str, ...]:
 
 
 def _lost(task: ExportTask) -> tuple[str, ...]:
-    """Return what the files do not have of the description."""
+    """Return warnings of parts of the description that the files omit."""
     warnings = [f"sensor {sensor.name} is not written" for sensor in task.rig.sensors]
     warnings += [
         f"the script of {prop.name} is not written" for prop in task.rig.objects if prop.script
@@ -617,7 +616,7 @@ def _changelog(task: ExportTask) -> str:
 
 
 def _readme(task: ExportTask, *, picture: bool) -> str:
-    """Return the README; the folder has the model already, whose option block is quoted."""
+    """Return the README, with the option block of the model in the folder."""
     name, arms = file_name(task.rig), task.rig.arms
     text = (task.folder / f"{name}.xml").read_text(encoding="utf-8")
     option = text[text.index("<option") : text.index("</option>")]
@@ -739,7 +738,7 @@ def _axes(arm: ArmDescription) -> str:
 
 
 def _line(text: str) -> str:
-    """Return a source on one line that a table can have."""
+    """Return a source on one line, for a cell of a table."""
     return " ".join(text.split()).replace("|", "/")
 
 
@@ -748,11 +747,11 @@ def read_mjcf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
 
     Args:
         path: the file
-        packages: not used: MJCF has no package://
+        packages: unused, as MJCF has no package://
 
     Raises:
-        ImportFileError: MuJoCo refuses it, or it has a ball joint, a weld, a tendon or a flex, or
-            would be too large
+        ImportFileError: rejected by MuJoCo, too large, or with a ball joint, weld, tendon or flex
+        MissingExtraError: lxml is not installed
     """
     del packages
     _check_made(path, read_xml(path), 1, frozenset({path.resolve()}))
@@ -765,10 +764,14 @@ def read_mjcf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
 
 
 def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path]) -> None:
-    """Check how much a file and those that it includes ask MuJoCo to make."""
+    """Check the data that MuJoCo would generate from a file and the files that it includes.
+
+    Raises:
+        ImportFileError: more than `MOST_MADE` or `MOST_OF_SIZE` allows
+    """
     if node.tag in ("include", "model") and (name := node.attribute("file", "")):
         file = (path.parent / name).resolve()
-        if file not in seen and is_file(file):  # else MuJoCo says what is wrong
+        if file not in seen and is_file(file):  # else MuJoCo reports the problem
             _check_made(file, read_xml(file), around, seen | {file})
         return
     if node.tag == "size":
@@ -787,7 +790,7 @@ def _check_made(path: Path, node: XmlNode, around: float, seen: frozenset[Path])
 
 
 def _product(text: str) -> float:
-    """Return the product of the numbers of a text, without what is none and MuJoCo rejects."""
+    """Return the product of the numbers of a text; other words are ignored."""
     product = 1.0
     for word in text.split():
         with suppress(ValueError):
@@ -969,7 +972,7 @@ class _MjcfReader:
         return LinkLoop(name, names[0], points[0], names[1], points[1])
 
     def _couple(self, e: int, name: str, by_name: dict[str, SourceJoint]) -> None:
-        """Take a joint equality for a mimic; one inside a loop only guards its branch."""
+        """Read a joint equality as a coupling; inside a loop it only guards the branch."""
         m = self._m
         follower, leader = (
             self._name(mujoco.mjtObj.mjOBJ_JOINT, int(k), "") if k >= 0 else ""

@@ -1,8 +1,7 @@
 """SDF: links, hinges, and the joints that close loops.
 
-A written model stands as it does where every public joint is at 0 and the loops are closed, which
-is where a reader of the file counts every joint from: a passive joint of a loop that is no
-parallelogram differs by the constant `LinkModel.zero`.
+A model is written in the pose with every public joint at 0 and the loops closed. Readers count
+joints from there: a passive joint of a loop that is no parallelogram differs by `LinkModel.zero`.
 
 Source: the format as sdformat.org documents it: poses are relative to the model unless they name
 another frame (1.7), a joint's to its child; a joint's axis is given in the joint's frame, in the
@@ -67,37 +66,37 @@ from trocar.modeling.options import CONTACT_FRICTION
 
 Array = NDArray[np.float64]
 
-#: 1.7 is what Gazebo Classic 11 reads, 1.9 Gazebo from Fortress on and Drake, 1.11 Gazebo from
-#: Harmonic on. Source: the table of versions in gazebosim/sdformat's README.
+#: Versions that are written: 1.7 for Gazebo Classic 11, 1.9 for Drake and Gazebo from Fortress on,
+#: 1.11 for Gazebo from Harmonic on. Source: the table of versions in gazebosim/sdformat's README.
 VERSIONS = ("1.9", "1.7", "1.11")
-#: The link that stands in the world and holds what stands there.
+#: Link fixed to the world, with the fixed props.
 GROUND = "ground"
-#: Drake's elements. Source: Drake's page "Supported parsing of SDFormat and URDF".
+#: Namespace of Drake's elements. Source: Drake's page "Supported parsing of SDFormat and URDF".
 DRAKE = "http://drake.mit.edu"
-#: Hinges that lean by less have the same direction: rounding. Source: our own choice. [rad]
+#: Largest angle between parallel hinges [rad]. Source: our own choice, above rounding.
 PARALLEL = 1e-9
 Z = "0 0 1"
-#: The prop that people stand on, and where the ground is in a rig without one: where rigs whose
-#: arms hang on stands have it [m]. Source: data/rigs.
+#: Name of the floor among props, and height of the ground in a rig without one [m].
+#: Source: data/rigs, those with arms on stands.
 FLOOR, FLOOR_Z = "floor", -0.75
-#: Time step of Gazebo's physics. Source: that of our own simulation. [s]
+#: Time step of Gazebo's physics [s]. Source: that of our own simulation.
 STEP = 0.001
-#: Where the sun comes from, and how bright it is. Source: our own choice.
+#: Direction and colour of the sun. Source: our own choice.
 SUN_DIRECTION, SUN_COLOUR = (-0.5, 0.3, -0.9), (0.8, 0.8, 0.8, 1.0)
 GREY = (0.7, 0.7, 0.72, 1.0)
 MODEL = "model.sdf"
 MODEL_PARTS = ("link", "joint", "frame", "pose")
-#: Says how a simulator treats the model, not what it is.
+#: Elements of a model that configure a simulator; they are ignored with a warning.
 PASSED_OVER = ("plugin", "static", "self_collide", "allow_auto_disable", "enable_wind")
 LINK_PARTS = ("pose", "inertial", "visual", "collision")
 LINK_PASSED_OVER = ("gravity", "self_collide", "kinematic", "enable_wind", "velocity_decay")
 
 
 def check_version(version: str) -> str:
-    """Return a version of SDF that can be written.
+    """Return a version of SDF if it is one of `VERSIONS`.
 
     Raises:
-        UnknownNameError: another one
+        UnknownNameError: it is not
     """
     if version not in VERSIONS:
         raise UnknownNameError("SDF version", version, VERSIONS)
@@ -105,15 +104,15 @@ def check_version(version: str) -> str:
 
 
 def model_name(model: LinkModel) -> str:
-    """Return what a rig is called in files: letters, digits and _."""
+    """Return the name of a rig in files: letters, digits and _."""
     return re.sub(r"\W+", "_", model.name)
 
 
 def sdf(model: LinkModel, version: str = "1.9", meshes: Mapping[Mesh, str] | None = None) -> bytes:
     """Return a rig as an SDF file of one model.
 
-    A frame without mass is a `frame`, so no link is weightless; what stands still in the world is
-    one link, "ground". Numbers read back as the float64 they are.
+    A frame without mass is a `frame`, so no link is weightless; fixed props are one link, "ground".
+    Numbers are exact in float64.
 
     Args:
         model: the rig
@@ -130,7 +129,7 @@ def sdf(model: LinkModel, version: str = "1.9", meshes: Mapping[Mesh, str] | Non
 
 
 def sdf_root(version: str) -> Any:
-    """Return the element that an SDF file consists of.
+    """Return the root element of an SDF file.
 
     Raises:
         UnknownNameError: a version that cannot be written
@@ -170,9 +169,9 @@ def add_model(
 
 
 def world(model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = None) -> bytes:
-    """Return an SDF world with a rig in it, a ground to fall on and a sun.
+    """Return an SDF world with a rig, a ground plane and a sun.
 
-    The model is in it and not included by name: Gazebo then opens the file wherever it lies.
+    The model is part of the file, not included by name, so Gazebo opens the file in any folder.
 
     Args:
         model, version, meshes: as for `sdf`
@@ -189,7 +188,7 @@ def world(model: LinkModel, version: str, meshes: Mapping[Mesh, str] | None = No
 
 
 def card(model: LinkModel, version: str, file: str) -> bytes:
-    """Return the `model.config` by which Gazebo finds a model's file."""
+    """Return the `model.config` of a model's file, for Gazebo."""
     root = element("model")
     child(root, "name", text=model_name(model))
     child(root, "version", text="1.0")
@@ -200,7 +199,7 @@ def card(model: LinkModel, version: str, file: str) -> bytes:
 
 
 def rigid_links(model: LinkModel) -> dict[str, str]:
-    """Return the SDF link that each link is, or is a frame of: {link: SDF link}."""
+    """Return the SDF link of each link, {link: SDF link}; links without mass are its frames."""
     found = {WORLD: GROUND}
     for joint, link in zip(model.joints, model.links[1:], strict=True):
         found[link.name] = link.name if link.mass else found[joint.parent]
@@ -208,7 +207,7 @@ def rigid_links(model: LinkModel) -> dict[str, str]:
 
 
 def standing(joint: LinkJoint, zero: Mapping[str, float]) -> Array:
-    """Return the pose of a joint's child in its parent as the file has it, (4, 4)."""
+    """Return T_parent_child in the file, (4, 4)."""
     return joint.pose @ joint_motion(joint.kind, zero.get(joint.name, 0.0))
 
 
@@ -230,24 +229,24 @@ def _add_link(parent: Any, model: LinkModel, joint: LinkJoint, link: Link, on: s
 
 
 def joint_name(name: str) -> str:
-    """Return what a joint is called in the file, where links and joints share their names."""
+    """Return the name of a joint in the file, where links and joints share a namespace."""
     return f"{name}_joint"
 
 
 def add_fixed(parent: Any, name: str, on: str, link: str) -> None:
-    """Append a joint that does not move."""
+    """Append a fixed joint."""
     _start(parent, name, "fixed", on, link)
 
 
 def add_joint(parent: Any, model: LinkModel, joint: LinkJoint, on: str, version: str) -> None:
-    """Append what joins a link to its parent.
+    """Append the joint between a link and its parent.
 
     Args:
-        parent: the element that gets it
+        parent: the model's element
         model: the rig
-        joint: which; its child has mass
-        on: the link that the joint's parent is, or is a frame of
-        version: of SDF
+        joint: a joint whose child has mass
+        on: SDF link of the joint's parent
+        version: one of `VERSIONS`
     """
     if joint.kind == "fixed" or joint.hinge is None:
         add_fixed(parent, joint.name, on, joint.child)
@@ -271,7 +270,7 @@ def _start(parent: Any, name: str, kind: str, on: str, link: str) -> Any:
 
 
 def _add_limit(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
-    """Append how far a joint goes; what a loop determines, its loop limits, and no motor drives."""
+    """Append limits; a loop's passive joint has no motor, and no limit but those of its loop."""
     limit = child(axis, "limit")
     if joint.in_loop or joint.hinge is None:
         child(limit, "effort", text=exact([0.0]))
@@ -299,7 +298,7 @@ def _add_dynamics(axis: Any, model: LinkModel, joint: LinkJoint) -> None:
 
 
 def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, version: str) -> None:
-    """Write which joint a joint follows, in the elements that readers of the version support."""
+    """Append a joint's coupling, in the elements that readers of the version support."""
     ((leader, ratio),) = joint.follows
     offset = joint.offset + ratio * model.zero[leader] - model.zero[joint.name]
     if version == "1.11":
@@ -316,10 +315,10 @@ def _add_coupling(made: Any, axis: Any, model: LinkModel, joint: LinkJoint, vers
 
 
 def add_gearbox(parent: Any, model: LinkModel, joint: LinkJoint, on: str) -> None:
-    """Append the gearbox that ties a hinge to the one it follows, where both sit on one link.
+    """Append the gearbox between a hinge and its leader, if both have the same parent.
 
-    Gazebo Classic turns the child by -ratio times what the parent turns, both seen from the
-    reference body. Source: the description of `gearbox_ratio` in SDF.
+    Gazebo Classic turns the child by -ratio times the angle of the parent, both in the reference
+    body. Source: the description of `gearbox_ratio` in SDF.
     """
     if joint.kind != "revolute" or not joint.follows or joint.in_loop:
         return
@@ -351,7 +350,7 @@ def add_loop(parent: Any, model: LinkModel, loop: LinkLoop) -> None:
 
 
 def _flat(model: LinkModel, loop: LinkLoop) -> bool:
-    """Return whether every hinge of a loop has the same direction."""
+    """Return whether all hinges of a loop are parallel."""
     sides = [joints_above(model.joints, link) for link in (loop.link_a, loop.link_b)]
     common = {joint.name for joint in sides[0]} & {joint.name for joint in sides[1]}
     directions: list[np.ndarray] = []
@@ -366,15 +365,15 @@ def _flat(model: LinkModel, loop: LinkLoop) -> bool:
 
 
 def add_collision_filters(parent: Any, model: LinkModel, carriers: Mapping[str, str]) -> None:
-    """Append a group for each arm, and which groups it does not touch; other readers skip it.
+    """Append a group for each arm with the groups that it does not touch; Drake alone reads it.
 
-    As `geoms.contact_masks`: an arm touches other arms and what stands in the world, never itself
-    nor its carrier; carriers (setup joints) touch neither each other nor what stands.
+    As `geoms.contact_masks`: an arm touches other arms and fixed props, never itself nor its
+    carrier; carriers (setup joints) touch neither each other nor fixed props.
 
     Args:
         parent: the model's element
         model: the rig
-        carriers: {link: the SDF link that it is, or is a frame of}
+        carriers: {link: SDF link}, those of `rigid_links`
     """
     arm_of = {link.name: link.arm for link in model.links}
     carried = {
@@ -404,17 +403,17 @@ def _add_group(parent: Any, name: str, members: list[str], ignored: list[str]) -
 
 
 def exact(values: Iterable[float]) -> str:
-    """Write numbers so that reading gives the same float64."""
+    """Write numbers that read back as the same float64."""
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def add_pose(parent: Any, pose: Array, relative_to: str = "") -> None:
-    """Append a `pose`, unless it is that of the parent itself.
+    """Append a `pose`, unless it is the identity in the default frame.
 
     Args:
         parent: an element of lxml
-        pose: (4, 4)
-        relative_to: the link or frame that it is given in; "" for what the parent belongs to
+        pose: T_relative_to_element, (4, 4)
+        relative_to: a link or frame; "": the default frame of the element
     """
     if relative_to or not np.array_equal(pose, np.eye(4)):
         named = {"relative_to": relative_to} if relative_to else {}
@@ -427,11 +426,11 @@ def add_shape(
     """Append the `visual` and the `collision` of a shape.
 
     Args:
-        link: the element that gets them
+        link: the link's element
         name: unique in the link
-        shape: what
-        frame: the frame that the shape is in, "" for the link
-        version: of SDF; before 1.8 there is no capsule, which becomes a cylinder with two balls
+        shape: a shape in `frame`
+        frame: name of a frame, "" for the link
+        version: one of `VERSIONS`; 1.7 has no capsule, which becomes a cylinder with two spheres
         meshes: {mesh: its file's name without folder and ending}
     """
     parts = without_capsule(shape) if version == "1.7" else (shape,)
@@ -528,7 +527,7 @@ def write_sdf(task: ExportTask, *, sdf_version: str = "1.9") -> tuple[str, ...]:
 
 
 def coupled(model: LinkModel) -> list[LinkJoint]:
-    """Return the joints that follow another, and not by a loop."""
+    """Return the joints with a leader, except passive joints of loops."""
     return [joint for joint in model.joints if joint.follows and not joint.in_loop]
 
 
@@ -576,9 +575,13 @@ def _readme(task: ExportTask, version: str, world_file: str) -> str:
 def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
     """Read a model.
 
+    Args:
+        path: the file
+        packages: folders of packages, for package:// and model://
+
     Raises:
-        ImportFileError: no single model, an unknown element, a file that is not there; with the
-            line
+        ImportFileError: not exactly one model, an unknown element, a missing file
+        MissingExtraError: lxml or trimesh is not installed
     """
     root = read_xml(path)
     if root.tag != "sdf":
@@ -599,7 +602,7 @@ def read_sdf(path: Path, packages: tuple[Path, ...] = ()) -> SourceModel:
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A pose as it is written: relative to the frame of that name."""
+    """A pose in the file, relative to the frame `to`."""
 
     pose: Array
     to: str
@@ -637,7 +640,7 @@ class _SdfModel:
         self._places[name] = _Place(at, to)
 
     def at(self, name: str, node: XmlNode, seen: tuple[str, ...] = ()) -> Array:
-        """Return T_model_frame of anything that has a name, (4, 4)."""
+        """Return T_model_frame of a named link, joint or frame, (4, 4)."""
         if name == "__model__":
             return np.eye(4)
         if name == WORLD:
@@ -650,7 +653,7 @@ class _SdfModel:
         return self.at(place.to, node, (*seen, name)) @ place.pose
 
     def read(self, path: Path) -> SourceModel:
-        """Return links, the joints of a tree, and what closes loops."""
+        """Return the model: a tree, and a closure for each further joint of a link."""
         links = [self._link(node) for node in self._node.children("link")]
         nodes = self._node.children("joint")
         if any(node.need("parent").text() == WORLD for node in nodes):

@@ -208,7 +208,8 @@ def solid_of(surface: Mesh, file: str, *, hull: bool = False) -> MeshSolid:
             f" each{offer}"
         )
     body.fix_normals()
-    if not body.volume > 1e-6 * float(np.prod(np.maximum(body.extents, 1e-9))):
+    extents: Array = np.maximum(body.extents, 1e-9)
+    if not body.volume > 1e-6 * float(np.prod(extents)):
         raise InputError(f"{file}: has no volume (got {body.volume:.3g} m^3){offer}")
     properties = body.mass_properties
     gyration = np.asarray(properties["inertia"]) / properties["mass"]
@@ -258,12 +259,13 @@ def _hull(body: Any, file: str) -> Any:
 
 def _decomposed(body: Any) -> tuple[Mesh, ...]:
     try:
-        import coacd
+        import coacd  # pyright: ignore[reportMissingTypeStubs] - it has no types
     except ImportError as problem:
         raise MissingExtraError("coacd", "convex", "mesh decomposition") from problem
-    coacd.set_log_level("error")
-    parts = coacd.run_coacd(
-        coacd.Mesh(np.asarray(body.vertices), np.asarray(body.faces)),
+    library: Any = coacd
+    library.set_log_level("error")
+    parts = library.run_coacd(
+        library.Mesh(np.asarray(body.vertices), np.asarray(body.faces)),
         threshold=DENT,
         max_convex_hull=MOST_PIECES,
         max_ch_vertex=MOST_CORNERS,

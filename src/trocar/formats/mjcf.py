@@ -9,11 +9,11 @@ import ctypes
 import re
 import shutil
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from trocar import __version__
 from trocar.descriptions.inertial import holding_efforts
 from trocar.descriptions.meshes import Mesh
-from trocar.descriptions.records import ArmDescription, RigArm, RigDescription, Shape
+from trocar.descriptions.records import ArmDescription, RigArm, RigDescription, Shape, ShapeKind
 from trocar.errors import TrocarError
 from trocar.formats.folder import (
     TEMPLATES,
@@ -207,7 +207,7 @@ def mjcf_document(
 
 
 def _set_options(spec: mujoco.MjSpec, variant: Variant) -> None:
-    option, usual = cast(Any, spec.option), cast(Any, mujoco.MjSpec().option)
+    option, usual = spec.option, mujoco.MjSpec().option
     # Sleeping is a choice of the scene.
     option.enableflags, option.sleep_tolerance = usual.enableflags, usual.sleep_tolerance
     option.tolerance = usual.tolerance
@@ -250,7 +250,7 @@ def _brake(spec: mujoco.MjSpec, rig: RigDescription) -> None:
     for group, place in enumerate(rig.arms, start=1):
         if place.arm.type != "SUJ":
             continue
-        cast(Any, spec.option).disableactuator |= 1 << group
+        spec.option.disableactuator |= 1 << group
         for joint in place.arm.joints:
             hinge = spec.joint(naming.scoped(place.name, joint.drive[0][0]))
             hinge.damping, hinge.frictionloss = [BRAKED_DAMPING, 0.0, 0.0], 0.0
@@ -446,7 +446,7 @@ def _root(rig: RigDescription, place: RigArm) -> Array:
 
 
 @contextmanager
-def _exact_numbers() -> Iterator[None]:
+def _exact_numbers() -> Generator[None, None, None]:
     """Set MuJoCo to write all digits of a number instead of six.
 
     Raises:
@@ -531,7 +531,9 @@ def _floor(rig: RigDescription) -> float:
 
 
 def _middle(rig: RigDescription) -> Array:
-    return np.round(0.5 * (_points(rig).min(axis=0) + _points(rig).max(axis=0)), 2)
+    points = _points(rig)
+    middle: Array = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return middle.round(2)
 
 
 def _extent(rig: RigDescription) -> float:
@@ -914,7 +916,7 @@ class _MjcfReader:
         material = nearest_material(np.array(m.geom_rgba[g]))
         if kind == int(kinds.mjGEOM_MESH):
             return mesh_shape(pose, self._mesh(int(m.geom_dataid[g])), material)
-        sizes = {
+        sizes: dict[int, tuple[ShapeKind, Array | tuple[float, float]]] = {
             int(kinds.mjGEOM_BOX): ("box", 2.0 * size),
             int(kinds.mjGEOM_SPHERE): ("sphere", size[:1]),
             int(kinds.mjGEOM_CYLINDER): ("cylinder", (size[0], 2.0 * size[1])),

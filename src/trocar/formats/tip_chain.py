@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy import optimize  # pyright: ignore[reportMissingTypeStubs] - scipy has no types
 
 from trocar.descriptions.records import RigArm, RigDescription
 from trocar.formats.links import (
@@ -150,7 +150,10 @@ def _fit(model: LinkModel, place: RigArm) -> LinkModel:
         at = transform_points(start.poses(x, values[leader.name])[:, None], points)
         return np.concatenate([(at - expected).ravel(), kept * x])
 
-    fits = [least_squares(off, _first(start, turn), max_nfev=MOST_STEPS) for turn in FIRST_TURNS]
+    solver = cast(Any, optimize)
+    fits = [
+        solver.least_squares(off, _first(start, turn), max_nfev=MOST_STEPS) for turn in FIRST_TURNS
+    ]
     joints, end = start.moved(min(fits, key=lambda fit: fit.cost).x)
     return _with_helpers(model, place, joints, end)
 

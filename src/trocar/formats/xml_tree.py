@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,12 @@ def lxml_etree(purpose: str = "writing models for other simulators") -> ModuleTy
         MissingExtraError: it is not installed; the message names `purpose`
     """
     try:
-        from lxml import etree  # pyright: ignore[reportAttributeAccessIssue] - lxml has no types
+        from lxml import (  # pyright: ignore[reportMissingTypeStubs] - lxml has no types
+            etree,  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType]
+        )
     except ImportError as error:
         raise MissingExtraError("lxml", "export", purpose) from error
-    return etree
+    return cast(ModuleType, etree)
 
 
 def element(tag: str, attributes: Mapping[str, str] | None = None, text: str = "") -> Any:

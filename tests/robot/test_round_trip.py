@@ -1,4 +1,4 @@
-"""What trocar exports, trocar imports: the same poses, masses and loops."""
+"""Round trips by export and import: the same poses, masses and loops."""
 
 from __future__ import annotations
 

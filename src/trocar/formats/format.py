@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from trocar.formats.links import SourceModel
 
 PACKAGE = "trocar.formats"
-#: Beginning of a format's record in its source.
+#: First line of a format's record in its source.
 START = "\nFORMAT = Format("
 
 

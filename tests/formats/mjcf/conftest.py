@@ -1,4 +1,4 @@
-"""What the tests of standalone MJCF share: every arm and rig, and what MuJoCo warns of."""
+"""Fixtures for tests of standalone MJCF: every arm and rig, and MuJoCo's warnings."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def lxml() -> None:
 
 @pytest.fixture
 def complaints() -> Iterator[list[str]]:
-    """Return what MuJoCo has warned of since the test began."""
+    """Return MuJoCo's warnings since the test began."""
     warnings: list[str] = []
     mujoco.set_mju_user_warning(warnings.append)
     yield warnings
